@@ -1,0 +1,1 @@
+"""Physical effects a gyro's zero-rate output may show, one a file."""

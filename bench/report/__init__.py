@@ -1,0 +1,1 @@
+"""HTML report of a run, its figures and its machine-readable calibration."""

@@ -1,0 +1,44 @@
+"""The errors of the drivers: one class for each decision that a caller can take.
+
+DriverError                 anything the equipment or its link refuses or fails at
+├── ConfigError             a register map, DBC or station entry is wrong: fix the file
+├── LimitError              a value outside the limits of the equipment; nothing was sent
+├── IdentityError           the equipment that answered is not the one described; nothing was written
+├── LinkError               no answer, a torn or a foreign answer: retry, reconnect or go safe
+├── RefusedError            the equipment answered with an exception code: do not retry blindly
+└── ReadBackError           what was written is not what reads back: go safe
+"""
+
+from __future__ import annotations
+
+
+class DriverError(Exception):
+    """Base of all errors that equipment drivers raise."""
+
+
+class ConfigError(DriverError):
+    """A description of equipment (register map, DBC, station entry) cannot be used."""
+
+
+class LimitError(DriverError):
+    """A value outside the limits; raised before anything is sent, nothing is clipped."""
+
+
+class IdentityError(DriverError):
+    """The equipment that answered is not the one that the station describes."""
+
+
+class LinkError(DriverError):
+    """No answer in time, a torn answer, or one that belongs to another request."""
+
+
+class RefusedError(DriverError):
+    """The equipment understood and refused; `code` is its Modbus exception code or CAN abort code."""
+
+    def __init__(self, text: str, code: int) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+class ReadBackError(DriverError):
+    """What was written does not read back."""

@@ -1,0 +1,167 @@
+"""Append-only journal of a run: CRC-framed blocks that survive `kill -9` and a power cut.
+
+Each block is written by one `write` call: header, payload, and a CRC-32 over both. A reader takes every block whose
+CRC is right, resynchronises on the magic after a damaged one, and reports the bytes it had to leave out. One writer
+per file. Readers may follow a file while it grows.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+MAGIC = b"GTBJ"
+_HEADER = struct.Struct(
+    "<4sHHIIIdQ"
+)  # magic, version, kind, sequence, count, payload bytes, bench time, wall ns
+_CRC = struct.Struct("<I")
+VERSION = 1
+MAX_PAYLOAD = 1 << 24
+
+FRAME = np.dtype(
+    [
+        ("t_ns", "<i8"),
+        ("id", "<u4"),
+        ("flags", "u1"),
+        ("len", "u1"),
+        ("channel", "u1"),
+        ("pad", "u1"),
+        ("data", "u1", (8,)),
+    ]
+)
+"""One captured CAN frame, 24 bytes; `t_ns` is bench time [ns] at reception."""
+
+FrameArray = npt.NDArray[np.void]
+
+FLAG_EXTENDED, FLAG_REMOTE, FLAG_ERROR = 1, 2, 4
+
+
+class Kind(IntEnum):
+    """What a block carries."""
+
+    FRAMES = 1  # FRAME records
+    READING = 2  # chamber readings, float64 rows
+    EVENT = 3  # one JSON object
+    META = 4  # one JSON object: what is needed to decode this file by itself
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block whose CRC was right; `t_s` is bench time [s] at writing."""
+
+    kind: Kind
+    sequence: int
+    count: int
+    t_s: float
+    wall_ns: int
+    payload: bytes
+
+    def frames(self) -> FrameArray:
+        """The FRAME records of a FRAMES block, shape (count,)."""
+        return np.frombuffer(self.payload, dtype=FRAME)
+
+
+class JournalWriter:
+    """Appends blocks; `sync()` makes them survive a power cut."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        self._sequence = 0
+
+    def append(self, kind: Kind, payload: bytes, count: int, t_s: float, wall_ns: int = 0) -> None:
+        """Write one block with a single system call; OSError (a full disk) reaches the caller."""
+        head = _HEADER.pack(MAGIC, VERSION, int(kind), self._sequence, count, len(payload), t_s, wall_ns)
+        crc = zlib.crc32(payload, zlib.crc32(head))
+        block = b"".join((head, payload, _CRC.pack(crc)))
+        written = os.write(self._fd, block)
+        if written != len(block):  # a full disk may take a part of the block; the reader skips it by its CRC
+            raise OSError(28, "journal block written only in part (disk full?)", str(self.path))
+        self._sequence += 1
+
+    def sync(self) -> None:
+        """Force what was appended to the disk."""
+        os.fdatasync(self._fd)
+
+    def close(self) -> None:
+        """Sync and close; a second call does nothing."""
+        if self._fd >= 0:
+            os.fdatasync(self._fd)
+            os.close(self._fd)
+            self._fd = -1
+
+
+class JournalTail:
+    """Reads a journal from its start, or follows it while it grows."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.skipped_bytes = 0
+        self._offset = 0
+        self._rest = b""
+
+    def poll(self) -> list[Block]:
+        """All complete blocks that were appended since the last call."""
+        if not self.path.exists():
+            return []
+        with self.path.open("rb") as file:
+            file.seek(self._offset)
+            new = file.read()
+        self._offset += len(new)
+        data = self._rest + new
+        blocks, used, skipped = _parse(data)
+        self._rest = data[used:]
+        self.skipped_bytes += skipped
+        return blocks
+
+    @property
+    def torn_bytes(self) -> int:
+        """Bytes at the end that do not (yet) make a whole block."""
+        return len(self._rest)
+
+
+def read_blocks(path: Path, chunk_bytes: int = 1 << 24) -> Iterator[Block]:
+    """All sound blocks of a finished or killed journal, in constant memory."""
+    rest = b""
+    with path.open("rb") as file:
+        while chunk := file.read(chunk_bytes):
+            data = rest + chunk
+            blocks, used, _ = _parse(data)
+            yield from blocks
+            rest = data[used:]
+
+
+def _parse(data: bytes) -> tuple[list[Block], int, int]:
+    """Blocks in `data`, the number of bytes used, and the number of bytes skipped as damaged."""
+    blocks: list[Block] = []
+    position = skipped = 0
+    while True:
+        start = data.find(MAGIC, position)
+        if start < 0:
+            keep = min(len(MAGIC) - 1, len(data) - position)
+            return blocks, len(data) - keep, skipped + len(data) - keep - position
+        skipped += start - position
+        position = start
+        if len(data) - start < _HEADER.size:
+            return blocks, position, skipped
+        _, version, kind, sequence, count, size, t_s, wall_ns = _HEADER.unpack_from(data, start)
+        end = start + _HEADER.size + size + _CRC.size
+        plausible = version == VERSION and size <= MAX_PAYLOAD and kind in set(Kind)
+        if plausible and end > len(data):
+            return blocks, position, skipped
+        body_end = end - _CRC.size
+        if plausible and zlib.crc32(data[start:body_end]) == _CRC.unpack_from(data, body_end)[0]:
+            payload = data[start + _HEADER.size : body_end]
+            blocks.append(Block(Kind(kind), sequence, count, t_s, wall_ns, payload))
+            position = end
+        else:
+            position = start + 1
+            skipped += 1
