@@ -19,9 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 MAGIC = b"GTBJ"
-_HEADER = struct.Struct(
-    "<4sHHIIIdQ"
-)  # magic, version, kind, sequence, count, payload bytes, bench time, wall ns
+_HEADER = struct.Struct("<4sHHIIIdQ")  # magic, version, kind, sequence, count, payload bytes, bench time, wall ns
 _CRC = struct.Struct("<I")
 VERSION = 1
 MAX_PAYLOAD = 1 << 24
