@@ -1,0 +1,143 @@
+"""Run folders: the truth of what was captured, and the only thing that the two halves of the bench share.
+
+A run folder holds verbatim copies of its inputs, the raw journals, `data.parquet` (one row per unit sample),
+`means.parquet` (1 s means), `events.jsonl`, and `manifest.json`, which is written atomically and names every file
+with its SHA-256.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from bench.errors import InputError
+
+MANIFEST = "manifest.json"
+FORMAT = 1
+HASHED_PATTERNS = ("*.parquet", "*.yaml", "*.jsonl", "journal/*")
+
+Manifest = dict[str, Any]
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Replace `path` by `data` so that a reader or a power cut sees the old file or the new one, never a part."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file's contents, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """One run on disk; `path` is the folder."""
+
+    path: Path
+
+    @property
+    def journal(self) -> Path:
+        """Folder of the raw journals."""
+        return self.path / "journal"
+
+    @property
+    def data(self) -> Path:
+        """One row per unit sample (500 Hz), see `bench.channels`."""
+        return self.path / "data.parquet"
+
+    @property
+    def means(self) -> Path:
+        """1 s means of `data`, with counts and variances."""
+        return self.path / "means.parquet"
+
+    @property
+    def report(self) -> Path:
+        """The HTML report."""
+        return self.path / "report.html"
+
+    def manifest(self) -> Manifest:
+        """The manifest; InputError when there is none or it is not one of ours."""
+        path = self.path / MANIFEST
+        try:
+            manifest = json.loads(path.read_bytes())
+        except FileNotFoundError:
+            raise InputError(
+                f"not a run folder: {MANIFEST} is missing; name a folder made by `bench run`", self.path
+            ) from None
+        except ValueError as error:
+            raise InputError(
+                f"{MANIFEST} is not valid JSON ({error}); restore it or name another run", self.path
+            ) from None
+        if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+            found = manifest.get("format") if isinstance(manifest, dict) else manifest
+            raise InputError(f"run folder format is {found!r}, this bench reads {FORMAT}", self.path)
+        return manifest
+
+    def write_manifest(self, manifest: Manifest) -> None:
+        """Write the manifest atomically."""
+        text = json.dumps({"format": FORMAT, **manifest}, indent=1, allow_nan=False)
+        write_atomically(self.path / MANIFEST, text.encode())
+
+    def hashes(self) -> dict[str, str]:
+        """SHA-256 of every file that the numbers of this run rest on, by path inside the folder."""
+        files = sorted({file for pattern in HASHED_PATTERNS for file in self.path.glob(pattern)})
+        return {str(file.relative_to(self.path)): sha256(file) for file in files}
+
+    def events(self) -> Iterator[dict[str, Any]]:
+        """The events of the run in order of time."""
+        path = self.path / "events.jsonl"
+        if path.exists():
+            with path.open() as file:
+                yield from (json.loads(line) for line in file if line.strip())
+
+
+def create_run(root: Path, unit: str, profile: str, created: datetime) -> RunFolder:
+    """Make a new, empty run folder `root/<unit>/<time>_<profile>`; InputError when it cannot be written."""
+    stem = f"{created:%Y%m%dT%H%M%SZ}_{_slug(profile)}"
+    parent = root / _slug(unit)
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        for suffix in ("", *(f"_{n}" for n in range(2, 1000))):
+            path = parent / f"{stem}{suffix}"
+            try:
+                path.mkdir()
+            except FileExistsError:
+                continue
+            (path / "journal").mkdir()
+            return RunFolder(path)
+    except OSError as error:
+        raise InputError(f"cannot make a run folder: {error.strerror}; choose another place with --out", root) from None
+    raise InputError(f"a thousand runs named {stem} already exist; clear {parent}", parent)
+
+
+def open_run(path: Path) -> RunFolder:
+    """The run folder at `path`; InputError when there is none."""
+    run = RunFolder(Path(path))
+    if not run.path.is_dir():
+        raise InputError("no such run folder; `bench run` prints the folder it made", run.path)
+    run.manifest()
+    return run
+
+
+def _slug(text: str) -> str:
+    """A name that is safe as one part of a path."""
+    return re.sub(r"[^A-Za-z0-9._+-]+", "-", text).strip(".-") or "unnamed"
