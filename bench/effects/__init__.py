@@ -1,1 +1,52 @@
-"""Physical effects a gyro's zero-rate output may show, one a file."""
+"""Physical effects, one a file; this is their registry. Adding one: its file and a line in `_BUILT_IN`."""
+
+from __future__ import annotations
+
+import difflib
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any, cast
+
+from bench.effects.base import Effect
+from bench.effects.polynomial import Polynomial
+from bench.effects.regression import Regression
+from bench.effects.spline import Spline
+from bench.errors import InputError
+
+_BUILT_IN = (Polynomial, Regression, Spline)
+_REGISTRY: dict[str, Callable[..., Effect]] = {kind.name: kind for kind in _BUILT_IN}
+
+
+def names() -> tuple[str, ...]:
+    """Names of all effects, as models write them."""
+    return tuple(_REGISTRY)
+
+
+def get(name: str) -> Callable[..., Effect]:
+    """Class of an effect; InputError with the nearest known name."""
+    if name not in _REGISTRY:
+        raise InputError(f"unknown effect '{name}'{nearest(name, names())}")
+    return _REGISTRY[name]
+
+
+def make(name: str, options: Mapping[str, Any] | None = None) -> Effect:
+    """Effect with options; InputError for an unknown name, an unknown option or a value that is not allowed."""
+    kind = get(name)
+    options = options or {}
+    known = tuple(item.name for item in fields(cast(Any, kind)) if not item.metadata.get("fitted"))
+    for option in options:
+        if option not in known:
+            raise InputError(f"effect '{name}' has no option '{option}'{nearest(str(option), known)}")
+    return kind(**options)
+
+
+def doc(name: str) -> str:
+    """Documentation page of an effect: its module's docstring (equation, units, source, symptoms)."""
+    return sys.modules[get(name).__module__].__doc__ or ""
+
+
+def nearest(word: str, known: tuple[str, ...]) -> str:
+    """Ending of an error message: the nearest known word, or all of them."""
+    close = difflib.get_close_matches(word, known, n=1)
+    return f"; did you mean '{close[0]}'?" if close else f"; known are {', '.join(known) or 'none'}"
