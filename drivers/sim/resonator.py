@@ -1,0 +1,228 @@
+"""Physics of one simulated gyro: environment in, signals out; no I/O, no clock.
+
+The case's temperature reaches the thermometer and the resonator through a linear network that is solved exactly for
+an input linear over the step. The truth is a list of mechanisms (`drivers.sim.truth`); each adds its bias on nodes at
+the slow channels' rate (50 Hz), from where the sum is carried to the rate's samples by straight lines.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from scipy.linalg import expm
+
+from drivers.errors import ConfigError
+from drivers.sim.truth import MECHANISMS, AnyMechanism, ThermalMechanism
+from drivers.sim.truth.base import Contribution, FloatArray, Scene
+from drivers.sim.truth.channels import Channels, ChannelSettings
+from drivers.sim.truth.noise import NoiseSettings, RateNoise
+
+DIVIDER = 10
+"""Rate samples for one sample of the slow channels."""
+
+
+class UnitSettings(BaseModel):
+    """A simulated unit: its mechanisms, its noise and its channels, as in a station's YAML."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    truth: tuple[AnyMechanism, ...] = Field((), description="mechanisms that make the zero-rate output")
+    noise: NoiseSettings = NoiseSettings()
+    channels: ChannelSettings = ChannelSettings()
+
+    @classmethod
+    def parse(cls, entry: Mapping[str, Any]) -> UnitSettings:
+        """Settings from a mapping, as read from YAML.
+
+        Raises ConfigError, one line that names every wrong entry and, for an unknown mechanism, the nearest one.
+        """
+        try:
+            settings = cls.model_validate(entry)
+        except ValidationError as error:
+            raise ConfigError("; ".join(_explain(dict(item)) for item in error.errors())) from None
+        thermal = [m.mechanism for m in settings.truth if m.kind == "thermal"]
+        if len(thermal) > 1:
+            raise ConfigError(f"truth: {' and '.join(thermal)} both set the resonator's temperature; keep one")
+        return settings
+
+
+def _explain(item: dict[str, Any]) -> str:
+    where = ".".join(str(part) for part in item["loc"])
+    if item["type"] == "extra_forbidden":
+        return f"{where}: unknown key"
+    if item["type"] == "union_tag_invalid":
+        tag = item["ctx"]["tag"]
+        near = get_close_matches(tag, MECHANISMS, 1)
+        hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(MECHANISMS))}"
+        return f"{where}: unknown mechanism '{tag}'; {hint}"
+    return f"{where}: {item['msg']}, not {item['input']!r}"
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """What acts on the unit during one step; pairs are (start, end) and linear between."""
+
+    t0_s: float
+    samples: int
+    fixture_temperature: tuple[float, float]
+    """Of the surface that the unit sits on, which its case follows at once [degC]."""
+    air_temperature: tuple[float, float] = (25.0, 25.0)
+    supply_v: float = 5.0
+    compressor: float = 0.0
+    heater: float = 0.0
+    applied_rate_dps: tuple[float, float] = (0.0, 0.0)
+    humidity: float = 0.4
+    powered: bool = True
+    rate_hz: float = 500.0
+
+
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """What the unit's electronics report for one step, sampled from its start."""
+
+    rate_dph: FloatArray
+    """(n,) at 500 Hz."""
+    temperature: FloatArray
+    """(m,) degC, m = n / 10."""
+    frequency: FloatArray
+    """(m,) Hz."""
+    drive: FloatArray
+    """(m,) V."""
+    quadrature: FloatArray
+    """(m,) V."""
+    supply: float
+    """V, at the start of the step."""
+
+
+class _Thermometry:
+    """x' = A x + b T_case with states thermometer, then what the truth's thermal mechanism adds, resonator last."""
+
+    def __init__(self, settings: UnitSettings) -> None:
+        inner = next((m.network() for m in settings.truth if isinstance(m, ThermalMechanism)), None)
+        a, b = inner or (np.empty((0, 0)), np.empty(0))
+        rate = 1.0 / settings.channels.thermometer.tau_s
+        self._a = np.block([[np.array([[-rate]]), np.zeros((1, len(b)))], [b[:, None], a]])
+        self._delay = np.linalg.solve(self._a, np.ones(len(self._a)))
+        self._state: FloatArray | None = None
+        self._tables: dict[tuple[int, float], FloatArray] = {}
+
+    def __call__(self, case: FloatArray, node_s: float) -> FloatArray:
+        """Temperatures [degC] of all states at the nodes, shape `(m + 1, states)`."""
+        n = len(case) - 1
+        delay = self._delay * ((case[-1] - case[0]) / (n * node_s))
+        start = np.full(len(delay), case[0]) if self._state is None else self._state
+        transient = self._table(n, node_s) @ (start - case[0] - delay)
+        paths: FloatArray = case[:, None] + delay + transient
+        self._state = paths[-1]
+        return paths
+
+    def _table(self, n: int, node_s: float) -> FloatArray:
+        if (n, node_s) not in self._tables:
+            self._tables[n, node_s] = np.stack([expm(self._a * (j * node_s)) for j in range(n + 1)])
+        return self._tables[n, node_s]
+
+
+class Resonator:
+    """One unit; deterministic by seed, whatever the lengths of its steps."""
+
+    def __init__(self, settings: UnitSettings, seed: int, rate_hz: float = 500.0) -> None:
+        self.settings = settings
+        self._seed = seed
+        self._rate_hz = rate_hz
+        self._node_s = DIVIDER / rate_hz
+        self._thermometry = _Thermometry(settings)
+        self._channels = Channels(settings.channels, self._node_s, [self._rng(f"channel {i}") for i in range(5)])
+        self._noise = RateNoise(settings.noise, self._node_s, [self._rng(f"noise {i}") for i in range(3)])
+        self._labels = _labels([m.mechanism for m in settings.truth])
+        self._static = [(k, m.bias) for k, m in self._named("static")]
+        self._thermal = [k for k, _ in self._named("thermal")]
+        self._dynamic: list[tuple[str, Contribution]] = [
+            (k, m.start(self._node_s, self._rng(k))) for k, m in self._named("bias")
+        ]
+        self._on_s = 0.0
+        self._parts: dict[str, FloatArray] = {}
+
+    def advance(self, environment: Environment) -> Signals:
+        """Live through one step and report it; `samples` must be a multiple of 10."""
+        if environment.samples % DIVIDER or environment.samples <= 0 or environment.rate_hz != self._rate_hz:
+            raise ValueError(f"a step needs a multiple of {DIVIDER} samples at {self._rate_hz:g} Hz: {environment}")
+        scene = self._scene(environment)
+        self._channels.fill(scene)
+        static = [bias(scene.resonator) for _, bias in self._static]
+        dynamic = [contribute(scene) for _, contribute in self._dynamic]
+        self._remember(scene, static, dynamic)
+        slow = self._noise.slow(len(scene.time))
+        for part in (*static, *dynamic):
+            slow = slow + part
+        slow += 3600.0 * scene.applied_rate
+        samples = np.arange(environment.samples) * (1.0 / DIVIDER)
+        rate = np.interp(samples, np.arange(len(slow)), slow)
+        rate += self._noise.white(environment.samples, self._rate_hz)
+        return Signals(rate, *self._channels.read(scene), supply=float(scene.supply[0]))
+
+    @property
+    def contributions(self) -> dict[str, float]:
+        """What each mechanism added to the rate, mean over the last step [deg/h]; the reveal of the truth.
+
+        A thermal mechanism's share is what the static ones give at the resonator's instead of the thermometer's
+        temperature.
+        """
+        return {k: float(part[:-1].mean()) for k, part in self._parts.items()}
+
+    def _scene(self, environment: Environment) -> Scene:
+        n = environment.samples // DIVIDER
+        share = np.arange(n + 1) / n
+        case, air, applied = (
+            first + (last - first) * share
+            for first, last in (
+                environment.fixture_temperature,
+                environment.air_temperature,
+                environment.applied_rate_dps,
+            )
+        )
+        paths = self._thermometry(case, self._node_s)
+        elapsed = self._node_s * np.arange(n + 1, dtype=np.float64)
+        on = self._on_s + elapsed if environment.powered else np.zeros(n + 1)
+        self._on_s = float(on[-1])
+        return Scene(
+            time=environment.t0_s + elapsed,
+            on=on,
+            node_s=self._node_s,
+            case=case,
+            sensor=paths[:, 0],
+            resonator=paths[:, -1],
+            air=air,
+            applied_rate=applied,
+            supply=self._channels.supply(environment.supply_v, environment.compressor, n + 1, self._node_s),
+            compressor=environment.compressor,
+            heater=environment.heater,
+            humidity=environment.humidity,
+            powered=environment.powered,
+        )
+
+    def _remember(self, scene: Scene, static: list[FloatArray], dynamic: list[FloatArray]) -> None:
+        self._parts = {k: part for (k, _), part in zip(self._dynamic, dynamic, strict=True)}
+        lagging = np.zeros(len(scene.time))
+        for (k, bias), part in zip(self._static, static, strict=True):
+            self._parts[k] = bias(scene.sensor) if self._thermal else part
+            lagging = lagging + (part - self._parts[k])
+        for k in self._thermal:
+            self._parts[k] = lagging
+
+    def _named(self, kind: str) -> list[tuple[str, Any]]:
+        return [(k, m) for k, m in zip(self._labels, self.settings.truth, strict=True) if m.kind == kind]
+
+    def _rng(self, purpose: str) -> np.random.Generator:
+        """A stream of its own for each purpose, so that adding a mechanism leaves all other randomness as it was."""
+        return np.random.default_rng([self._seed, zlib.crc32(purpose.encode())])
+
+
+def _labels(names: list[str]) -> list[str]:
+    """Names made unique: the second of its kind gets #2."""
+    return [n if names[:i].count(n) == 0 else f"{n}#{names[:i].count(n) + 1}" for i, n in enumerate(names)]
