@@ -1,0 +1,167 @@
+import warnings
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import norm
+
+from bench.allan import allan_pyramid, coefficients_from_curve
+from bench.errors import InputError
+from bench.noise import Noise, Record, allan_deviation, estimate_noise, expected_rms, gls, profile_noise
+from bench.whitening import Ratios, Whitener, covariance
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")
+    import allantools
+    import statsmodels.api as sm
+
+
+def gyro_noise(rng, rows, interval_s, noise=(0.01, 0.03, 0.03)):
+    """White + flicker (spectral synthesis) + walk: a generator that shares nothing with the covariance."""
+    n, b, k = noise
+    length = 1 << int(np.ceil(np.log2(8 * rows)))
+    frequency = np.fft.rfftfreq(length, interval_s)
+    density = np.zeros_like(frequency)
+    density[1:] = b**2 / (2.0 * np.pi * frequency[1:])
+    lines = (rng.normal(size=len(density)) + 1j * rng.normal(size=len(density))) * np.sqrt(
+        density * length / interval_s / 2.0
+    )
+    hours = interval_s / 3600.0
+    walk = np.cumsum(rng.normal(size=rows)) * k * np.sqrt(hours)
+    return rng.normal(size=rows) * n / np.sqrt(hours) + np.fft.irfft(lines, length)[:rows] + walk
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+class TestAllanDeviation:
+    def test_agrees_with_allantools(self, rng):
+        rate = gyro_noise(rng, 5000, 1.0) + 3.0
+        curve = allan_deviation(rate, 1.0)
+        tau, deviation, _, counts = allantools.oadev(rate, rate=1.0, data_type="freq", taus=curve.tau_s)
+        assert_allclose(curve.tau_s, tau)
+        assert_allclose(curve.deviation_dph, deviation, rtol=1e-12)
+        assert_allclose(curve.counts, counts)
+
+    def test_counts_only_terms_without_a_gap(self, rng):
+        rate = rng.normal(size=300)
+        holed = rate.copy()
+        holed[[40, 41, 170]] = np.nan
+        m = 7
+        means = [np.mean(holed[i : i + m]) for i in range(300 - m + 1)]
+        steps = np.array([means[i + m] - means[i] for i in range(300 - 2 * m + 1)])
+        steps = steps[np.isfinite(steps)]
+        curve = allan_deviation(holed, 2.0, np.array([2.0 * m]))
+        assert_allclose(curve.deviation_dph, np.sqrt(np.mean(steps**2) / 2.0), rtol=1e-12)
+        assert curve.counts.tolist() == [len(steps)]
+
+    def test_pyramid_is_the_same_at_short_times_and_close_at_long_ones(self, rng):
+        rate = gyro_noise(rng, 60000, 1.0)
+        live = allan_pyramid(rate, 1.0)
+        exact = allan_deviation(rate, 1.0, live.tau_s)
+        assert_allclose(live.deviation_dph[live.tau_s < 32], exact.deviation_dph[live.tau_s < 32], rtol=1e-12)
+        assert_allclose(live.deviation_dph, exact.deviation_dph, rtol=0.02)
+
+    def test_band_holds_the_truth_as_often_as_it_says(self):
+        inside = total = 0
+        for seed in range(60):
+            rate = gyro_noise(np.random.default_rng(seed), 1000, 1.0, (0.6, 0.0, 0.0))
+            curve = allan_deviation(rate, 1.0, np.array([1.0, 10.0, 100.0]))
+            truth = 0.6 / np.sqrt(curve.tau_s / 3600.0)
+            inside += int(np.sum((curve.low_dph < truth) & (truth < curve.high_dph)))
+            total += 3
+        assert 0.90 <= inside / total <= 0.99
+
+    def test_coefficients_are_read_off_the_curve(self):
+        """Long records of one noise each."""
+        for noise in [(0.01, 0.0, 0.0), (0.0, 0.03, 0.0), (0.0, 0.0, 0.3)]:
+            rate = gyro_noise(np.random.default_rng(3), 200_000, 1.0, noise)
+            assert_allclose(coefficients_from_curve(allan_deviation(rate, 1.0)), noise, rtol=0.1, atol=0.003)
+
+    def test_refuses_what_has_no_deviation(self):
+        for rate in (np.array([]), np.array([1.0, np.nan, 2.0]), np.full(100, 5.0)):
+            with pytest.raises(InputError):
+                allan_deviation(rate, 1.0)
+
+
+class TestGls:
+    def test_agrees_with_statsmodels(self, rng):
+        time_s = np.arange(200) * 30.0
+        X = np.vander(np.linspace(-1, 1, 200), 4) * np.array([1e6, 1.0, 1e-6, 1.0])
+        y = X @ [1e-6, 2.0, 3e6, 4.0] + gyro_noise(rng, 200, 30.0)
+        ratios = Ratios(0.3, 0.2)
+        ours = gls(X, y, Whitener.of(ratios, time_s, 30.0))
+        theirs = sm.GLS(y, X, sigma=covariance(time_s, 30.0, ratios)).fit()
+        assert_allclose(ours.beta, theirs.params, rtol=1e-9)
+        deviation = np.sqrt(np.diag(theirs.cov_params()))
+        scale = np.outer(deviation, deviation)
+        assert_allclose(ours.covariance / scale, theirs.cov_params() / scale, atol=1e-9)
+
+    def test_a_repeated_column_gets_half_each_and_no_infinite_variance(self, rng):
+        time_s = np.arange(100) * 30.0
+        y = 4.0 + 0.1 * rng.normal(size=100)
+        fit = gls(np.ones((100, 2)), y, Whitener.of(Ratios(), time_s, 30.0))
+        assert_allclose(fit.beta, [y.mean() / 2] * 2)
+        assert np.isfinite(fit.covariance).all()
+
+    @pytest.mark.parametrize("noise", [(0.01, 0.0, 0.0), (0.01, 0.05, 0.0), (0.01, 0.03, 0.1)])
+    def test_bands_hold_the_truth(self, noise):
+        """95 % bands of a quadratic in time-varying temperature, noise profiled in the same record."""
+        rows, inside = 200, 0
+        time_s = np.arange(rows) * 30.0
+        temperature = np.sin(2 * np.pi * time_s / 9000.0)
+        X = np.vander(temperature, 3)
+        for seed in range(30):
+            y = X @ [1.0, -2.0, 0.5] + gyro_noise(np.random.default_rng(seed), rows, 30.0, noise)
+            fit = profile_noise(X, y, time_s).fit
+            z = (fit.beta - [1.0, -2.0, 0.5])[:2] / np.sqrt(np.diag(fit.covariance))[:2]
+            inside += int(np.sum(np.abs(z) < norm.ppf(0.975)))
+        assert inside / 60 >= 0.86
+
+
+class TestNoise:
+    def test_estimate_finds_all_three_in_a_long_record(self, rng):
+        noise = estimate_noise([gyro_noise(rng, 1200, 60.0, (0.01, 0.05, 0.4))], 60.0)
+        assert_allclose(noise.white, 0.01, rtol=0.25)
+        assert_allclose(noise.walk, 0.4, rtol=0.25)
+        for name, truth in zip(("white", "flicker", "walk"), (0.01, 0.05, 0.4), strict=True):
+            low, high = noise.intervals[name]
+            assert 0.97 * low <= truth <= 1.03 * high  # the lattice's step
+
+    def test_short_soaks_with_thermal_tails_give_the_white_noise_and_say_what_they_cannot(self, rng):
+        tail = 0.3 * np.exp(-np.arange(1500) / 400.0)
+        noise = estimate_noise([gyro_noise(rng, 1500, 1.0) + tail for _ in range(5)], 1.0)
+        assert_allclose(noise.white, 0.01, rtol=0.06)
+        assert noise.undetermined in (("flicker", "walk"), ("walk",))
+        assert noise.intervals["walk"][1] > 0.03
+
+    def test_gaps_do_not_matter(self, rng):
+        rate = gyro_noise(rng, 600, 30.0, (0.01, 0.0, 0.0))
+        rate[rng.random(600) < 0.2] = np.nan
+        assert_allclose(estimate_noise([rate], 30.0).white, 0.01, rtol=0.1)
+
+    def test_too_short_is_refused(self):
+        with pytest.raises(InputError, match="isothermal"):
+            estimate_noise([np.zeros(4), np.full(100, np.nan)], 30.0)
+
+    def test_floor_is_the_rms_that_a_constant_leaves(self):
+        runs = [gyro_noise(np.random.default_rng(seed), 1050, 30.0) for seed in range(200)]
+        expected = np.sqrt(np.mean([np.var(run) for run in runs]))
+        assert_allclose(Noise(0.01, 0.03, 0.03).std_of_means(30.0, 1050 * 30.0), expected, rtol=0.02)
+
+    def test_floor_of_many_rows_is_the_same_as_without_thinning(self):
+        noise = Noise(0.01, 0.03, 0.1)
+        time_s = (np.arange(2400) + 0.5) * 10.0
+        dense = expected_rms(noise, np.ones((2400, 1)), time_s, 10.0)
+        assert_allclose(noise.std_of_means(10.0, 24000.0), dense, rtol=1e-3)
+
+    def test_an_isothermal_record_sharpens_the_profile(self, rng):
+        """The ratios found with three more hours of isothermal data are the maximum of the joint likelihood."""
+        time_s = np.arange(300) * 30.0
+        X = np.vander(np.sin(time_s / 1500.0), 4)
+        still = Record(np.arange(360) * 30.0, gyro_noise(rng, 360, 30.0), np.ones((360, 1)))
+        fit = profile_noise(X, gyro_noise(rng, 300, 30.0), time_s, [still])
+        assert len(fit.whiteners) == 2
+        assert_allclose(np.sqrt(fit.sigma2 * 30.0 / 3600.0), 0.01, rtol=0.15)
