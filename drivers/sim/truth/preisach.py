@@ -1,0 +1,47 @@
+"""A hysteresis loop made of many relays."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from drivers.sim.truth.base import Contribution, FloatArray, Mechanism, Scene
+
+
+class Preisach(Mechanism):
+    """Ensemble of micro-slips in glue and solder: relays up at c + h, down at c - h, B = a mean(state) (Preisach 1935).
+
+    Centres c are spread evenly, half widths h exponentially. Which relays a unit has belongs to the unit, not to
+    the run, hence a seed of its own.
+    """
+
+    mechanism: Literal["preisach"] = "preisach"
+    effect: ClassVar[str | None] = "hysteresis"
+    amplitude_dph: float = Field(0.5, description="a [deg/h], bias of all relays up")
+    half_width_degc: float = Field(8.0, gt=0.0, description="mean of h [degC]")
+    from_degc: float = Field(-60.0, description="lowest centre [degC]")
+    to_degc: float = Field(105.0, description="highest centre [degC]")
+    relays: int = Field(4000, ge=100, le=100_000, description="number of relays; the steps are 2 a / relays")
+    relay_seed: int = Field(1, ge=0, description="which relays this unit has")
+
+    def start(self, node_s: float, rng: np.random.Generator) -> Contribution:
+        """The bias of this mechanism from the unit's first moment, relaxed around its temperature then."""
+        unit = np.random.default_rng(self.relay_seed)
+        centre = unit.uniform(self.from_degc, self.to_degc, self.relays)
+        half = unit.exponential(self.half_width_degc, self.relays)
+        up, down = centre + half, centre - half
+        state: FloatArray | None = None
+
+        def contribute(scene: Scene) -> FloatArray:
+            nonlocal state
+            if state is None:
+                state = np.where(scene.sensor[0] > centre, 1.0, -1.0)
+            before = float(state.mean())
+            t = scene.sensor[-1]
+            state[up < t] = 1.0
+            state[down > t] = -1.0
+            return self.amplitude_dph * np.linspace(before, float(state.mean()), len(scene.sensor))
+
+        return contribute
