@@ -1,0 +1,183 @@
+"""The Modbus link of a chamber: the only module that touches a pymodbus client.
+
+pymodbus accepts short answers, answers with another function code and, on RTU framing, late answers to an earlier
+request. So nothing is retried inside pymodbus; here every answer is checked against its request, and after anything
+doubtful the link is brought back in step before the next request:
+
+* Modbus TCP numbers its requests, so a fresh connection is enough;
+* RTU has no numbers, so what still arrives is read and thrown away until the line was silent for one whole timeout.
+  The timeout therefore has to be longer than the controller's slowest answer.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from urllib.parse import parse_qsl, urlsplit
+
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerType
+from pymodbus.pdu import ModbusPDU
+
+from drivers.errors import ConfigError, LinkError, RefusedError
+from drivers.registers import Register, Value, block_of
+
+# pymodbus logs its recent traffic at every error; our errors already say what happened.
+logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+
+EXCEPTIONS = {
+    1: "illegal function",
+    2: "illegal address",
+    3: "illegal value",
+    4: "device failure",
+    5: "acknowledge",
+    6: "device busy",
+    8: "memory parity error",
+    10: "gateway path unavailable",
+    11: "gateway target does not answer",
+}
+_TRANSIENT = {5, 6, 11}
+_MOST_DRAINS = 20
+_SERIAL_KEYS = {"baudrate": int, "bytesize": int, "parity": str, "stopbits": int}
+
+_Client = ModbusTcpClient | ModbusSerialClient
+
+
+@dataclass
+class LinkCounters:
+    """What the link went through since it was opened."""
+
+    requests: int = 0
+    faults: int = 0
+    retries: int = 0
+    connections: int = 0
+
+
+class ModbusLink:
+    """Checked requests to one Modbus device. Not for use by several threads.
+
+    Raises LinkError when no trustworthy answer came within the attempts, RefusedError for exception responses.
+    """
+
+    def __init__(self, url: str, *, device_id: int = 1, timeout_s: float = 1.5, attempts: int = 3) -> None:
+        """Prepare a link; the connection is made by the first request.
+
+        `url` is `tcp://host:port` (Modbus TCP), `rtu+tcp://host:port` (RTU frames through a serial gateway) or
+        `rtu:///dev/ttyUSB0?baudrate=9600&parity=N&stopbits=1`. Raises ConfigError.
+        """
+        if not 0 < timeout_s <= 60 or attempts < 1 or not 0 <= device_id <= 247:
+            raise ConfigError(
+                f"{url}: timeout {timeout_s} s (0 to 60), {attempts} attempts (1..), id {device_id} (..247)"
+            )
+        self.url = url
+        self.counters = LinkCounters()
+        self._device_id = device_id
+        self._attempts = attempts
+        self._client, self._numbered = _client(url, timeout_s)
+
+    def close(self) -> None:
+        """Close the connection; a later request opens it again."""
+        self._client.close()  # type: ignore[no-untyped-call]
+
+    def read(self, register: Register) -> Value:
+        """Value of one register."""
+        return self.read_block([register])[register.name]
+
+    def read_block(self, registers: Iterable[Register]) -> dict[str, Value]:
+        """Values of several registers, by name, from one request."""
+        members = tuple(registers)
+        code, start, count = block_of(members)
+        words = self._request(code, start, count)
+        return {r.name: r.decode(words[r.address - start : r.end - start]) for r in members}
+
+    def write(self, register: Register, value: Value) -> None:
+        """Write one register of the whitelist; LimitError before anything is sent. Does not read back."""
+        if register.write is None:
+            raise ConfigError(f"{register.name} is not a register that may be written")
+        self._request(register.write, register.address, register.count, register.encode(value))
+
+    def _request(self, code: int, address: int, count: int, words: Sequence[int] = ()) -> Sequence[int]:
+        """One request with its bounded repetitions; the words that were read."""
+        where = f"{self.url}: function {code}, address {address}, {count} words"
+        for attempt in range(1, self._attempts + 1):
+            self.counters.requests += 1
+            self.counters.retries += attempt > 1
+            try:
+                return self._exchange(code, address, count, words)
+            except RefusedError as error:
+                if error.code not in _TRANSIENT or attempt == self._attempts:
+                    raise RefusedError(f"{where}: {error}", error.code) from None
+            except LinkError as error:
+                self.counters.faults += 1
+                self._resynchronise()
+                if attempt == self._attempts:
+                    raise LinkError(f"{where}: {error} ({attempt} attempts)") from None
+        raise AssertionError("unreachable")
+
+    def _exchange(self, code: int, address: int, count: int, words: Sequence[int]) -> Sequence[int]:
+        if not self._client.connected:
+            if not self._client.connect():
+                raise LinkError("no connection")
+            self.counters.connections += 1
+        try:
+            answer = self._send(code, address, count, words)
+        except (ModbusException, OSError) as error:
+            raise LinkError(f"no valid answer: {error}") from error
+        if answer.function_code == code | 0x80:
+            number = answer.exception_code
+            raise RefusedError(f"exception {number}, {EXCEPTIONS.get(number, 'unknown')}", number)
+        if answer.function_code != code:
+            raise LinkError(f"the answer belongs to function {answer.function_code}")
+        if code in (3, 4):
+            if len(answer.registers) != count:
+                raise LinkError(f"the answer has {len(answer.registers)} words")
+            return answer.registers
+        echo = list(answer.registers) == list(words) if code == 6 else answer.count == count
+        if answer.address != address or not echo:
+            raise LinkError("the answer echoes another write")
+        return ()
+
+    def _send(self, code: int, address: int, count: int, words: Sequence[int]) -> ModbusPDU:
+        client, device = self._client, self._device_id
+        calls: dict[int, Callable[[], ModbusPDU]] = {
+            3: lambda: client.read_holding_registers(address, count=count, device_id=device),
+            4: lambda: client.read_input_registers(address, count=count, device_id=device),
+            6: lambda: client.write_register(address, words[0], device_id=device),
+            16: lambda: client.write_registers(address, list(words), device_id=device),
+        }
+        return calls[code]()
+
+    def _resynchronise(self) -> None:
+        """Make sure that the next answer belongs to the next request."""
+        if self._numbered or not self._client.connected:
+            self.close()
+            return
+        try:
+            for _ in range(_MOST_DRAINS):
+                if not self._client.recv(None):
+                    return
+        except (ModbusException, OSError):
+            pass
+        self.close()
+
+
+def _client(url: str, timeout_s: float) -> tuple[_Client, bool]:
+    """The pymodbus client for `url`, and whether its framing numbers the requests."""
+    try:
+        parts = urlsplit(url)
+        options = dict(parse_qsl(parts.query, strict_parsing=bool(parts.query)))
+        if parts.scheme in ("tcp", "rtu+tcp") and parts.hostname and not options:
+            numbered = parts.scheme == "tcp"
+            framer = FramerType.SOCKET if numbered else FramerType.RTU
+            port = parts.port or (502 if numbered else 10001)
+            return ModbusTcpClient(parts.hostname, port=port, framer=framer, timeout=timeout_s, retries=0), numbered
+        if parts.scheme == "rtu" and parts.path and options.keys() <= _SERIAL_KEYS.keys():
+            given = {key: _SERIAL_KEYS[key](text) for key, text in options.items()}
+            return ModbusSerialClient(parts.path, timeout=timeout_s, retries=0, **given), False
+    except ValueError as error:
+        raise ConfigError(f"chamber address {url!r}: {error}") from error
+    raise ConfigError(
+        f"chamber address {url!r}: use tcp://host:port, rtu+tcp://host:port or rtu:///dev/tty?baudrate=9600"
+    )
