@@ -102,6 +102,22 @@ class Whitener:
             stacked[rows] = result[states:]
         return stacked[: self.rows].reshape(matrix.shape)
 
+    def colour(self, matrix: FloatArray) -> FloatArray:
+        """W^-1 @ matrix for columns (n, k): turns independent normal numbers into this noise with white variance 1."""
+        columns = matrix.reshape(self.rows, -1)
+        blocks, width, _ = self.transfer.shape
+        states = width - _BLOCK
+        coloured = np.zeros((blocks * _BLOCK, columns.shape[1]))
+        coloured[: self.rows] = columns
+        work = np.zeros((width, columns.shape[1]))
+        for block, transfer in enumerate(self.transfer):
+            rows = slice(block * _BLOCK, (block + 1) * _BLOCK)
+            known = transfer[states:, :states] @ work[:states]
+            work[states:] = np.linalg.solve(transfer[states:, states:], coloured[rows] - known)
+            work[:states] = transfer[:states] @ work
+            coloured[rows] = work[states:]
+        return coloured[: self.rows].reshape(matrix.shape)
+
 
 def whiteners(
     ratios: Sequence[Ratios], time_s: FloatArray, interval_s: float, white: FloatArray | None = None

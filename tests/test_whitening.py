@@ -33,6 +33,13 @@ def test_many_ratios_at_once_are_the_same_as_one_by_one():
         assert_allclose(together.apply(vector), Whitener.of(ratios, time_s, 30.0).apply(vector), rtol=1e-13)
 
 
+def test_colouring_undoes_whitening():
+    time_s = gapped_times(100)
+    whitener = Whitener.of(Ratios(0.3, 0.2), time_s, 30.0)
+    matrix = np.random.default_rng(3).normal(size=(len(time_s), 4))
+    assert_allclose(whitener.apply(whitener.colour(matrix)), matrix, atol=1e-12)
+
+
 def test_whitening_is_causal():
     time_s = np.arange(100) * 30.0
     whitener = Whitener.of(Ratios(0.3, 0.2), time_s, 30.0)

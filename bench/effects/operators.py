@@ -33,7 +33,7 @@ def ramp_invariant_lag(time_s: FloatArray, value: FloatArray, tau_s: float) -> F
 
 
 def play(value: FloatArray, half_width: float) -> FloatArray:
-    """Play (backlash) of a record (n,): follows only once the input has moved `half_width` past it; starts in the middle.
+    """Play (backlash) of a record (n,): follows what moves further than `half_width` from it; starts on it.
 
     z_k = min(max(z_{k-1}, u_k - r), u_k + r). M. A. Krasnosel'skii, A. V. Pokrovskii, Systems with Hysteresis (1989).
     """

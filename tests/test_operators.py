@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+
+from bench.effects.operators import play, ramp_invariant_lag
+
+
+def triangle(time_s):
+    return 85.0 - np.abs((time_s / 60.0) % 250.0 - 125.0)
+
+
+@pytest.mark.parametrize("spacing", ["even", "uneven"])
+def test_lag_solves_its_equation_for_a_record_straight_between_samples(spacing):
+    rng = np.random.default_rng(0)
+    time_s = np.arange(200) * 30.0 if spacing == "even" else np.cumsum(rng.uniform(5.0, 90.0, 200))
+    value = np.cumsum(rng.normal(size=200))
+    solution = solve_ivp(
+        lambda t, x: (np.interp(t, time_s, value) - x) / 240.0,
+        (time_s[0], time_s[-1]),
+        value[:1],
+        t_eval=time_s,
+        max_step=5.0,
+        rtol=1e-8,
+    )
+    assert_allclose(ramp_invariant_lag(time_s, value, 240.0), solution.y[0], atol=2e-3)
+
+
+def test_lag_behind_a_ramp_is_slope_times_tau_whatever_the_sampling():
+    for step_s in (1.0, 30.0, 300.0):
+        time_s = np.arange(0.0, 6001.0, step_s)
+        assert_allclose(ramp_invariant_lag(time_s, 0.02 * time_s, 200.0)[-1], 0.02 * (6000.0 - 200.0), rtol=1e-9)
+
+
+def test_no_lag_returns_the_record():
+    value = np.array([1.0, 5.0, 2.0])
+    assert_allclose(ramp_invariant_lag(np.arange(3.0), value, 0.0), value)
+
+
+def test_play_lags_by_its_half_width_whatever_the_rate():
+    time_s = np.arange(0.0, 30000.0, 30.0)
+    for speed in (1, 3):
+        value = triangle(time_s * speed)
+        gap = value - play(value, 4.0)
+        rising = np.gradient(value) > 0
+        assert_allclose(np.quantile(gap[rising], 0.9), 4.0)
+        assert_allclose(np.quantile(gap[~rising], 0.1), -4.0)
+
+
+def test_play_stands_still_inside_its_width_and_forgets_the_route():
+    assert_allclose(play(np.array([0.0, 1.0, -1.0, 0.5]), 2.0), 0.0)
+    assert_allclose(play(np.array([0.0, 5.0, 3.0, 7.0]), 2.0), play(np.array([0.0, 5.0, 5.0, 7.0]), 2.0))
