@@ -1,0 +1,286 @@
+"""Gyro on CAN: blocks of captured frames become samples, and every frame that did not is counted.
+
+cantools reads the layout from the DBC once; frames are decoded by numpy. A DBC describes a family by the names of its
+signals:
+
+* `Rate`, `SampleCounter` in one message: one sample of the rate; optional `RateValid`, `LoopLocked`, `RateSaturated`
+* `Temperature`, `ResonanceFrequency`, `DriveAmplitude`, `QuadratureAmplitude`, `SupplyVoltage` in slower messages, each
+  with a `SlowCounter`: the low bits of `SampleCounter` at the moment of sampling
+* `Serial`, `Firmware`, `CoefficientSet`, `State` in a heartbeat
+* `Crc8` as last byte: CRC-8/SAE-J1850 over the bytes before it and the low byte of the identifier
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.errors import ConfigError
+from drivers.journal import FLAG_EXTENDED, FrameArray
+from drivers.samples import CounterTrack, FloatArray, IntArray, SampleClock
+from drivers.wire import ByteArray, Message, load_dbc
+
+__all__ = ["GyroBlock", "GyroDecoder", "Identity", "Losses", "SampleClock", "Series"]
+
+_CHANNELS = {
+    "Temperature": "temperature",
+    "ResonanceFrequency": "frequency",
+    "DriveAmplitude": "drive",
+    "QuadratureAmplitude": "quadrature",
+    "SupplyVoltage": "supply",
+}
+_UNITS: dict[str, dict[str, float]] = {  # channel: unit in the DBC: factor to the unit of the channel
+    "rate": {"deg/h": 1.0, "deg/s": 3600.0, "rad/s": 3600.0 * 180.0 / np.pi},
+    "temperature": {"degC": 1.0},
+    "frequency": {"Hz": 1.0, "kHz": 1e3},
+    "drive": {"V": 1.0, "mV": 1e-3},
+    "quadrature": {"V": 1.0, "mV": 1e-3},
+    "supply": {"V": 1.0, "mV": 1e-3},
+}
+BOOT_UP = 0
+
+
+@dataclass(frozen=True)
+class Losses:
+    """What happened to the frames of one unit. Each count but `received` and `out_of_order` left a gap in the data."""
+
+    received: int = 0  # frames of this unit, all messages
+    lost: int = 0  # rate samples for which no sound frame arrived
+    slow_lost: int = 0  # slow samples for which no sound frame arrived
+    corrupt: int = 0  # wrong CRC, wrong length, or a counter that fits nothing
+    repeated: int = 0  # the same sample again
+    late: int = 0  # arrived too long after its sample was taken
+    out_of_order: int = 0  # overtaken by a later frame; put back in its place when its block was still open
+    invalid: int = 0  # the unit itself says: not valid, not locked or saturated
+    resets: int = 0  # the unit started anew
+
+    def as_dict(self) -> dict[str, int]:
+        """Counts by name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What the unit says about itself in its heartbeat."""
+
+    serial: int
+    firmware: int
+    coefficient_set: int
+    state: int
+
+
+@dataclass(frozen=True)
+class Series:
+    """A slow channel: `value` (m,) in the unit of the channel, sampled with the rate samples `index` (m,)."""
+
+    index: IntArray
+    value: FloatArray
+
+
+@dataclass(frozen=True)
+class GyroBlock:
+    """Samples of one block of frames; indices increase strictly, over blocks too. What is missing is a gap."""
+
+    index: IntArray  # sample index (n,)
+    t_ns: IntArray  # bench time of arrival [ns] (n,)
+    rate_dph: FloatArray  # [deg/h] (n,), NaN where not valid
+    valid: npt.NDArray[np.bool_]  # (n,)
+    slow: Mapping[str, Series]  # by channel name, see bench.channels
+
+
+class GyroDecoder:
+    """Unit `number` of a gyro family: frames in, samples out. Stateful: feed it the blocks in the order of capture.
+
+    `losses` counts since the start, `identity` is what the last heartbeat said (None before the first),
+    `last` holds the latest value of each slow channel, `samples` the number of rate samples delivered.
+    """
+
+    def __init__(self, dbc: str | Path, number: int, *, late_s: float = 0.5) -> None:
+        messages = load_dbc(dbc)
+        self.losses = Losses()
+        self.identity: Identity | None = None
+        self.last: dict[str, float] = {}
+        self.samples = 0
+        self._number = number
+        self._rate = _one_with(messages, dbc, "Rate", "SampleCounter")
+        if self._rate.cycle_ms is None:
+            raise ConfigError(f"DBC {dbc}: {self._rate.name} has no cycle time (GenMsgCycleTime [ms])")
+        self.interval_s = self._rate.cycle_ms * 1e-3
+        self._interval_ns = round(self._rate.cycle_ms * 1e6)
+        self._heartbeat = _one_with(messages, dbc, "Serial", "State")
+        self._rate_factor = _factor("rate", self._rate, "Rate")
+        self.rate_step_dph = self._rate.signals["Rate"].scale * self._rate_factor
+        self._flags = [name for name in ("RateValid", "LoopLocked", "RateSaturated") if name in self._rate.signals]
+        self._slow = [_SlowMessage(message, self.interval_s) for message in messages.values() if _is_slow(message)]
+        self._track = CounterTrack(self._rate.signals["SampleCounter"].length, self._interval_ns, late_s)
+        self._reference: Reference | None = None  # the last sound rate frame
+        self._booted = False  # a boot-up heartbeat arrived and no rate frame since
+
+    def decode(self, frames: FrameArray) -> GyroBlock:
+        """Samples of FRAME records in the order of capture; frames of other units are left alone."""
+        keys = frames["id"] | (frames["flags"].astype(np.uint32) << np.uint32(29))
+        boot = self._read_heartbeat(frames, keys)
+        at, data = self._sound(frames, keys, self._rate)
+        t_ns = frames["t_ns"][at]
+        counter = self._rate.signals["SampleCounter"].unpack(data).astype(np.int64)
+        placed = self._track.unwrap(counter, t_ns, self._boot_rows(at, boot))
+        slow = self._read_slow(frames, keys, at, Reference(placed.index, counter, t_ns))
+        rows = placed.take
+        rate_dph, valid = self._read_rate(data[rows])
+        self._count(
+            lost=placed.lost,
+            repeated=placed.repeated,
+            corrupt=placed.rogue,
+            late=placed.late,
+            out_of_order=placed.out_of_order,
+            resets=placed.resets,
+            invalid=len(valid) - int(np.count_nonzero(valid)),
+        )
+        self.samples += len(valid)
+        return GyroBlock(placed.index[rows], t_ns[rows], rate_dph, valid, slow)
+
+    def _count(self, **more: int) -> None:
+        counts = {name: getattr(self.losses, name) + count for name, count in more.items() if count}
+        if counts:
+            self.losses = replace(self.losses, **counts)
+
+    def _sound(self, frames: FrameArray, keys: npt.NDArray[np.uint32], message: Message) -> tuple[IntArray, ByteArray]:
+        """Positions (n,) and payloads (n, 8) of the frames of a message whose length and CRC are right."""
+        identifier = message.id + self._number
+        at = np.flatnonzero(keys == np.uint32(identifier | (FLAG_EXTENDED * message.extended) << 29))
+        data = frames["data"][at]
+        sound = frames["len"][at] == message.length
+        if "Crc8" in message.signals:
+            sound &= message.crc(data, identifier) == data[:, message.length - 1]
+        found = len(at)
+        if not np.all(sound):
+            at, data = at[sound], data[sound]
+        self._count(received=found, corrupt=found - len(at))
+        return at, data
+
+    def _read_heartbeat(self, frames: FrameArray, keys: npt.NDArray[np.uint32]) -> IntArray:
+        """Take in the identity; positions of boot-up heartbeats."""
+        at, data = self._sound(frames, keys, self._heartbeat)
+        if not len(at):
+            return at
+        raw = {name: signal.unpack(data) for name, signal in self._heartbeat.signals.items()}
+        last = {name: int(values[-1]) for name, values in raw.items()}
+        firmware, coefficient_set = last.get("Firmware", 0), last.get("CoefficientSet", 0)
+        self.identity = Identity(last["Serial"], firmware, coefficient_set, last["State"])
+        boot: IntArray = at[raw["State"] == BOOT_UP]
+        return boot
+
+    def _boot_rows(self, at: IntArray, boot: IntArray) -> IntArray:
+        """Rows of the rate frames that follow a boot-up heartbeat, one of an earlier block included."""
+        rows = np.searchsorted(at, boot)
+        if self._booted:
+            rows = np.concatenate(([0], rows))
+        self._booted = bool(np.any(rows == len(at)))
+        return rows[rows < len(at)]
+
+    def _read_rate(self, data: ByteArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+        rate_dph = self._rate.signals["Rate"].physical(data) * self._rate_factor
+        valid = np.ones(len(data), dtype=bool)
+        for name in self._flags:
+            valid &= self._rate.signals[name].unpack(data) == (name != "RateSaturated")
+        if not np.all(valid):
+            rate_dph[~valid] = np.nan
+        return rate_dph, valid
+
+    def _read_slow(
+        self, frames: FrameArray, keys: npt.NDArray[np.uint32], rate_at: IntArray, rate: Reference
+    ) -> dict[str, Series]:
+        """Slow channels, tied to the rate samples by the low bits of the counter."""
+        before = self._reference
+        if before is not None:
+            rate = Reference(*(np.concatenate(pair) for pair in zip(before, rate, strict=True)))
+            rate_at = np.concatenate(([-1], rate_at))
+        series: dict[str, Series] = {}
+        for slow in self._slow:
+            at, data = self._sound(frames, keys, slow.message)
+            if len(rate_at):
+                index, rows, repeated, lost = slow.place(data, at, frames["t_ns"][at], rate_at, rate)
+                self._count(repeated=repeated, slow_lost=lost)
+                data = data[rows]
+            else:
+                index, data = np.zeros(0, dtype=np.int64), data[:0]  # nothing to tie them to before the first sample
+            for name, (signal, factor) in slow.channels.items():
+                value = slow.message.signals[signal].physical(data) * factor
+                series[name] = Series(index, value)
+                if len(value):
+                    self.last[name] = float(value[-1])
+        self._reference = Reference(*(part[-1:] for part in rate)) if len(rate_at) else None
+        return series
+
+
+class Reference(NamedTuple):
+    """Sound rate frames (n,) in the order of arrival."""
+
+    sample: IntArray
+    counter: IntArray
+    t_ns: IntArray
+
+
+class _SlowMessage:
+    """One slow message of the family and the last sample that it delivered."""
+
+    def __init__(self, message: Message, interval_s: float) -> None:
+        self.message = message
+        self.channels = {
+            _CHANNELS[name]: (name, _factor(_CHANNELS[name], message, name))
+            for name in message.signals
+            if name in _CHANNELS
+        }
+        self._interval_ns = round(interval_s * 1e9)
+        self._every = round((message.cycle_ms or 0.0) * 1e-3 / interval_s)
+        self._last: int | None = None
+
+    def place(
+        self, data: ByteArray, at: IntArray, t_ns: IntArray, rate_at: IntArray, rate: Reference
+    ) -> tuple[IntArray, IntArray, int, int]:
+        """Sample indices and rows that are new, in order; how many were repeated, and how many are missing."""
+        if not len(at):
+            return at, at, 0, 0
+        behind = np.searchsorted(rate_at, at) - 1
+        ahead = np.minimum(behind + 1, len(rate_at) - 1)
+        behind = np.maximum(behind, 0)
+        # After a stall the frame before is far in host time and the one behind it in the queue is near.
+        nearer = np.where(np.abs(t_ns - rate.t_ns[ahead]) < np.abs(t_ns - rate.t_ns[behind]), ahead, behind)
+        elapsed = np.rint((t_ns - rate.t_ns[nearer]) / self._interval_ns).astype(np.int64)
+        signal = self.message.signals["SlowCounter"]
+        half = 1 << signal.length - 1
+        low = signal.unpack(data).astype(np.int64)
+        off = ((low - rate.counter[nearer] - elapsed + half) & (2 * half - 1)) - half
+        index, rows = np.unique(rate.sample[nearer] + elapsed + off, return_index=True)
+        if self._last is not None and index[0] <= self._last:
+            fresh = index > self._last
+            index, rows = index[fresh], rows[fresh]
+        lost = 0
+        if len(index):
+            first = self._last if self._last is not None else int(index[0]) - self._every
+            lost = (int(index[-1]) - first) // self._every - len(index) if self._every else 0
+            self._last = int(index[-1])
+        return index, rows, len(at) - len(index), max(lost, 0)
+
+
+def _is_slow(message: Message) -> bool:
+    return "SlowCounter" in message.signals and any(name in _CHANNELS for name in message.signals)
+
+
+def _one_with(messages: Mapping[str, Message], dbc: str | Path, *signals: str) -> Message:
+    found = [message for message in messages.values() if set(signals) <= set(message.signals)]
+    if len(found) != 1:
+        raise ConfigError(f"DBC {dbc}: {len(found)} messages with {' and '.join(signals)}, must be exactly one")
+    return found[0]
+
+
+def _factor(channel: str, message: Message, signal: str) -> float:
+    unit, known = message.signals[signal].unit, _UNITS[channel]
+    if unit not in known:
+        raise ConfigError(f"{message.name}.{signal} is in '{unit}'; the DBC must say one of {', '.join(known)}")
+    return known[unit]

@@ -1,0 +1,206 @@
+"""From a wrapping sample counter and host time stamps to sample indices and bench time.
+
+The counter says which sample a frame carries; host stamps only tell how often the counter has wrapped, whether the
+unit started anew, and how its clock lies against bench time.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+IntArray = npt.NDArray[np.int64]
+FloatArray = npt.NDArray[np.float64]
+
+REORDER = 16
+"""A frame that is further behind than this many samples was not merely overtaken on its way."""
+
+
+@dataclass(frozen=True)
+class Unwrapped:
+    """Frames of one block, in the order of arrival, placed on the sample axis."""
+
+    index: IntArray  # sample index (n,)
+    take: IntArray  # rows that are data; their indices increase strictly, over blocks too
+    lost: int = 0
+    repeated: int = 0
+    rogue: int = 0
+    late: int = 0
+    out_of_order: int = 0
+    resets: int = 0
+
+
+class CounterTrack:
+    """Unwraps a counter of `bits` bits that counts samples of `interval_ns` [ns]; stateful over blocks.
+
+    A frame is late when it arrives more than `late_s` [s] after its place among the fastest frames of the last ten
+    seconds. A counter that disagrees with host time by more than `jump_s` [s], and goes on from there, means that
+    the unit started anew: the index then follows host time. A single frame that disagrees is a rogue and dropped.
+    """
+
+    WINDOW_NS = 10_000_000_000
+
+    def __init__(self, bits: int, interval_ns: int, late_s: float = 0.5, jump_s: float = 2.0) -> None:
+        self._mask = (1 << bits) - 1
+        self._interval_ns = interval_ns
+        self._late_ns = round(late_s * 1e9)
+        self._jump = min(round(jump_s * 1e9 / interval_ns), self._mask // 4)
+        self._last: tuple[int, int, int] | None = None  # index, counter, host time [ns] of the last sound frame
+        self._delivered = -1
+        self._recent = np.zeros(0, dtype=np.int64)
+        self._delays: deque[tuple[int, int]] = deque()  # host time, least delay [ns] of each recent block
+
+    def unwrap(self, counter: IntArray, t_ns: IntArray, boot: IntArray) -> Unwrapped:
+        """Place frames (n,) in the order of arrival; `boot` are the rows before which the unit announced a start."""
+        if not len(counter):
+            return Unwrapped(counter, counter)
+        if self._last is None:
+            self._last = (int(counter[0]) - 1, int(counter[0]) - 1, int(t_ns[0]) - self._interval_ns)
+            self._delivered, boot = self._last[0], boot[boot > 0]
+        index, rows, resets = self._count(counter, t_ns, boot)
+        if not len(rows):
+            return Unwrapped(index, rows, rogue=len(counter))
+        last = rows[-1]
+        self._last = (int(index[last]), int(counter[last]), int(t_ns[last]))
+        late = self._delay_ns(index[rows], t_ns[rows]) > self._late_ns
+        return self._ordered(index, rows, late, resets)
+
+    def _count(self, counter: IntArray, t_ns: IntArray, boot: IntArray) -> tuple[IntArray, IntArray, int]:
+        """Indices (n,), the rows that fit, and the number of resets."""
+        assert self._last is not None
+        index, rows = np.zeros(len(counter), dtype=np.int64), np.arange(len(counter))
+        while len(rows):
+            step = np.diff(counter[rows], prepend=self._last[1]) & self._mask
+            if not len(boot) and np.all(step == 1):
+                index[rows] = np.arange(self._last[0] + 1, self._last[0] + 1 + len(rows))
+                return index, rows, 0
+            elapsed = self._elapsed(t_ns[rows], self._last[2])
+            booted = np.isin(rows, boot)
+            jumped = np.flatnonzero(self._jumps(step, elapsed) | booted).tolist()
+            rogue = [at for at in jumped if not booted[at] and self._returns(at, counter[rows], t_ns[rows])]
+            if not rogue:
+                step = self._steps(step, elapsed)
+                step[jumped] = np.maximum(elapsed[jumped], 1)
+                index[rows] = self._last[0] + np.cumsum(step)
+                return index, rows, len(jumped)
+            rows = np.delete(rows, rogue[0])
+        return index, rows, 0
+
+    def _elapsed(self, t_ns: IntArray, before_ns: int) -> IntArray:
+        """Samples between frames by host time."""
+        return np.rint(np.diff(t_ns, prepend=before_ns) / self._interval_ns).astype(np.int64)
+
+    def _steps(self, step: IntArray, elapsed: IntArray) -> IntArray:
+        """The step that the counter allows and that lies nearest to host time."""
+        half = (self._mask + 1) // 2
+        near: IntArray = elapsed + ((step - elapsed + half) & self._mask) - half
+        return near
+
+    def _jumps(self, step: IntArray, elapsed: IntArray) -> npt.NDArray[np.bool_]:
+        """Where the counter and host time do not fit; a counter that simply goes on always fits."""
+        steps = self._steps(step, elapsed)
+        wrong: npt.NDArray[np.bool_] = (step > 1) & ((np.abs(steps - elapsed) > self._jump) | (steps < -REORDER))
+        return wrong
+
+    def _returns(self, at: int, counter: IntArray, t_ns: IntArray) -> bool:
+        """Whether the frame after `at` goes on from the one before it (or has not arrived yet)."""
+        assert self._last is not None
+        if at + 1 == len(counter):
+            return True
+        before = (int(counter[at - 1]), int(t_ns[at - 1])) if at else self._last[1:]
+        step = np.diff(counter[at + 1 : at + 2], prepend=before[0]) & self._mask
+        return not self._jumps(step, self._elapsed(t_ns[at + 1 : at + 2], before[1]))[0]
+
+    def _delay_ns(self, index: IntArray, t_ns: IntArray) -> IntArray:
+        """How much later than the fastest recent frames each frame arrived [ns]."""
+        delay = t_ns - index * self._interval_ns
+        now_ns = int(t_ns[-1])
+        self._delays.append((now_ns, int(delay.min())))
+        while self._delays[0][0] < now_ns - self.WINDOW_NS:
+            self._delays.popleft()
+        result: IntArray = delay - min(least for _, least in self._delays)
+        return result
+
+    def _ordered(self, index: IntArray, rows: IntArray, late: npt.NDArray[np.bool_], resets: int) -> Unwrapped:
+        """Sort, and leave out what was delivered before or arrived too late."""
+        placed = index[rows]
+        before = self._delivered
+        counts = {"rogue": len(index) - len(rows), "late": int(np.count_nonzero(late)), "resets": resets}
+        if placed[0] > before and np.all(np.diff(placed) > 0):
+            take, fresh = rows, len(rows)
+        else:
+            highest = np.maximum.accumulate(np.concatenate(([before], placed[:-1])))
+            _, first = np.unique(placed, return_index=True)
+            is_first = np.zeros(len(rows), dtype=bool)
+            is_first[first] = True
+            is_first &= ~np.isin(placed, self._recent)
+            counts["repeated"] = len(rows) - int(np.count_nonzero(is_first))
+            counts["out_of_order"] = int(np.count_nonzero(is_first & (placed < highest)))
+            keep = first[is_first[first] & (placed[first] > before)]
+            take, late, fresh = rows[keep], late[keep], len(keep)
+        self._delivered = max(before, int(placed.max()))
+        self._recent = np.concatenate((self._recent, placed[-4 * REORDER :]))[-4 * REORDER :]
+        if np.any(late):
+            take = take[~late]
+        return Unwrapped(index, take, lost=self._delivered - before - fresh, **counts)
+
+
+class SampleClock:
+    """Bench time of sample indices: offset and drift of the unit's clock, from host stamps.
+
+    Host stamps are never early, only late, so the line lies along the lower envelope of the stamps: the edge of their
+    lower convex hull over the middle of the record. Stamps without delay (simulation) give exact times.
+    """
+
+    MIN_SPAN_S = 30.0
+
+    def __init__(self, interval_s: float) -> None:
+        self.interval_s = interval_s
+        self._interval_ns = round(interval_s * 1e9)
+        self._hull: list[tuple[int, int]] = []  # index, delay [ns]; lower convex hull, left to right
+
+    def add(self, index: IntArray, t_ns: IntArray) -> None:
+        """Take in frames (n,): sample index and host stamp [ns]; indices later than all before."""
+        if not len(index):
+            return
+        delay = t_ns - index * self._interval_ns
+        least = int(np.argmin(delay))
+        point = (int(index[least]), int(delay[least]))
+        hull = self._hull
+        while len(hull) > 1 and _turns_down(hull[-2], hull[-1], point):
+            hull.pop()
+        hull.append(point)
+
+    @property
+    def drift_ppm(self) -> float:
+        """How much slower than nominal the unit's clock runs [ppm]; 0 until half a minute of frames was seen."""
+        return self._line()[1] / self._interval_ns * 1e6
+
+    def time(self, index: npt.ArrayLike) -> FloatArray:
+        """Bench time [s] of sample indices; ValueError before the first frame."""
+        offset_ns, slope_ns = self._line()
+        samples = np.asarray(index, dtype=np.int64)
+        times: FloatArray = (samples * self._interval_ns + offset_ns + samples * slope_ns) * 1e-9
+        return times
+
+    def _line(self) -> tuple[float, float]:
+        """Delay at index 0 [ns] and its growth per sample [ns]."""
+        hull = self._hull
+        if not hull:
+            raise ValueError("no frame yet: the clock of the unit is unknown")
+        first, last = hull[0][0], hull[-1][0]
+        if (last - first) * self.interval_s < self.MIN_SPAN_S:
+            return float(min(delay for _, delay in hull)), 0.0
+        middle = (first + last) / 2
+        right = next(k for k in range(1, len(hull)) if hull[k][0] >= middle)
+        (x0, y0), (x1, y1) = hull[right - 1], hull[right]
+        slope = (y1 - y0) / (x1 - x0)
+        return y0 - slope * x0, slope
+
+
+def _turns_down(a: tuple[int, int], b: tuple[int, int], c: tuple[int, int]) -> bool:
+    """Whether `b` lies on or above the line from `a` to `c`; exact, in integers."""
+    return (b[1] - a[1]) * (c[0] - a[0]) >= (c[1] - a[1]) * (b[0] - a[0])

@@ -1,0 +1,198 @@
+"""The wire format of a CAN unit: layouts read from a DBC once, signals packed and unpacked for whole blocks by numpy.
+
+Shared by the driver and the simulator, so it knows bits and units and nothing else. Classical CAN, signals of up to
+64 bits in either byte order, integers and floats. cantools reads the file; it never sees a frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.errors import ConfigError, LimitError
+
+ByteArray = npt.NDArray[np.uint8]
+"""Payloads, shape (n, 8); bytes beyond the length of the message are zero."""
+
+_DBC_FOLDER = Path(__file__).parent / "gyros"
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One signal: physical value [unit] = raw * scale + offset; `position` counts from the first bit sent."""
+
+    name: str
+    unit: str
+    shift_up: int
+    length: int
+    big_endian: bool
+    signed: bool
+    is_float: bool
+    scale: float
+    offset: float
+
+    def unpack(self, data: ByteArray) -> npt.NDArray[Any]:
+        """Raw values (n,) of payloads (n, 8): int64, uint64, or the float type of the signal."""
+        word = np.ascontiguousarray(data).view(">u8" if self.big_endian else "<u8")[:, 0].astype(np.uint64, copy=False)
+        word = word << np.uint64(self.shift_up)
+        if self.is_float:
+            bits = (word >> np.uint64(64 - self.length)).astype(f"u{self.length // 8}")
+            return bits.view(f"f{self.length // 8}")
+        if self.signed:
+            return word.view(np.int64) >> np.int64(64 - self.length)
+        return word >> np.uint64(64 - self.length)
+
+    def physical(self, data: ByteArray) -> npt.NDArray[np.float64]:
+        """Physical values [unit], (n,), of payloads (n, 8)."""
+        values: npt.NDArray[np.float64] = self.unpack(data).astype(np.float64)
+        if self.scale != 1.0:
+            values *= self.scale
+        if self.offset != 0.0:
+            values += self.offset
+        return values
+
+    def raw(self, values: npt.ArrayLike) -> npt.NDArray[Any]:
+        """Nearest raw values of physical values [unit]; LimitError where one does not fit, nothing is clipped."""
+        physical = np.asarray(values)
+        if self.is_float:
+            scaled = (physical.astype(np.float64) - self.offset) / self.scale
+            return scaled.astype(f"f{self.length // 8}")
+        if physical.dtype.kind in "iub" and self.scale == 1.0 and self.offset == 0.0:
+            raw = physical
+        else:
+            raw = np.rint((physical.astype(np.float64) - self.offset) / self.scale)
+        low = -(1 << self.length - 1) if self.signed else 0
+        high = low + (1 << self.length) - 1
+        # Python compares an int with a float exactly; numpy would round `high` to a float first. NaN fits nothing.
+        if raw.size and not (raw.min().item() >= low and raw.max().item() <= high):
+            wrong = next(v for v, r in zip(physical.flat, raw.flat, strict=True) if not low <= r.item() <= high)
+            limits = f"{low * self.scale + self.offset:g} to {high * self.scale + self.offset:g}"
+            raise LimitError(f"{self.name} = {wrong:g} [{self.unit}] does not fit its signal ({limits})")
+        return raw.astype(np.int64 if self.signed else np.uint64)
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message of the DBC; `cycle_ms` is None when it is not sent periodically."""
+
+    name: str
+    id: int
+    extended: bool
+    length: int
+    cycle_ms: float | None
+    signals: Mapping[str, Signal]
+
+    def pack(self, count: int, values: Mapping[str, npt.ArrayLike]) -> ByteArray:
+        """Payloads (count, 8) from physical values, scalars or (count,); every signal but Crc8 must be given."""
+        missing = set(self.signals) - set(values) - {"Crc8"}
+        if missing or not set(values) <= set(self.signals):
+            names = ", ".join(sorted(missing | (set(values) - set(self.signals))))
+            raise ConfigError(f"{self.name}: signals missing or unknown: {names}")
+        little, big = np.zeros(count, dtype="<u8"), np.zeros(count, dtype=">u8")
+        for name, value in values.items():
+            signal = self.signals[name]
+            raw = signal.raw(value)
+            bits = raw.view(f"u{raw.itemsize}").astype(np.uint64)
+            lifted = bits << np.uint64(64 - signal.length) >> np.uint64(signal.shift_up)
+            target = big if signal.big_endian else little
+            target |= lifted
+        return little.view(np.uint8).reshape(count, 8) | big.view(np.uint8).reshape(count, 8)
+
+    def crc(self, data: ByteArray, data_id: int) -> ByteArray:
+        """CRC-8/SAE-J1850 (n,) over the bytes before the last one of the message, then the data identifier."""
+        tables, start = _crc_tables(self.length)
+        words = np.ascontiguousarray(data).view("<u2")
+        crc = np.full(len(data), start ^ int(_CRC_TABLE[data_id & 0xFF]), dtype=np.uint8)
+        for column, table in enumerate(tables):
+            crc ^= table[words[:, column]]
+        return crc
+
+
+def load_dbc(path_or_name: str | Path) -> dict[str, Message]:
+    """Messages of a DBC file, or of a gyro family shipped with the bench ("vibratory"), by name.
+
+    Raises ConfigError when the file is missing, not a DBC, or uses what the bench cannot decode.
+    """
+    path = Path(path_or_name)
+    if path.suffix.lower() != ".dbc":
+        path = _DBC_FOLDER / f"{path_or_name}.dbc"
+    return dict(_load(path.resolve()))
+
+
+@lru_cache(maxsize=16)
+def _load(path: Path) -> dict[str, Message]:
+    import cantools  # slow to import; a station without CAN never needs it
+
+    try:
+        database: Any = cantools.database.load_file(path, strict=True)
+    except OSError as error:
+        shipped = ", ".join(sorted(file.stem for file in _DBC_FOLDER.glob("*.dbc")))
+        raise ConfigError(f"DBC {path}: {error.strerror} (shipped families: {shipped})") from None
+    except Exception as error:  # cantools raises its own and those of its parsers
+        raise ConfigError(f"DBC {path}: {' '.join(str(error).split())}") from error
+    return {message.name: _message(path, message) for message in database.messages}
+
+
+def _message(path: Path, message: Any) -> Message:
+    if message.is_multiplexed() or message.is_fd or message.length > 8:
+        raise ConfigError(f"DBC {path}: {message.name} is multiplexed or longer than 8 bytes, which is not supported")
+    return Message(
+        name=message.name,
+        id=message.frame_id,
+        extended=message.is_extended_frame,
+        length=message.length,
+        cycle_ms=message.cycle_time or None,
+        signals={signal.name: _signal(signal) for signal in message.signals},
+    )
+
+
+def _signal(signal: Any) -> Signal:
+    big_endian = signal.byte_order == "big_endian"
+    # Bits to the left of the signal once the payload is read as one 64-bit word of its own byte order.
+    above = 8 * (signal.start // 8) + 7 - signal.start % 8 if big_endian else 64 - signal.start - signal.length
+    return Signal(
+        name=signal.name,
+        unit=signal.unit or "",
+        shift_up=above,
+        length=signal.length,
+        big_endian=big_endian,
+        signed=signal.is_signed,
+        is_float=signal.is_float,
+        scale=float(signal.scale),
+        offset=float(signal.offset),
+    )
+
+
+def _crc_table(polynomial: int = 0x1D) -> ByteArray:
+    table = np.arange(256)
+    for _ in range(8):
+        table = np.where(table & 0x80, (table << 1) ^ polynomial, table << 1) & 0xFF
+    return table.astype(np.uint8)
+
+
+_CRC_TABLE = _crc_table()
+
+
+@lru_cache(maxsize=8)
+def _crc_tables(length: int) -> tuple[list[ByteArray], int]:
+    """What each 16-bit word of a message adds to its CRC, and the CRC of zeros: the code is linear.
+
+    Byte k passes through the register once and is carried on by the bytes after it and by the data identifier.
+    """
+    start, parts = 0xFF, []
+    for _ in range(length):
+        start = int(_CRC_TABLE[start])
+    for position in range(length - 1):
+        part = np.arange(256, dtype=np.uint8)
+        for _ in range(length - position):
+            part = _CRC_TABLE[part]
+        parts.append(part)
+    parts += [np.zeros(256, dtype=np.uint8)] * 2  # the CRC itself, and a pad to whole words
+    pairs = [(parts[k + 1][:, None] ^ parts[k][None, :]).ravel() for k in range(0, length - 1, 2)]
+    return pairs, start ^ 0xFF
