@@ -12,6 +12,8 @@ import random
 from bisect import bisect_right
 from dataclasses import dataclass
 
+from pydantic import BaseModel, ConfigDict, Field
+
 NET_COOLING_W = (
     (-45.4, 0.0),
     (-40.0, 35.0),
@@ -24,49 +26,60 @@ NET_COOLING_W = (
 """Live load that full cooling carries at an air temperature [degC, W]: manual p. 7-1; 85 degC from the pull-down."""
 
 
-@dataclass(frozen=True)
-class Gains:
-    """One side of the controller: proportional band [K], integral and derivative times [s]."""
-
-    band_k: float
-    integral_s: float
-    derivative_s: float
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-@dataclass(frozen=True)
-class PlantParameters:
+class Gains(_Strict):
+    """One side of the controller."""
+
+    band_k: float = Field(gt=0.0, description="proportional band [K]")
+    integral_s: float = Field(gt=0.0, description="integral time [s]")
+    derivative_s: float = Field(ge=0.0, description="derivative time [s]")
+
+
+class PlantParameters(_Strict):
     """A bench chamber of the 28 litre class with a fixture and a gyro in it."""
 
-    air_j_per_k: float = 3290.0
-    heater_w: float = 465.0
-    wall_w_per_k: float = 2.0
-    """Wall conductance; the cooling table is net of it, so it only shapes coasting with everything off."""
-    ambient_degc: float = 23.0
-    cooling_lag_s: float = 11.0
-    sensor_lag_s: float = 12.0
-    sensor_noise_k: float = 0.01
-    sensor_step_k: float = 0.1
-    """Resolution of the published process value [K]; 0 for none. Watlow F4: 0.1; its control loop sees more."""
-    disturbance_k: float = 0.1
-    """Slow wander of the air (OU, standard deviation); without it the air is quieter than the manual's +-0.2 K."""
-    disturbance_s: float = 120.0
+    air_j_per_k: float = Field(3290.0, gt=0.0, description="heat capacity of air, liner and coil [J/K]")
+    heater_w: float = Field(465.0, gt=0.0, description="heater [W]")
+    wall_w_per_k: float = Field(
+        2.0, ge=0.0, description="conductance of the wall [W/K]; the cooling table is net of it"
+    )
+    ambient_degc: float = Field(23.0, description="room [degC]")
+    cooling_lag_s: float = Field(11.0, gt=0.0, description="evaporator [s]")
+    sensor_lag_s: float = Field(12.0, gt=0.0, description="the controller's sensor [s]")
+    sensor_noise_k: float = Field(0.01, ge=0.0, description="its noise [K]")
+    sensor_step_k: float = Field(0.1, ge=0.0, description="resolution of the published value [K], 0 for none; F4: 0.1")
+    disturbance_k: float = Field(
+        0.1,
+        ge=0.0,
+        description="slow wander of the air (OU) [K]; without it the air is quieter than the manual's +-0.2 K",
+    )
+    disturbance_s: float = Field(120.0, gt=0.0, description="its correlation time [s]")
     heating: Gains = Gains(band_k=8.0, integral_s=240.0, derivative_s=20.0)
     cooling: Gains = Gains(band_k=5.0, integral_s=300.0, derivative_s=20.0)
-    integral_zone_k: float = 3.0
-    """Farther from the set point than this the integral acts only if the error has stalled (approach control): keeps
-    85 -> 23 degC from undershooting by 4 K without leaving a droop."""
-    compressor_delay_s: tuple[float, float] = (10.0, 30.0)
-    """How long cooling must be wanted, or not wanted, before the compressor starts, or stops."""
-    compressor_minimum_s: tuple[float, float] = (60.0, 180.0)
-    """Shortest time on, and off: protects the compressor against short cycling."""
-    fixture_j_per_k: float = 600.0
-    fixture_w_per_k: float = 2.0
-    case_j_per_k: float = 120.0
-    case_w_per_k: float = 1.0
-    case_heat_w: float = 1.5
-    door_w_per_k: float = 25.0
-    relative_humidity: float = 0.4
-    """Of the ambient air that the chamber was closed with."""
+    integral_zone_k: float = Field(
+        3.0,
+        gt=0.0,
+        description="farther from the set point the integral acts only if the error has stalled [K]: approach "
+        "control, keeps 85 -> 23 degC from undershooting by 4 K without leaving a droop",
+    )
+    compressor_delay_s: tuple[float, float] = Field(
+        (10.0, 30.0), description="how long cooling must be wanted, or not, before the compressor starts, or stops [s]"
+    )
+    compressor_minimum_s: tuple[float, float] = Field(
+        (60.0, 180.0), description="shortest time on, and off [s]; protects it against short cycling"
+    )
+    fixture_j_per_k: float = Field(600.0, gt=0.0, description="heat capacity of the fixture [J/K]")
+    fixture_w_per_k: float = Field(2.0, ge=0.0, description="air to fixture [W/K]")
+    case_j_per_k: float = Field(120.0, gt=0.0, description="heat capacity of the gyro [J/K]")
+    case_w_per_k: float = Field(1.0, gt=0.0, description="fixture to gyro [W/K]")
+    case_heat_w: float = Field(0.6, ge=0.0, description="what the gyro's electronics dissipate [W]")
+    door_w_per_k: float = Field(25.0, ge=0.0, description="exchange through the open door [W/K]")
+    relative_humidity: float = Field(
+        0.4, ge=0.0, le=1.0, description="of the room's air that the chamber was closed with"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +96,7 @@ class PlantState:
     """Set point after the controller's own ramp generator."""
     fixture: float
     case: float
-    """Outside of the gyro, the temperature that its physics start from."""
+    """Outside of the gyro, the temperature that its physics start from: what a resonator's environment is given."""
     power: float
     """Controller output, -1 (full cooling) to 1 (full heating)."""
     heater: float
@@ -91,6 +104,8 @@ class PlantState:
     compressor: bool
     compressor_starts: int
     on: bool
+    humidity: float
+    """Relative humidity at room temperature of the gas inside, 0 to 1."""
 
 
 def net_cooling_w(air_degc: float) -> float:
@@ -188,7 +203,9 @@ class Plant:
         start = self.ambient_degc if start_degc is None else start_degc
         self._random = random.Random(seed)
         self._bulk = self._sensor = self._fixture = self._case = start
-        self._case += self.parameters.case_heat_w / self.parameters.case_w_per_k
+        p = self.parameters
+        self._fixture += p.case_heat_w / p.fixture_w_per_k if p.fixture_w_per_k else 0.0
+        self._case = self._fixture + p.case_heat_w / p.case_w_per_k
         self._disturbance = self._random.gauss(0.0, self.parameters.disturbance_k)
         self._cooling_w = 0.0
         self._measured = start
@@ -245,4 +262,5 @@ class Plant:
             compressor=self._compressor.running,
             compressor_starts=self._compressor.starts,
             on=on,
+            humidity=self.parameters.relative_humidity,
         )

@@ -11,13 +11,16 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from importlib import resources
 from typing import Any
 
 import numpy as np
+import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from scipy.linalg import expm
 
 from drivers.errors import ConfigError
+from drivers.sim.plant import PlantState
 from drivers.sim.truth import MECHANISMS, AnyMechanism, ThermalMechanism
 from drivers.sim.truth.base import Contribution, FloatArray, Scene
 from drivers.sim.truth.channels import Channels, ChannelSettings
@@ -52,6 +55,12 @@ class UnitSettings(BaseModel):
         return settings
 
 
+def default_unit() -> UnitSettings:
+    """The unit of the embedded station, from `default_unit.yaml` beside this module."""
+    text = resources.files("drivers.sim").joinpath("default_unit.yaml").read_text(encoding="utf-8")
+    return UnitSettings.parse(yaml.safe_load(text))
+
+
 def _explain(item: dict[str, Any]) -> str:
     where = ".".join(str(part) for part in item["loc"])
     if item["type"] == "extra_forbidden":
@@ -71,7 +80,7 @@ class Environment:
     t0_s: float
     samples: int
     fixture_temperature: tuple[float, float]
-    """Of the surface that the unit sits on, which its case follows at once [degC]."""
+    """Of what the unit's case follows at once [degC]: the `case` of a plant's state."""
     air_temperature: tuple[float, float] = (25.0, 25.0)
     supply_v: float = 5.0
     compressor: float = 0.0
@@ -80,6 +89,20 @@ class Environment:
     humidity: float = 0.4
     powered: bool = True
     rate_hz: float = 500.0
+
+    @classmethod
+    def during(cls, t0_s: float, samples: int, before: PlantState, after: PlantState, **others: Any) -> Environment:
+        """What a chamber that went from one state to another does to the unit; `others` are further fields."""
+        return cls(
+            t0_s,
+            samples,
+            fixture_temperature=(before.case, after.case),
+            air_temperature=(before.air, after.air),
+            compressor=float(after.compressor),
+            heater=after.heater,
+            humidity=after.humidity,
+            **others,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +147,8 @@ class _Thermometry:
 
     def _table(self, n: int, node_s: float) -> FloatArray:
         if (n, node_s) not in self._tables:
-            self._tables[n, node_s] = np.stack([expm(self._a * (j * node_s)) for j in range(n + 1)])
+            step = expm(self._a * node_s)
+            self._tables[n, node_s] = np.stack([np.linalg.matrix_power(step, j) for j in range(n + 1)])
         return self._tables[n, node_s]
 
 

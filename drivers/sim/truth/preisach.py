@@ -31,17 +31,37 @@ class Preisach(Mechanism):
         unit = np.random.default_rng(self.relay_seed)
         centre = unit.uniform(self.from_degc, self.to_degc, self.relays)
         half = unit.exponential(self.half_width_degc, self.relays)
-        up, down = centre + half, centre - half
-        state: FloatArray | None = None
+        relays: _Relays | None = None
 
         def contribute(scene: Scene) -> FloatArray:
-            nonlocal state
-            if state is None:
-                state = np.where(scene.sensor[0] > centre, 1.0, -1.0)
-            before = float(state.mean())
-            t = scene.sensor[-1]
-            state[up < t] = 1.0
-            state[down > t] = -1.0
-            return self.amplitude_dph * np.linspace(before, float(state.mean()), len(scene.sensor))
+            nonlocal relays
+            if relays is None:
+                relays = _Relays(centre, half, float(scene.sensor[0]))
+            before = relays.mean
+            after = relays.move_to(float(scene.sensor[-1]))
+            return self.amplitude_dph * np.linspace(before, after, len(scene.sensor))
 
         return contribute
+
+
+class _Relays:
+    """Relays with their thresholds in order, so that a step touches only those that it passes."""
+
+    def __init__(self, centre: FloatArray, half: FloatArray, start_degc: float) -> None:
+        self._thresholds = tuple((np.argsort(x), np.sort(x)) for x in (centre - half, centre + half))
+        self._up = centre < start_degc
+        self._temperature = start_degc
+
+    @property
+    def mean(self) -> float:
+        """Mean state, -1 to 1."""
+        return 2.0 * float(np.count_nonzero(self._up)) / len(self._up) - 1.0
+
+    def move_to(self, temperature: float) -> float:
+        """Mean state after a monotonic change to a temperature [degC]."""
+        rising = temperature > self._temperature
+        order, sorted_thresholds = self._thresholds[rising]
+        first, last = np.searchsorted(sorted_thresholds, sorted((self._temperature, temperature)))
+        self._up[order[first:last]] = rising
+        self._temperature = temperature
+        return self.mean
