@@ -96,6 +96,7 @@ def _explain(detail: ErrorDetails, document: Document, schema: dict[str, Any]) -
     where = _spell(path)
     line = document.line(path)
     kind, context = detail["type"], detail.get("ctx", {})
+    key = str(context.get("discriminator", "")).strip("'")
     if kind == "extra_forbidden":
         known = _schema_at(schema, detail["loc"][:-1], document.content).get("properties", {})
         text = f"unknown key '{path[-1]}'{nearest(str(path[-1]), known)}; known here: {', '.join(known)}"
@@ -105,10 +106,10 @@ def _explain(detail: ErrorDetails, document: Document, schema: dict[str, Any]) -
         text = f"{where + ': ' if where else ''}missing key '{missing}'" + (f" ({meaning})" if meaning else "")
     elif kind == "union_tag_not_found":
         allowed = ", ".join(node.get("discriminator", {}).get("mapping", {}))
-        text = f"{where}: missing key {context['discriminator'].strip("'")}; one of {allowed}"
+        text = f"{where}: missing key {key}; one of {allowed}"
     elif kind == "union_tag_invalid":
         known = re.findall(r"'([^']*)'", context["expected_tags"])
-        text = f"{where}: {context['discriminator'].strip("'")} is '{context['tag']}'{nearest(context['tag'], known)}"
+        text = f"{where}: {key} is '{context['tag']}'{nearest(context['tag'], known)}"
         text += f"; one of {', '.join(known)}"
     elif kind in {"value_error", "assertion_error"}:
         text = f"{where + ': ' if where else ''}{error or detail['msg']}"
