@@ -1,8 +1,9 @@
 """Append-only journal of a run: CRC-framed blocks that survive `kill -9` and a power cut.
 
-Each block is written by one `write` call: header, payload, and a CRC-32 over both. A reader takes every block whose
-CRC is right, resynchronises on the magic after a damaged one, and reports the bytes it had to leave out. One writer
-per file. Readers may follow a file while it grows.
+Each block is written by one `write` call: header with its CRC-32, payload, and a CRC-32 over all. A reader takes every
+block whose CRC is right, resynchronises on the magic after a damaged one, and reports the bytes it had to leave out.
+The header has a CRC of its own so that a damaged length cannot make a reader wait for bytes that never come. One
+writer per file. Readers may follow a file while it grows.
 """
 
 from __future__ import annotations
@@ -51,6 +52,9 @@ class Kind(IntEnum):
     META = 4  # one JSON object: what is needed to decode this file by itself
 
 
+_KINDS = frozenset(Kind)
+
+
 @dataclass(frozen=True)
 class Block:
     """One block whose CRC was right; `t_s` is bench time [s] at writing."""
@@ -78,6 +82,7 @@ class JournalWriter:
     def append(self, kind: Kind, payload: bytes, count: int, t_s: float, wall_ns: int = 0) -> None:
         """Write one block with a single system call; OSError (a full disk) reaches the caller."""
         head = _HEADER.pack(MAGIC, VERSION, int(kind), self._sequence, count, len(payload), t_s, wall_ns)
+        head += _CRC.pack(zlib.crc32(head))
         crc = zlib.crc32(payload, zlib.crc32(head))
         block = b"".join((head, payload, _CRC.pack(crc)))
         written = os.write(self._fd, block)
@@ -126,19 +131,39 @@ class JournalTail:
         return len(self._rest)
 
 
-def read_blocks(path: Path, chunk_bytes: int = 1 << 24) -> Iterator[Block]:
-    """All sound blocks of a finished or killed journal, in constant memory."""
+@dataclass
+class Damage:
+    """What a reader had to leave out: damaged bytes between blocks, and a torn block at the end."""
+
+    skipped_bytes: int = 0
+    torn_bytes: int = 0
+
+
+def read_blocks(path: Path, damage: Damage | None = None, chunk_bytes: int = 1 << 24) -> Iterator[Block]:
+    """All sound blocks of a finished or killed journal, in constant memory; counts into `damage` what is not sound."""
+    damage = damage if damage is not None else Damage()
     rest = b""
     with path.open("rb") as file:
         while chunk := file.read(chunk_bytes):
             data = rest + chunk
-            blocks, used, _ = _parse(data)
+            blocks, used, skipped = _parse(data)
+            damage.skipped_bytes += skipped
             yield from blocks
             rest = data[used:]
+    blocks, used, skipped = _parse(rest, final=True)
+    yield from blocks
+    left_out = skipped + len(rest) - used
+    if blocks:  # appended after a torn one
+        damage.skipped_bytes += left_out
+    else:
+        damage.torn_bytes += left_out
 
 
-def _parse(data: bytes) -> tuple[list[Block], int, int]:
-    """Blocks in `data`, the number of bytes used, and the number of bytes skipped as damaged."""
+def _parse(data: bytes, final: bool = False) -> tuple[list[Block], int, int]:
+    """Blocks in `data`, the number of bytes used, and the number of bytes skipped as damaged.
+
+    A block that `data` holds only in part stops the search, unless `final` says that no more will come.
+    """
     blocks: list[Block] = []
     position = skipped = 0
     while True:
@@ -148,18 +173,28 @@ def _parse(data: bytes) -> tuple[list[Block], int, int]:
             return blocks, len(data) - keep, skipped + len(data) - keep - position
         skipped += start - position
         position = start
-        if len(data) - start < _HEADER.size:
-            return blocks, position, skipped
-        _, version, kind, sequence, count, size, t_s, wall_ns = _HEADER.unpack_from(data, start)
-        end = start + _HEADER.size + size + _CRC.size
-        plausible = version == VERSION and size <= MAX_PAYLOAD and kind in set(Kind)
-        if plausible and end > len(data):
-            return blocks, position, skipped
-        body_end = end - _CRC.size
-        if plausible and zlib.crc32(data[start:body_end]) == _CRC.unpack_from(data, body_end)[0]:
-            payload = data[start + _HEADER.size : body_end]
-            blocks.append(Block(Kind(kind), sequence, count, t_s, wall_ns, payload))
+        block, end = _block(data, start)
+        if block is not None:
+            blocks.append(block)
             position = end
+        elif end > len(data) and not final:
+            return blocks, position, skipped
         else:
-            position = start + 1
+            position += 1
             skipped += 1
+
+
+def _block(data: bytes, start: int) -> tuple[Block | None, int]:
+    """The block whose magic is at `start`, None if it is not whole and sound; where it (or its header) should end."""
+    body = start + _HEADER.size + _CRC.size
+    head = data[start:body]
+    if len(head) < body - start or zlib.crc32(head[: -_CRC.size]) != _CRC.unpack_from(head, _HEADER.size)[0]:
+        return None, body
+    _, version, kind, sequence, count, size, t_s, wall_ns = _HEADER.unpack_from(head)
+    payload = data[body : body + size]
+    end = body + size + _CRC.size
+    if data[body + size : end] != _CRC.pack(zlib.crc32(payload, zlib.crc32(head))):
+        return None, end
+    if version != VERSION or kind not in _KINDS:
+        return None, start + 1
+    return Block(Kind(kind), sequence, count, t_s, wall_ns, payload), end

@@ -1,0 +1,249 @@
+"""Journals → tables of the run folder: `data.parquet`, `means.parquet`, `events.jsonl`, `manifest.json`.
+
+The same code finishes a run and recovers a killed one: it needs nothing but the journals. Rows of `data.parquet` are
+ticks of the unit's sample counter; a chamber reading stands on the tick nearest to it; what was not sampled is null.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.channels import CHANNELS, FloatArray, IntArray
+from bench.errors import InputError
+from bench.means import write_means
+from bench.recorder import BENCH_JOURNAL, READING
+from bench.store import RunFolder
+from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
+from drivers.journal import Block, Damage, Kind, read_blocks
+
+ROWS_PER_GROUP = 1 << 19
+HOLD_BACK = 2000
+"""Newest samples that wait for their slow frames before a row group is written."""
+
+Readings = np.ndarray[Any, np.dtype[np.void]]
+
+_CHAMBER = {"chamber_temperature": "temperature", "chamber_setpoint": "working_setpoint", "compressor": "compressor"}
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """What the bench's own journal says."""
+
+    meta: dict[str, Any]
+    events: list[dict[str, Any]]
+    readings: Readings
+
+    def segments(self) -> list[dict[str, Any]]:
+        """Executed segments; one that was cut off by a kill ends with the last reading."""
+        done = [event for event in self.events if event["kind"] == "segment" and event["phase"] == "end"]
+        started = [event for event in self.events if event["kind"] == "segment" and event["phase"] == "start"]
+        segments = [dict(event["segment"]) for event in done]
+        if len(started) > len(done):
+            to_s = float(self.readings["t_s"][-1]) if len(self.readings) else started[-1]["t_s"]
+            cut = {"to_s": to_s, "outcome": "interrupted", "reason": "the bench was killed"}
+            segments.append({**started[-1]["segment"], **cut})
+        return [{**segment, "settled": segment["outcome"] == "done"} for segment in segments]
+
+
+def read_bench_journal(path: Path) -> _Bench:
+    """Meta, events and readings; InputError when the journal is missing or holds no meta block."""
+    meta: dict[str, Any] = {}
+    events: list[dict[str, Any]] = []
+    rows: list[bytes] = []
+    if path.exists():
+        for block in read_blocks(path):
+            if block.kind is Kind.META:
+                meta = json.loads(block.payload)
+            elif block.kind is Kind.EVENT:
+                events.append(json.loads(block.payload))
+            elif block.kind is Kind.READING:
+                rows.append(block.payload)
+    if not meta:
+        raise InputError("not a run folder: no manifest and no readable journal", path.parent.parent)
+    return _Bench(meta, events, np.frombuffer(b"".join(rows), READING))
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """A decoder that has seen all frames of a run, and the clock it found; live, or from the journal."""
+
+    decoder: GyroDecoder
+    clock: SampleClock
+
+
+def assemble(run: RunFolder, outcome: Mapping[str, Any] | None = None, live: Decoded | None = None) -> dict[str, Any]:
+    """Make the tables and the manifest of a run from its journals; returns the manifest.
+
+    `outcome` is how the run ended (`state`, `cause`); left out for a run whose bench was killed. `live` saves a pass
+    over the frames when they were decoded already. InputError when there is nothing to make a run from.
+    """
+    bench = read_bench_journal(run.journal / BENCH_JOURNAL)
+    gyro = bench.meta["gyro"]
+    source = run.journal / f"{gyro['bus']}.gtbj"
+    seen = live or _decode_all(source, gyro)
+    segments = bench.segments()
+    damage = Damage()
+    rows = _write_data(run.data, _blocks(source, gyro, damage), _Grid(bench.readings, segments, seen.clock))
+    write_means(run.data, run.means)
+    lines = (json.dumps(event, allow_nan=False) for event in bench.events)
+    (run.path / "events.jsonl").write_text("".join(f"{line}\n" for line in lines))
+    killed = {"state": "aborted", "cause": "the bench was killed; recovered from its journals"}
+    manifest = {
+        **bench.meta,
+        **(outcome or killed),
+        "sample_rate_hz": round(1 / seen.decoder.interval_s),
+        "rate_step_dph": seen.decoder.rate_step_dph,
+        "unit_clock_drift_ppm": seen.clock.drift_ppm if seen.decoder.samples else None,
+        "rows": rows,
+        "duration_s": float(bench.readings["t_s"][-1]) if len(bench.readings) else 0.0,
+        "segments": segments,
+        "losses": {**seen.decoder.losses.as_dict(), "journal_damaged_bytes": damage.skipped_bytes + damage.torn_bytes},
+        "files": run.hashes(),
+    }
+    run.write_manifest(manifest)
+    return manifest
+
+
+def _decode_all(source: Path, gyro: Mapping[str, Any]) -> Decoded:
+    """A first pass over the frames: their losses and the unit's clock."""
+    decoder = GyroDecoder(gyro["layout"], gyro["number"])
+    clock = SampleClock(decoder.interval_s)
+    for block in _frame_blocks(source, Damage()):
+        decoded = decoder.decode(block.frames())
+        clock.add(decoded.index, decoded.t_ns)
+    return Decoded(decoder, clock)
+
+
+def _blocks(source: Path, gyro: Mapping[str, Any], damage: Damage) -> Iterator[GyroBlock]:
+    decoder = GyroDecoder(gyro["layout"], gyro["number"])
+    for block in _frame_blocks(source, damage):
+        yield decoder.decode(block.frames())
+
+
+def _frame_blocks(source: Path, damage: Damage) -> Iterator[Block]:
+    if source.exists():
+        yield from (block for block in read_blocks(source, damage) if block.kind is Kind.FRAMES)
+
+
+class _Grid:
+    """Chamber readings and segments on the sample grid of the unit."""
+
+    def __init__(self, readings: Readings, segments: Sequence[Mapping[str, Any]], clock: SampleClock) -> None:
+        self.clock = clock
+        self._segments = segments
+        self._readings = readings
+        self._index: IntArray | None = None
+
+    def index(self) -> IntArray:
+        """Nearest tick of each reading (r,)."""
+        if self._index is None:
+            t_s = self._readings["t_s"]
+            nominal = np.rint(t_s / self.clock.interval_s).astype(np.int64)
+            error = self.clock.time(nominal) - t_s
+            self._index = nominal - np.rint(error / self.clock.interval_s).astype(np.int64)
+        return self._index
+
+    def between(self, first: int, end: int) -> tuple[IntArray, dict[str, FloatArray]]:
+        """Ticks and values of the readings in [first, end)."""
+        index = self.index()
+        rows = np.flatnonzero((index >= first) & (index < end))
+        return index[rows], {name: self._readings[field][rows] for name, field in _CHAMBER.items()}
+
+    def segment(self, time: FloatArray) -> IntArray:
+        """Segment in force at each bench time (n,), -1 between segments."""
+        starts = np.array([segment["from_s"] for segment in self._segments])
+        ends = np.array([segment["to_s"] for segment in self._segments])
+        if not len(starts):
+            return np.full(len(time), -1, dtype=np.int64)
+        at = np.searchsorted(starts, time, side="right") - 1
+        inside = (at >= 0) & (time < ends[at])
+        return np.where(inside, at, -1)
+
+
+@dataclass
+class _Pending:
+    """Decoded samples that are not written yet."""
+
+    index: list[IntArray] = field(default_factory=list)
+    rate: list[FloatArray] = field(default_factory=list)
+    slow: dict[str, list[tuple[IntArray, FloatArray]]] = field(default_factory=dict)
+
+    def add(self, block: GyroBlock) -> None:
+        self.index.append(block.index)
+        self.rate.append(block.rate_dph)
+        for name, series in block.slow.items():
+            self.slow.setdefault(name, []).append((series.index, series.value))
+
+    def count(self) -> int:
+        return sum(len(part) for part in self.index)
+
+    def take(self, end: int | None) -> dict[str, tuple[IntArray, FloatArray]]:
+        """Channels before tick `end` (all of them for None), which leave the waiting room."""
+        parts = {"rate": list(zip(self.index, self.rate, strict=True)), **self.slow}
+        taken: dict[str, tuple[IntArray, FloatArray]] = {}
+        rest = _Pending()
+        for name, pairs in parts.items():
+            index = np.concatenate([pair[0] for pair in pairs] or [np.zeros(0, np.int64)])
+            value = np.concatenate([pair[1] for pair in pairs] or [np.zeros(0)])
+            cut = len(index) if end is None else int(np.searchsorted(index, end))
+            taken[name] = index[:cut], value[:cut]
+            if name == "rate":
+                rest.index, rest.rate = [index[cut:]], [value[cut:]]
+            else:
+                rest.slow[name] = [(index[cut:], value[cut:])]
+        self.index, self.rate, self.slow = rest.index, rest.rate, rest.slow
+        return taken
+
+
+def _write_data(path: Path, blocks: Iterator[GyroBlock], grid: _Grid) -> int:
+    """Write `data.parquet` in row groups, in constant memory; returns the number of rows."""
+    pending = _Pending()
+    rows = first = 0
+    options = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": ["segment"]}
+    floats = [name for name in CHANNELS if name != "applied_rate"]
+    splits = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
+    schema = pa.schema([*(pa.field(name, pa.float64()) for name in floats), pa.field("segment", pa.int16())])
+    with pq.ParquetWriter(path, schema, column_encoding=splits, **options) as writer:
+        for block in blocks:
+            pending.add(block)
+            if pending.count() >= ROWS_PER_GROUP + HOLD_BACK:
+                end = int(pending.index[-1][-1]) - HOLD_BACK if len(pending.index[-1]) else None
+                rows += _write_group(writer, pending.take(end), grid, first, end)
+                first = end if end is not None else first
+        rows += _write_group(writer, pending.take(None), grid, first, None)
+    return rows
+
+
+def _write_group(
+    writer: pq.ParquetWriter, parts: dict[str, tuple[IntArray, FloatArray]], grid: _Grid, first: int, end: int | None
+) -> int:
+    samples = parts["rate"][0]
+    if not len(samples):
+        return 0
+    last = end if end is not None else int(samples[-1]) + round(1 / grid.clock.interval_s) + 1
+    at, chamber = grid.between(first, last)
+    parts = {**parts, **{name: (at, value) for name, value in chamber.items()}}
+    index = np.unique(np.concatenate([part[0] for part in parts.values()]))
+    time = grid.clock.time(index)
+    columns = []
+    for item in writer.schema:
+        if item.name == "time":
+            columns.append(pa.array(time))
+        elif item.name == "segment":
+            columns.append(pa.array(grid.segment(time).astype(np.int16)))
+        else:
+            column = np.full(len(index), np.nan)
+            if item.name in parts:
+                where, value = parts[item.name]
+                column[np.searchsorted(index, where)] = value
+            columns.append(pa.array(column, from_pandas=True))
+    writer.write_table(pa.Table.from_arrays(columns, schema=writer.schema), row_group_size=len(index))
+    return len(index)

@@ -1,0 +1,80 @@
+"""The simulated station: chamber plant behind a Modbus server, gyros on a CAN bus, stepped together in lock-step.
+
+`advance(t0, t1)` is what a `SimClock` calls: commands are taken from the chamber's registers, the plant and each gyro
+advance, the registers and the frames follow. Nothing here knows who reads them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from drivers.registers import RegisterMap
+from drivers.sim.can_gyro import CanGyro
+from drivers.sim.modbus_chamber import ModbusChamber
+from drivers.sim.plant import Plant
+from drivers.sim.resonator import Environment, Resonator
+
+SAMPLE_RATE_HZ = 500
+
+
+@dataclass
+class SimulatedUnit:
+    """One gyro: its physics and its wire."""
+
+    physics: Resonator
+    wire: CanGyro
+
+
+class SimulatedStation:
+    """A chamber and the units in it; `modbus_port` is where the chamber listens."""
+
+    def __init__(
+        self, register_map: RegisterMap, plant: Plant, units: Sequence[SimulatedUnit], modbus_port: int = 0
+    ) -> None:
+        self.plant = plant
+        self.units = list(units)
+        self.chamber = ModbusChamber(register_map, port=modbus_port, temperature=plant.state.process_value)
+        self._samples_due = 0.0
+        self._publish()
+
+    @property
+    def modbus_port(self) -> int:
+        """TCP port of the chamber on 127.0.0.1."""
+        return self.chamber.port
+
+    def advance(self, t0_s: float, t1_s: float) -> None:
+        """Let the simulated world pass from `t0_s` to `t1_s` [s]."""
+        commands = self.chamber.commands()
+        before = self.plant.state
+        ramp = commands.ramp_rate_degc_per_min
+        after = self.plant.step(t1_s - t0_s, commands.setpoint, on=commands.on, ramp_degc_per_min=ramp)
+        self._publish()
+        self._samples_due += (t1_s - t0_s) * SAMPLE_RATE_HZ
+        samples = int(self._samples_due + 1e-6)
+        self._samples_due -= samples
+        if samples:
+            environment = Environment(
+                t0_s=t0_s,
+                samples=samples,
+                rate_hz=SAMPLE_RATE_HZ,
+                fixture_temperature=(before.case, after.case),
+                air_temperature=(before.air, after.air),
+                compressor=float(after.compressor),
+            )
+            for unit in self.units:
+                unit.wire.send(t0_s, unit.physics.advance(environment))
+
+    def _publish(self) -> None:
+        state = self.plant.state
+        self.chamber.publish(
+            temperature=state.process_value,
+            working_setpoint=state.working_setpoint,
+            power=100.0 * state.power,
+            on=state.on,
+            compressor=state.compressor,
+        )
+
+    def close(self) -> None:
+        """Stop the Modbus server; the buses belong to whoever opened them."""
+        self.chamber.close()
