@@ -23,7 +23,7 @@ from bench.effects.base import Parameter, Physical, Series, Theta, check_whole, 
 
 @dataclass(frozen=True)
 class Polynomial:
-    """Polynomial in temperature; `order` 1 to 9."""
+    """Polynomial in temperature; `order` 1 to 12."""
 
     name: ClassVar[str] = "polynomial"
     family: ClassVar[str] = "static"
@@ -34,7 +34,7 @@ class Polynomial:
     series: Series | None = field(default=None, repr=False, metadata={"fitted": True})
 
     def __post_init__(self) -> None:
-        check_whole(self.name, "order", self.order, 1, 9)
+        check_whole(self.name, "order", self.order, 1, 12)
 
     def prepare(self, records: Sequence[Dataset]) -> Polynomial:
         """Scale the temperature; InputError where it is constant."""
