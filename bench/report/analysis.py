@@ -1,0 +1,170 @@
+"""A run folder judged: floor, ladder of models, best model, completeness, verdict; written as JSON beside the data."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.channels import FloatArray
+from bench.dataset import DEFAULT_INTERVAL_S, Dataset, load
+from bench.diagnosis.compare import Comparison, Score, compare, ladder
+from bench.errors import InputError
+from bench.model import Model
+from bench.report.calibration import calibration
+from bench.report.cautions import cautions
+from bench.report.completeness import Completeness, completeness
+from bench.report.floor import Floor, noise_floor
+from bench.report.verdict import Verdict, judge
+from bench.store import Manifest, RunFolder, write_atomically
+
+BASELINES = 3
+"""Models at the start of the ladder that every comparison shows: what is common practice."""
+
+_PENDING = Verdict("unproven", "not judged yet")
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """What a report says. `dataset`, `comparison` and `best` are None where the run does not allow them."""
+
+    run: RunFolder
+    manifest: Manifest
+    interval_s: float
+    done: Completeness
+    floor: Floor
+    verdict: Verdict
+    dataset: Dataset | None = None
+    comparison: Comparison | None = None
+    best: Score | None = None
+    bias_span_dph: float = np.nan
+    """Highest less lowest mean of the bias over the run [deg/h]."""
+    uncompensated_dph: float = np.nan
+    """RMS of the bias about its mean: the error of a unit without compensation [deg/h]."""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def held_out_ratio(self) -> float:
+        """Held-out error of the best model over the noise floor."""
+        return self.best.held_out.rms_dph / self.floor.floor_dph if self.best else np.nan
+
+    @property
+    def improvement(self) -> float:
+        """Error without compensation over held-out error of the best model."""
+        return self.uncompensated_dph / self.best.held_out.rms_dph if self.best else np.nan
+
+    def residual(self) -> FloatArray:
+        """Measured less modelled bias of the best model (n,) [deg/h]."""
+        if self.dataset is None or self.best is None:
+            raise InputError("no model was fitted, so there is no residual", self.run.path)
+        residual: FloatArray = self.dataset.bias - self.best.fit.predict(self.dataset).bias
+        return residual
+
+    def to_json(self) -> dict[str, Any]:
+        """What `bench run --json` answers about the data; null where a number does not exist."""
+        best = self.best
+        return {
+            "run": str(self.run.path),
+            "verdict": self.verdict.word,
+            "sentence": self.verdict.sentence,
+            "complete": self.done.ended,
+            "model": best.model.name if best else None,
+            "rms_dph": _finite(best.rms_dph) if best else None,
+            "held_out_rms_dph": _finite(best.held_out.rms_dph) if best else None,
+            "held_out_by": best.held_out.by if best else None,
+            "floor_dph": _finite(self.floor.floor_dph),
+            "bias_span_dph": _finite(self.bias_span_dph),
+            "uncompensated_rms_dph": _finite(self.uncompensated_dph),
+            "samples": self.done.samples,
+            "missing_samples": self.done.missing,
+            "losses": dict(self.done.losses),
+            "warnings": list(self.warnings),
+        }
+
+
+def analyse(
+    run_folder: Path | str,
+    models: Sequence[Model] = (),
+    check: Sequence[Path | str] = (),
+    interval_s: float = DEFAULT_INTERVAL_S,
+) -> Analysis:
+    """Analyse a run with `models` (default: those of the source papers) beside the baselines.
+
+    With `check` runs of the same unit the held-out error is measured on them. A run that was aborted or holds nothing
+    is no error: the analysis says so. Raises InputError when the folder is no run or a check run cannot be read.
+    Writes compare.json and calibration.json into the run folder.
+    """
+    run = RunFolder(Path(run_folder))
+    manifest = run.manifest()
+    checks = [load(folder, interval_s) for folder in check]
+    base, reason = _base(run)
+    done = completeness(run, manifest, base)
+    floor = Floor(reason=reason) if base is None else noise_floor(base, interval_s)
+    if base is None:
+        verdict = judge(done, None, np.nan, reason)
+        result = Analysis(run, manifest, interval_s, done, floor, verdict, warnings=cautions(done, floor, None, None))
+    else:
+        data = base.average(interval_s)
+        result = _judged(Analysis(run, manifest, interval_s, done, floor, _PENDING, data), data, models, checks)
+    _write(result)
+    return result
+
+
+def _base(run: RunFolder) -> tuple[Dataset | None, str]:
+    """The 1 s means, or why there are none."""
+    try:
+        base = load(run.path, 1.0)
+        if not np.any(np.isfinite(base.bias)):
+            return None, "the record holds no rate sample"
+        base.channel("temperature")
+    except InputError as error:
+        return None, str(error).replace(f"{run.path}/", "")
+    return base, ""
+
+
+def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Sequence[Dataset]) -> Analysis:
+    rungs = [*ladder()[:BASELINES], *(models or ladder()[BASELINES:])]
+    comparison = compare(data, rungs, known.floor.floor_dph, checks or None, strict=False)
+    best = _best(comparison)
+    reason = "; ".join(f"{name}: {why}" for name, why in comparison.refused)
+    weight = data.count("rate")
+    mean = np.nansum(weight * data.bias) / np.sum(weight)
+    return replace(
+        known,
+        verdict=judge(known.done, best, known.floor.floor_dph, reason),
+        comparison=comparison,
+        best=best,
+        bias_span_dph=float(np.nanmax(data.bias) - np.nanmin(data.bias)),
+        uncompensated_dph=float(np.sqrt(np.nansum(weight * (data.bias - mean) ** 2) / np.sum(weight))),
+        warnings=cautions(known.done, known.floor, comparison, best),
+    )
+
+
+def _best(comparison: Comparison) -> Score | None:
+    """Least error on unseen data; where no model has one, the least error on its own."""
+    proven = [score for score in comparison.scores if np.isfinite(score.held_out.rms_dph)]
+    if proven:
+        return min(proven, key=lambda score: score.held_out.rms_dph)
+    return min(comparison.scores, key=lambda score: score.rms_dph, default=None)
+
+
+def _write(result: Analysis) -> None:
+    folder = result.run.path
+    answer = result.to_json()
+    compared = result.comparison.to_json() if result.comparison else {"runs": [folder.name], "models": []}
+    _dump(folder / "compare.json", {**compared, "verdict": answer["verdict"]})
+    _dump(
+        folder / "calibration.json", calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
+    )
+
+
+def _dump(path: Path, content: dict[str, Any]) -> None:
+    write_atomically(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

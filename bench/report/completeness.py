@@ -1,0 +1,108 @@
+"""Did the run go to its end, and is all of its data there? Answered from manifest and tables, before any model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.dataset import Dataset
+from bench.store import RunFolder, sha256
+
+LOST = ("lost", "corrupt", "torn_bytes")
+"""Loss counters that mean data are missing; the others (repeated, late, out of order) cost nothing."""
+
+_GAP = 2.0
+"""Neighbours further apart than this many intervals have a gap between them."""
+
+
+@dataclass(frozen=True)
+class Completeness:
+    """What of the run is there. `missing` counts unit samples [1], None where the sampling rate is not known."""
+
+    state: str = "unknown"
+    cause: str = ""
+    duration_s: float = 0.0
+    samples: int = 0
+    missing: int | None = None
+    gaps_s: tuple[tuple[float, float], ...] = ()
+    losses: Mapping[str, int] = field(default_factory=dict)
+    segments: tuple[Mapping[str, Any], ...] = ()
+    temperature: tuple[float, float] | None = None
+    heating_s: float = 0.0
+    cooling_s: float = 0.0
+    altered: tuple[str, ...] = ()
+    """Files whose hash is not the manifest's."""
+
+    @property
+    def failed(self) -> tuple[Mapping[str, Any], ...]:
+        """Segments that did not get where they should."""
+        return tuple(s for s in self.segments if not s.get("settled", True) or s.get("outcome", "done") == "timeout")
+
+    @property
+    def ended(self) -> bool:
+        """The run, or the import, went to its end and every segment got where it should."""
+        return self.state in {"done", "imported"} and not self.failed
+
+    @property
+    def lost(self) -> int | None:
+        """Frames that were lost or damaged; None where nobody counted."""
+        return sum(int(self.losses.get(key) or 0) for key in LOST) if self.losses else None
+
+
+def completeness(run: RunFolder, manifest: Mapping[str, Any], base: Dataset | None) -> Completeness:
+    """Completeness of a run folder; `base` are its 1 s means, None where there are none."""
+    known = Completeness(
+        state=str(manifest.get("state", "unknown")),
+        cause=str(manifest.get("cause") or ""),
+        losses={k: int(v) for k, v in dict(manifest.get("losses") or {}).items() if isinstance(v, int | float)},
+        segments=tuple(manifest.get("segments") or ()),
+        altered=_altered(run, manifest),
+    )
+    if base is None or len(base) == 0:
+        return known
+    samples, missing = _samples(run, base, manifest.get("sample_rate_hz"))
+    temperature = base.channel("temperature")
+    return replace(
+        known,
+        duration_s=float(base.time[-1] - base.time[0]) + base.interval_s,
+        samples=samples,
+        missing=missing,
+        gaps_s=_gaps(base),
+        temperature=(float(np.nanmin(temperature)), float(np.nanmax(temperature))),
+        heating_s=float(np.sum(base.direction > 0) * base.interval_s),
+        cooling_s=float(np.sum(base.direction < 0) * base.interval_s),
+    )
+
+
+def _samples(run: RunFolder, base: Dataset, rate_hz: float | None) -> tuple[int, int | None]:
+    """Unit samples present, and missing between the first and the last, from the footer of the 500 Hz table."""
+    counted = int(base.count("rate").sum())
+    try:
+        footer = pq.ParquetFile(run.data).metadata
+        groups = [footer.row_group(i) for i in range(footer.num_row_groups)]
+        columns = {groups[0].column(j).path_in_schema: j for j in range(footer.num_columns)} if groups else {}
+        time = [group.column(columns["time"]).statistics for group in groups]
+        first, last = min(s.min for s in time), max(s.max for s in time)
+    except (OSError, KeyError, AttributeError, ValueError, pa.ArrowException):  # no table, or no statistics in it
+        return counted, None
+    return counted, None if not rate_hz else max(0, round((last - first) * rate_hz) + 1 - counted)
+
+
+def _gaps(base: Dataset) -> tuple[tuple[float, float], ...]:
+    """Spans [s] without a single rate sample."""
+    present = base.time[np.isfinite(base.channel("rate"))]
+    edge = 0.5 * base.interval_s
+    return tuple((a + edge, b - edge) for a, b in pairwise(present.tolist()) if b - a > _GAP * base.interval_s)
+
+
+def _altered(run: RunFolder, manifest: Mapping[str, Any]) -> tuple[str, ...]:
+    """The table that the report rests on, if it is not what was recorded (the 500 Hz record is too big to check)."""
+    recorded = dict(manifest.get("files") or {})
+    names = [run.means.name] if run.means.is_file() else []
+    return tuple(name for name in names if name in recorded and recorded[name] != sha256(run.path / name))

@@ -1,0 +1,100 @@
+"""The HTML report of a run: one file that holds its own scripts and styles and asks no network for anything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from bench import __version__
+from bench.report import sections_model, sections_run
+from bench.report.analysis import Analysis
+from bench.report.markup import Section, clock, number
+from bench.store import write_atomically
+
+_ASSETS = files("bench.report") / "assets"
+
+SECTIONS: tuple[Callable[[Analysis], Section | None], ...] = (
+    sections_run.profile,
+    sections_run.bias,
+    sections_model.ladder,
+    sections_model.compensation,
+    sections_model.spline,
+    sections_model.residual,
+    sections_run.noise,
+    sections_model.coefficients,
+    sections_run.losses,
+    sections_run.run_facts,
+    sections_model.terms,
+)
+"""The report from top to bottom; a section that has nothing to say returns None."""
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One of the three numbers on top."""
+
+    what: str
+    value: str
+    unit: str
+    more: str
+
+
+def render(analysis: Analysis) -> str:
+    """The report as HTML text."""
+    sections = [section for make in SECTIONS if (section := make(analysis)) is not None]
+    manifest = analysis.manifest
+    when = (manifest.get("profile", "no profile"), manifest.get("created", "no date"))
+    drawn = any("data-figure" in section.html for section in sections)
+    environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=False)
+    return environment.from_string(_asset("report.html.j2")).render(
+        title=f"Thermal calibration of {manifest.get('unit', 'an unnamed unit')}",
+        subtitle=", ".join((*map(str, when), f"{clock(analysis.done.duration_s)} h")),
+        verdict=analysis.verdict,
+        numbers=headlines(analysis),
+        warnings=analysis.warnings,
+        sections=sections,
+        run=manifest.get("run", analysis.run.path.name),
+        version=__version__,
+        css=Markup(_asset("report.css")),
+        plotly=Markup(_asset("plotly-cartesian.min.js")) if drawn else "",
+        js=Markup(_asset("report.js")),
+    )
+
+
+def write_report(analysis: Analysis) -> Path:
+    """Write report.html into the run folder, atomically; returns its path."""
+    path = analysis.run.report
+    write_atomically(path, render(analysis).encode())
+    return path
+
+
+def headlines(analysis: Analysis) -> tuple[Headline, ...]:
+    """The three numbers that matter; none where nothing was captured."""
+    if analysis.dataset is None:
+        return ()
+    best, floor_dph = analysis.best, analysis.floor.floor_dph
+    numbers = []
+    if best is not None:
+        proven = bool(np.isfinite(best.held_out.rms_dph))
+        ratio = f", {number(analysis.held_out_ratio, 2)} × the floor" if np.isfinite(analysis.held_out_ratio) else ""
+        what = "model error on unseen data" if proven else "model error, in-sample only"
+        more = f"RMS of {best.model.name}{ratio}; {number(best.rms_dph)} deg/h in-sample"
+        numbers.append(Headline(what, number(best.held_out.rms_dph if proven else best.rms_dph), "deg/h", more))
+    known = bool(np.isfinite(floor_dph))
+    more = f"of {analysis.interval_s:g} s means, from the run's own soaks" if known else "not known: no usable soak"
+    numbers.append(Headline("noise floor", number(floor_dph), "deg/h", more))
+    more = f"highest less lowest; {number(analysis.uncompensated_dph)} deg/h RMS uncompensated"
+    if np.isfinite(analysis.improvement):
+        more += f", {number(analysis.improvement, 2)} × the error after compensation"
+    numbers.append(Headline("bias over the run", number(analysis.bias_span_dph), "deg/h", more))
+    return tuple(numbers)
+
+
+def _asset(name: str) -> str:
+    return (_ASSETS / name).read_text(encoding="utf-8")

@@ -1,0 +1,93 @@
+"""The verdict in plain words: is the data complete, and how far above the noise is the best model on unseen data?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bench.diagnosis.compare import Score
+from bench.report.completeness import Completeness
+from bench.report.markup import clock, number
+
+ADEQUATE_RATIO = 1.5
+"""Held-out error over noise floor up to which nothing worth the effort is left to model."""
+
+Word = Literal["adequate", "model_error", "unproven", "partial", "no_data"]
+
+_HEADLINES: dict[Word, str] = {
+    "adequate": "Adequate",
+    "model_error": "The model leaves an error",
+    "unproven": "Not proven",
+    "partial": "Partial run",
+    "no_data": "No data",
+}
+_TONES: dict[Word, str] = {
+    "adequate": "good",
+    "model_error": "warn",
+    "unproven": "warn",
+    "partial": "bad",
+    "no_data": "bad",
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`word` for programs; `headline`, `sentence` and `tone` (good, warn, bad) for people."""
+
+    word: Word
+    sentence: str
+
+    @property
+    def headline(self) -> str:
+        """A few words."""
+        return _HEADLINES[self.word]
+
+    @property
+    def tone(self) -> str:
+        """Colour of the verdict."""
+        return _TONES[self.word]
+
+
+def judge(done: Completeness, best: Score | None, floor_dph: float, reason: str) -> Verdict:
+    """Verdict of a run; `reason` says why there is no model, where there is none."""
+    if done.samples == 0:
+        return Verdict("no_data", f"{_state(done)}: {reason or 'nothing was captured'}.")
+    if best is None:
+        word: Word = "unproven" if done.ended else "partial"
+        return Verdict(word, f"{_state(done)}, {_losses(done)}; no model could be fitted: {reason}.")
+    model, word = _model(best, floor_dph)
+    return Verdict(word if done.ended else "partial", f"{_state(done)}, {_losses(done)}; {model}.")
+
+
+def _model(best: Score, floor_dph: float) -> tuple[str, Word]:
+    name, rms = best.model.name, best.held_out.rms_dph
+    if not np.isfinite(rms):
+        why = best.held_out.reason or "too little of it"
+        return (
+            f"{name} leaves {number(best.rms_dph)} deg/h on the data it was fitted to, unseen data: {why}",
+            "unproven",
+        )
+    if not np.isfinite(floor_dph):
+        text = f"{name} leaves {number(rms)} deg/h on data it has not seen; the noise floor is not known"
+        return text, "unproven"
+    ratio = rms / floor_dph
+    word: Word = "adequate" if ratio <= ADEQUATE_RATIO else "model_error"
+    return f"{name} leaves {number(ratio, 2)} × the noise floor on data it has not seen", word
+
+
+def _state(done: Completeness) -> str:
+    if done.state == "imported":
+        return "Imported"
+    if done.state == "done":
+        failed = len(done.failed)
+        return "Complete" if not failed else f"{failed} of {len(done.segments)} segments failed"
+    cause = f" ({done.cause})" if done.cause else ""
+    return f"{done.state.capitalize()} after {clock(done.duration_s)}{cause}"
+
+
+def _losses(done: Completeness) -> str:
+    if done.lost is None:
+        return "frame losses not counted"
+    return "no frame lost" if done.lost == 0 else f"{done.lost} frames lost or damaged"
