@@ -1,0 +1,175 @@
+"""Which effect is missing: evidence of each candidate by generalised least squares, the noise fitted anew for each.
+
+E_j = (-2 ln L of the base) - (-2 ln L with candidate j) - k_j ln n: base and candidate are fitted together, its
+nonlinear parameters searched on a grid and then continuously, and the noise ratios profiled on either side. What chance
+alone reaches is learnt from noise drawn from the fitted base. Full likelihood, not the restricted one: columns differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.channels import FloatArray
+from bench.diagnosis.candidates import Candidate, Problem, Theta, joint
+from bench.diagnosis.refine import Interval, Refiner, Start
+from bench.diagnosis.scan import DEPENDENT, Library
+from bench.likelihood import NoiseLattice, Point, Surface, gls
+from bench.whitening import Ratios
+
+TIE = 6.0
+"""Candidates within this evidence of the best are not told apart by the data."""
+_DECADE = 16
+_NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
+_NULL_POINTS = 30
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """One candidate after refinement.
+
+    `amplitudes` and `deviations` (k,) belong to its own columns (empty for an abscissa); `parameters` carry 95 %
+    intervals at the noise found. `effect` (n,) is what the candidate adds to the fitted bias [deg/h]. `cumulative` (n,)
+    is the gain in 2 ln L up to each row, whitening being causal. `excited` is False where the run cannot show it.
+    """
+
+    name: str
+    family: str
+    evidence: float
+    weight: float
+    theta: Theta
+    parameters: dict[str, Interval]
+    amplitudes: FloatArray
+    deviations: FloatArray
+    excited: bool
+    point: Point
+    ratios: Ratios
+    sigma2: float
+    effect: FloatArray
+    cumulative: FloatArray
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All candidates, best first, and what chance reaches.
+
+    `threshold` is the 95 % point of the best evidence among `nulls` (runs,) simulated without any effect.
+    `ties` are the names within `TIE` of the best, the best included; empty if nothing beats the threshold.
+    """
+
+    minus2logl: float
+    point: Point
+    ratios: Ratios
+    sigma2: float
+    suspects: tuple[Suspect, ...]
+    threshold: float
+    nulls: FloatArray
+    lattice: NoiseLattice
+
+    @property
+    def ties(self) -> tuple[str, ...]:
+        """Names that this data cannot tell apart, best first."""
+        if not self.suspects or self.suspects[0].evidence <= self.threshold:
+            return ()
+        return tuple(s.name for s in self.suspects if s.evidence >= self.suspects[0].evidence - TIE)
+
+    def chance(self, evidence: float) -> float:
+        """Share of simulated nulls whose best candidate reaches this evidence."""
+        return float(np.mean(self.nulls >= evidence)) if len(self.nulls) else float("nan")
+
+
+def weigh(
+    problem: Problem,
+    candidates: Sequence[Candidate],
+    nulls: int = 200,
+    seed: int = 0,
+    lattice: NoiseLattice | None = None,
+) -> Evidence:
+    """The evidence of every candidate against the base; `lattice` may be an earlier one of the same records."""
+    lattice = lattice or NoiseLattice(problem.records(), problem.interval_s)
+    surface = Surface(problem.records(), lattice, restricted=False)
+    best = surface.search()
+    shelf = Library(problem, candidates)
+    statics = [record.y[:, None] for record in problem.statics]
+    points = _points_for_candidates(best)
+    scanned = shelf.scan(lattice, points, problem.y[:, None], statics)
+    refiner = Refiner(problem, lattice)
+    height, sigma2 = surface.known[best]
+    found = []
+    for index, candidate in enumerate(candidates):
+        own = [i for i, (which, _) in enumerate(scanned.entries) if which == index]
+        grid = [Start(scanned.entries[i][1], points[scanned.where[i, 0]], float(scanned.values[i, 0])) for i in own]
+        excited = bool(max(scanned.excited[i] for i in own) >= DEPENDENT)
+        theta, point, reached = refiner.refine(candidate, grid, best)
+        paid = candidate.paid(problem.base.shape[1], int(scanned.widths[own[0]])) * float(np.log(len(problem.y)))
+        found.append(_suspect(refiner, candidate, theta, point, (height - reached - paid, excited)))
+    drawn = _nulls(candidates, shelf, surface, best, (nulls, seed)) if nulls else np.empty(0)
+    threshold = float(np.quantile(drawn, 0.95)) if nulls else 0.0
+    suspects = tuple(sorted(_weighted(found), key=lambda s: -s.evidence))
+    return Evidence(height, best, lattice.ratios(best), sigma2, suspects, threshold, drawn, lattice)
+
+
+def _points_for_candidates(best: Point) -> list[Point]:
+    """Noise points a decade apart up to a decade above the base's: an effect explained leaves less noise, not more."""
+    return [p for p in NoiseLattice.coarse(_DECADE) if all(i <= b + _DECADE for i, b in zip(p, best, strict=True))]
+
+
+def _suspect(refiner: Refiner, candidate: Candidate, theta: Theta, point: Point, scored: tuple[float, bool]) -> Suspect:
+    """Everything there is to say about one candidate at its best."""
+    problem = refiner.problem
+    way = refiner.lattice.at([point])[0][0]
+    sigma2 = refiner.sigma2(candidate, theta, point)
+    columns = joint(problem, candidate, theta)
+    fit = gls(columns, problem.y, way, sigma2)
+    first = columns.shape[1] if candidate.kind == "abscissa" else problem.base.shape[1]
+    moved = columns - problem.base if candidate.kind == "abscissa" else columns[:, first:]
+    before = gls(problem.base, problem.y, way, sigma2)
+    return Suspect(
+        name=candidate.name,
+        family=candidate.family or candidate.name,
+        evidence=scored[0],
+        weight=0.0,
+        theta=theta,
+        parameters=refiner.intervals(candidate, theta, point),
+        amplitudes=fit.beta[first:],
+        deviations=np.sqrt(np.diag(fit.covariance))[first:],
+        excited=scored[1],
+        point=point,
+        ratios=refiner.lattice.ratios(point),
+        sigma2=sigma2,
+        effect=moved @ (fit.beta if candidate.kind == "abscissa" else fit.beta[first:]),
+        cumulative=np.cumsum(before.residual**2 - fit.residual**2) / sigma2,
+    )
+
+
+def _weighted(found: Sequence[Suspect]) -> list[Suspect]:
+    """Posterior weights e^(E/2) with equal priors, "nothing missing" (E = 0) being one of the answers."""
+    top = max([0.0, *(s.evidence for s in found)])
+    share = [float(np.exp((s.evidence - top) / 2.0)) for s in found]
+    total = sum(share) + float(np.exp(-top / 2.0))
+    return [replace(s, weight=w / total) for s, w in zip(found, share, strict=True)]
+
+
+def _nulls(
+    candidates: Sequence[Candidate], shelf: Library, surface: Surface, best: Point, draw: tuple[int, int]
+) -> FloatArray:
+    """Best evidence of any candidate in runs simulated from the fitted base and its noise alone (runs,)."""
+    runs, seed = draw
+    rng = np.random.default_rng(seed)
+    problem = shelf.problem
+    lattice = surface.lattice
+    ways = lattice.at([best])[0]
+    deviation = np.sqrt(surface.known[best][1])
+    mean = problem.base @ gls(problem.base, problem.y, ways[0]).beta
+    drawn = [way.colour(rng.standard_normal((way.rows, runs))) * deviation for way in ways]
+    near = sorted(surface.region(best, _NULL_REACH, step=_DECADE // 2), key=surface.height)[:_NULL_POINTS]
+    scanned = shelf.scan(lattice, near, mean[:, None] + drawn[0], drawn[1:])
+    log_n = float(np.log(len(problem.y)))
+    paid = [
+        candidates[i].paid(problem.base.shape[1], int(w))
+        for (i, _), w in zip(scanned.entries, scanned.widths, strict=True)
+    ]
+    evidence = scanned.base - scanned.values - np.array(paid)[:, None] * log_n
+    return np.asarray(evidence.max(axis=0))

@@ -1,0 +1,183 @@
+"""One candidate's best parameters and noise, continuously, and how well the data fix the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.optimize import brentq, minimize, minimize_scalar
+from scipy.stats import chi2
+
+from bench.channels import FloatArray
+from bench.diagnosis.candidates import Candidate, Problem, Theta, from_unit, joint, orthonormal, to_unit
+from bench.likelihood import NoiseLattice, Point, Surface
+
+_STARTS = 4
+_WITHIN = float(chi2.ppf(0.95, 1))
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter with its 95 % profile-likelihood interval, cut at the bounds of the search."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Start:
+    """A grid point, the noise point where it does best, and its -2 ln L there."""
+
+    theta: Theta
+    point: Point
+    height: float
+
+
+class Refiner:
+    """-2 ln L of candidates of one problem at any parameters and lattice points; what a noise point needs is kept."""
+
+    def __init__(self, problem: Problem, lattice: NoiseLattice) -> None:
+        """Shares the whiteners of the lattice."""
+        self.problem, self.lattice = problem, lattice
+        self._kept: dict[Point, tuple[FloatArray, FloatArray, float, float]] = {}
+
+    def height(self, candidate: Candidate, theta: Theta, point: Point) -> float:
+        """-2 ln L of base and candidate."""
+        _, _, still, log_det = self._at(point)
+        total = self.problem.rows
+        return total * float(np.log((self.rss(candidate, theta, point) + still) / total)) + log_det
+
+    def sigma2(self, candidate: Candidate, theta: Theta, point: Point) -> float:
+        """White variance of one mean that goes with `height` [(deg/h)^2]."""
+        return (self.rss(candidate, theta, point) + self._at(point)[2]) / self.problem.rows
+
+    def rss(self, candidate: Candidate, theta: Theta, point: Point) -> float:
+        """Whitened residual square sum of the run under base and candidate."""
+        way = self.lattice.at([point])[0][0]
+        q, residual, _, _ = self._at(point)
+        columns = way.apply(candidate.columns(theta))
+        if candidate.kind == "abscissa":
+            residual = way.apply(self.problem.y)
+        else:
+            before = np.linalg.norm(columns, axis=0)
+            columns -= q @ (q.T @ columns)
+            columns = columns[:, np.linalg.norm(columns, axis=0) > 3e-5 * before]
+        basis = orthonormal(columns)
+        left = residual - basis @ (basis.T @ residual)
+        return max(float(left @ left), 1e-300)
+
+    def _at(self, point: Point) -> tuple[FloatArray, FloatArray, float, float]:
+        """Base's basis, whitened residual of the base, the isothermal records' square sum and ln |C|."""
+        if point not in self._kept:
+            ways = self.lattice.at([point])[0]
+            q = orthonormal(ways[0].apply(self.problem.base))
+            white = ways[0].apply(self.problem.y)
+            still = 0.0
+            for record, way in zip(self.problem.statics, ways[1:], strict=True):
+                basis, response = orthonormal(way.apply(record.X)), way.apply(record.y)
+                left = response - basis @ (basis.T @ response)
+                still += float(left @ left)
+            self._kept[point] = (q, white - q @ (q.T @ white), still, sum(way.log_det for way in ways))
+        return self._kept[point]
+
+    def refine(self, candidate: Candidate, grid: Sequence[Start], base: Point) -> tuple[Theta, Point, float]:
+        """Best parameters, noise point and -2 ln L, from the lowest few minima of the grid."""
+        starts = _minima(grid)[:_STARTS]
+        if candidate.parameters:
+            starts = [self._search(candidate, start) for start in starts]
+        best = min(starts, key=lambda start: start.height)
+        for _ in range(2 if candidate.parameters else 1):
+            best = self._denoise(candidate, best, base)
+            if candidate.parameters:
+                best = self._search(candidate, best)
+        return best.theta, best.point, best.height
+
+    def _denoise(self, candidate: Candidate, start: Start, base: Point) -> Start:
+        """The noise profiled at fixed parameters, from the better of the start's and the base's."""
+        surface = Surface(self.problem.records(joint(self.problem, candidate, start.theta)), self.lattice, False)
+        surface.visit([start.point, base])
+        point = surface.descend(min((start.point, base), key=surface.height))
+        return Start(start.theta, point, self.height(candidate, start.theta, point))
+
+    def _search(self, candidate: Candidate, start: Start) -> Start:
+        """Parameters improved at fixed noise, within one grid step of the start (one parameter) or by simplex."""
+        function = self._of_unit(candidate, start.point)
+        at = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, start.theta, strict=True)])
+        if len(at) == 1:
+            step = 1.0 / max(1, len(candidate.grid()) - 1)
+            bounds = (max(0.0, at[0] - step), min(1.0, at[0] + step))
+            found = minimize_scalar(
+                lambda u: function(np.array([u])),
+                bounds=bounds,
+                method="bounded",
+                options={"xatol": step / 200.0, "maxiter": 18},
+            )
+            unit, height = np.array([float(found.x)]), float(found.fun)
+        else:
+            simplex = minimize(
+                function,
+                at,
+                method="Nelder-Mead",
+                bounds=[(0.0, 1.0)] * len(at),
+                options={"maxfev": 60 * len(at), "xatol": 1e-4, "fatol": 1e-3},
+            )
+            unit, height = np.asarray(simplex.x), float(simplex.fun)
+        if height >= start.height:
+            return start
+        return Start(_theta(candidate, unit), start.point, height)
+
+    def _of_unit(self, candidate: Candidate, point: Point) -> Callable[[FloatArray], float]:
+        return lambda unit: self.height(candidate, _theta(candidate, unit), point)
+
+    def intervals(self, candidate: Candidate, theta: Theta, point: Point) -> dict[str, Interval]:
+        """95 % intervals of the parameters at this noise; of several parameters, each with the others held."""
+        found = {}
+        best = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, theta, strict=True)])
+        function = self._of_unit(candidate, point)
+        lowest = function(best)
+        for number, parameter in enumerate(candidate.parameters):
+            rise = partial(_rise, function, best, number, lowest)
+            ends = np.array([_crossing(rise, float(best[number]), end) for end in (0.0, 1.0)])
+            low, high = from_unit(parameter, ends).tolist()
+            found[parameter.name] = Interval(theta[number], low, high, parameter.unit)
+        return found
+
+
+def _theta(candidate: Candidate, unit: FloatArray) -> Theta:
+    inside = np.clip(unit, 0.0, 1.0)
+    return tuple(float(from_unit(p, inside[[i]])[0]) for i, p in enumerate(candidate.parameters))
+
+
+def _rise(function: Callable[[FloatArray], float], best: FloatArray, index: int, lowest: float, value: float) -> float:
+    """-2 ln L above the lowest with one parameter moved."""
+    changed = best.copy()
+    changed[index] = value
+    return function(changed) - lowest
+
+
+def _crossing(rise: Callable[[float], float], best: float, end: float) -> float:
+    """Where the rise passes 3.84 on the way from the best to the end of the range; doubling steps, then bisection."""
+    step, inside = 0.002, best
+    while True:
+        outside = best + np.sign(end - best) * step
+        if (end - outside) * (end - best) <= 0.0:
+            outside = end
+        if rise(outside) >= _WITHIN:
+            return float(brentq(lambda u: rise(u) - _WITHIN, inside, outside, xtol=1e-4, maxiter=60))
+        if outside == end:
+            return end
+        inside, step = outside, 2.0 * step
+
+
+def _minima(grid: Sequence[Start]) -> list[Start]:
+    """Grid points lower than both neighbours, lowest first; with several parameters all points, lowest first."""
+    ordered = sorted(grid, key=lambda start: start.height)
+    if not grid or len(grid[0].theta) != 1:
+        return ordered
+    heights = [np.inf, *(start.height for start in grid), np.inf]
+    low = [s for i, s in enumerate(grid) if heights[i + 1] <= min(heights[i], heights[i + 2])]
+    return sorted(low, key=lambda start: start.height)
