@@ -64,16 +64,14 @@ def ladder(
         "type": "data", "symmetric": False, "thickness": 1.5, "width": 5, "color": BLUE,
         "array": plotting.plain(bars[:, 1]), "arrayminus": plotting.plain(bars[:, 0]),
     }  # fmt: skip
-    hollow = {"symbol": "circle-open", "size": 12, "color": ORANGE, "line": {"width": 2.5}}
-    solid = {"symbol": "circle", "size": 12, "color": BLUE}
+    hollow = {"symbol": "circle-open", "size": 15, "color": ORANGE, "line": {"width": 2.5}}
+    solid = {"symbol": "circle", "size": 10, "color": BLUE}
     traces = [
         go.Scatter(x=plotting.plain(in_sample), y=where, mode="markers", marker=hollow, name="in-sample"),
         go.Scatter(x=plotting.plain(held_out), y=where, mode="markers", marker=solid, name="held-out", error_x=error),
     ]
     layout: dict[str, Any] = {
-        "xaxis": axis(
-            "model error, RMS [deg/h]", type="log", dtick="D2", range=_decades(in_sample, held_out, floor_dph)
-        ),
+        "xaxis": plotting.log_axis("model error, RMS [deg/h]", *_ends(in_sample, held_out, floor_dph)),
         "yaxis": axis("", autorange="reversed", gridwidth=1),
     }
     if floor_dph is not None:
@@ -88,10 +86,11 @@ def ladder(
     return plotting.plot(traces, layout, 130 + 42 * len(names))
 
 
-def _decades(*values: FloatArray | float | None) -> list[float]:
+def _ends(*values: FloatArray | float | None) -> tuple[float, float]:
+    """Range of a logarithmic axis that shows all these values."""
     flat = np.concatenate([np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in values if value is not None])
-    flat = np.log10(flat[np.isfinite(flat) & (flat > 0)])
-    return [float(flat.min() - 0.25), float(flat.max() + 0.15)] if flat.size else [-2.0, 2.0]
+    flat = flat[np.isfinite(flat) & (flat > 0)]
+    return (float(flat.min() / 1.8), float(flat.max() * 1.4)) if flat.size else (0.01, 100.0)
 
 
 def residual_over_temperature(dataset: Dataset, residual: FloatArray, floor_dph: float | None) -> Plot:

@@ -129,11 +129,14 @@ def allan(curves: Sequence[tuple[str, AllanCurve]], noise: Noise | None) -> Plot
     for i, (name, curve) in enumerate(curves):
         colour = BLUE if curve is longest else plotting.CYCLE[(i % (len(plotting.CYCLE) - 1)) + 1]
         traces.append(plotting.line(curve.tau_s, curve.deviation_dph, name, colour, width=2 if curve is longest else 1))
+    lowest = min(curve.deviation_dph.min() for _, curve in curves)
+    highest = max(curve.deviation_dph.max() for _, curve in curves)
     if noise is not None:
         traces += _slopes(longest.tau_s, noise)
     layout = {
-        "xaxis": axis("averaging time τ [s]", type="log", dtick=1),
-        "yaxis": axis("Allan deviation [deg/h]", type="log", dtick=1),
+        "xaxis": plotting.log_axis("averaging time τ [s]", float(longest.tau_s[0]), float(longest.tau_s[-1])),
+        "yaxis": plotting.log_axis("Allan deviation [deg/h]", 0.7 * float(lowest), 1.4 * float(highest)),
+        "legend": {"orientation": "v", "x": 1, "xanchor": "right", "y": 1, "yanchor": "top"},
     }
     return plotting.plot(traces, layout, 480)
 

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from bench import __version__
 from bench.report import sections_model, sections_run
 from bench.report.analysis import Analysis
-from bench.report.markup import Section, clock, number
+from bench.report.markup import Section, clock, moment, number
 from bench.store import write_atomically
 
 _ASSETS = files("bench.report") / "assets"
@@ -49,7 +49,7 @@ def render(analysis: Analysis) -> str:
     """The report as HTML text."""
     sections = [section for make in SECTIONS if (section := make(analysis)) is not None]
     manifest = analysis.manifest
-    when = (manifest.get("profile", "no profile"), manifest.get("created", "no date"))
+    when = (manifest.get("profile", "no profile"), moment(manifest.get("created", "no date")))
     drawn = any("data-figure" in section.html for section in sections)
     environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=False)
     return environment.from_string(_asset("report.html.j2")).render(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from math import floor, isfinite, log10
 from typing import Any
 
@@ -52,6 +53,25 @@ def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
         decimals = max(0, -last)
         return f"{value:.{decimals}f}", f"{uncertainty:.{decimals}f}"
     return f"{value:.{max(0, size - last)}e}", f"{uncertainty:.1e}"
+
+
+_IN_PRINT = (("degC", "°C"), ("sqrt(h)", "√h"), ("^2", "²"), ("^3", "³"), ("^4", "⁴"), ("^5", "⁵"))
+
+
+def in_print(unit: str) -> str:
+    """A unit as people write it: deg/h/degC^2 is deg/h/°C²."""
+    for code, sign in _IN_PRINT:
+        unit = unit.replace(code, sign)
+    return unit
+
+
+def moment(created: object) -> str:
+    """A date of a manifest (ISO 8601) to the minute in UTC; as it is where it is none."""
+    try:
+        at = datetime.fromisoformat(str(created))
+    except ValueError:
+        return str(created)
+    return f"{at:%Y-%m-%d %H:%M}" if at.tzinfo is None else f"{at.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
 
 
 def clock(seconds: float) -> str:

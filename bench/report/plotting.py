@@ -22,6 +22,7 @@ PASSAGE = ((0.0, "#3B78D8"), (0.35, "#8F63C4"), (0.7, "#D1567A"), (1.0, "#F0A23C
 
 DIRECTIONS: Mapping[int, tuple[str, str]] = {1: ("heating", VERMILION), -1: ("cooling", BLUE), 0: ("constant", GREY)}
 MAX_POINTS = 2000
+FONT = 'system-ui, "Segoe UI", "Liberation Sans", "DejaVu Sans", sans-serif'
 
 Plot = dict[str, Any]
 
@@ -29,7 +30,8 @@ Plot = dict[str, Any]
 def axis(title: str, **more: Any) -> dict[str, Any]:
     """An axis with its title (quantity and unit), a line and a light grid."""
     return {
-        "title": {"text": title},
+        "title": {"text": title, "font": {"size": 13}},
+        "exponentformat": "none",
         "showline": True,
         "ticks": "outside",
         "automargin": True,
@@ -41,16 +43,17 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
 def plot(traces: Sequence[Any], layout: Mapping[str, Any], height: int = 420) -> Plot:
     """Traces and axes as the JSON that the page draws; plotly checks every property name."""
     figure = go.Figure(data=list(traces))
+    legend = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "itemsizing": "constant"}
     figure.update_layout(
         template=None,
         height=height,
         margin={"l": 70, "r": 20, "t": 40, "b": 55},
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
-        font={"size": 13},
+        font={"size": 13, "family": FONT},
         hovermode="closest",
-        legend={"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
-        **layout,
+        modebar={"bgcolor": "rgba(0,0,0,0)", "color": GREY, "activecolor": BLUE},
+        **{"legend": legend, **layout},
     )
     content: Plot = figure.to_plotly_json()
     return {"data": plain(content["data"]), "layout": plain(content["layout"])}
@@ -121,3 +124,12 @@ def shade(low: float, high: float, colour: str, along: str = "x", **more: Any) -
         f"{along}ref": along, f"{along}0": low, f"{along}1": high,
         f"{other}ref": f"{other} domain", f"{other}0": 0, f"{other}1": 1, **more,
     }  # fmt: skip
+
+
+def log_axis(title: str, low: float, high: float) -> dict[str, Any]:
+    """A logarithmic axis that shows `low` to `high`, with ticks at 1, 2 and 5 of each decade written out."""
+    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
+    digits = (1, 2, 5) if last - first <= 3 else (1,)
+    ticks = [digit * 10.0**decade for decade in range(first, last + 1) for digit in digits]
+    ends = [float(np.log10(low)), float(np.log10(high))]
+    return axis(title, type="log", range=ends, tickvals=ticks, ticktext=[f"{tick:.10g}" for tick in ticks])

@@ -14,6 +14,7 @@ from bench.report.markup import (
     figure,
     glossary,
     heading,
+    in_print,
     number,
     paragraph,
     table,
@@ -33,7 +34,7 @@ _HELD_OUT["segments"] = "segments, each left out in turn"
 _TERMS = (
     ("bias, zero-rate output", "what the gyro reports while nothing turns [deg/h]."),
     ("RMS", "root of the mean square of measured less modelled bias, over the means used for the fit."),
-    ("in-sample, held-out", "error on the data of the fit, and on data that it never saw. Only the second is a promise."),
+    ("in-sample, held-out", "error on the data of the fit, and on data it never saw. Only the second is a promise."),
     ("noise floor", "what remains of a perfect model, because of the noise of the gyro itself."),
     ("N, B, K", "angle random walk [deg/√h], bias instability [deg/h], rate random walk [deg/h/√h]: IEEE Std 952."),
     ("Allan deviation", "scatter between neighbouring means, as a function of how long one averages."),
@@ -64,7 +65,7 @@ def ladder(analysis: Analysis) -> Section | None:
         "in-sample RMS [deg/h]",
         "held-out RMS [deg/h]",
         "95 % interval",
-        "held-out × floor",
+        "× floor",
         "",
     )
     how = _HELD_OUT.get(best.held_out.by, best.held_out.by)
@@ -86,7 +87,7 @@ def ladder(analysis: Analysis) -> Section | None:
 
 def _rung(score: Score, floor_dph: float | None, is_best: bool) -> Row:
     low, high = score.held_out.interval_dph
-    note = "best on unseen data" if is_best and np.isfinite(score.held_out.rms_dph) else score.held_out.reason
+    note = "best" if is_best and np.isfinite(score.held_out.rms_dph) else score.held_out.reason
     cells = (
         score.model.name, _ROWS.get(score.model.rows, score.model.rows), number(score.rms_dph),
         number(score.held_out.rms_dph), f"{number(low)} to {number(high)}",
@@ -177,7 +178,7 @@ def coefficients(analysis: Analysis) -> Section | None:
     if best is None:
         return None
     fit = best.fit
-    rows = [(c.key, *with_uncertainty(c.value, c.std), c.unit.replace("degC", "°C")) for c in fit.coefficients]
+    rows = [(c.key, *with_uncertainty(c.value, c.std), in_print(c.unit)) for c in fit.coefficients]
     std = fit.theta_std
     rows += [(key, *with_uncertainty(value, std[key]), "") for key, value in fit.theta.items()]
     words = (
@@ -206,4 +207,4 @@ def _ratio(value: float, floor_dph: float | None) -> str:
 
 
 def _unit(channel: str) -> str:
-    return CHANNELS[channel].unit.replace("degC", "°C") if channel in CHANNELS else ""
+    return in_print(CHANNELS[channel].unit) if channel in CHANNELS else ""

@@ -9,8 +9,22 @@ from markupsafe import Markup
 
 from bench.report import figures_run
 from bench.report.analysis import Analysis
+from bench.report.branches import branch_gap
 from bench.report.completeness import LOST
-from bench.report.markup import Row, Section, clock, facts, figure, heading, mono, number, paragraph, table, text_of
+from bench.report.markup import (
+    Row,
+    Section,
+    clock,
+    facts,
+    figure,
+    heading,
+    moment,
+    mono,
+    number,
+    paragraph,
+    table,
+    text_of,
+)
 
 _LOSS_WORDS: Mapping[str, str] = {
     "received": "received",
@@ -47,6 +61,9 @@ def bias(analysis: Analysis) -> Section | None:
     if data is None:
         return None
     words = f"The bias moves by {number(analysis.bias_span_dph)} deg/h over the run."
+    gap = branch_gap(data)
+    if gap is not None:
+        words += f" Heating and cooling part by up to {number(abs(gap[0]))} deg/h, at {gap[1]:.0f} °C."
     caption = (
         f"Bias over temperature, means over {analysis.interval_s:g} s, coloured by time; arrows show the direction. "
         "Where heating and cooling do not meet, no curve in temperature alone can follow."
@@ -77,10 +94,10 @@ def noise(analysis: Analysis) -> Section | None:
     for letter, meaning, name, unit in names:
         low, high = found.intervals.get(name, (float("nan"), float("nan")))
         value = f"below {number(high, 2)}" if name in found.undetermined else number(getattr(found, name))
-        rows.append((letter, meaning, value, f"{number(low, 2)} to {number(high, 2)}", unit))
+        rows.append((letter, meaning, value, f"{number(low)} to {number(high)}", unit))
     words = (
         f"Means over {analysis.interval_s:g} s of a run this long scatter by {number(floor.floor_dph)} deg/h from "
-        f"noise alone. No model can do better: that is the floor, read from {len(floor.stretches)} isothermal stretches."
+        f"noise alone. No model can do better: that is the floor, read from {len(floor.stretches)} isothermal spans."
     )
     alt = "Allan deviation over averaging time. " + "; ".join(f"{row[0]}: {row[2]} {row[4]}" for row in rows)
     caption = (
@@ -174,7 +191,7 @@ def run_facts(analysis: Analysis) -> Section:
             "station",
             "simulated" if manifest.get("simulated") else manifest.get("station", "see station.yaml in the run folder"),
         ),
-        ("started", manifest.get("created", "–")),
+        ("started", moment(manifest.get("created", "–"))),
         ("ended", f"{done.state}{f': {done.cause}' if done.cause else ''}"),
         ("duration [h:mm:ss]", clock(done.duration_s)),
         ("samples", f"{done.samples:,} at {manifest.get('sample_rate_hz') or '–'} Hz"),
