@@ -6,16 +6,29 @@ with a bare receive loop, because analysis in the same process holds the interpr
 
 from __future__ import annotations
 
+import contextlib
+import multiprocessing
+import os
+import signal
+import socket
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, Protocol
 
 import can
 import numpy as np
 
-from drivers.errors import ConfigError, LinkError
+from drivers.capture import Beat, CaptureHealth, Recorder, raise_priority, stop_when
+from drivers.errors import ConfigError, DriverError, LinkError
 from drivers.frames import NO_FRAMES, to_frames, to_record
-from drivers.journal import FLAG_ERROR, MAX_PAYLOAD, FrameArray, JournalWriter, Kind
+from drivers.journal import FLAG_ERROR, MAX_PAYLOAD, FrameArray, JournalTail, JournalWriter, Kind
+
+__all__ = ["BusSettings", "Capture", "CaptureHealth", "InProcessCapture", "ProcessCapture", "open_bus"]
+
+_RECEIVE_BUFFER = 8 << 20
+_SO_RCVBUFFORCE = 33
 
 
 @dataclass(frozen=True)
@@ -37,21 +50,23 @@ def open_bus(settings: BusSettings) -> can.BusABC:
     if settings.bitrate is not None:
         options["bitrate"] = settings.bitrate
     try:
-        return can.Bus(interface=settings.interface, channel=settings.channel, ignore_config=True, **options)
-    except (can.CanInterfaceNotImplementedError, ImportError, TypeError, ValueError) as error:
+        bus = can.Bus(interface=settings.interface, channel=settings.channel, ignore_config=True, **options)
+    except (NotImplementedError, ImportError, TypeError, ValueError) as error:
         raise ConfigError(f"{settings}: {_one_line(error)}") from error
     except (can.CanError, OSError) as error:
         raise LinkError(f"{settings} does not open: {_one_line(error)}") from error
+    _enlarge_buffer(bus)
+    return bus
 
 
-@dataclass(frozen=True)
-class CaptureHealth:
-    """State of a capture; `error` is None while frames can arrive."""
-
-    frames: int
-    last_frame_s: float | None
-    error: str | None = None
-    error_frames: int = 0
+def _enlarge_buffer(bus: can.BusABC) -> None:
+    """SocketCAN holds some 300 frames unless asked for more; where the system refuses, it stays as it is."""
+    link = getattr(bus, "socket", None)
+    if isinstance(link, socket.socket) and link.family == getattr(socket, "AF_CAN", None):
+        with contextlib.suppress(OSError):
+            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        with contextlib.suppress(OSError):
+            link.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
 
 
 class Capture(Protocol):
@@ -84,11 +99,7 @@ class InProcessCapture:
 
     def poll(self) -> FrameArray:
         """Frames that have arrived since the last call, (n,)."""
-        try:
-            frames = self._receive()
-        except (can.CanError, OSError) as error:
-            self._error = _one_line(error)
-            return NO_FRAMES
+        frames = self._receive()
         if not len(frames):
             return frames
         self._frames += len(frames)
@@ -109,14 +120,114 @@ class InProcessCapture:
         self.poll()
 
     def _receive(self) -> FrameArray:
-        if self._stamp is None and hasattr(self._bus, "recv_block"):
-            block: FrameArray = self._bus.recv_block(0.0)
-            return block
+        records: list[bytes] = []
         stamp = self._stamp or _bench_ns
-        records = []
-        while (message := self._bus.recv(0.0)) is not None:
-            records.append(to_record(message, stamp(message.timestamp)))
+        try:
+            if self._stamp is None and hasattr(self._bus, "recv_block"):
+                block: FrameArray = self._bus.recv_block(0.0)
+                return block
+            while (message := self._bus.recv(0.0)) is not None:
+                records.append(to_record(message, stamp(message.timestamp)))
+        except (can.CanError, OSError, ValueError) as error:
+            self._error = _one_line(error)
         return to_frames(records) if records else NO_FRAMES
+
+
+class ProcessCapture:
+    """Captures a bus in an OS process of its own; frames reach this process through the journal.
+
+    `start_monotonic_ns` is the monotonic time [ns] at bench time 0. Raises ConfigError or LinkError when the bus does
+    not open. Afterwards nothing raises: `health().error` says what is wrong, and the process opens a failed bus again.
+    It ends on `close()`, and by itself when this process dies.
+    """
+
+    STALE_S = 1.0
+
+    def __init__(
+        self, settings: BusSettings, journal_path: Path, start_monotonic_ns: int, timeout_s: float = 30.0
+    ) -> None:
+        self._tail = JournalTail(journal_path)
+        self._tail.poll()  # frames of an earlier capture into the same journal are not news
+        context = multiprocessing.get_context("spawn")
+        self._beat = Beat(context)
+        self._control, child_end = context.Pipe()
+        self._process = context.Process(
+            target=_capture_process,
+            args=(settings, journal_path, start_monotonic_ns, self._beat, child_end),
+            name=f"capture {settings.channel}",
+            daemon=True,
+        )
+        self._process.start()
+        child_end.close()
+        try:
+            self._await_ready(settings, timeout_s)
+        except DriverError:
+            self.close()
+            raise
+
+    @property
+    def pid(self) -> int | None:
+        """Process id of the capture."""
+        return self._process.pid
+
+    def poll(self) -> FrameArray:
+        """Frames that were journalled since the last call, (n,); the last ones are there after `close()`."""
+        parts = [block.frames() for block in self._tail.poll() if block.kind is Kind.FRAMES]
+        return np.concatenate(parts) if parts else NO_FRAMES
+
+    def health(self) -> CaptureHealth:
+        """The last heartbeat; a process that has died or is silent for a second is an error."""
+        health = self._beat.health()
+        if not self._process.is_alive():
+            code = self._process.exitcode
+            return replace(health, error=health.error or f"capture process ended (exit code {code})")
+        if self._beat.age_s() > self.STALE_S and health.error is None:
+            return replace(health, error=f"capture process silent for {self._beat.age_s():.1f} s")
+        return health
+
+    def close(self) -> None:
+        """End the process; what the bus still held is journalled first. A second call does nothing."""
+        self._control.close()
+        self._process.join(5.0)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+
+    def _await_ready(self, settings: BusSettings, timeout_s: float) -> None:
+        if not self._control.poll(timeout_s):
+            raise LinkError(f"{settings}: the capture process did not start within {timeout_s:g} s")
+        try:
+            error = self._control.recv()
+        except (EOFError, ConnectionError):
+            reason = self._beat.health().error or "the capture process ended while starting"
+            raise LinkError(f"{settings}: {reason}") from None
+        if error is not None:
+            raise error
+
+
+def _capture_process(
+    settings: BusSettings, journal_path: Path, start_monotonic_ns: int, beat: Beat, control: Connection
+) -> None:
+    """Main function of the capture process."""
+    parent_pid = os.getppid()
+    told: list[int] = []
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides when to stop
+    signal.signal(signal.SIGTERM, lambda number, _: told.append(number))
+    raise_priority()
+    said_to_stop = stop_when(control, parent_pid)
+    writer = None
+    try:
+        writer = JournalWriter(journal_path)
+        recorder = Recorder(lambda: open_bus(settings), writer, beat, start_monotonic_ns)
+        recorder.run(lambda: control.send(None), lambda: bool(told) or said_to_stop())
+    except DriverError as error:  # the bus did not open; the parent raises it
+        control.send(error)
+    except (OSError, ValueError) as error:  # a full disk, or frames that the journal cannot hold
+        beat.fail(f"capture stopped: {_one_line(error)}")
+    finally:
+        if writer is not None:
+            with contextlib.suppress(OSError):
+                writer.close()
 
 
 def _bench_ns(timestamp_s: float) -> int:
