@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.channels import BoolArray, FloatArray, IntArray
 from bench.dataset import Dataset
-from bench.effects.base import Effect, MovesAbscissa, Parameter, Theta
+from bench.effects.base import Demanding, Effect, MovesAbscissa, Parameter, Theta
 from bench.errors import InputError
 from bench.model import Model
 
@@ -100,16 +100,18 @@ class Problem:
         effects = (*self.model.effects[:index], effect, *self.model.effects[index + 1 :])
         return replace(self, model=replace(self.model, effects=effects))
 
-    def bind(self, values: FloatArray) -> tuple[Bound, FloatArray]:
-        """Effects prepared for these parameters (m,), and their columns (rows, 1 + k)."""
+    def bind(self, values: FloatArray, trial: bool = False) -> tuple[Bound, FloatArray]:
+        """Effects prepared for these parameters (m,), and their columns (rows, 1 + k); a `trial` demands no rows."""
         theta, moved, prepared = self._split(values), self.records, {}
         pairs = list(zip(self.model.keys, self.model.effects, strict=True))
         for moves in (True, False):  # terms are scaled to the temperature that they will see
             for key, effect in pairs:
                 if isinstance(effect, MovesAbscissa) is not moves:
                     continue
-                ready = effect.prepare([r.select(m) for r, m in zip(moved, self.masks, strict=True)])
-                prepared[key] = ready
+                selected = [r.select(m) for r, m in zip(moved, self.masks, strict=True)]
+                prepared[key] = ready = effect.prepare(selected)
+                if isinstance(ready, Demanding) and not trial:
+                    ready.demand(selected)
                 if isinstance(ready, MovesAbscissa):
                     moved = tuple(r.with_channel("temperature", ready.abscissa(r, theta[key])) for r in moved)
         slices, parts, at = {}, [np.ones((self.y.size, 1))], 1

@@ -23,7 +23,16 @@ from bench.errors import InputError
 from bench.model import Model
 from bench.noise import Noise
 from bench.quantisation import coarse_temperature
-from bench.solve import MAX_CONDITION, Solution, dependent_column, left_out_rms, one_blas_thread, search, solve
+from bench.solve import (
+    MAX_CONDITION,
+    Solution,
+    dependent_column,
+    left_out_rms,
+    one_blas_thread,
+    projected,
+    search,
+    solve,
+)
 from bench.uncertainty import CovarianceKind, estimate_covariance
 
 __all__ = ["Coefficient", "Fit", "Prediction", "fit"]
@@ -196,10 +205,10 @@ def _theta(problem: Problem, start: Mapping[str, float] | None) -> FloatArray:
 
     def residual(theta: FloatArray) -> FloatArray:
         try:
-            _, columns = problem.bind(theta)
+            _, columns = problem.bind(theta, trial=True)
         except InputError:  # a lag so long that the shifted temperature stands still
             return np.full(problem.y.size, np.inf)
-        return np.sqrt(problem.weights) * solve(columns, problem.y, problem.weights).residual
+        return projected(columns, problem.y, problem.weights)
 
     return search(residual, parameters, given)
 

@@ -22,6 +22,7 @@ from bench.errors import InputError
 
 MAX_CONDITION = 1e12
 """Above this the coefficients of the scaled columns have lost all meaning."""
+_TRIAL_CONDITION = 1e10
 
 
 @contextmanager
@@ -72,6 +73,20 @@ def solve(columns: FloatArray, y: FloatArray, weights: FloatArray) -> Solution:
     residual = y - columns @ beta
     rss = float(np.sum(weights * residual**2))
     return Solution(beta, residual, rss, float(spectrum[0] / spectrum[-1]), q, r, scale)
+
+
+def projected(columns: FloatArray, y: FloatArray, weights: FloatArray) -> FloatArray:
+    """Weighted residual (n,) of y beside what the columns span, full rank or not (trial parameters may lose it)."""
+    root = np.sqrt(weights)
+    solution = solve(columns, y, weights)
+    if solution.condition < _TRIAL_CONDITION:
+        return root * solution.residual
+    weighted = columns * root[:, None]
+    scale = np.linalg.norm(weighted, axis=0)
+    u, s, _ = linalg.svd(weighted / np.where(scale > 0.0, scale, 1.0), full_matrices=False)
+    u = u[:, s > s[0] / _TRIAL_CONDITION]
+    residual: FloatArray = root * y - u @ (u.T @ (root * y))
+    return residual
 
 
 def _unsolved(columns: FloatArray) -> Solution:

@@ -200,7 +200,7 @@ def test_an_interval_without_rows_is_named():
     temperature = record.channels["temperature"]
     hole = record.select((temperature < 30.0) | (temperature > 60.0))
     with pytest.raises(InputError, match=r"interval 15 of 24 \(32.9 to 38.1 degC\) has 0 rows"):
-        effects.make("spline", {"intervals": 24}).prepare([hole])
+        effects.make("spline", {"intervals": 24}).prepare([hole]).demand([hole])
 
 
 def test_only_an_automatic_spline_leaves_something_open():

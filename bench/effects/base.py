@@ -75,7 +75,7 @@ class Effect(Protocol):
         """Nonlinear parameters, () where the effect is linear."""
 
     def prepare(self, records: Sequence[Dataset]) -> Effect:
-        """The same effect with scales fixed to these rows; InputError where they cannot determine it."""
+        """The same effect with scales fixed to these rows; InputError where a channel is missing or constant."""
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Regressors (n, k) of the whole record, without a constant; NaN where a channel has a gap."""
@@ -93,6 +93,16 @@ class MovesAbscissa(Effect, Protocol):
 
     def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
         """Temperature (n,) [degC] in place of the sensor's, from the whole record."""
+
+
+@runtime_checkable
+class Demanding(Effect, Protocol):
+    """A prepared effect that demands more of its rows than a range. Asked of the final fit, never of trial parameters:
+    a refusal there would push a time constant away from its true value.
+    """
+
+    def demand(self, records: Sequence[Dataset]) -> None:
+        """InputError where these rows cannot determine the effect, with what to do."""
 
 
 @runtime_checkable

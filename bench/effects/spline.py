@@ -64,10 +64,13 @@ class Spline:
         return tuple(replace(self, intervals=m) for m in CANDIDATES if m >= least)
 
     def prepare(self, records: Sequence[Dataset]) -> Spline:
-        """Equal intervals over the range of these rows; InputError where one has too few rows or T is constant."""
-        scale = Scale.of(records, "temperature", LEAST_RANGE_DEGC)
+        """Equal intervals over the range of these rows; InputError where the temperature is constant."""
+        return replace(self, scale=Scale.of(records, "temperature", LEAST_RANGE_DEGC))
+
+    def demand(self, records: Sequence[Dataset]) -> None:
+        """InputError where an interval has too few rows, or none."""
         temperature = np.concatenate([record.channel("temperature") for record in records])
-        knots = np.linspace(scale.low, scale.high, self._m + 1)
+        knots = np.linspace(self._scale.low, self._scale.high, self._m + 1)
         rows = np.histogram(temperature[np.isfinite(temperature)], knots)[0]
         if rows.min() < MIN_ROWS:
             i = int(rows.argmin())
@@ -75,7 +78,6 @@ class Spline:
                 f"spline: interval {i + 1} of {self._m} ({knots[i]:.1f} to {knots[i + 1]:.1f} degC) has {rows[i]} "
                 f"rows, at least {MIN_ROWS} are needed; use fewer intervals or a profile that passes there"
             )
-        return replace(self, scale=scale)
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Basis (n, k) of all splines that meet the end conditions, without the constant; tangents beyond the ends."""
