@@ -57,6 +57,12 @@ class Analysis:
         """Error without compensation over held-out error of the best model."""
         return self.uncompensated_dph / self.best.held_out.rms_dph if self.best else np.nan
 
+    @property
+    def within_limits(self) -> bool:
+        """The run is whole and its calibration proven; how good it is, is the verdict's to say."""
+        proven = self.best is not None and bool(np.isfinite(self.best.held_out.rms_dph))
+        return self.done.ended and not self.done.lost and not self.done.altered and proven
+
     def residual(self) -> FloatArray:
         """Measured less modelled bias of the best model (n,) [deg/h]."""
         if self.dataset is None or self.best is None:
@@ -100,13 +106,13 @@ def analyse(
     """
     run = RunFolder(Path(run_folder))
     manifest = run.manifest()
-    checks = [load(folder, interval_s) for folder in check]
+    checks = [_check_run(RunFolder(Path(folder)), manifest, interval_s) for folder in check]
     base, reason = _base(run)
     done = completeness(run, manifest, base)
     floor = Floor(reason=reason) if base is None else noise_floor(base, interval_s)
     if base is None:
         verdict = judge(done, None, np.nan, reason)
-        result = Analysis(run, manifest, interval_s, done, floor, verdict, warnings=cautions(done, floor, None, None))
+        result = Analysis(run, manifest, interval_s, done, floor, verdict, warnings=cautions(done, None, None, None))
     else:
         data = base.average(interval_s)
         result = _judged(Analysis(run, manifest, interval_s, done, floor, _PENDING, data), data, models, checks)
@@ -114,23 +120,29 @@ def analyse(
     return result
 
 
+def _check_run(run: RunFolder, manifest: Manifest, interval_s: float) -> Dataset:
+    """A run to hold out; InputError where it is of another unit: that would prove nothing."""
+    mine, theirs = manifest.get("unit"), run.manifest().get("unit")
+    if mine and theirs and mine != theirs:
+        raise InputError(f"check run is of unit {theirs}, the run to be checked is of {mine}", run.path)
+    return load(run.path, interval_s)
+
+
 def _base(run: RunFolder) -> tuple[Dataset | None, str]:
     """The 1 s means, or why there are none."""
     try:
         base = load(run.path, 1.0)
-        if not np.any(np.isfinite(base.bias)):
-            return None, "the record holds no rate sample"
-        base.channel("temperature")
     except InputError as error:
         return None, str(error).replace(f"{run.path}/", "")
-    return base, ""
+    empty = [name for name in ("rate", "temperature") if not np.any(np.isfinite(base.channels[name]))]
+    return (None, f"no value of {' and '.join(empty)} in the whole record") if empty else (base, "")
 
 
 def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Sequence[Dataset]) -> Analysis:
     rungs = [*ladder()[:BASELINES], *(models or ladder()[BASELINES:])]
     comparison = compare(data, rungs, known.floor.floor_dph, checks or None, strict=False)
     best = _best(comparison)
-    reason = "; ".join(f"{name}: {why}" for name, why in comparison.refused)
+    reason = comparison.refused[-1][1] if comparison.refused else ""
     weight = data.count("rate")
     mean = np.nansum(weight * data.bias) / np.sum(weight)
     return replace(

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.diagnosis.compare import Comparison, Score
+from bench.diagnosis.compare import Comparison, Score, ladder
 from bench.report.completeness import LOST, Completeness
 from bench.report.floor import Floor
 from bench.report.markup import clock, number
@@ -17,7 +17,18 @@ _LEAST_BRANCH_S = 600.0
 _SHOWN_GAPS = 3
 
 
-def cautions(done: Completeness, floor: Floor, comparison: Comparison | None, best: Score | None) -> tuple[str, ...]:
+_COMMON = frozenset(model.name for model in ladder()[:3])
+"""Baselines: nobody asked for them, so their absence is no warning."""
+
+
+def refusals(comparison: Comparison) -> tuple[tuple[str, str], ...]:
+    """Name of each model that the data cannot determine, and why."""
+    return tuple((name, reason.removeprefix(f"model '{name}' ")) for name, reason in comparison.refused)
+
+
+def cautions(
+    done: Completeness, floor: Floor | None, comparison: Comparison | None, best: Score | None
+) -> tuple[str, ...]:
     """Warnings of a run, none for one that is as it should be."""
     return (*_of_data(done), *_of_floor(floor), *_of_models(comparison, best))
 
@@ -42,15 +53,16 @@ def _of_data(done: Completeness) -> Iterator[str]:
                 yield f"only {clock(seconds)} of {name}: a difference between the branches cannot be seen"
 
 
-def _of_floor(floor: Floor) -> Iterator[str]:
-    if floor.reason:
+def _of_floor(floor: Floor | None) -> Iterator[str]:
+    if floor is not None and floor.reason:
         yield f"noise floor not known: {floor.reason}"
 
 
 def _of_models(comparison: Comparison | None, best: Score | None) -> Iterator[str]:
     if comparison is not None:
-        for name, reason in comparison.refused:
-            yield f"model '{name}' was refused: {reason}"
+        for model, reason in refusals(comparison):
+            if model not in _COMMON:
+                yield f"model '{model}' was refused: {reason}"
     if best is None:
         return
     held_out = best.held_out

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from markupsafe import Markup
 
 from bench.channels import CHANNELS, FloatArray
 from bench.diagnosis.compare import Score
 from bench.report import figures_model
 from bench.report.analysis import Analysis
+from bench.report.cautions import refusals
 from bench.report.markup import (
     Row,
     Section,
@@ -49,8 +51,12 @@ _TERMS = (
 def ladder(analysis: Analysis) -> Section | None:
     """All models side by side, in-sample and held-out, against the floor."""
     comparison, best = analysis.comparison, analysis.best
-    if comparison is None or best is None:
+    if comparison is None:
         return None
+    refused = refusals(comparison)
+    lost = table("Models that this data cannot determine", ("model", "why"), refused) if refused else Markup()
+    if best is None:
+        return Section("ladder", "Ladder of models", paragraph("No model could be fitted.") + lost)
     scores, floor_dph = comparison.scores, _known(comparison.floor_dph)
     names = ["no compensation", *(score.model.name for score in scores)]
     in_sample = np.array([analysis.uncompensated_dph, *(score.rms_dph for score in scores)])
@@ -80,9 +86,7 @@ def ladder(analysis: Analysis) -> Section | None:
     )
     html = paragraph(words) + figure("fig-ladder", plot, caption, alt)
     html += table("The ladder of models", head, rows, (2, 3, 4, 5))
-    if comparison.refused:
-        html += table("Models that this data cannot determine", ("model", "why"), comparison.refused)
-    return Section("ladder", "Ladder of models", html)
+    return Section("ladder", "Ladder of models", html + lost)
 
 
 def _rung(score: Score, floor_dph: float | None, is_best: bool) -> Row:

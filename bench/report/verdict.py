@@ -83,8 +83,10 @@ def _state(done: Completeness) -> str:
     if done.state == "done":
         failed = len(done.failed)
         return "Complete" if not failed else f"{failed} of {len(done.segments)} segments failed"
-    cause = f" ({done.cause})" if done.cause else ""
-    return f"{done.state.capitalize()} after {clock(done.duration_s)}{cause}"
+    when = f" after {clock(done.duration_s)}" if done.duration_s else ""
+    if done.cause.startswith(done.state):
+        return f"{done.cause[0].upper()}{done.cause[1:]}{when}"
+    return f"{done.state.capitalize()}{when}{f' ({done.cause})' if done.cause else ''}"
 
 
 def _losses(done: Completeness) -> str:
