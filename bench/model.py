@@ -9,16 +9,16 @@ effects:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from bench import effects
 from bench.effects.base import Effect, options_of
 from bench.errors import InputError
+from bench.yaml12 import Document, dump, read
 
 ROWS = ("all", "heating", "cooling", "soaks_2", "soaks_3")
 """Rows that a model is fitted to: all, one branch only, or the means of 2 or 3 soaks (fixed-temperature method)."""
@@ -62,7 +62,7 @@ class Model:
         content: dict[str, Any] = {"name": self.name, "effects": entries}
         if self.rows != "all":
             content["rows"] = self.rows
-        return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+        return dump(content)
 
 
 def load_model(name_or_path: str | Path) -> Model:
@@ -93,45 +93,44 @@ def _libraries() -> tuple[Path, ...]:
 
 
 def _read(path: Path) -> Model:
-    text = path.read_text(encoding="utf-8")
+    document = read(path)
+    return model_from(document.content, document)
+
+
+def model_from(content: object, document: Document | None = None) -> Model:
+    """Model from parsed YAML; InputError, with the line in `document`, for anything that is not exactly a model."""
+    with _at(document):
+        if not isinstance(content, Mapping):
+            raise InputError(f"a model is a mapping with the keys {', '.join(_KEYS)}")
+        for key in content:
+            if key not in _KEYS:
+                with _at(document, key):
+                    raise InputError(f"unknown key '{key}'{effects.nearest(str(key), _KEYS)}")
+        name, entries, rows = content.get("name"), content.get("effects"), content.get("rows", "all")
+        if not isinstance(name, str) or not name:
+            raise InputError("a model needs a 'name'")
+        if not isinstance(entries, list):
+            raise InputError("'effects' must be a list, such as [spline] or [{spline: {intervals: 24}}]")
+        return Model(name, tuple(_effect(entry, document, i) for i, entry in enumerate(entries)), rows)
+
+
+def _effect(entry: object, document: Document | None, index: int) -> Effect:
+    with _at(document, "effects", index):
+        if isinstance(entry, str):
+            return effects.make(entry)
+        if isinstance(entry, Mapping) and len(entry) == 1:
+            ((name, options),) = entry.items()
+            if options is None or isinstance(options, Mapping):
+                return effects.make(str(name), options)
+        raise InputError(f"{entry!r} is not an effect; write its name, or {{name: {{option: value}}}}")
+
+
+@contextmanager
+def _at(document: Document | None, *place: str | int) -> Iterator[None]:
+    """Say file and line in an InputError from inside that does not say them yet."""
     try:
-        content = yaml.safe_load(text)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else None
-        raise InputError(f"not YAML: {error.problem}", path, line) from error
-    try:
-        return model_from(content)
+        yield
     except InputError as error:
-        raise InputError(str(error), path, _line(text, str(error))) from None
-
-
-def model_from(content: object) -> Model:
-    """Model from parsed YAML; InputError for anything that is not exactly a model."""
-    if not isinstance(content, Mapping):
-        raise InputError(f"a model is a mapping with the keys {', '.join(_KEYS)}")
-    for key in content:
-        if key not in _KEYS:
-            raise InputError(f"unknown key '{key}'{effects.nearest(str(key), _KEYS)}")
-    name, entries, rows = content.get("name"), content.get("effects"), content.get("rows", "all")
-    if not isinstance(name, str) or not name:
-        raise InputError("a model needs a 'name'")
-    if not isinstance(entries, list):
-        raise InputError("'effects' must be a list, such as [spline] or [{spline: {intervals: 24}}]")
-    return Model(name, tuple(_effect(entry) for entry in entries), rows)
-
-
-def _effect(entry: object) -> Effect:
-    if isinstance(entry, str):
-        return effects.make(entry)
-    if isinstance(entry, Mapping) and len(entry) == 1:
-        ((name, options),) = entry.items()
-        if options is None or isinstance(options, Mapping):
-            return effects.make(str(name), options)
-    raise InputError(f"{entry!r} is not an effect; write its name, or {{name: {{option: value}}}}")
-
-
-def _line(text: str, message: str) -> int | None:
-    """Line of the first quoted word of an error message, where the file has it."""
-    quoted = message.split("'")[1::2]
-    lines = (i for word in quoted for i, line in enumerate(text.splitlines(), 1) if word and word in line)
-    return next(lines, None)
+        if document is None or error.file is not None:
+            raise
+        raise InputError(str(error), document.file, document.line(place)) from None

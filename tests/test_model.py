@@ -57,9 +57,11 @@ def test_a_users_own_model_folder_goes_before_the_shipped_one(tmp_path, monkeypa
         ("name: m\neffects: [{spline: 3}]\n", "is not an effect"),
         ("name: m\nrows: some\neffects: [spline]\n", "rows is 'some', allowed are all, heating"),
         ("effects: [spline]\n", "needs a 'name'"),
-        ("name: m\neffects: [\n", r"m\.yaml:\d+: not YAML"),
+        ("name: m\neffects: [\n", r"m\.yaml:\d+: "),
+        ("name: m\nname: n\neffects: [spline]\n", r"m\.yaml:2: "),
+        ("name: m\neffects:\n  - polynomial\n  - spline:\n      knots: 3\n", r"m\.yaml:4: effect"),
         ("- 3\n", "a model is a mapping"),
-        ("", "a model is a mapping"),
+        ("", "is empty"),
     ],
 )
 def test_a_wrong_model_file_is_refused_in_one_line(tmp_path, text, message):
