@@ -133,7 +133,7 @@ class Chamber:
         return identity
 
     def poll(self) -> ChamberReading:
-        """One fixed block, and from time to time the slower registers.
+        """The polled registers, always in the same blocks, and from time to time the slower ones.
 
         Raises LimitError when a value cannot be true (NaN, outside the sensor's range), LinkError without an answer.
         """
@@ -236,15 +236,14 @@ class Chamber:
         return self._identity
 
     def _poll_block(self) -> dict[str, Value]:
-        members = [self._map[name] for name in self._map.poll]
         if self._whole_block:
             try:
-                return self._link.read_block(members)
+                return {name: v for block in self._map.blocks for name, v in self._link.read_block(block).items()}
             except RefusedError as error:
                 if error.code != _ILLEGAL_ADDRESS:
                     raise
                 self._whole_block = False  # this firmware does not read across its gaps
-        return {register.name: self._link.read(register) for register in members}
+        return {name: self._link.read(self._map[name]) for name in self._map.poll}
 
     def _poll_secondary(self) -> None:
         alarms = []
@@ -298,7 +297,9 @@ class Chamber:
             raise IdentityError(f"{self._map.model}: nothing is written before identify()")
         old, old_words = self._old(register)
         if self._identified_at != self._link.counters.connections:
-            self._recognise()  # after a reconnection the equipment may be another
+            self._recognise()  # after a reconnection the equipment, or its limits, may be others
+            if name == "setpoint":
+                self._check_target(float(value))
         if words == old_words:
             return
         self._link.write(register, value)

@@ -26,6 +26,7 @@ Value = float | str
 """A decoded register: a number in the register's unit, or the name of an enumerated value, or a text."""
 
 MAX_BLOCK_WORDS = 125
+_TINY = 1e-30
 _FORMATS = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}
 _STRICT = ConfigDict(extra="forbid")
 _Text = Annotated[str, Field(min_length=1)]
@@ -106,8 +107,7 @@ class Register:
             return next((name for name, code in self.values.items() if code == raw), f"code {raw}")
         value = float(raw * self.scale)
         # A target that somebody left outside what we would write is legal; a measurement outside its range is not.
-        plausible = self._within(value) if self.write is None else math.isfinite(value)
-        if not plausible:
+        if not (self._within(value) if self.write is None else _possible(value)):
             raise self._refusal(value, "reads", "; a sensor break, or wrong word order, scale or unit")
         return value
 
@@ -154,11 +154,16 @@ class Register:
     def _within(self, value: float) -> bool:
         low = -math.inf if self.low is None else self.low
         high = math.inf if self.high is None else self.high
-        return math.isfinite(value) and low <= value <= high
+        return _possible(value) and low <= value <= high
 
     def _refusal(self, value: float, what: str, hint: str) -> LimitError:
         low, high = ("none" if limit is None else f"{limit:g}" for limit in (self.low, self.high))
         return LimitError(f"{self.name} {what} {value:g} {self.unit}; limits {low} to {high}{hint}")
+
+
+def _possible(value: float) -> bool:
+    """Finite, and not what a round float32 looks like with its two words swapped."""
+    return math.isfinite(value) and not 0 < abs(value) < _TINY
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -200,7 +205,7 @@ class RegisterMap:
     model: _Text
     registers: Mapping[str, Register]
     poll: tuple[str, ...]
-    """Read together as one block at every poll."""
+    """Read at every poll, in as few requests as `block_words` allows."""
     run: Run
     identify: tuple[Rule, ...]
     secondary: tuple[str, ...] = ()
@@ -209,6 +214,8 @@ class RegisterMap:
     """None: the host steps the set point."""
     word_order: Literal["high_first", "low_first"] = "high_first"
     """Default of the registers."""
+    block_words: Annotated[int, Field(ge=2, le=MAX_BLOCK_WORDS)] = MAX_BLOCK_WORDS
+    """Longest block [words] that the controller reads."""
     exceptions: Mapping[int, str] = field(default_factory=dict)
     """What this controller means by an exception code, where it departs from the Modbus specification."""
 
@@ -225,7 +232,6 @@ class RegisterMap:
         needed = {"temperature", "setpoint", self.run.state}
         if not needed <= set(self.poll):
             raise ValueError(f"poll has to hold {', '.join(sorted(needed))}")
-        block_of(self[name] for name in self.poll)
         try:
             for name in (self.run.register, self.run.state):
                 self[name].encode(self.run.on)
@@ -241,6 +247,18 @@ class RegisterMap:
 
     def __contains__(self, name: str) -> bool:
         return name in self.registers
+
+    @property
+    def blocks(self) -> tuple[tuple[Register, ...], ...]:
+        """The polled registers, grouped into one request each."""
+        groups: list[list[Register]] = []
+        for register in sorted((self[name] for name in self.poll), key=lambda r: (r.read, r.address)):
+            last = groups[-1] if groups else None
+            if last and last[0].read == register.read and register.end - last[0].address <= self.block_words:
+                last.append(register)
+            else:
+                groups.append([register])
+        return tuple(map(tuple, groups))
 
     @property
     def native_ramp(self) -> bool:

@@ -17,9 +17,11 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.errors import ConfigError, LimitError, LinkError
-from drivers.registers import Register, RegisterMap, Value, block_of
+from drivers.registers import Register, RegisterMap, Value
 
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+
+_FUNCTION = ExcCodes.ILLEGAL_FUNCTION
 
 
 @dataclass(frozen=True)
@@ -223,11 +225,11 @@ class ModbusChamber:
         return True
 
     def _ranges(self) -> list[SimData]:
-        """Served addresses: every register, and the whole of the polled block with its holes."""
-        spans = sorted((r.address, r.end) for r in self._map.registers.values())
-        _, start, count = block_of(self._map[name] for name in self._map.poll)
+        """Served addresses: every register, and the whole of the polled blocks with their holes."""
+        spans = [(r.address, r.end) for r in self._map.registers.values()]
+        spans += [(block[0].address, max(r.end for r in block)) for block in self._map.blocks]
         merged: list[list[int]] = []
-        for low, high in sorted([*spans, (start, start + count)]):
+        for low, high in sorted(spans):
             if merged and low <= merged[-1][1]:
                 merged[-1][1] = max(high, merged[-1][1])
             else:
@@ -252,11 +254,14 @@ class ModbusChamber:
         self._port = listener.sockets[0].getsockname()[1]
         self._ready.set()
         await self._stop.wait()
+        await _turns()  # a connection on its way in gets in, or asyncio would leave its socket open
         await server.shutdown()  # type: ignore[no-untyped-call]
-        await asyncio.sleep(0)  # lets the closed transports say goodbye inside the loop
+        await _turns()  # the closed transports let go of their sockets
 
 
-_FUNCTION = ExcCodes.ILLEGAL_FUNCTION
+async def _turns() -> None:
+    for _ in range(5):
+        await asyncio.sleep(0)
 
 
 def _status(register: Register, active: bool) -> int:

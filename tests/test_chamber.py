@@ -1,0 +1,339 @@
+"""The chamber driver: identified first, limits kept, writes read back, safe state reached and verified."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from drivers.chamber import Chamber, Write
+from drivers.clock import SimClock
+from drivers.errors import ConfigError, IdentityError, LimitError, LinkError, ReadBackError, RefusedError
+from drivers.modbus import ModbusLink
+from drivers.registers import RegisterMap, load_map, parse_map
+from drivers.sim.modbus_chamber import ChamberCommands, ModbusChamber
+
+F4T = load_map("watlow_f4t")
+HOST_STEPPED = """\
+model: Watlow F4
+registers:
+  temperature: {address: 100, type: int16, scale: 0.1, unit: degC, low: -80, high: 200, meaning: air, source: F4}
+  setpoint: {address: 300, type: int16, scale: 0.1, write: 6, unit: degC, low: -80, high: 200, meaning: t, source: F4}
+  mode: {address: 202, type: uint16, write: 6, values: {off: 0, on: 1}, meaning: run, source: F4}
+poll: [temperature, mode, setpoint]
+run: {register: mode, on: on, off: off, state: mode}
+identify: []
+"""
+
+
+class Bench:
+    """A simulated controller, the driver on it, and what the driver journalled."""
+
+    def __init__(self, registers: RegisterMap = F4T, limits: tuple[float, float] = (-40.0, 85.0)) -> None:
+        self.server = ModbusChamber(registers)
+        self.link = ModbusLink(self.server.url, timeout_s=5.0)
+        self.clock = SimClock()
+        self.writes: list[Write] = []
+        self.chamber = Chamber(self.link, registers, limits, self.clock, journal=self.writes.append)
+
+    def close(self) -> None:
+        self.link.close()
+        self.server.close()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def ready(bench: Bench) -> Bench:
+    bench.chamber.identify()
+    return bench
+
+
+def test_identify_reads_and_writes_nothing(bench: Bench):
+    identity = bench.chamber.identify()
+    assert identity.model == "Watlow F4T"
+    assert dict(identity.answers)["temperature_unit"] == "celsius"
+    assert bench.writes == []
+
+
+def test_limits_are_those_of_station_and_controller_together(bench: Bench):
+    wide = Chamber(bench.link, F4T, (-60.0, 100.0), bench.clock)
+    wide.identify()
+    assert wide.limits == (-45.0, 100.0)  # the controller's low, the station's high
+
+
+def test_disjoint_limits_are_refused(bench: Bench):
+    with pytest.raises(IdentityError, match="no common set point"):
+        Chamber(bench.link, F4T, (140.0, 180.0), bench.clock).identify()
+
+
+@pytest.mark.parametrize(
+    ("register", "words", "message"),
+    [
+        ("part_number", [ord("P"), ord("M")] + [0] * 13, "part number"),
+        ("temperature_unit", [30], "degF"),
+        ("temperature", [0x0000, 0x7FC0], "temperature reads nan"),
+        ("temperature", [0x41C8, 0x0000], "word order"),
+        ("temperature", [0x0000, 0x447A], "1000 degC"),
+    ],
+)
+def test_a_controller_that_is_not_the_described_one_is_refused(
+    bench: Bench, register: str, words: list[int], message: str
+):
+    bench.server.set_words(register, words)
+    with pytest.raises(IdentityError, match=message):
+        bench.chamber.identify()
+
+
+def test_nothing_is_written_before_identify(bench: Bench):
+    for command in (
+        lambda: bench.chamber.set_point(20.0),
+        lambda: bench.chamber.ramp_to(20.0, 1.0),
+        bench.chamber.stop,
+    ):
+        with pytest.raises(IdentityError, match="identify"):
+            command()
+    assert bench.writes == []
+
+
+def test_poll_tells_what_the_controller_shows(ready: Bench):
+    ready.server.publish(temperature=20.5, working_setpoint=21.5, power=-25.0, compressor=True)
+    ready.clock.sleep_until(10.0)
+    reading = ready.chamber.poll()
+    assert (reading.t_s, reading.temperature, reading.setpoint, reading.working_setpoint) == (10.0, 20.5, 25.0, 21.5)
+    assert (reading.power, reading.on, reading.alarm, reading.compressor) == (-25.0, False, (), True)
+
+
+def test_a_poll_is_one_request_and_the_slow_registers_come_seldom(ready: Bench):
+    ready.chamber.poll()
+    before = ready.link.counters.requests
+    for _ in range(4):
+        ready.clock.sleep_until(ready.clock.now() + 1.0)
+        ready.chamber.poll()
+    assert ready.link.counters.requests - before == 4
+    ready.clock.sleep_until(5.0)
+    ready.chamber.poll()
+    assert ready.link.counters.requests - before == 5 + len(F4T.secondary)
+
+
+def test_alarms_are_named(ready: Bench):
+    ready.server.publish(temperature=25.0, working_setpoint=25.0, alarms=["alarm_1", "limit_status"])
+    ready.clock.sleep_until(5.0)
+    alarm = ready.chamber.poll().alarm
+    assert [text.split(":")[0] for text in alarm] == ["limit_status", "alarm_1"]
+
+
+def test_a_sensor_break_while_running_is_an_error_not_a_reading(ready: Bench):
+    ready.server.set_words("temperature", [0x0000, 0x7FC0])
+    with pytest.raises(LimitError, match="nan"):
+        ready.chamber.poll()
+
+
+def test_a_set_point_arrives_and_is_journalled(ready: Bench):
+    ready.clock.sleep_until(7.0)
+    ready.chamber.set_point(-40.0)
+    assert ready.server.commands().setpoint == -40.0
+    assert ready.writes == [Write(7.0, "setpoint", 25.0, -40.0, -40.0)]
+    assert ready.chamber.commanded == -40.0
+
+
+@pytest.mark.parametrize("target", [-40.01, 85.01, float("nan"), float("inf"), 1000.0])
+def test_a_set_point_outside_the_limits_is_refused_not_clipped(ready: Bench, target: float):
+    for command in (lambda: ready.chamber.set_point(target), lambda: ready.chamber.ramp_to(target, 1.0)):
+        with pytest.raises(LimitError):
+            command()
+    assert ready.writes == []
+    assert ready.server.commands() == ChamberCommands(25.0, False, None)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 100.0])
+def test_a_ramp_rate_that_is_none_is_refused_before_anything_is_sent(ready: Bench, rate: float):
+    with pytest.raises(LimitError):
+        ready.chamber.ramp_to(50.0, rate)
+    assert ready.writes == []
+
+
+def test_what_stands_already_is_not_written_again(ready: Bench):
+    ready.chamber.set_point(30.0)
+    ready.chamber.set_point(30.0)
+    assert len(ready.writes) == 1
+
+
+def test_a_native_ramp_is_set_up_before_its_target(ready: Bench):
+    ready.chamber.ramp_to(85.0, 2.0)
+    ready.chamber.start()
+    assert ready.server.commands() == ChamberCommands(85.0, True, 2.0)
+    assert [write.register for write in ready.writes] == ["ramp_rate", "ramp_action", "setpoint", "mode"]
+
+
+def test_a_set_point_after_a_ramp_ends_the_ramp(ready: Bench):
+    ready.chamber.ramp_to(85.0, 2.0)
+    ready.chamber.set_point(20.0)
+    assert ready.server.commands().ramp_rate_degc_per_min is None
+
+
+def test_hold_stays_where_the_ramp_is(ready: Bench):
+    ready.chamber.ramp_to(85.0, 2.0)
+    ready.server.publish(temperature=40.0, working_setpoint=42.5)
+    assert ready.chamber.hold() == 42.5
+    assert ready.server.commands() == ChamberCommands(42.5, False, None)
+
+
+def test_without_a_native_ramp_the_host_steps():
+    bench = Bench(parse_map(HOST_STEPPED, "f4"))
+    bench.chamber.identify()
+    assert not bench.chamber.native_ramp
+    with pytest.raises(ConfigError, match="step the set point"):
+        bench.chamber.ramp_to(50.0, 1.0)
+    bench.chamber.set_point(25.3)
+    assert bench.server.commands().setpoint == pytest.approx(25.3)
+    reading = bench.chamber.poll()
+    assert (reading.working_setpoint, reading.power, reading.compressor) == (None, None, None)
+    assert all(step.ok for step in bench.chamber.safe(25.0))
+    bench.close()
+
+
+def test_start_needs_a_set_point_of_ours(ready: Bench):
+    with pytest.raises(LimitError, match="no set point"):
+        ready.chamber.start()
+    ready.chamber.set_point(30.0)
+    ready.chamber.start()
+    assert ready.chamber.poll().on
+    ready.chamber.stop()
+    assert not ready.chamber.poll().on
+
+
+def test_an_operator_at_the_panel_is_visible(ready: Bench):
+    ready.chamber.set_point(30.0)
+    ready.server.set_words("setpoint", F4T["setpoint"].encode(60.0))
+    assert ready.chamber.poll().setpoint == 60.0
+    assert ready.chamber.commanded == 30.0
+
+
+def test_a_set_point_that_the_controller_changes_is_an_error(ready: Bench, monkeypatch: pytest.MonkeyPatch):
+    """Seen on real chambers: the controller clamps silently, or stores 0.0 from swapped words."""
+    write = ready.link.write
+
+    def clamp(register, value):
+        write(register, value)
+        ready.server.set_words("setpoint", F4T["setpoint"].encode(70.0))
+
+    monkeypatch.setattr(ready.link, "write", clamp)
+    with pytest.raises(ReadBackError, match="wrote 80"):
+        ready.chamber.set_point(80.0)
+    assert ready.chamber.commanded is None
+    assert ready.writes[-1].read_back == 70.0
+
+
+def test_another_controller_after_a_reconnection_gets_no_write(ready: Bench):
+    ready.link.close()
+    ready.server.set_words("temperature_unit", [30])
+    with pytest.raises(IdentityError, match="degF"):
+        ready.chamber.set_point(40.0)
+    assert ready.writes == []
+
+
+def test_limits_that_changed_over_a_reconnection_are_kept(ready: Bench):
+    ready.link.close()
+    ready.server.set_words("setpoint_high", F4T["setpoint_high"].encode(50.0))
+    with pytest.raises(LimitError, match="50"):
+        ready.chamber.set_point(60.0)
+
+
+def test_an_optional_register_that_is_not_there_is_left_alone(bench: Bench, monkeypatch: pytest.MonkeyPatch):
+    read = bench.link.read
+
+    def without_compressor(register):
+        if register.name == "compressor":
+            raise RefusedError("exception 2, illegal address", 2)
+        return read(register)
+
+    monkeypatch.setattr(bench.link, "read", without_compressor)
+    bench.chamber.identify()
+    assert bench.chamber.poll().compressor is None
+
+
+def test_a_controller_that_does_not_read_across_gaps_is_polled_one_by_one(bench: Bench, monkeypatch):
+    def refuse(registers):
+        if len(members := tuple(registers)) > 1:
+            raise RefusedError("exception 2, illegal address", 2)
+        return read_block(members)
+
+    read_block = bench.link.read_block
+    monkeypatch.setattr(bench.link, "read_block", refuse)
+    bench.chamber.identify()
+    assert bench.chamber.poll().temperature == 25.0
+
+
+class TestSafeState:
+    def test_goes_to_ambient_first_and_then_off(self, ready: Bench):
+        ready.chamber.ramp_to(85.0, 2.0)
+        ready.chamber.start()
+        ready.writes.clear()
+        steps = ready.chamber.safe(25.0)
+        assert [step.ok for step in steps] == [True, True, True]
+        assert [write.register for write in ready.writes] == ["setpoint", "ramp_action", "mode"]
+        assert ready.server.commands() == ChamberCommands(25.0, False, None)
+
+    def test_is_reached_by_a_watchdog_that_never_identified(self, bench: Bench):
+        bench.server.set_words("mode", [10])
+        assert all(step.ok for step in bench.chamber.safe(25.0))
+        assert not bench.server.commands().on
+
+    def test_is_reached_with_a_broken_sensor(self, ready: Bench):
+        ready.chamber.set_point(80.0)
+        ready.chamber.start()
+        ready.server.set_words("temperature", [0x0000, 0x7FC0])
+        assert all(step.ok for step in ready.chamber.safe(25.0))
+        assert ready.server.commands() == ChamberCommands(25.0, False, None)
+
+    def test_switches_off_even_when_ambient_cannot_be_commanded(self, ready: Bench):
+        ready.chamber.set_point(80.0)
+        ready.chamber.start()
+        steps = ready.chamber.safe(200.0)
+        assert [step.ok for step in steps] == [False, True, True]
+        assert "200" in steps[0].detail
+        assert not ready.server.commands().on
+
+    def test_says_so_when_the_chamber_stays_on(self, ready: Bench, monkeypatch: pytest.MonkeyPatch):
+        ready.chamber.set_point(80.0)
+        ready.chamber.start()
+        ready.clock.attach(lambda _t0, _t1: ready.server.set_words("mode_active", [10]))
+        write = ready.link.write
+
+        def stubborn(register, value):
+            write(register, value)
+            ready.server.set_words("mode_active", [10])
+
+        monkeypatch.setattr(ready.link, "write", stubborn)
+        steps = ready.chamber.safe(25.0)
+        assert [step.ok for step in steps] == [True, True, False]
+        assert "mode_active is not off" in steps[2].detail
+
+    def test_never_raises_and_reports_a_lost_link(self, ready: Bench):
+        ready.server.close()
+        steps = ready.chamber.safe(25.0)
+        assert [step.ok for step in steps] == [False, False, False]
+        assert all("attempts" in step.detail for step in steps)
+
+
+def test_the_link_comes_back_by_itself_after_the_controller_did(ready: Bench):
+    port = ready.server.port
+    ready.server.close()
+    with pytest.raises(LinkError):
+        ready.chamber.poll()
+    ready.server = ModbusChamber(F4T, port=port)
+    assert ready.chamber.poll().temperature == 25.0
+    ready.chamber.set_point(30.0)
+    assert ready.link.counters.connections == 2
+
+
+def test_limits_that_are_no_range_are_refused(bench: Bench):
+    for limits in [(50.0, -40.0), (float("nan"), 85.0), (-40.0, float("inf"))]:
+        with pytest.raises(ConfigError):
+            Chamber(bench.link, F4T, limits, bench.clock)
