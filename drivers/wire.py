@@ -50,6 +50,10 @@ class Signal:
 
     def physical(self, data: ByteArray) -> npt.NDArray[np.float64]:
         """Physical values [unit], (n,), of payloads (n, 8)."""
+        if self.is_float:
+            with np.errstate(invalid="ignore", over="ignore"):  # any bit pattern may arrive, signalling NaN too
+                scaled: npt.NDArray[np.float64] = self.unpack(data).astype(np.float64) * self.scale + self.offset
+            return scaled
         values: npt.NDArray[np.float64] = self.unpack(data).astype(np.float64)
         if self.scale != 1.0:
             values *= self.scale
