@@ -13,7 +13,7 @@ from bench.channels import FloatArray, IntArray
 from bench.errors import InputError
 
 INTERVAL_S = 1.0
-_BATCH_ROWS = 1 << 18
+_BATCH_ROWS = 1 << 16
 
 
 def write_means(data_parquet: Path | str, out: Path | str) -> int:
@@ -25,7 +25,7 @@ def write_means(data_parquet: Path | str, out: Path | str) -> int:
     Raises InputError when the file cannot be read or its time runs backwards.
     """
     try:
-        source = pq.ParquetFile(data_parquet)
+        source = pq.ParquetFile(data_parquet, pre_buffer=False)
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"not a readable Parquet file ({error})", data_parquet) from error
     names = [name for name in source.schema_arrow.names if name not in {"time", "segment"}]
