@@ -12,8 +12,9 @@ signals:
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,6 +43,8 @@ _UNITS: dict[str, dict[str, float]] = {  # channel: unit in the DBC: factor to t
     "quadrature": {"V": 1.0, "mV": 1e-3},
     "supply": {"V": 1.0, "mV": 1e-3},
 }
+_GOOD = {"RateValid": 1, "LoopLocked": 1, "RateSaturated": 0}
+_WORD = np.dtype("<u8")
 BOOT_UP = 0
 
 
@@ -102,7 +105,7 @@ class GyroDecoder:
 
     def __init__(self, dbc: str | Path, number: int, *, late_s: float = 0.5) -> None:
         messages = load_dbc(dbc)
-        self.losses = Losses()
+        self._counts: Counter[str] = Counter()
         self.identity: Identity | None = None
         self.last: dict[str, float] = {}
         self.samples = 0
@@ -115,7 +118,9 @@ class GyroDecoder:
         self._heartbeat = _one_with(messages, dbc, "Serial", "State")
         self._rate_factor = _factor("rate", self._rate, "Rate")
         self.rate_step_dph = self._rate.signals["Rate"].scale * self._rate_factor
-        self._flags = [name for name in ("RateValid", "LoopLocked", "RateSaturated") if name in self._rate.signals]
+        flags = [self._rate.signals[name] for name in _GOOD if name in self._rate.signals]
+        self._flag_mask = np.uint64(sum(flag.bits(-1) for flag in flags))
+        self._flags_good = np.uint64(sum(flag.bits(_GOOD[flag.name]) for flag in flags))
         self._slow = [_SlowMessage(message, self.interval_s) for message in messages.values() if _is_slow(message)]
         self._track = CounterTrack(self._rate.signals["SampleCounter"].length, self._interval_ns, late_s)
         self._reference: Reference | None = None  # the last sound rate frame
@@ -132,7 +137,7 @@ class GyroDecoder:
         slow = self._read_slow(frames, keys, at, Reference(placed.index, counter, t_ns))
         rows = placed.take
         rate_dph, valid = self._read_rate(data[rows])
-        self._count(
+        self._counts.update(
             lost=placed.lost,
             repeated=placed.repeated,
             corrupt=placed.rogue,
@@ -144,10 +149,10 @@ class GyroDecoder:
         self.samples += len(valid)
         return GyroBlock(placed.index[rows], t_ns[rows], rate_dph, valid, slow)
 
-    def _count(self, **more: int) -> None:
-        counts = {name: getattr(self.losses, name) + count for name, count in more.items() if count}
-        if counts:
-            self.losses = replace(self.losses, **counts)
+    @property
+    def losses(self) -> Losses:
+        """Counts since the start."""
+        return Losses(**self._counts)
 
     def _sound(self, frames: FrameArray, keys: npt.NDArray[np.uint32], message: Message) -> tuple[IntArray, ByteArray]:
         """Positions (n,) and payloads (n, 8) of the frames of a message whose length and CRC are right."""
@@ -158,9 +163,9 @@ class GyroDecoder:
         if "Crc8" in message.signals:
             sound &= message.crc(data, identifier) == data[:, message.length - 1]
         found = len(at)
-        if not np.all(sound):
+        if not sound.all():
             at, data = at[sound], data[sound]
-        self._count(received=found, corrupt=found - len(at))
+        self._counts.update(received=found, corrupt=found - len(at))
         return at, data
 
     def _read_heartbeat(self, frames: FrameArray, keys: npt.NDArray[np.uint32]) -> IntArray:
@@ -185,10 +190,8 @@ class GyroDecoder:
 
     def _read_rate(self, data: ByteArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
         rate_dph = self._rate.signals["Rate"].physical(data) * self._rate_factor
-        valid = np.ones(len(data), dtype=bool)
-        for name in self._flags:
-            valid &= self._rate.signals[name].unpack(data) == (name != "RateSaturated")
-        if not np.all(valid):
+        valid = data.view(_WORD)[:, 0] & self._flag_mask == self._flags_good
+        if not valid.all():
             rate_dph[~valid] = np.nan
         return rate_dph, valid
 
@@ -205,7 +208,7 @@ class GyroDecoder:
             at, data = self._sound(frames, keys, slow.message)
             if len(rate_at):
                 index, rows, repeated, lost = slow.place(data, at, frames["t_ns"][at], rate_at, rate)
-                self._count(repeated=repeated, slow_lost=lost)
+                self._counts.update(repeated=repeated, slow_lost=lost)
                 data = data[rows]
             else:
                 index, data = np.zeros(0, dtype=np.int64), data[:0]  # nothing to tie them to before the first sample
@@ -256,7 +259,10 @@ class _SlowMessage:
         half = 1 << signal.length - 1
         low = signal.unpack(data).astype(np.int64)
         off = ((low - rate.counter[nearer] - elapsed + half) & (2 * half - 1)) - half
-        index, rows = np.unique(rate.sample[nearer] + elapsed + off, return_index=True)
+        index = rate.sample[nearer] + elapsed + off
+        rows = np.arange(len(at))
+        if (index[1:] <= index[:-1]).any():
+            index, rows = np.unique(index, return_index=True)
         if self._last is not None and index[0] <= self._last:
             fresh = index > self._last
             index, rows = index[fresh], rows[fresh]

@@ -74,7 +74,7 @@ class CounterTrack:
         index, rows = np.zeros(len(counter), dtype=np.int64), np.arange(len(counter))
         while len(rows):
             step = np.diff(counter[rows], prepend=self._last[1]) & self._mask
-            if not len(boot) and np.all(step == 1):
+            if not len(boot) and (step == 1).all():
                 index[rows] = np.arange(self._last[0] + 1, self._last[0] + 1 + len(rows))
                 return index, rows, 0
             elapsed = self._elapsed(t_ns[rows], self._last[2])
@@ -129,7 +129,7 @@ class CounterTrack:
         placed = index[rows]
         before = self._delivered
         counts = {"rogue": len(index) - len(rows), "late": int(np.count_nonzero(late)), "resets": resets}
-        if placed[0] > before and np.all(np.diff(placed) > 0):
+        if placed[0] > before and (placed[1:] > placed[:-1]).all():
             take, fresh = rows, len(rows)
         else:
             highest = np.maximum.accumulate(np.concatenate(([before], placed[:-1])))
@@ -143,7 +143,7 @@ class CounterTrack:
             take, late, fresh = rows[keep], late[keep], len(keep)
         self._delivered = max(before, int(placed.max()))
         self._recent = np.concatenate((self._recent, placed[-4 * REORDER :]))[-4 * REORDER :]
-        if np.any(late):
+        if late.any():
             take = take[~late]
         return Unwrapped(index, take, lost=self._delivered - before - fresh, **counts)
 

@@ -20,6 +20,7 @@ from drivers.errors import ConfigError, LimitError
 ByteArray = npt.NDArray[np.uint8]
 """Payloads, shape (n, 8); bytes beyond the length of the message are zero."""
 
+_LITTLE, _BIG, _WORD = np.dtype("<u8"), np.dtype(">u8"), np.dtype("<u2")
 _DBC_FOLDER = Path(__file__).parent / "gyros"
 
 
@@ -37,9 +38,14 @@ class Signal:
     scale: float
     offset: float
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether the raw value is the value itself."""
+        return not self.is_float and self.scale == 1.0 and self.offset == 0.0
+
     def unpack(self, data: ByteArray) -> npt.NDArray[Any]:
-        """Raw values (n,) of payloads (n, 8): int64, uint64, or the float type of the signal."""
-        word = np.ascontiguousarray(data).view(">u8" if self.big_endian else "<u8")[:, 0].astype(np.uint64, copy=False)
+        """Raw values (n,) of contiguous payloads (n, 8): int64, uint64, or the float type of the signal."""
+        word = data.view(_BIG if self.big_endian else _LITTLE)[:, 0].astype(np.uint64, copy=False)
         word = word << np.uint64(self.shift_up)
         if self.is_float:
             bits = (word >> np.uint64(64 - self.length)).astype(f"u{self.length // 8}")
@@ -67,7 +73,7 @@ class Signal:
         if self.is_float:
             scaled = (physical.astype(np.float64) - self.offset) / self.scale
             return scaled.astype(f"f{self.length // 8}")
-        if physical.dtype.kind in "iub" and self.scale == 1.0 and self.offset == 0.0:
+        if physical.dtype.kind in "iub" and self.is_plain:
             raw = physical
         else:
             raw = np.rint((physical.astype(np.float64) - self.offset) / self.scale)
@@ -79,6 +85,11 @@ class Signal:
             limits = f"{low * self.scale + self.offset:g} to {high * self.scale + self.offset:g}"
             raise LimitError(f"{self.name} = {wrong:g} [{self.unit}] does not fit its signal ({limits})")
         return raw.astype(np.int64 if self.signed else np.uint64)
+
+    def bits(self, raw: int) -> int:
+        """The eight bytes, as a little-endian number, that carry `raw` alone."""
+        word = (raw & (1 << self.length) - 1) << 64 - self.length >> self.shift_up
+        return int.from_bytes(word.to_bytes(8, "big"), "little") if self.big_endian else word
 
 
 @dataclass(frozen=True)
@@ -98,20 +109,24 @@ class Message:
         if missing or not set(values) <= set(self.signals):
             names = ", ".join(sorted(missing | (set(values) - set(self.signals))))
             raise ConfigError(f"{self.name}: signals missing or unknown: {names}")
-        little, big = np.zeros(count, dtype="<u8"), np.zeros(count, dtype=">u8")
+        little, big, constant = np.zeros(count, dtype=_LITTLE), np.zeros(count, dtype=_BIG), 0
         for name, value in values.items():
             signal = self.signals[name]
+            if isinstance(value, int) and signal.is_plain and 0 <= value < 1 << signal.length - signal.signed:
+                constant |= signal.bits(value)
+                continue
             raw = signal.raw(value)
-            bits = raw.view(f"u{raw.itemsize}").astype(np.uint64)
-            lifted = bits << np.uint64(64 - signal.length) >> np.uint64(signal.shift_up)
+            lifted = raw.view(f"u{raw.itemsize}").astype(np.uint64) << np.uint64(64 - signal.length)
+            lifted >>= np.uint64(signal.shift_up)
             target = big if signal.big_endian else little
             target |= lifted
-        return little.view(np.uint8).reshape(count, 8) | big.view(np.uint8).reshape(count, 8)
+        little |= big.view(_LITTLE) | np.uint64(constant)
+        return little.view(np.uint8).reshape(count, 8)
 
     def crc(self, data: ByteArray, data_id: int) -> ByteArray:
         """CRC-8/SAE-J1850 (n,) over the bytes before the last one of the message, then the data identifier."""
         tables, start = _crc_tables(self.length)
-        words = np.ascontiguousarray(data).view("<u2")
+        words = data.view(_WORD)
         crc = np.full(len(data), start ^ int(_CRC_TABLE[data_id & 0xFF]), dtype=np.uint8)
         for column, table in enumerate(tables):
             crc ^= table[words[:, column]]
