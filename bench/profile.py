@@ -6,6 +6,7 @@ settles and is averaged; a repeat repeats. Times are nominal: the chamber may ne
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -25,8 +26,11 @@ __all__ = ["Leg", "Profile", "SettleRule", "from_document", "from_text", "load"]
 AMBIENT_DEGC = 23.0
 """Where the chamber is taken to stand before the first leg, for nominal times [degC]."""
 
-STEP_DEGC_PER_MIN = 1.5
-"""Nominal speed of a step where the profile limits none [degC/min]; only the predicted duration depends on it."""
+STEP_DEGC_PER_MIN = 3.0
+"""Nominal speed of a chamber that is told to jump [degC/min]; only predicted durations depend on it."""
+
+UNIT_TAU_MIN = 8.0
+"""Nominal time constant of a unit in its fixture [min]; only predicted durations depend on it."""
 
 _MAX_LEGS = 2000
 
@@ -219,7 +223,7 @@ class _Builder:
         place = self._place if item is None else (*self._place, "temperatures_degc", item)
         timeout_s = move_s + 60.0 * rule.timeout_min
         self._add(name, "step", target_degc, settle=rule, move_s=move_s, timeout_s=timeout_s,
-                  nominal_s=move_s + rule.dwell_s, line=self._lines(place))  # fmt: skip
+                  nominal_s=move_s + _settling_s(move_s, rule), line=self._lines(place))  # fmt: skip
 
     def _stay(self, name: str, minutes: float, rule: SettleRule | None = None) -> None:
         duration_s = 60.0 * minutes
@@ -245,6 +249,13 @@ class _Builder:
         )
         self._legs.append(leg)
         self._degc = target_degc
+
+
+def _settling_s(move_s: float, rule: SettleRule) -> float:
+    """Expected time [s] until a first-order unit that lags behind the air is slow enough, dwell included."""
+    tau_s = 60.0 * UNIT_TAU_MIN
+    slope = STEP_DEGC_PER_MIN * (1.0 - math.exp(-move_s / tau_s))  # of the unit when the air arrives
+    return max(rule.dwell_s, tau_s * math.log(max(slope / rule.slope_degc_per_min, 1.0)))
 
 
 def _walk(segments: tuple[Segment, ...], place: config.Place) -> Iterator[tuple[config.Place, Ramp | Soak | Step]]:
