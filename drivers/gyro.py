@@ -12,7 +12,6 @@ signals:
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -105,7 +104,7 @@ class GyroDecoder:
 
     def __init__(self, dbc: str | Path, number: int, *, late_s: float = 0.5) -> None:
         messages = load_dbc(dbc)
-        self._counts: Counter[str] = Counter()
+        self._counts: dict[str, int] = {}
         self.identity: Identity | None = None
         self.last: dict[str, float] = {}
         self.samples = 0
@@ -124,6 +123,7 @@ class GyroDecoder:
         self._slow = [_SlowMessage(message, self.interval_s) for message in messages.values() if _is_slow(message)]
         self._track = CounterTrack(self._rate.signals["SampleCounter"].length, self._interval_ns, late_s)
         self._reference: Reference | None = None  # the last sound rate frame
+        self._said = b""  # the last heartbeats, as long as they are no news
         self._booted = False  # a boot-up heartbeat arrived and no rate frame since
 
     def decode(self, frames: FrameArray) -> GyroBlock:
@@ -137,7 +137,7 @@ class GyroDecoder:
         slow = self._read_slow(frames, keys, at, Reference(placed.index, counter, t_ns))
         rows = placed.take
         rate_dph, valid = self._read_rate(data[rows])
-        self._counts.update(
+        self._count(
             lost=placed.lost,
             repeated=placed.repeated,
             corrupt=placed.rogue,
@@ -154,6 +154,11 @@ class GyroDecoder:
         """Counts since the start."""
         return Losses(**self._counts)
 
+    def _count(self, **more: int) -> None:
+        for name, count in more.items():
+            if count:
+                self._counts[name] = self._counts.get(name, 0) + count
+
     def _sound(self, frames: FrameArray, keys: npt.NDArray[np.uint32], message: Message) -> tuple[IntArray, ByteArray]:
         """Positions (n,) and payloads (n, 8) of the frames of a message whose length and CRC are right."""
         identifier = message.id + self._number
@@ -165,7 +170,7 @@ class GyroDecoder:
         found = len(at)
         if not sound.all():
             at, data = at[sound], data[sound]
-        self._counts.update(received=found, corrupt=found - len(at))
+        self._count(received=found, corrupt=found - len(at))
         return at, data
 
     def _read_heartbeat(self, frames: FrameArray, keys: npt.NDArray[np.uint32]) -> IntArray:
@@ -173,11 +178,15 @@ class GyroDecoder:
         at, data = self._sound(frames, keys, self._heartbeat)
         if not len(at):
             return at
+        said = data.tobytes()
+        if said == self._said:  # the same once a second is no news
+            return at[:0]
         raw = {name: signal.unpack(data) for name, signal in self._heartbeat.signals.items()}
         last = {name: int(values[-1]) for name, values in raw.items()}
         firmware, coefficient_set = last.get("Firmware", 0), last.get("CoefficientSet", 0)
         self.identity = Identity(last["Serial"], firmware, coefficient_set, last["State"])
         boot: IntArray = at[raw["State"] == BOOT_UP]
+        self._said = b"" if len(boot) else said
         return boot
 
     def _boot_rows(self, at: IntArray, boot: IntArray) -> IntArray:
@@ -208,7 +217,7 @@ class GyroDecoder:
             at, data = self._sound(frames, keys, slow.message)
             if len(rate_at):
                 index, rows, repeated, lost = slow.place(data, at, frames["t_ns"][at], rate_at, rate)
-                self._counts.update(repeated=repeated, slow_lost=lost)
+                self._count(repeated=repeated, slow_lost=lost)
                 data = data[rows]
             else:
                 index, data = np.zeros(0, dtype=np.int64), data[:0]  # nothing to tie them to before the first sample
@@ -249,17 +258,17 @@ class _SlowMessage:
         """Sample indices and rows that are new, in order; how many were repeated, and how many are missing."""
         if not len(at):
             return at, at, 0, 0
-        behind = np.searchsorted(rate_at, at) - 1
-        ahead = np.minimum(behind + 1, len(rate_at) - 1)
-        behind = np.maximum(behind, 0)
-        # After a stall the frame before is far in host time and the one behind it in the queue is near.
-        nearer = np.where(np.abs(t_ns - rate.t_ns[ahead]) < np.abs(t_ns - rate.t_ns[behind]), ahead, behind)
-        elapsed = np.rint((t_ns - rate.t_ns[nearer]) / self._interval_ns).astype(np.int64)
+        near = np.maximum(np.searchsorted(rate_at, at) - 1, 0)
+        elapsed: IntArray | int = 0
         signal = self.message.signals["SlowCounter"]
         half = 1 << signal.length - 1
-        low = signal.unpack(data).astype(np.int64)
-        off = ((low - rate.counter[nearer] - elapsed + half) & (2 * half - 1)) - half
-        index = rate.sample[nearer] + elapsed + off
+        if np.abs(t_ns - rate.t_ns[near]).max() > half // 4 * self._interval_ns:
+            # Host time bridges an outage. After a stall the frame ahead in the queue is far, the next one near.
+            ahead = np.minimum(near + 1, len(rate_at) - 1)
+            near = np.where(np.abs(t_ns - rate.t_ns[ahead]) < np.abs(t_ns - rate.t_ns[near]), ahead, near)
+            elapsed = np.rint((t_ns - rate.t_ns[near]) / self._interval_ns).astype(np.int64)
+        off = signal.unpack(data).astype(np.int64) - rate.counter[near] - elapsed
+        index = rate.sample[near] + elapsed + ((off + half) & (2 * half - 1)) - half
         rows = np.arange(len(at))
         if (index[1:] <= index[:-1]).any():
             index, rows = np.unique(index, return_index=True)
