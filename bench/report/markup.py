@@ -102,11 +102,11 @@ def table(
     right = set(numeric)
     lines = [row if isinstance(row, Row) else Row(tuple(row)) for row in rows]
     title = "" if len(lines) > _LONG_TABLE else Markup("<caption>{}</caption>").format(caption)
-    html = Markup(
-        '<div class="scroll"><table>{}<thead><tr>{}</tr></thead>\n<tbody>\n{}\n</tbody></table></div>\n'
-    ).format(
+    cells = Markup().join(_cell("th", text, i in right, "col") for i, text in enumerate(head))
+    top = Markup("<thead><tr>{}</tr></thead>").format(cells) if any(head) else ""
+    html = Markup('<div class="scroll"><table>{}{}\n<tbody>\n{}\n</tbody></table></div>\n').format(
         title,
-        Markup().join(_cell("th", text, i in right, "col") for i, text in enumerate(head)),
+        top,
         Markup("\n").join(_line(line, right) for line in lines),
     )
     if len(lines) <= _LONG_TABLE:

@@ -123,7 +123,7 @@ def losses(analysis: Analysis) -> Section:
     else:
         html += paragraph("Nobody counted the frames of this record.")
     share = "" if done.missing is None else f"; {done.missing:,} missing between the first and the last"
-    html += paragraph(f"{done.samples:,} rate samples{share}; {len(done.gaps_s)} gaps of more than a second.")
+    html += paragraph(f"{done.samples:,} rate samples{share}; gaps of more than a second: {len(done.gaps_s)}.")
     if done.gaps_s:
         gaps = [Row((clock(a), clock(b), number(b - a)), "bad") for a, b in done.gaps_s]
         html += table("Gaps: nothing was filled in", ("from", "to", "length [s]"), gaps, (0, 1, 2))

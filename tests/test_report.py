@@ -1,0 +1,254 @@
+"""The analysis behind a report: its numbers are those of fit and compare, and it says what the run lacks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from run_folders import ARW, CYCLE, UNIT, make_run, ramp_run, truth_dph
+
+from bench.dataset import Dataset, load
+from bench.diagnosis.compare import HeldOut, compare, ladder
+from bench.errors import InputError
+from bench.model import load_model
+from bench.report.analysis import Analysis, analyse
+from bench.report.branches import branch_gap
+from bench.report.calibration import calibration
+from bench.report.completeness import Completeness
+from bench.report.verdict import judge
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
+    return analyse(make_run(tmp_path_factory.mktemp("report") / "whole", **ramp_run()))
+
+
+def aborted(folder: Path) -> Path:
+    """A run cut off in its third ramp, with 100 lost samples in its middle."""
+    made = ramp_run()
+    here = made["columns"]["time"] < 5200.0
+    columns = {name: values[here].copy() for name, values in made["columns"].items()}
+    columns["rate"][2000:2100] = np.nan
+    segments = [dict(segment) for segment in made["segments"] if segment["from_s"] < 5200.0]
+    segments[-1] |= {
+        "settled": False,
+        "outcome": "interrupted",
+        "reason": "aborted by operator (Ctrl-C)",
+        "to_s": 5200.0,
+    }
+    losses = {"received": 10300, "lost": 100, "repeated": 2, "corrupt": 3}
+    return make_run(folder, columns, segments, state="aborted", cause=segments[-1]["reason"], losses=losses)
+
+
+def required_only(columns: dict) -> dict:
+    return {name: columns[name] for name in ("time", "rate", "temperature")}
+
+
+def cubic_only(folder: Path) -> Analysis:
+    return analyse(folder, [load_model("polynomial")])
+
+
+def test_ladder_equals_a_comparison_made_by_hand(whole: Analysis) -> None:
+    data = load(whole.run.path)
+    assert whole.comparison is not None
+    byhand = compare(data, ladder()[:4], whole.floor.floor_dph)
+    for mine, theirs in zip(whole.comparison.scores, byhand.scores, strict=False):
+        assert mine.rms_dph == theirs.rms_dph
+        assert mine.held_out == theirs.held_out
+    residual = whole.residual()
+    assert whole.best is not None
+    assert whole.best.rms_dph == pytest.approx(np.sqrt(np.nanmean(residual**2)), rel=1e-3)
+
+
+def test_best_model_is_the_one_that_predicts_unseen_data_best(whole: Analysis) -> None:
+    assert whole.comparison is not None
+    assert whole.best is min(whole.comparison.scores, key=lambda score: score.held_out.rms_dph)
+
+
+def test_floor_of_a_white_unit_is_its_angle_random_walk_over_the_root_of_the_interval(whole: Analysis) -> None:
+    assert whole.floor.noise is not None
+    assert whole.floor.noise.white == pytest.approx(ARW, rel=0.05)
+    assert whole.floor.floor_dph == pytest.approx(ARW / np.sqrt(30.0 / 3600.0), rel=0.1)
+
+
+def test_branch_gap_is_the_loop_that_was_put_in(whole: Analysis) -> None:
+    assert whole.dataset is not None
+    gap = branch_gap(whole.dataset)
+    assert gap is not None
+    # Play of half-width r moves the centre by 2 r between the branches: 2 * loop_dph; the lagging curve is the same.
+    assert gap[0] == pytest.approx(0.8, abs=0.15)
+
+
+def test_bias_span_and_uncompensated_error_are_those_of_the_means(whole: Analysis) -> None:
+    assert whole.dataset is not None
+    bias = whole.dataset.bias
+    assert whole.bias_span_dph == pytest.approx(np.ptp(bias))
+    assert whole.uncompensated_dph == pytest.approx(np.std(bias), rel=1e-3)
+
+
+def evaluate(entry: dict, record: Dataset) -> np.ndarray:
+    """Bias from calibration.json by its text alone: powers of channels, or pieces between knots."""
+    (effect,) = entry["model"]["effects"]
+    terms = {c["key"].split(".", 1)[1]: c["value"] for c in entry["coefficients"]}
+    temperature = record.channels["temperature"]
+    if effect["effect"] == "polynomial":
+        return sum(value * temperature ** int(label[1:]) for label, value in terms.items())
+    if effect["effect"] == "regression":
+        powers = ((label.split("^"), value) for label, value in terms.items() if "^" in label)
+        return terms["b0"] + sum(value * record.channels[name] ** int(power) for (name, power), value in powers)
+    knots = np.array(effect["state"]["knots"])
+    piece = np.clip(np.searchsorted(knots, temperature, side="right") - 1, 0, len(knots) - 2)
+    table = np.array([[terms[f"piece{i + 1}.a{j}"] for j in range(4)] for i in range(len(knots) - 1)])
+    return sum(table[piece, j] * (temperature - knots[piece]) ** j for j in range(4))
+
+
+@pytest.mark.parametrize(("name", "tolerance"), [("polynomial", 1e-9), ("regression", 1e-5), ("spline", 1e-9)])
+def test_another_program_can_evaluate_the_calibration(whole: Analysis, name: str, tolerance: float) -> None:
+    assert whole.comparison is not None
+    assert whole.dataset is not None
+    (score,) = [s for s in whole.comparison.scores if s.model.name == name]
+    text = json.dumps(calibration(whole.manifest, 30.0, score, whole.floor, whole.to_json()), allow_nan=False)
+    entry = json.loads(text)["calibration"]
+    predicted = score.fit.predict(whole.dataset).bias
+    assert np.nanmax(np.abs(evaluate(entry, whole.dataset) - predicted)) < tolerance
+
+
+def test_coefficient_uncertainties_follow_from_the_covariance_in_the_file(whole: Analysis) -> None:
+    entry = json.loads((whole.run.path / "calibration.json").read_text())["calibration"]
+    scaled = entry["scaled"]
+    matrix, covariance = np.array(scaled["to_coefficients"]), np.array(scaled["covariance"])
+    linear = matrix.shape[1]
+    std = np.sqrt(np.diag(matrix @ covariance[:linear, :linear] @ matrix.T))
+    np.testing.assert_allclose([c["std"] for c in entry["coefficients"]], std, rtol=1e-9)
+    np.testing.assert_allclose(
+        [c["value"] for c in entry["coefficients"]], matrix @ scaled["values"][:linear], rtol=1e-9
+    )
+
+
+def test_calibration_names_unit_data_and_range(whole: Analysis) -> None:
+    content = json.loads((whole.run.path / "calibration.json").read_text())
+    assert content["unit"] == UNIT
+    assert content["averaging_s"] == 30.0
+    assert content["data"]["means.parquet"] == whole.manifest["files"]["means.parquet"]
+    assert all(c["unit"].startswith("deg/h") for c in content["calibration"]["coefficients"])
+    low, high = (content["calibration"]["validity"]["temperature"][end] for end in ("from", "to"))
+    assert low == pytest.approx(-40.0, abs=0.1)
+    assert high == pytest.approx(85.0, abs=0.1)
+
+
+def test_compare_json_has_the_keys_of_the_command(whole: Analysis) -> None:
+    content = json.loads((whole.run.path / "compare.json").read_text())
+    assert {"runs", "floor_dph", "models", "verdict"} <= content.keys()
+    assert {"name", "effects", "rms_dph", "held_out_rms_dph", "segments"} <= content["models"][0].keys()
+    assert len(content["models"]) == 6
+
+
+def test_a_check_run_is_what_the_model_is_judged_by(whole: Analysis, tmp_path: Path) -> None:
+    shorter = [(name, kind, 60.0 if target == 85.0 else target, amount) for name, kind, target, amount in CYCLE]
+    check = make_run(tmp_path / "check", **ramp_run(shorter, seed=2))
+    judged = analyse(whole.run.path, [load_model("polynomial")], [check])
+    assert judged.best is not None
+    assert judged.best.held_out.by == "check"
+    data = load(check)
+    left = data.bias - judged.best.fit.predict(data).bias
+    assert judged.best.held_out.rms_dph == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-2)
+    other = make_run(tmp_path / "other", **ramp_run(), unit="SIM-0002")
+    with pytest.raises(InputError, match="unit SIM-0002"):
+        analyse(whole.run.path, (), [other])
+
+
+def test_an_aborted_run_says_so_and_shows_what_there_is(tmp_path: Path) -> None:
+    analysis = cubic_only(aborted(tmp_path / "aborted"))
+    assert analysis.verdict.word == "partial"
+    assert analysis.verdict.sentence.startswith(
+        "Aborted by operator (Ctrl-C) after 1:26:40, 103 frames lost or damaged"
+    )
+    assert analysis.best is not None
+    assert analysis.done.missing == 100
+    assert analysis.done.gaps_s == ((1000.0, 1050.0),)
+    assert not analysis.within_limits
+    assert any("'up to 85' failed" in text for text in analysis.warnings)
+
+
+def test_an_imported_table_needs_no_segments_losses_or_other_channels(tmp_path: Path) -> None:
+    columns = {
+        name: values for name, values in ramp_run()["columns"].items() if name in {"time", "rate", "temperature"}
+    }
+    analysis = cubic_only(make_run(tmp_path / "imported", columns, losses={}, sample_rate_hz=None))
+    assert analysis.best is not None
+    assert "frame losses not counted" in analysis.verdict.sentence
+    assert analysis.done.missing is None
+    # Without segments the floor is read wherever the temperature stood still.
+    assert len(analysis.floor.stretches) == 4
+    assert analysis.floor.floor_dph == pytest.approx(ARW / np.sqrt(30.0 / 3600.0), rel=0.1)
+
+
+def test_zero_rows_are_an_answer_not_an_error(tmp_path: Path) -> None:
+    columns = {name: values[:0] for name, values in ramp_run()["columns"].items()}
+    run = make_run(tmp_path / "zero", columns, state="failed", cause="chamber link lost for 12 s")
+    analysis = cubic_only(run)
+    assert analysis.verdict.word == "no_data"
+    assert "chamber link lost" in analysis.verdict.sentence
+    assert json.loads((run / "calibration.json").read_text())["calibration"] is None
+    assert json.loads((run / "compare.json").read_text())["models"] == []
+
+
+@pytest.mark.parametrize("name", ["rate", "temperature"])
+def test_a_record_without_one_value_of_a_required_channel_is_no_data(tmp_path: Path, name: str) -> None:
+    columns = {key: values[:1000].copy() for key, values in ramp_run()["columns"].items()}
+    columns[name][:] = np.nan
+    analysis = cubic_only(make_run(tmp_path / "empty", columns))
+    assert analysis.verdict.word == "no_data"
+    assert f"no value of {name}" in analysis.verdict.sentence
+
+
+def test_constant_temperature_gives_a_reason_instead_of_a_model(tmp_path: Path) -> None:
+    made = ramp_run([("soak", "soak", 25.0, 1800.0)])
+    made["columns"]["temperature"][:] = 25.0
+    analysis = cubic_only(make_run(tmp_path / "constant", **made))
+    assert analysis.best is None
+    assert analysis.verdict.word == "unproven"
+    assert "temperature moves by 0 degC" in analysis.verdict.sentence
+
+
+def test_a_timed_out_segment_is_never_a_whole_run(tmp_path: Path) -> None:
+    made = ramp_run()
+    made["segments"][2] |= {"settled": False, "outcome": "timeout", "reason": "slope 0.4 degC/min after 3600 s"}
+    analysis = cubic_only(make_run(tmp_path / "timeout", **made))
+    assert analysis.verdict.word == "partial"
+    assert analysis.verdict.sentence.startswith("1 of 7 segments failed")
+
+
+def test_means_that_were_changed_after_the_run_are_noticed(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "changed", **ramp_run())
+    recorded = json.loads((run / "manifest.json").read_text())
+    recorded["files"]["means.parquet"] = "0" * 64
+    (run / "manifest.json").write_text(json.dumps(recorded))
+    analysis = cubic_only(run)
+    assert "means.parquet is not the file that was recorded" in analysis.warnings[0]
+    assert not analysis.within_limits
+
+
+@pytest.mark.parametrize(
+    ("ratio", "word"), [(1.0, "adequate"), (1.49, "adequate"), (1.6, "model_error"), (np.nan, "unproven")]
+)
+def test_verdict_follows_the_held_out_error_over_the_floor(whole: Analysis, ratio: float, word: str) -> None:
+    assert whole.best is not None
+    score = replace(whole.best, held_out=HeldOut("blocks", 0.1 * ratio, reason="one piece"))
+    assert judge(Completeness("done", samples=1), score, 0.1, "").word == word
+
+
+def test_a_floor_that_is_not_known_proves_nothing(whole: Analysis) -> None:
+    verdict = judge(Completeness("done", samples=1), whole.best, np.nan, "")
+    assert verdict.word == "unproven"
+    assert "floor is not known" in verdict.sentence
+
+
+def test_the_synthetic_unit_is_what_its_truth_says() -> None:
+    made = ramp_run(loop_dph=0.0)
+    columns = made["columns"]
+    left = columns["rate"] - truth_dph(columns["temperature"])
+    assert np.std(left) == pytest.approx(ARW * np.sqrt(7200.0), rel=0.05)
