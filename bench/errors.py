@@ -29,7 +29,7 @@ class InputError(BenchError):
         self.line = line
 
 
-class RunAborted(BenchError):
+class RunAborted(BenchError):  # noqa: N818 - an abort is an outcome, not an error of the bench
     """The operator or a guard ended the run; the safe state was reached and read back."""
 
     exit_code = 3

@@ -13,12 +13,13 @@ from typing import Annotated, Any
 
 import can
 import yaml
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, PositiveFloat, model_validator
 
 from bench.assemble import Decoded
 from bench.config import STRICT
 from bench.errors import EquipmentError, InputError
 from bench.guards import GuardSettings, Signal
+from bench.preflight import Limits
 from bench.recorder import Recorder
 from drivers.canbus import BusSettings, Capture, InProcessCapture, ProcessCapture, open_bus
 from drivers.chamber import Chamber
@@ -50,6 +51,9 @@ class Connection(_Settings):
     timeout_s: Annotated[float, Field(gt=0, le=60)] = 1.5
 
 
+Speed = PositiveFloat | Annotated[tuple[tuple[float, PositiveFloat], ...], Field(min_length=1)]
+
+
 class ChamberSettings(_Settings):
     """The chamber: which register map, where, and what it may be asked for."""
 
@@ -57,8 +61,10 @@ class ChamberSettings(_Settings):
     connection: Connection | None = Field(None, description="left out in a simulated station")
     lowest_degc: float
     highest_degc: float
-    heating_degc_per_min: Annotated[float, Field(gt=0, description="fastest ramp the chamber can follow")]
-    cooling_degc_per_min: Annotated[float, Field(gt=0, description="fastest ramp the chamber can follow")]
+    heating_degc_per_min: Speed = Field(
+        description="fastest ramp that the chamber follows: a number, or [degC, rate] pairs"
+    )
+    cooling_degc_per_min: Speed = Field(description="the same when cooling; small chambers are slow near their lowest")
 
     @model_validator(mode="after")
     def _ordered(self) -> ChamberSettings:
@@ -126,6 +132,17 @@ class StationSettings(_Settings):
             if unit.serial == serial:
                 return unit
         raise InputError(f"unit {serial!r} is not in station {self.name!r}; choose one of {known} with --unit")
+
+    def limits(self) -> Limits:
+        """What the station allows and its chamber can do."""
+        chamber = self.chamber
+        return Limits(
+            chamber.lowest_degc,
+            chamber.highest_degc,
+            chamber.heating_degc_per_min,
+            chamber.cooling_degc_per_min,
+            self.ambient_degc,
+        )
 
     def seeds(self) -> dict[str, int]:
         """Seeds that make a simulated run repeatable."""
@@ -224,7 +241,6 @@ class Station:
 def open_station(settings: StationSettings, units: Sequence[UnitSettings]) -> Iterator[Station]:
     """Open what `units` need: the chamber, identified, and the buses; closed again in reverse order."""
     registers = load_map(settings.chamber.map)
-    limits = (settings.chamber.lowest_degc, settings.chamber.highest_degc)
     with ExitStack() as stack:
         clock: Clock
         if settings.simulated:
@@ -239,7 +255,12 @@ def open_station(settings: StationSettings, units: Sequence[UnitSettings]) -> It
             connection = settings.chamber.connection
         link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
         stack.enter_context(closing(link))
-        station = Station(settings, clock, Chamber(link, registers, limits, clock), units)
+        station = Station(
+            settings,
+            clock,
+            Chamber(link, registers, (settings.chamber.lowest_degc, settings.chamber.highest_degc), clock),
+            units,
+        )
         for name in {unit.bus for unit in units}:
             if buses[name].interface in LOCAL_INTERFACES:
                 bus = open_bus(buses[name].to_driver())

@@ -1,0 +1,136 @@
+"""The command line: parse, call, print. Heavy imports live inside the commands, so that `--help` is quick.
+
+Exit codes: 0 done and within limits; 1 done, outside limits; 2 bad input; 3 aborted by operator or guard (safe state
+reached); 4 equipment failed. Every command that answers takes `--json`: one object on stdout, all else on stderr.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bench import __version__
+from bench.errors import BenchError
+from drivers.errors import ConfigError, DriverError, IdentityError, LimitError
+
+if TYPE_CHECKING:
+    from bench.workflow import Answer
+
+json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, nothing else.")
+station_option = click.option(
+    "--station",
+    type=click.Path(path_type=Path),
+    help="Station file (YAML); default: the embedded simulator.",
+)
+model_option = click.option(
+    "--model", "models", multiple=True, help="Model file or name; may be repeated. Default: the three of the papers."
+)
+out_option = click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("reports"), show_default=True, help="Where run folders go."
+)
+
+
+def _answer(command: Callable[..., Answer]) -> Callable[..., None]:
+    """Print the answer as text or JSON; turn the errors of bench and drivers into one line and an exit code.
+
+    Anything else is our bug and shows its traceback.
+    """
+
+    @wraps(command)
+    def wrapped(*args: Any, as_json: bool = False, **kwargs: Any) -> None:
+        code: int
+        try:
+            answer = command(*args, **kwargs)
+            click.echo(json.dumps(answer.content, allow_nan=False) if as_json else answer.text)
+            code = answer.exit_code
+        except BenchError as error:
+            print(f"bench: {error}", file=sys.stderr)
+            code = error.exit_code
+        except DriverError as error:
+            print(f"bench: {error}", file=sys.stderr)
+            code = 2 if isinstance(error, (ConfigError, LimitError, IdentityError)) else 4
+        sys.exit(code)
+
+    return wrapped
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="bench")
+def main() -> None:
+    """Thermal test bench for gyroscopes: run a chamber, capture without loss, fit, diagnose, calibrate.
+
+    Start with `bench run profiles/ramp_-40_85.yaml`: it needs no equipment.
+    """
+
+
+@main.command()
+@click.argument("profile", type=click.Path(path_type=Path))
+@station_option
+@click.option("--unit", "serial", help="Serial number, where the station has several units.")
+@model_option
+@out_option
+@click.option("--quiet", is_flag=True, help="No progress display.")
+@json_option
+@_answer
+def run(
+    profile: Path, station: Path | None, serial: str | None, models: tuple[str, ...], out: Path, quiet: bool
+) -> Answer:
+    """Run PROFILE: drive the chamber, capture the unit, fit the models, write the report."""
+    from bench import workflow
+
+    return workflow.run(profile, station, serial, models, out, quiet)
+
+
+@main.command()
+@click.argument("profile", type=click.Path(path_type=Path))
+@station_option
+@json_option
+@_answer
+def check(profile: Path, station: Path | None) -> Answer:
+    """Say everything about PROFILE that can be known before anything moves."""
+    from bench import workflow
+
+    return workflow.check(profile, station)
+
+
+@main.command()
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@model_option
+@click.option("--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable.")
+@json_option
+@_answer
+def compare(runs: tuple[Path, ...], models: tuple[str, ...], check_runs: tuple[Path, ...]) -> Answer:
+    """Model against measurement: in-sample and held-out error beside the noise floor, models side by side."""
+    from bench import workflow
+
+    return workflow.compare(runs, models, check_runs)
+
+
+@main.command()
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@model_option
+@click.option("--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable.")
+@json_option
+@_answer
+def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ...]) -> Answer:
+    """Analyse RUN again and write its report; a killed run is recovered from its journals first."""
+    from bench import workflow
+
+    return workflow.report(run_folder, models, check_runs)
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@json_option
+@_answer
+def init(folder: Path) -> Answer:
+    """Copy the shipped profiles, stations and models to FOLDER/profiles, as your own."""
+    from bench import workflow
+
+    return workflow.init(folder)

@@ -1,0 +1,203 @@
+"""What the commands do, each one call with an answer that prints as text or as JSON: acquisition, then analysis."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench import config
+from bench.errors import BenchError, InputError
+from bench.store import MANIFEST, RunFolder, open_run
+
+if TYPE_CHECKING:
+    from bench.model import Model
+    from bench.report.analysis import Analysis
+    from bench.station import StationSettings
+
+PACKAGE = Path(__file__).parent
+DEFAULT_MODELS = ("polynomial", "regression", "spline")
+BYTES_PER_S = 20_000.0
+"""Disk of one unit at 500 Hz: 601 frames of 24 bytes a second, readings, and the compressed tables."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command has to say, and its exit code."""
+
+    content: dict[str, Any]
+    text: str
+    exit_code: int = 0
+
+
+def library() -> Path:
+    """The shipped profiles, stations and models: those of the wheel, or of the source tree."""
+    packaged = PACKAGE / "_profiles"
+    return packaged if packaged.is_dir() else PACKAGE.parent / "profiles"
+
+
+def load_station(path: Path | None) -> StationSettings:
+    """A station file; the embedded simulator for None."""
+    from bench.station import StationSettings
+
+    return config.load(_station_path(path), StationSettings)
+
+
+def _station_path(path: Path | None) -> Path:
+    return library() / "stations" / "simulated.yaml" if path is None else path
+
+
+def run(
+    profile_path: Path, station_path: Path | None, serial: str | None, models: Sequence[str], out: Path, quiet: bool
+) -> Answer:
+    """`bench run`: check everything, run, capture, fit, report."""
+    from bench import preflight
+    from bench import profile as profiles
+    from bench.model import load_model
+    from bench.progress import Progress
+    from bench.runner import Job, run_job
+
+    profile = profiles.load(profile_path)
+    station = load_station(station_path)
+    chosen = [load_model(model) for model in models or DEFAULT_MODELS]
+    preflight.refuse(preflight.check(profile, station.limits()))
+    job = Job(
+        profile=profile,
+        profile_text=config.read_text(profile_path),
+        station=station,
+        station_text=config.read_text(_station_path(station_path)),
+        model_texts={_model_file(i): model.to_yaml() for i, model in enumerate(chosen)},
+        serial=serial,
+        out=out,
+    )
+    with Progress(profile, quiet=quiet) as progress:
+        result = run_job(job, progress)
+    return _report(result.run, chosen, result.error)
+
+
+def report(path: Path, models: Sequence[str], check: Sequence[Path] = ()) -> Answer:
+    """`bench report`: analyse a run again; a killed run is recovered from its journals first."""
+    from bench.model import load_model
+
+    folder = recover(path)
+    files = sorted(folder.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
+    chosen = [load_model(model) for model in models or files or DEFAULT_MODELS]
+    return _report(folder, chosen, None, check)
+
+
+def recover(path: Path) -> RunFolder:
+    """The run folder at `path`, its tables made from the journals when the bench was killed before it could."""
+    folder = RunFolder(path)
+    if path.is_dir() and not (path / MANIFEST).exists() and any(folder.journal.glob("*.gtbj")):
+        from bench.assemble import assemble
+
+        assemble(folder)
+    return open_run(path)
+
+
+def _model_file(order: int) -> str:
+    return "model.yaml" if order == 0 else f"model-{order + 1}.yaml"
+
+
+def _report(folder: RunFolder, models: Sequence[Model], error: BenchError | None, check: Sequence[Path] = ()) -> Answer:
+    from bench.report.analysis import analyse
+    from bench.report.html import write_report
+
+    analysis = analyse(folder.path, models, check)
+    write_report(analysis)
+    content = {**analysis.to_json(), "report": str(folder.report), "state": analysis.manifest["state"]}
+    if error is not None:
+        content |= {"error": str(error)}
+        return Answer(content, f"{_summary(analysis)}\nbench: {error}", error.exit_code)
+    return Answer(content, _summary(analysis), 0 if analysis.within_limits else 1)
+
+
+def _summary(analysis: Analysis) -> str:
+    lines = [analysis.verdict.sentence]
+    if analysis.comparison is not None:
+        lines += ["", _ladder(analysis.comparison.to_json())]
+    lines += [f"warning: {text}" for text in analysis.warnings]
+    lines += ["", f"run     {analysis.run.path}", f"report  {analysis.run.report}"]
+    return "\n".join(lines)
+
+
+def _ladder(comparison: dict[str, Any]) -> str:
+    """Models against the floor, as a table for a terminal."""
+    floor = comparison["floor_dph"]
+    rows = [f"{'model':<28} {'in-sample':>10} {'held-out':>10} {'over floor':>10}   [deg/h RMS, 30 s means]"]
+    for model in comparison["models"]:
+        inside, outside = model["rms_dph"], model["held_out_rms_dph"]
+        ratio = "-" if outside is None or not floor else f"{outside / floor:.2f} x"
+        rows.append(f"{model['name']:<28} {_number(inside):>10} {_number(outside):>10} {ratio:>10}")
+    rows.append(f"{'noise floor':<28} {_number(floor):>10}")
+    return "\n".join(rows)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
+
+
+def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path]) -> Answer:
+    """`bench compare`: models side by side, in-sample and held-out, beside the noise floor."""
+    from bench.dataset import load
+    from bench.diagnosis.compare import compare as compare_models
+    from bench.model import load_model
+    from bench.report.floor import noise_floor
+
+    chosen = [load_model(model) for model in models or DEFAULT_MODELS]
+    datasets = [load(recover(path).path) for path in runs]
+    checks = [load(recover(path).path) for path in check]
+    floor = noise_floor(load(runs[0], 1.0), datasets[0].interval_s)
+    comparison = compare_models(datasets, chosen, floor.floor_dph, checks or None)
+    return Answer(comparison.to_json(), _ladder(comparison.to_json()))
+
+
+def check(profile_path: Path, station_path: Path | None) -> Answer:
+    """`bench check`: everything about a profile that can be known before anything moves."""
+    from bench import preflight
+    from bench import profile as profiles
+    from bench.rehearsal import rehearse
+
+    profile = profiles.load(profile_path)
+    station = load_station(station_path)
+    preflight.refuse(preflight.check(profile, station.limits()))
+    segments = rehearse(profile, station)
+    duration_s = segments[-1].to_s
+    recording = preflight.Recording(
+        bytes_per_s=BYTES_PER_S, units=len(station.units), free_bytes=shutil.disk_usage(Path.cwd()).free
+    )
+    findings = preflight.check(profile, station.limits(), recording, lambda _: duration_s)
+    late = [segment for segment in segments if segment.outcome != "done"]
+    lines = [f"{profile.name} on station {station.name}: {len(segments)} segments, {duration_s / 3600:.2f} h", ""]
+    lines += [preflight.picture(profile), ""]
+    for segment in segments:
+        took_min = (segment.to_s - segment.from_s) / 60
+        lines.append(f"{segment.from_s / 60:8.1f} min  {segment.name:<36} {took_min:7.1f} min")
+    lines += ["", f"units: {', '.join(unit.serial for unit in station.units)}"]
+    lines += [str(finding) for finding in findings]
+    lines += [f"warning: {segment.name} would fail: {segment.reason}" for segment in late]
+    content = {
+        "profile": profile.name,
+        "station": station.name,
+        "duration_s": duration_s,
+        "disk_bytes": round(duration_s * BYTES_PER_S * len(station.units)),
+        "segments": [asdict(segment) for segment in segments],
+        "findings": [asdict(finding) for finding in findings],
+    }
+    return Answer(content, "\n".join(lines), 1 if late else 0)
+
+
+def init(folder: Path) -> Answer:
+    """`bench init`: the user's own copy of the shipped profiles, stations and models."""
+    target = folder / "profiles"
+    if target.exists():
+        raise InputError("already exists; nothing was written: choose another folder or remove it first", target)
+    try:
+        shutil.copytree(library(), target)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", target) from None
+    names = sorted(str(file.relative_to(folder)) for file in target.rglob("*.yaml"))
+    text = "\n".join([f"wrote {len(names)} files below {target}:", *names, "", f"next: cd {folder} && bench check ..."])
+    return Answer({"folder": str(target), "files": names}, text)
