@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -36,6 +38,14 @@ def until(condition, limit_s: float = 30.0) -> None:
     while not condition():
         assert time.monotonic() < end, "the other process did not do it"
         time.sleep(0.005)
+
+
+def is_running(pid: int) -> bool:
+    stat = Path(f"/proc/{pid}/stat")
+    try:
+        return stat.read_text().rpartition(")")[2].split()[0] != "Z"  # an orphan may wait for its reaper
+    except OSError:
+        return False
 
 
 @pytest.fixture
@@ -137,6 +147,31 @@ def test_the_journal_of_a_killed_capture_is_whole_and_the_death_is_noticed(captu
     assert "exit code -9" in capture.health().error
     assert np.array_equal(numbers(journalled(tmp_path / "can.gtbj")), np.arange(5000))
     assert len(capture.poll()) == 5000
+
+
+def test_the_capture_ends_when_its_parent_is_killed(plugin, broker, tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(
+        "import sys, time, pathlib\n"
+        "from drivers.canbus import BusSettings, ProcessCapture\n"
+        "if __name__ == '__main__':\n"
+        "    capture = ProcessCapture(BusSettings('loopcan', sys.argv[1]), pathlib.Path(sys.argv[2]), 0)\n"
+        "    print(capture.pid, flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    root, extra = Path(__file__).parents[1], tmp_path / "plugin"
+    with subprocess.Popen(
+        [sys.executable, script, str(broker.port), tmp_path / "j"],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": f"{root}{os.pathsep}{extra}"},
+    ) as parent:
+        pid = int(parent.stdout.readline())
+        with LoopBus(broker.port) as sender:
+            sender.send_block(counted(100))
+            until(lambda: sum(block.count for block in read_blocks(tmp_path / "j")) == 100)
+        parent.kill()
+    until(lambda: not is_running(pid))
+    assert np.array_equal(numbers(journalled(tmp_path / "j")), np.arange(100))
 
 
 def test_a_silent_capture_is_an_error(capture):
