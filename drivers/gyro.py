@@ -183,8 +183,7 @@ class GyroDecoder:
             return at[:0]
         raw = {name: signal.unpack(data) for name, signal in self._heartbeat.signals.items()}
         last = {name: int(values[-1]) for name, values in raw.items()}
-        firmware, coefficient_set = last.get("Firmware", 0), last.get("CoefficientSet", 0)
-        self.identity = Identity(last["Serial"], firmware, coefficient_set, last["State"])
+        self.identity = Identity(last["Serial"], last.get("Firmware", 0), last.get("CoefficientSet", 0), last["State"])
         boot: IntArray = at[raw["State"] == BOOT_UP]
         self._said = b"" if len(boot) else said
         return boot
