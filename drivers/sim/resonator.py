@@ -197,7 +197,9 @@ class Resonator:
         A thermal mechanism's share is what the static ones give at the resonator's instead of the thermometer's
         temperature.
         """
-        return {k: float(part[:-1].mean()) for k, part in self._parts.items()}
+        # Mean over the samples of the straight lines between nodes.
+        late = 0.5 - 0.5 / DIVIDER
+        return {k: float(part[:-1].mean() * (1.0 - late) + part[1:].mean() * late) for k, part in self._parts.items()}
 
     def _scene(self, environment: Environment) -> Scene:
         n = environment.samples // DIVIDER

@@ -28,19 +28,22 @@ class BiasJump(Mechanism):
 
     def start(self, node_s: float, rng: np.random.Generator) -> Contribution:
         """The bias of this mechanism."""
-        steps = list(zip(self.at_s, self.step_dph, strict=True))
+        steps = sorted(zip(self.at_s, self.step_dph, strict=True))
+        passed = 0.0
         next_s: float | None = None
 
         def contribute(scene: Scene) -> FloatArray:
-            nonlocal next_s
+            nonlocal next_s, passed, steps
             if next_s is None:
                 next_s = float(scene.time[0]) + wait_s()
             while next_s <= scene.time[-1]:
                 steps.append((next_s, self.sigma_dph * float(rng.standard_normal())))
                 next_s += wait_s()
-            bias = np.zeros(len(scene.time))
+            bias = np.full(len(scene.time), passed)
             for at_s, size in steps:
                 bias += size * (scene.time >= at_s)
+            passed = float(bias[-1])
+            steps = [(at_s, size) for at_s, size in steps if at_s > scene.time[-1]]
             return bias
 
         def wait_s() -> float:
