@@ -88,6 +88,13 @@ class NoiseLattice:
             self._kept.update(zip(missing, zip(*each, strict=True), strict=True))
         return [self._kept[point] for point in points]
 
+    def part(self, first: int, count: int) -> NoiseLattice:
+        """The lattice of some of the records, with the whiteners known so far."""
+        chosen = NoiseLattice([], self.interval_s)
+        chosen._axes = self._axes[first : first + count]
+        chosen._kept = {point: ways[first : first + count] for point, ways in self._kept.items()}
+        return chosen
+
     @staticmethod
     def coarse(step: int = _PER_DECADE) -> list[Point]:
         """Points over the whole lattice, zero included, `step` sixteenths of a decade apart."""
