@@ -134,3 +134,18 @@ def init(folder: Path) -> Answer:
     from bench import workflow
 
     return workflow.init(folder)
+
+
+@main.command()
+@station_option
+@click.option("--modbus-port", type=click.IntRange(0, 65535), default=0, help="Port of the chamber; 0: any free one.")
+@click.option("--can-port", type=click.IntRange(0, 65535), default=0, help="Port of the CAN bus; 0: any free one.")
+@click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True, help="Times wall time.")
+@click.option("--write-station", type=click.Path(path_type=Path), help="Write the station file that drives it.")
+@json_option
+@_answer
+def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, write_station: Path | None) -> Answer:
+    """Serve the simulated station on 127.0.0.1 until Ctrl-C: Modbus TCP, and CAN as python-can's `loopcan`."""
+    from bench import workflow
+
+    return workflow.sim(station, (modbus_port, can_port), speed, write_station)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -201,3 +202,24 @@ def init(folder: Path) -> Answer:
     names = sorted(str(file.relative_to(folder)) for file in target.rglob("*.yaml"))
     text = "\n".join([f"wrote {len(names)} files below {target}:", *names, "", f"next: cd {folder} && bench check ..."])
     return Answer({"folder": str(target), "files": names}, text)
+
+
+def sim(station_path: Path | None, ports: tuple[int, int], speed: float, write_station: Path | None) -> Answer:
+    """`bench sim`: serve the simulated station until Ctrl-C or SIGTERM."""
+    from bench.serve import keep_running, serve, until_signal
+
+    settings = load_station(station_path)
+    stopped = until_signal()
+    with serve(settings, *ports) as served:
+        if write_station is not None:
+            try:
+                write_station.write_text(served.station_yaml())
+            except OSError as error:
+                raise InputError(f"cannot be written: {error.strerror}", write_station) from None
+        print(f"chamber  Modbus TCP 127.0.0.1:{served.station.modbus_port} ({settings.chamber.map})", file=sys.stderr)
+        for name, port in served.can_ports.items():
+            print(f"bus      {name}: python-can interface=loopcan channel={port}", file=sys.stderr)
+        print("ready; Ctrl-C ends it", file=sys.stderr, flush=True)
+        keep_running(served, speed, stopped)
+        content = {"modbus_port": served.station.modbus_port, "can_ports": served.can_ports}
+    return Answer(content, "ended")
