@@ -1,0 +1,281 @@
+"""Tables that somebody else recorded, as columns of numbers: CSV, Parquet, MF4, and CAN logs with their DBC.
+
+A gap stays NaN. What cannot be read exactly is refused with file and line; nothing is guessed, dropped or filled.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.channels import FloatArray
+from bench.config import read_text
+from bench.errors import InputError
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+CAN_LOGS = (".blf", ".asc", ".log", ".trc")
+_DELIMITERS = (";", "\t", ",", "|", " ")
+_GAPS = {"", "nan", "na", "n/a", "null", "none"}
+TIME = "time"
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of one length; `units` where the file states them."""
+
+    path: Path
+    columns: Mapping[str, FloatArray]
+    units: Mapping[str, str] = field(default_factory=dict)
+    lines: tuple[int, ...] | range | None = None
+    """Line of each row in a text file."""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return next((int(column.size) for column in self.columns.values()), 0)
+
+    def line(self, row: int) -> int | None:
+        """Line of a row in a text file; None for other files."""
+        return None if self.lines is None else self.lines[row]
+
+
+def read_table(path: Path | str, dbc: Path | str | None = None) -> Table:
+    """Read a table by its file's ending; `dbc` describes the frames of a CAN log. InputError when it cannot be read."""
+    path = Path(path)
+    if not path.is_file():
+        raise InputError("no such file" if not path.exists() else "is a folder, not a file", path)
+    if path.stat().st_size == 0:
+        raise InputError("is empty", path)
+    ending = path.suffix.lower()
+    if ending in CAN_LOGS:
+        return _read_can_log(path, dbc)
+    readers: dict[str, Callable[[Path], Table]] = {".parquet": _read_parquet, ".mf4": _read_mf4, ".mdf": _read_mf4}
+    table = readers.get(ending, _read_csv)(path)
+    if table.rows == 0:
+        raise InputError("holds zero rows: there is a header, and no data", path)
+    return table
+
+
+def _read_csv(path: Path) -> Table:
+    text = read_text(path)
+    lines = text.splitlines()
+    kept = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
+    if not kept:
+        raise InputError("holds no table: every line is empty or a comment", path)
+    header_line, body = kept[0] + 1, kept[1:]
+    delimiter = _delimiter(lines[kept[0]], path, header_line)
+    names = [name.strip() for name in _split(lines[kept[0]], delimiter)]
+    _check_header(names, path, header_line)
+    where = range(body[0] + 1, body[-1] + 2) if body and body[-1] - body[0] == len(body) - 1 else [i + 1 for i in body]
+    rows = [lines[i] for i in body]
+    _check_fields(rows, where, delimiter, names, path)
+    notes = () if text.endswith(("\n", "\r")) else ("the last line has no line end: its last number may be cut off",)
+    columns = _numbers(rows, where, delimiter, names, path)
+    return Table(path, columns, lines=where if isinstance(where, range) else tuple(where), notes=notes)
+
+
+def _delimiter(header: str, path: Path, line: int) -> str:
+    counts = {delimiter: header.strip().count(delimiter) for delimiter in _DELIMITERS}
+    found = next((delimiter for delimiter, count in counts.items() if count), None)
+    if found is None:
+        raise InputError("has one column; a table needs columns separated by comma, semicolon or tab", path, line)
+    return found
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return line.split()
+    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+
+
+def _check_header(names: list[str], path: Path, line: int) -> None:
+    if all(_number(name) is not None for name in names):
+        raise InputError("the first line holds numbers, not names; add a header line", path, line)
+    for name in names:
+        if not name:
+            raise InputError(f"column {names.index(name) + 1} has no name in the header", path, line)
+        if names.count(name) > 1:
+            raise InputError(f"the header names '{name}' twice; rename one of them", path, line)
+
+
+def _check_fields(rows: list[str], where: range | list[int], delimiter: str, names: list[str], path: Path) -> None:
+    """Every row has as many fields as the header."""
+    width = len(names)
+    for i, row in enumerate(rows):
+        found = len(row.split()) if delimiter == " " else row.count(delimiter) + 1
+        if found == width or ('"' in row and len(_split(row, delimiter)) == width):
+            continue
+        text = f"has {found} fields, the header {width}"
+        if i == len(rows) - 1 and found < width:
+            text += ": the file is truncated; delete that line or export it again"
+        elif delimiter == "," and found == 2 * width:
+            text += ": decimal commas? export with decimal points"
+        raise InputError(text, path, where[i])
+
+
+def _numbers(
+    rows: list[str], where: range | list[int], delimiter: str, names: list[str], path: Path
+) -> dict[str, FloatArray]:
+    import pandas as pd
+
+    separator = r"\s+" if delimiter == " " else delimiter
+    try:
+        frame = pd.read_csv(io.StringIO("\n".join(rows)), sep=separator, header=None, names=names, dtype=np.float64,
+                            index_col=False, skip_blank_lines=False, skipinitialspace=True,
+                            float_precision="round_trip")  # fmt: skip
+    except (ValueError, OverflowError):
+        raise _first_bad(rows, where, delimiter, names, path) from None
+    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in names}
+    for name, column in columns.items():
+        bad = np.flatnonzero(np.isinf(column))
+        if bad.size:
+            raise InputError(f"'{name}' is infinite; leave the field empty where there is no value", path,
+                             where[int(bad[0])])  # fmt: skip
+    return columns
+
+
+def _first_bad(rows: list[str], where: range | list[int], delimiter: str, names: list[str], path: Path) -> InputError:
+    """What is not a number, and where."""
+    for i, row in enumerate(rows):
+        for name, value in zip(names, _split(row, delimiter), strict=False):
+            if value.strip().lower() in _GAPS or _number(value) is not None:
+                continue
+            text = f"'{name}' is '{value.strip()}', not a number"
+            if _number(value.replace(",", ".")) is not None:
+                text += ": decimal commas are not read; export with decimal points"
+            return InputError(text, path, where[i])
+    return InputError("holds something that is not a number", path)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text) if "_" not in text else None
+    except ValueError:
+        return None
+
+
+def _read_parquet(path: Path) -> Table:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(path, page_checksum_verification=True)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"not a readable Parquet file ({' '.join(str(error).split())})", path) from None
+    columns, units, notes = {}, {}, []
+    for item in table.schema:
+        values = table.column(item.name)
+        if pa.types.is_timestamp(item.type):
+            values = pc.divide(values.cast(pa.timestamp("ns")).cast(pa.int64()).cast(pa.float64(), safe=False), 1e9)
+            units[item.name] = "s"
+        elif pa.types.is_boolean(item.type):
+            values = values.cast(pa.uint8())
+        elif not (pa.types.is_integer(item.type) or pa.types.is_floating(item.type)):
+            notes.append(f"column '{item.name}' ({item.type}) holds no numbers and is left out")
+            continue
+        columns[item.name] = values.cast(pa.float64(), safe=False).to_numpy()
+        if item.metadata and b"unit" in item.metadata:
+            units[item.name] = item.metadata[b"unit"].decode()
+    return Table(path, columns, units, notes=tuple(notes))
+
+
+Series = tuple[FloatArray, FloatArray]
+"""Times [s] and values of one signal."""
+
+
+def on_one_time_base(path: Path, signals: Mapping[str, Series], units: Mapping[str, str]) -> Table:
+    """Signals with times of their own on the union of all times; NaN where a signal has no sample."""
+    if not any(times.size for times, _ in signals.values()):
+        raise InputError("holds no samples", path)
+    time = np.unique(np.concatenate([times for times, _ in signals.values()]))
+    columns: dict[str, FloatArray] = {TIME: time}
+    for name, (times, values) in signals.items():
+        columns[name] = np.full(time.size, np.nan)
+        columns[name][np.searchsorted(time, times)] = values
+    return Table(path, columns, {TIME: "s", **units})
+
+
+def _read_mf4(path: Path) -> Table:
+    try:
+        from asammdf import MDF
+    except ImportError:
+        raise InputError("MF4 needs asammdf: pip install 'gyro-thermal-bench[mf4]'", path) from None
+    signals: dict[str, Series] = {}
+    units: dict[str, str] = {}
+    try:
+        with MDF(path) as file:
+            for signal in file.iter_channels(skip_master=True):
+                if signal.samples.ndim == 1 and signal.samples.dtype.kind in "iufb":
+                    name = _free_name(signal.name, signals)
+                    signals[name] = (signal.timestamps.astype(np.float64), signal.samples.astype(np.float64))
+                    units[name] = str(signal.unit or "")
+    except InputError:
+        raise
+    except Exception as error:  # asammdf raises whatever its parser trips over
+        raise InputError(f"not a readable MF4 file ({type(error).__name__}: {error})", path) from None
+    return on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit})
+
+
+def _free_name(name: str, taken: Mapping[str, Series]) -> str:
+    suffixes = ("", *(f"_{n}" for n in range(2, 1000)))
+    return next(f"{name}{suffix}" for suffix in suffixes if f"{name}{suffix}" not in taken)
+
+
+def _read_can_log(path: Path, dbc: Path | str | None) -> Table:
+    if dbc is None:
+        raise InputError("a CAN log needs the description of its frames; name it with --dbc", path)
+    messages = _messages(dbc)
+    values: dict[tuple[int, str], list[float]] = {}
+    times: dict[int, list[float]] = {}
+    unread = 0
+    import can
+
+    try:
+        with can.LogReader(str(path)) as log:
+            for frame in log:
+                message = messages.get(frame.arbitration_id)
+                if message is None or frame.is_error_frame or len(frame.data) < message.length:
+                    unread += 1
+                    continue
+                times.setdefault(frame.arbitration_id, []).append(frame.timestamp)
+                decoded: Any = message.decode(bytes(frame.data), decode_choices=False)
+                for name, value in decoded.items():
+                    values.setdefault((frame.arbitration_id, name), []).append(float(value))
+    except Exception as error:  # python-can's readers raise whatever their parsers trip over
+        raise InputError(f"not a readable CAN log ({type(error).__name__}: {error})", path) from None
+    if not times:
+        raise InputError(f"none of its {unread} frames is described by {dbc}", path)
+    signals: dict[str, Series] = {}
+    units: dict[str, str] = {}
+    for frame_id, stamps in times.items():
+        for signal in messages[frame_id].signals:
+            if len(values.get((frame_id, signal.name), ())) != len(stamps):
+                continue  # multiplexed: not in every frame
+            name = _free_name(signal.name, signals)
+            signals[name] = (np.array(stamps), np.array(values[frame_id, signal.name]))
+            units[name] = str(signal.unit or "")
+    table = on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit})
+    notes = (f"{unread} frames are not described by the DBC and are left out",) if unread else ()
+    return Table(path, table.columns, table.units, notes=notes)
+
+
+def _messages(dbc: Path | str) -> dict[int, Message]:
+    import cantools
+
+    try:
+        layout = cantools.database.load_file(str(dbc))
+    except Exception as error:  # cantools has no common base of its errors
+        raise InputError(f"not a readable DBC ({type(error).__name__}: {error})", dbc) from None
+    if not isinstance(layout, cantools.database.Database):
+        raise InputError("describes diagnostics, not frames; name a DBC", dbc)
+    return {message.frame_id: message for message in layout.messages}
