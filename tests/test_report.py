@@ -164,7 +164,7 @@ def test_an_aborted_run_says_so_and_shows_what_there_is(tmp_path: Path) -> None:
     analysis = cubic_only(aborted(tmp_path / "aborted"))
     assert analysis.verdict.word == "partial"
     assert analysis.verdict.sentence.startswith(
-        "Aborted by operator (Ctrl-C) after 1:26:40, 103 frames lost or damaged"
+        "Aborted by operator (Ctrl-C) after 1:26:40, 100 frames lost or damaged"
     )
     assert analysis.best is not None
     assert analysis.done.missing == 100

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from bench.diagnosis.compare import Comparison, Score, ladder
-from bench.report.completeness import LOST, Completeness
+from bench.report.completeness import DAMAGED_BYTES, LOST, Completeness
 from bench.report.floor import Floor
 from bench.report.markup import clock, number
 
@@ -41,7 +41,7 @@ def _of_data(done: Completeness) -> Iterator[str]:
         yield f"segment '{segment.get('name')}' failed: {why}"
     for key in LOST:
         if done.losses.get(key):
-            what = "bytes torn" if key == "torn_bytes" else f"frames {key}"
+            what = "bytes of the journal damaged" if key == DAMAGED_BYTES else f"frames {key}"
             yield f"{done.losses[key]} {what}: they are gaps in the data"
     if done.gaps_s:
         shown = ", ".join(f"{clock(a)} to {clock(b)}" for a, b in done.gaps_s[:_SHOWN_GAPS])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -14,8 +14,11 @@ import pyarrow.parquet as pq
 from bench.dataset import Dataset
 from bench.store import RunFolder, sha256
 
-LOST = ("lost", "corrupt", "torn_bytes")
-"""Loss counters that mean data are missing; the others (repeated, late, out of order) cost nothing."""
+SAMPLES = ("lost", "slow_lost")
+CAUSES = ("corrupt", "late", "invalid")
+DAMAGED_BYTES = "journal_damaged_bytes"
+LOST = (*SAMPLES, *CAUSES, DAMAGED_BYTES)
+"""Loss counters that mean data are missing; the others (repeated, out of order) cost nothing."""
 
 _GAP = 2.0
 """Neighbours further apart than this many intervals have a gap between them."""
@@ -52,7 +55,12 @@ class Completeness:
     @property
     def lost(self) -> int | None:
         """Frames that were lost or damaged; None where nobody counted."""
-        return sum(int(self.losses.get(key) or 0) for key in LOST) if self.losses else None
+        if not self.losses:
+            return None
+        count = {key: int(self.losses.get(key) or 0) for key in LOST}
+        # A corrupt frame is also a lost sample: counted once.
+        samples = sum(count[key] for key in SAMPLES)
+        return samples or max(*(count[key] for key in CAUSES), min(count[DAMAGED_BYTES], 1))
 
 
 def completeness(run: RunFolder, manifest: Mapping[str, Any], base: Dataset | None) -> Completeness:
@@ -81,17 +89,27 @@ def completeness(run: RunFolder, manifest: Mapping[str, Any], base: Dataset | No
 
 
 def _samples(run: RunFolder, base: Dataset, rate_hz: float | None) -> tuple[int, int | None]:
-    """Unit samples present, and missing between the first and the last, from the footer of the 500 Hz table."""
+    """Unit samples present, and missing between the first and the last of the 500 Hz table."""
     counted = int(base.count("rate").sum())
     try:
-        footer = pq.ParquetFile(run.data).metadata
-        groups = [footer.row_group(i) for i in range(footer.num_row_groups)]
-        columns = {groups[0].column(j).path_in_schema: j for j in range(footer.num_columns)} if groups else {}
-        time = [group.column(columns["time"]).statistics for group in groups]
-        first, last = min(s.min for s in time), max(s.max for s in time)
-    except (OSError, KeyError, AttributeError, ValueError, pa.ArrowException):  # no table, or no statistics in it
+        with pq.ParquetFile(run.data) as table:
+            groups = range(table.num_row_groups)
+            first, last = _edge(table, groups, 0), _edge(table, reversed(groups), -1)
+    except (OSError, pa.ArrowException):  # no table, or a damaged one: the means still say how many there are
         return counted, None
-    return counted, None if not rate_hz else max(0, round((last - first) * rate_hz) + 1 - counted)
+    if not rate_hz or first is None or last is None:
+        return counted, None
+    return counted, max(0, round((last - first) * rate_hz) + 1 - counted)
+
+
+def _edge(table: pq.ParquetFile, groups: Iterable[int], end: int) -> float | None:
+    """Time [s] of the first (0) or last (-1) rate sample; reads one row group, seldom more."""
+    for group in groups:
+        rows = table.read_row_group(group, columns=["time", "rate"])
+        present = rows["time"].filter(rows["rate"].is_valid())
+        if len(present):
+            return float(present[end].as_py())
+    return None
 
 
 def _gaps(base: Dataset) -> tuple[tuple[float, float], ...]:

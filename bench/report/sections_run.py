@@ -28,13 +28,15 @@ from bench.report.markup import (
 
 _LOSS_WORDS: Mapping[str, str] = {
     "received": "received",
-    "lost": "lost (gap in the unit's sample counter)",
+    "lost": "rate samples lost (gap in the unit's sample counter)",
+    "slow_lost": "slow samples lost",
     "corrupt": "corrupt (CRC)",
     "repeated": "repeated",
     "late": "late",
     "out_of_order": "out of order",
     "resets": "unit started anew",
-    "torn_bytes": "bytes of a torn journal",
+    "invalid": "not valid, says the unit",
+    "journal_damaged_bytes": "bytes of the journal damaged",
 }
 _QUIET_EVENTS = frozenset({"segment", "settled"})
 
