@@ -124,20 +124,25 @@ class Dataset:
         return replace(self, channels={**self.channels, name: values})
 
     def average(self, interval_s: float) -> Dataset:
-        """Means over `interval_s` [s], counted from the start of each segment and never across its end.
+        """Means over about `interval_s` [s]: each stretch of one segment is cut into equal bins, none across its end.
 
-        Means are weighted by counts; counts add; variances are those of all samples inside. A gap shrinks the count,
-        an empty bin is no row, a channel without a sample in a bin is NaN there. Raises InputError below the base.
+        Equal bins keep the rows evenly spaced, which a covariance over time needs. Means are weighted by counts; counts add; variances are those of all samples inside. A
+        gap shrinks the count, an empty bin is no row, a channel without a sample in a bin is NaN there. Raises
+        InputError below the base.
         """
         if not interval_s >= self.interval_s * (1 - 1e-9):
             raise InputError(f"{self.name}: cannot average over {interval_s:g} s, its rows are {self.interval_s:g} s")
         if len(self) == 0 or np.isclose(interval_s, self.interval_s):
             return self
-        run = np.cumsum(np.diff(self.segment, prepend=self.segment[:1]) != 0)
-        first = self.time[np.flatnonzero(np.diff(run, prepend=-1))] - self.interval_s / 2
-        # Rounding guard: a bin border that falls on a row's edge belongs to the next bin on every machine.
-        step = np.floor((self.time - self.interval_s / 2 - first[run]) / interval_s + 1e-9)
-        starts = np.flatnonzero((np.diff(run, prepend=-1) != 0) | (np.diff(step, prepend=-1) != 0))
+        stretch = np.cumsum(np.diff(self.segment, prepend=self.segment[:1]) != 0)
+        firsts = np.flatnonzero(np.diff(stretch, prepend=-1))
+        lasts = np.append(firsts[1:], len(self)) - 1
+        begin = self.time[firsts] - self.interval_s / 2
+        length = self.time[lasts] + self.interval_s / 2 - begin
+        # Rounding guards: a border that falls on a row's edge belongs to the same bin on every machine.
+        bins = np.maximum(np.floor(length / interval_s + 0.5 + 1e-9), 1.0)
+        step = np.floor((self.time - self.interval_s / 2 - begin[stretch]) / (length / bins)[stretch] + 1e-9)
+        starts = np.flatnonzero((np.diff(stretch, prepend=-1) != 0) | (np.diff(step, prepend=-1) != 0))
         group = np.repeat(np.arange(starts.size), np.diff(np.append(starts, len(self))))
         rows = np.bincount(group)
         pooled = {name: self._pool(name, starts, group) for name in self.channels}
@@ -169,6 +174,8 @@ class Dataset:
 def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
     """Dataset of a finished or recovered run from its `means.parquet` and `manifest.json`, averaged to `interval_s`.
 
+    Stretches of a segment shorter than half of `interval_s` are left out.
+
     Raises InputError, one line, when the folder, the manifest or the means are missing, broken or without rows.
     """
     folder = Path(run_folder)
@@ -187,7 +194,15 @@ def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S) -> Data
     for name in ("time", "rate", "temperature"):
         if name not in table:
             raise InputError(f"required column '{name}' is missing; it has {', '.join(map(str, table.columns))}", path)
-    return _dataset(table, manifest, folder).average(interval_s)
+    base = _dataset(table, manifest, folder)
+    return base.select(_lasting(base, interval_s / 2)).average(interval_s)
+
+
+def _lasting(base: Dataset, least_s: float) -> BoolArray:
+    """Rows (n,) of stretches of one segment that last at least `least_s` [s]; a shorter one makes no honest mean."""
+    stretch = np.cumsum(np.diff(base.segment, prepend=base.segment[:1]) != 0)
+    rows: BoolArray = (np.bincount(stretch) * base.interval_s >= least_s)[stretch]
+    return rows
 
 
 def _dataset(table: pd.DataFrame, manifest: Mapping[str, Any], folder: Path) -> Dataset:

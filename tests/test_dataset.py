@@ -11,7 +11,7 @@ from bench.dataset import Dataset, Segment, load, write_means
 from bench.errors import InputError
 
 
-def raw_record(seconds=600, rate_hz=100):
+def raw_record(seconds=600, rate_hz=100, split_s=300.4):
     n = seconds * rate_hz
     rng = np.random.default_rng(1)
     time = np.arange(n) / rate_hz
@@ -20,7 +20,7 @@ def raw_record(seconds=600, rate_hz=100):
     rate[rng.random(n) < 0.02] = np.nan
     rate[200 * rate_hz : 203 * rate_hz] = np.nan
     frequency[np.arange(n) % 10 != 0] = np.nan
-    segment = np.where(time < 300.4, 0, 1)
+    segment = np.where(time < split_s, 0, 1)
     return {
         "time": time,
         "rate": rate,
@@ -95,15 +95,13 @@ def test_means_refuse_time_that_runs_backwards_and_files_that_are_not_parquet(tm
 
 
 def test_load_averages_exactly_as_if_the_raw_samples_had_been_averaged(tmp_path):
-    columns = raw_record()
+    columns = raw_record(split_s=300.0)
     dataset = load(run_folder(tmp_path, columns, [{"index": 0, "name": "up"}, {"index": 1, "name": "down"}]), 30.0)
-    # The 0.4 s of the first segment beyond its tenth bin are no bin of their own.
-    groups = pandas_means(columns, lambda f: [f["segment"], np.minimum(np.floor(f["time"] / 30.0), 9)])
-    first = slice(0, 10)
-    np.testing.assert_allclose(dataset.channels["rate"][first], groups["rate"].mean()[first], rtol=1e-12)
-    np.testing.assert_array_equal(dataset.counts["rate"][first], groups["rate"].count()[first])
-    np.testing.assert_allclose(dataset.variances["rate"][first], groups["rate"].var()[first], rtol=1e-9)
-    np.testing.assert_allclose(dataset.variances["frequency"][first], groups["frequency"].var()[first], rtol=1e-6)
+    groups = pandas_means(columns, lambda f: [f["segment"], np.floor(f["time"] / 30.0)])
+    np.testing.assert_allclose(dataset.channels["rate"], groups["rate"].mean(), rtol=1e-12)
+    np.testing.assert_array_equal(dataset.counts["rate"], groups["rate"].count())
+    np.testing.assert_allclose(dataset.variances["rate"], groups["rate"].var(), rtol=1e-9)
+    np.testing.assert_allclose(dataset.variances["frequency"], groups["frequency"].var(), rtol=1e-6)
     assert dataset.counts["rate"].sum() == np.isfinite(columns["rate"]).sum()
     assert [s.name for s in dataset.segments] == ["up", "down"]
     assert dataset.interval_s == 30.0
@@ -113,11 +111,11 @@ def test_load_averages_exactly_as_if_the_raw_samples_had_been_averaged(tmp_path)
 def test_averaging_never_crosses_a_segment_and_keeps_every_sample():
     record = thermal_cycle(interval_s=1.0, leg_s=100.0)
     means = record.average(30.0)
-    assert len(means) == 6 * 4
-    assert means.counts["rate"].tolist() == [30.0, 30.0, 30.0, 10.0] * 6
-    assert means.segment.tolist() == np.repeat(np.arange(6), 4).tolist()
-    assert means.time[:4].tolist() == [15.0, 45.0, 75.0, 95.0]
-    np.testing.assert_allclose(means.channels["frequency"][1], record.channels["frequency"][30:60].mean(), rtol=1e-14)
+    assert len(means) == 6 * 3
+    assert means.counts["rate"].tolist() == [34.0, 33.0, 33.0] * 6  # three equal bins of 33.3 s hold whole seconds
+    assert means.segment.tolist() == np.repeat(np.arange(6), 3).tolist()
+    assert means.time[:3].tolist() == [17.0, 50.5, 83.5]
+    np.testing.assert_allclose(means.channels["frequency"][1], record.channels["frequency"][34:67].mean(), rtol=1e-14)
 
 
 def test_averaging_twice_is_averaging_once():
