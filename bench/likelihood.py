@@ -8,6 +8,7 @@ candidate of a diagnosis share the whiteners. An isothermal record is one more r
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -71,6 +72,7 @@ class NoiseLattice:
         self._axes = [(record.time_s, record.white) for record in records]
         self.interval_s = interval_s
         self._kept: dict[Point, tuple[Whitener, ...]] = {}
+        self._span = slice(None)
 
     def ratios(self, point: Point) -> Ratios:
         """The ratios at a lattice point; white variance goes with 1/interval, so do the ratios' natural units."""
@@ -86,14 +88,13 @@ class NoiseLattice:
             ratios = [self.ratios(point) for point in missing]
             each = [whiteners(ratios, time_s, self.interval_s, white) for time_s, white in self._axes]
             self._kept.update(zip(missing, zip(*each, strict=True), strict=True))
-        return [self._kept[point] for point in points]
+        return [self._kept[point][self._span] for point in points]
 
     def part(self, first: int, count: int) -> NoiseLattice:
-        """The lattice of some of the records, with the whiteners known so far."""
-        chosen = NoiseLattice([], self.interval_s)
-        chosen._axes = self._axes[first : first + count]
-        chosen._kept = {point: ways[first : first + count] for point, ways in self._kept.items()}
-        return chosen
+        """The same lattice seen by some of its records alone; whiteners are shared in both directions."""
+        seen = copy(self)
+        seen._span = slice(first, first + count)
+        return seen
 
     @staticmethod
     def coarse(step: int = _PER_DECADE) -> list[Point]:

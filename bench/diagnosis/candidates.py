@@ -17,7 +17,7 @@ Theta = tuple[float, ...]
 """Nonlinear parameters of one candidate, in the order of its `parameters`."""
 
 _POINTS = (24, 9, 5)  # grid points of each parameter for one, two and three of them
-_POINTS_OF_CHANGE = 60
+_POINTS_OF_CHANGE = 160  # a jump is sharp: what lies between two points would look smaller than it is
 
 
 @dataclass(frozen=True)

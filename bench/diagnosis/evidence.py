@@ -21,6 +21,8 @@ from bench.whitening import Ratios
 
 TIE = 6.0
 """Candidates within this evidence of the best are not told apart by the data."""
+WRONGLY_NAMED = 0.02
+"""Share of clean runs in which chance may name an effect."""
 _DECADE = 16
 _NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
 _NULL_POINTS = 30
@@ -30,9 +32,10 @@ _NULL_POINTS = 30
 class Suspect:
     """One candidate after refinement.
 
-    `amplitudes` and `deviations` (k,) belong to its own columns (empty for an abscissa); `parameters` carry 95 %
-    intervals at the noise found. `effect` (n,) is what the candidate adds to the fitted bias [deg/h]. `cumulative` (n,)
-    is the gain in 2 ln L up to each row, whitening being causal. `excited` is False where the run cannot show it.
+    `amplitudes` and `deviations` (k,) belong to its own columns (empty for an abscissa), the uncertainty of the
+    parameters included; `parameters` carry 95 % intervals at the noise found. `effect` (n,) is what the candidate adds
+    to the fitted bias [deg/h]. `cumulative` (n,) is the gain in 2 ln L up to each row, whitening being causal.
+    `excited` is False where the run cannot show it.
     """
 
     name: str
@@ -55,7 +58,7 @@ class Suspect:
 class Evidence:
     """All candidates, best first, and what chance reaches.
 
-    `threshold` is the 95 % point of the best evidence among `nulls` (runs,) simulated without any effect.
+    `threshold` is the 98 % point of the best evidence among `nulls` (runs,) simulated without any effect.
     `ties` are the names within `TIE` of the best, the best included; empty if nothing beats the threshold.
     """
 
@@ -83,7 +86,7 @@ class Evidence:
 def weigh(
     problem: Problem,
     candidates: Sequence[Candidate],
-    nulls: int = 200,
+    nulls: int = 500,
     seed: int = 0,
     lattice: NoiseLattice | None = None,
 ) -> Evidence:
@@ -106,7 +109,7 @@ def weigh(
         paid = candidate.paid(problem.base.shape[1], int(scanned.widths[own[0]])) * float(np.log(len(problem.y)))
         found.append(_suspect(refiner, candidate, theta, point, (height - reached - paid, excited)))
     drawn = _nulls(candidates, shelf, surface, best, (nulls, seed)) if nulls else np.empty(0)
-    threshold = float(np.quantile(drawn, 0.95)) if nulls else 0.0
+    threshold = float(np.quantile(drawn, 1.0 - WRONGLY_NAMED)) if nulls else 0.0
     suspects = tuple(sorted(_weighted(found), key=lambda s: -s.evidence))
     return Evidence(height, best, lattice.ratios(best), sigma2, suspects, threshold, drawn, lattice)
 
@@ -134,7 +137,7 @@ def _suspect(refiner: Refiner, candidate: Candidate, theta: Theta, point: Point,
         theta=theta,
         parameters=refiner.intervals(candidate, theta, point),
         amplitudes=fit.beta[first:],
-        deviations=np.sqrt(np.diag(fit.covariance))[first:],
+        deviations=refiner.deviations(candidate, theta, fit.beta, point)[first : columns.shape[1]],
         excited=scored[1],
         point=point,
         ratios=refiner.lattice.ratios(point),

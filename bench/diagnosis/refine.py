@@ -12,10 +12,12 @@ from scipy.stats import chi2
 
 from bench.channels import FloatArray
 from bench.diagnosis.candidates import Candidate, Problem, Theta, from_unit, joint, orthonormal, to_unit
-from bench.likelihood import NoiseLattice, Point, Surface
+from bench.likelihood import NoiseLattice, Point, Surface, gls
 
 _STARTS = 4
+_DIFFERENCE = 2e-3  # of a parameter's range, for slopes
 _WITHIN = float(chi2.ppf(0.95, 1))
+Goal = Callable[[Candidate, Theta, Point], float]
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,13 @@ class Refiner:
                 best = self._search(candidate, best)
         return best.theta, best.point, best.height
 
+    def lowest_rss(self, candidate: Candidate, grid: Sequence[Start]) -> float:
+        """Least whitened square sum over the parameters at the starts' noise; their heights are square sums."""
+        starts = _minima(grid)[:_STARTS]
+        if candidate.parameters:
+            starts = [self._search(candidate, start, self.rss) for start in starts]
+        return min(start.height for start in starts)
+
     def _denoise(self, candidate: Candidate, start: Start, base: Point) -> Start:
         """The noise profiled at fixed parameters, from the better of the start's and the base's."""
         surface = Surface(self.problem.records(joint(self.problem, candidate, start.theta)), self.lattice, False)
@@ -103,9 +112,9 @@ class Refiner:
         point = surface.descend(min((start.point, base), key=surface.height))
         return Start(start.theta, point, self.height(candidate, start.theta, point))
 
-    def _search(self, candidate: Candidate, start: Start) -> Start:
+    def _search(self, candidate: Candidate, start: Start, goal: Goal | None = None) -> Start:
         """Parameters improved at fixed noise, within one grid step of the start (one parameter) or by simplex."""
-        function = self._of_unit(candidate, start.point)
+        function = self._of_unit(candidate, start.point, goal or self.height)
         at = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, start.theta, strict=True)])
         if len(at) == 1:
             step = 1.0 / max(1, len(candidate.grid()) - 1)
@@ -130,14 +139,15 @@ class Refiner:
             return start
         return Start(_theta(candidate, unit), start.point, height)
 
-    def _of_unit(self, candidate: Candidate, point: Point) -> Callable[[FloatArray], float]:
-        return lambda unit: self.height(candidate, _theta(candidate, unit), point)
+    @staticmethod
+    def _of_unit(candidate: Candidate, point: Point, goal: Goal) -> Callable[[FloatArray], float]:
+        return lambda unit: goal(candidate, _theta(candidate, unit), point)
 
     def intervals(self, candidate: Candidate, theta: Theta, point: Point) -> dict[str, Interval]:
         """95 % intervals of the parameters at this noise; of several parameters, each with the others held."""
         found = {}
         best = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, theta, strict=True)])
-        function = self._of_unit(candidate, point)
+        function = self._of_unit(candidate, point, self.height)
         lowest = function(best)
         for number, parameter in enumerate(candidate.parameters):
             rise = partial(_rise, function, best, number, lowest)
@@ -145,6 +155,19 @@ class Refiner:
             low, high = from_unit(parameter, ends).tolist()
             found[parameter.name] = Interval(theta[number], low, high, parameter.unit)
         return found
+
+    def deviations(self, candidate: Candidate, theta: Theta, beta: FloatArray, point: Point) -> FloatArray:
+        """Standard deviations of the linear coefficients, the parameters being fitted too (linearised)."""
+        columns = joint(self.problem, candidate, theta)
+        slopes = []
+        best = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, theta, strict=True)])
+        for index in range(0 if candidate.change_point else len(best)):
+            ends = np.clip(best[index] + np.array([-_DIFFERENCE, _DIFFERENCE]), 0.0, 1.0)
+            low, high = (joint(self.problem, candidate, _theta(candidate, _moved(best, index, e))) @ beta for e in ends)
+            slopes.append((high - low) / (ends[1] - ends[0]))
+        way = self.lattice.at([point])[0][0]
+        fit = gls(np.column_stack([columns, *slopes]), self.problem.y, way, self.sigma2(candidate, theta, point))
+        return np.sqrt(np.diag(fit.covariance))
 
 
 def _theta(candidate: Candidate, unit: FloatArray) -> Theta:
@@ -154,9 +177,13 @@ def _theta(candidate: Candidate, unit: FloatArray) -> Theta:
 
 def _rise(function: Callable[[FloatArray], float], best: FloatArray, index: int, lowest: float, value: float) -> float:
     """-2 ln L above the lowest with one parameter moved."""
+    return function(_moved(best, index, value)) - lowest
+
+
+def _moved(best: FloatArray, index: int, value: float) -> FloatArray:
     changed = best.copy()
     changed[index] = value
-    return function(changed) - lowest
+    return changed
 
 
 def _crossing(rise: Callable[[float], float], best: float, end: float) -> float:

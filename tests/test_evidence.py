@@ -1,0 +1,174 @@
+"""The engine on records of its own making: the truth integrates states at 1 s, the candidates see 30 s means."""
+
+import numpy as np
+import pytest
+from numpy.polynomial.chebyshev import chebvander
+from numpy.testing import assert_allclose
+
+from bench.diagnosis.candidates import Candidate, Problem, joint
+from bench.diagnosis.evidence import weigh
+from bench.diagnosis.refine import Refiner
+from bench.effects.base import Parameter
+from bench.effects.operators import play, ramp_invariant_lag
+from bench.likelihood import NoiseLattice, Record, gls
+from bench.noise import Noise
+from bench.whitening import Whitener, covariance
+
+NOISE = Noise(0.01, 0.03, 0.03)
+LIMITS = (-41.0, 86.0)
+
+
+def temperature_1s():
+    """Two cycles, 3 and 6 degC/min, soaks between, behind a chamber and a housing; integrated by Euler steps."""
+    setpoint = [25.0]
+    for to, rate in [(85, 3), (-40, 3), (25, 3), (85, 6), (-40, 6), (25, 6)]:
+        setpoint += np.linspace(setpoint[-1], to, int(abs(to - setpoint[-1]) / rate * 60)).tolist() + [to] * 900
+    return euler(euler(np.array(setpoint), 60.0), 120.0)
+
+
+def euler(drive, tau_s):
+    state, states = drive[0], np.empty(len(drive))
+    for i, value in enumerate(drive):
+        state += (value - state) / tau_s
+        states[i] = state
+    return states
+
+
+def means(values):
+    rows = len(values) // 30
+    return values[: rows * 30].reshape(rows, 30).mean(axis=1)
+
+
+FINE = temperature_1s()
+TEMPERATURE = means(FINE)
+TIME = (np.arange(len(TEMPERATURE)) + 0.5) * 30.0
+
+
+def columns_of(temperature, order=8):
+    return chebvander(np.interp(temperature, LIMITS, (-1.0, 1.0)), order)
+
+
+def bias_of(temperature):
+    return 1.5 * np.cos(np.interp(temperature, LIMITS, (0.0, 5.0)))
+
+
+def coloured(seed):
+    dense = covariance(TIME, 30.0, NOISE.ratios(30.0)) * NOISE.white_variance(30.0)
+    return np.linalg.cholesky(dense) @ np.random.default_rng(seed).normal(size=len(TIME))
+
+
+SUPPLY = np.sin(TIME / 1100.0) + 0.3 * np.sin(TIME / 400.0)
+
+
+def candidates():
+    tau = Parameter("tau_s", "s", 20.0, 2000.0, 200.0, log=True)
+    width = Parameter("half_width", "degC", 1.0, 25.0, 5.0, log=True)
+    jump = Parameter("time", "s", TIME[10], TIME[-10], TIME[50])
+    return [
+        Candidate(
+            "thermal_lag",
+            lambda th: columns_of(ramp_invariant_lag(TIME, TEMPERATURE, th[0])),
+            kind="abscissa",
+            parameters=(tau,),
+        ),
+        Candidate("temperature_rate", lambda th: (60.0 * np.gradient(TEMPERATURE, TIME))[:, None]),
+        Candidate("hysteresis", lambda th: play(TEMPERATURE, th[0])[:, None], parameters=(width,)),
+        Candidate("supply_voltage", lambda th: SUPPLY[:, None]),
+        Candidate("bias_jump", lambda th: (th[0] < TIME).astype(float)[:, None], parameters=(jump,), change_point=True),
+    ]
+
+
+def truth(name):
+    if name == "thermal_lag":
+        return means(bias_of(euler(FINE, 150.0)))
+    extra = {
+        "temperature_rate": lambda: 0.05 * means(np.gradient(FINE) * 60.0),
+        "hysteresis": lambda: 0.05 * means(play(FINE, 6.0)),
+        "supply_voltage": lambda: 0.15 * SUPPLY,
+        "bias_jump": lambda: 0.35 * (TIME > 9000.0),
+        "nothing": lambda: 0.0,
+    }[name]()
+    return means(bias_of(FINE)) + extra
+
+
+def problem(name, seed=1, statics=()):
+    return Problem(TIME, truth(name) + coloured(seed), columns_of(TEMPERATURE), 30.0, statics)
+
+
+LATTICE = NoiseLattice(problem("nothing").records(), 30.0)  # whiteners depend on the times alone
+
+
+@pytest.mark.parametrize("name", ["thermal_lag", "temperature_rate", "hysteresis", "supply_voltage", "bias_jump"])
+def test_a_hidden_effect_is_named(name):
+    found = weigh(problem(name), candidates(), nulls=40, lattice=LATTICE)
+    assert found.ties[0] == name
+    assert found.suspects[0].weight > 0.7
+    assert found.chance(found.suspects[0].evidence) == 0.0
+
+
+def test_nothing_is_named_where_nothing_is_missing():
+    found = [weigh(problem("nothing", seed), candidates(), nulls=100, lattice=LATTICE) for seed in range(3)]
+    assert [each.ties for each in found] == [()] * 3
+
+
+def test_parameters_come_with_intervals_that_hold_the_truth():
+    lag = weigh(problem("thermal_lag"), candidates()[:1], nulls=0, lattice=LATTICE).suspects[0].parameters["tau_s"]
+    assert lag.low < 150.0 < lag.high
+    assert lag.high - lag.low < 60.0
+    hysteresis = weigh(problem("hysteresis"), candidates()[2:3], nulls=0, lattice=LATTICE).suspects[0]
+    assert hysteresis.parameters["half_width"].low < 6.0 < hysteresis.parameters["half_width"].high
+    assert_allclose(hysteresis.amplitudes, 0.05, atol=3.0 * hysteresis.deviations[0])
+
+
+def test_evidence_is_the_gain_in_likelihood_less_the_price_of_parameters():
+    """Against dense algebra: -2 ln L by Cholesky at the noise that the engine found."""
+    data = problem("supply_voltage")
+    found = weigh(data, candidates()[3:4], nulls=0, lattice=LATTICE)
+    suspect = found.suspects[0]
+
+    def height(X, ratios):
+        root = np.linalg.cholesky(covariance(TIME, 30.0, ratios))
+        residual = np.linalg.solve(root, data.y)
+        whitened = np.linalg.solve(root, X)
+        residual = residual - whitened @ np.linalg.lstsq(whitened, residual)[0]
+        return len(TIME) * np.log(residual @ residual / len(TIME)) + 2.0 * np.log(np.diag(root)).sum()
+
+    gain = height(data.base, found.ratios) - height(joint(data, candidates()[3], ()), suspect.ratios)
+    assert_allclose(suspect.evidence, gain - np.log(len(TIME)), atol=1e-6)
+
+
+def test_cumulative_evidence_ends_at_the_fall_of_the_square_sum():
+    data = problem("hysteresis")
+    suspect = weigh(data, candidates()[2:3], nulls=0, lattice=LATTICE).suspects[0]
+    whitener = Whitener.of(suspect.ratios, TIME, 30.0)
+    before, after = (gls(X, data.y, whitener).rss for X in (data.base, joint(data, candidates()[2], suspect.theta)))
+    assert_allclose(suspect.cumulative[-1], (before - after) / suspect.sigma2, rtol=1e-6)
+
+
+def test_what_the_base_already_explains_is_not_excited():
+    data = problem("nothing")
+    own = Candidate("frequency", lambda th: 14000.0 + columns_of(TEMPERATURE)[:, 1:2])
+    suspect = weigh(data, [own], nulls=0, lattice=LATTICE).suspects[0]
+    assert not suspect.excited
+    assert suspect.evidence < 0.0
+
+
+def test_an_isothermal_record_takes_part():
+    still = Record(TIME[:200], coloured(9)[:200], np.ones((200, 1)))
+    found = weigh(problem("temperature_rate", statics=(still,)), candidates(), nulls=40)
+    assert found.ties[0] == "temperature_rate"
+
+
+def test_the_same_seed_gives_the_same_answer():
+    first, second = (weigh(problem("nothing"), candidates()[:3], nulls=20, seed=5, lattice=LATTICE) for _ in range(2))
+    assert first.threshold == second.threshold
+    assert [s.evidence for s in first.suspects] == [s.evidence for s in second.suspects]
+
+
+def test_parameters_are_refined_beyond_the_grid():
+    data = problem("thermal_lag")
+    lag = candidates()[0]
+    refiner = Refiner(data, LATTICE)
+    found = weigh(data, [lag], nulls=0, lattice=LATTICE).suspects[0]
+    on_grid = min(refiner.height(lag, theta, found.point) for theta in lag.grid())
+    assert refiner.height(lag, found.theta, found.point) < on_grid

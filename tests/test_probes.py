@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+from numpy.polynomial.chebyshev import chebvander
+
+from bench.diagnosis.candidates import Problem
+from bench.diagnosis.probes import despike, examine, usual
+from bench.likelihood import NoiseLattice, Record, Surface
+from bench.noise import Noise
+from bench.whitening import covariance
+
+NOISE = Noise(0.01, 0.03, 0.03)
+ROWS = 600
+TIME = (np.arange(ROWS) + 0.5) * 30.0
+TEMPERATURE = 22.5 + 62.5 * (2.0 / np.pi) * np.arcsin(np.sin(2.0 * np.pi * TIME / 8000.0) * 0.98)
+RATE = 60.0 * np.gradient(TEMPERATURE, TIME)
+BASE = chebvander((TEMPERATURE - 22.5) / 62.5, 6)
+QUADRATURE = np.sin(TIME / 900.0) + 0.2 * np.cos(TIME / 333.0)
+LATTICES = {}
+
+
+def coloured(seed, rows=ROWS, noise=NOISE):
+    dense = covariance(TIME[:rows], 30.0, noise.ratios(30.0)) * noise.white_variance(30.0)
+    return np.linalg.cholesky(dense) @ np.random.default_rng(seed).normal(size=rows)
+
+
+def examined(misfit, seed=3, run_noise=NOISE):
+    still = Record(TIME[:360], coloured(seed + 1000, 360), np.ones((360, 1)))
+    data = Problem(TIME, BASE.sum(axis=1) + misfit + coloured(seed, noise=run_noise), BASE, 30.0, (still,))
+    lattice = LATTICES.setdefault(0, NoiseLattice(data.records(), 30.0))  # whiteners depend on the times alone
+    point = Surface(data.records(), lattice, restricted=False).search()
+    return examine(data, usual(TIME, TEMPERATURE, RATE, {"quadrature": QUADRATURE}), lattice, point)
+
+
+@pytest.mark.parametrize(
+    ("name", "misfit"),
+    [
+        ("dT/dt", 0.05 * RATE**3),
+        ("quadrature", 0.15 * QUADRATURE),
+        ("fine temperature", 0.2 * np.sin(2.0 * np.pi * TEMPERATURE / 20.0)),
+        ("periodic", 0.12 * np.sin(2.0 * np.pi * TIME / 410.0)),
+    ],
+)
+def test_the_strongest_probe_points_at_the_cause(name, misfit):
+    found = examined(misfit)
+    assert found.alarms[0].name == name
+
+
+def test_clean_runs_raise_an_alarm_at_the_rate_that_was_asked_for():
+    alarms = [examined(0.0, seed).alarms for seed in range(12)]
+    assert sum(map(bool, alarms)) <= 2
+
+
+def test_a_loop_shows_in_the_cells_of_either_direction():
+    found = {f.name: f for f in examined(0.12 * np.sign(RATE)).findings}["temperature x direction"]
+    z = found.estimates / found.deviations
+    signs = {
+        word: np.nanmean([v for v, label in zip(z, found.labels, strict=True) if word in label])
+        for word in ("heating", "cooling")
+    }
+    assert signs["heating"] > 0.5
+    assert signs["cooling"] < -0.5
+    assert found.p < 1e-3
+
+
+def test_the_period_of_a_disturbance_is_named():
+    found = {f.name: f for f in examined(0.12 * np.sin(2.0 * np.pi * TIME / 410.0)).findings}["periodic"]
+    assert abs(float(found.note.split()[1]) - 410.0) < 10.0
+
+
+def test_a_run_noisier_than_standing_still_is_said():
+    found = {f.name: f for f in examined(0.0, run_noise=Noise(0.02, 0.03, 0.03)).findings}["noise"]
+    assert found.p < 1e-6
+
+
+def test_despiking_finds_spikes_and_keeps_jumps():
+    residual = 0.1 * np.random.default_rng(0).normal(size=500)
+    residual[250:] += 2.0
+    residual[[40, 300, 499]] += 1.5
+    assert np.flatnonzero(~despike(residual)).tolist() == [40, 300, 499]
+    assert despike(np.zeros(10)).all()
