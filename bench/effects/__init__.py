@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, cast
 
-from bench.effects.base import Effect
+from bench.dataset import Dataset
+from bench.effects.base import Effect, Shaped, Suited
+from bench.effects.creep import Creep
+from bench.effects.hysteresis import Hysteresis
 from bench.effects.polynomial import Polynomial
 from bench.effects.regression import Regression
 from bench.effects.spline import Spline
+from bench.effects.temperature_rate import TemperatureRate
+from bench.effects.thermal_lag import ThermalLag
+from bench.effects.warm_up import WarmUp
 from bench.errors import InputError
 
-_BUILT_IN = (Polynomial, Regression, Spline)
+_BUILT_IN = (Polynomial, Regression, Spline, ThermalLag, TemperatureRate, Hysteresis, Creep, WarmUp)
 _REGISTRY: dict[str, Callable[..., Effect]] = {kind.name: kind for kind in _BUILT_IN}
 
 
@@ -50,3 +56,13 @@ def nearest(word: str, known: tuple[str, ...]) -> str:
     """Ending of an error message: the nearest known word, or all of them."""
     close = difflib.get_close_matches(word, known, n=1)
     return f"; did you mean '{close[0]}'?" if close else f"; known are {', '.join(known) or 'none'}"
+
+
+def suited(effect: Effect, records: Sequence[Dataset]) -> Effect:
+    """The effect with its search bounds within what the runs visit, where it has such bounds."""
+    return effect.suited(records) if isinstance(effect, Suited) else effect
+
+
+def shapes(effect: Effect) -> tuple[Effect, ...]:
+    """The shapes of an effect that a ranking counts as one; the effect itself where it has only one."""
+    return effect.shapes() if isinstance(effect, Shaped) else (effect,)

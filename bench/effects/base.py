@@ -39,6 +39,8 @@ class Parameter:
     start: float
     log: bool = False
     meaning: str = ""
+    change_point: bool = False
+    """A place in time or temperature where something begins: chance finds one easily, so rankings charge one more."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class Effect(Protocol):
 
     @property
     def family(self) -> str:
-        """Effects of one family cannot be told apart from their residual alone (static, thermal, loop, ...)."""
+        """Shapes of one cause (the hysteresis loops, the static curves): rankings name the family, not the shape."""
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -113,6 +115,22 @@ class Open(Effect, Protocol):
         """Variants to choose from, () where nothing is open."""
 
 
+@runtime_checkable
+class Suited(Effect, Protocol):
+    """An effect whose nonlinear parameters are searched within what the runs visit (a time of jump, a temperature)."""
+
+    def suited(self, records: Sequence[Dataset]) -> Effect:
+        """The same effect with these bounds, before any fit."""
+
+
+@runtime_checkable
+class Shaped(Effect, Protocol):
+    """An effect that comes in several shapes; rankings try each and count the best as one effect."""
+
+    def shapes(self) -> tuple[Effect, ...]:
+        """The effect in each shape, the simplest first."""
+
+
 @dataclass(frozen=True)
 class Scale:
     """Affine map of [low, high] to [-1, 1]."""
@@ -150,6 +168,9 @@ class Scale:
         """Values mapped to [-1, 1] inside the range."""
         return (values - self.centre) / self.half
 
+
+REFERENCE_DEGC = 25.0
+"""Temperature to which coefficients of products with temperature refer [degC]."""
 
 LEAST_RANGE_DEGC = 1.0
 """A temperature that moves by less carries no temperature effect [degC]."""
@@ -198,6 +219,23 @@ class Series:
 def powers_unit(channel: str, power: int) -> str:
     """Unit of the coefficient of channel^power, for instance deg/h/degC^2."""
     return "deg/h" if power == 0 else f"deg/h/{CHANNELS[channel].unit}" + (f"^{power}" if power > 1 else "")
+
+
+def linear_terms(labels: Sequence[str], units: Sequence[str]) -> Physical:
+    """Translation for columns that are physical as they stand: amplitude i is coefficient i, none is a constant."""
+    return Physical(tuple(labels), tuple(units), np.eye(len(labels), 1 + len(labels), 1))
+
+
+def check_number(effect: str, option: str, value: object, low: float, high: float) -> None:
+    """InputError unless the option is a number within [low, high]."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not low <= value <= high:
+        raise InputError(f"{effect}: {option} is {value!r}, allowed is a number from {low:g} to {high:g}")
+
+
+def check_choice(effect: str, option: str, value: object, allowed: Sequence[object]) -> None:
+    """InputError unless the option is one of these."""
+    if not any(value == one and type(value) is type(one) for one in allowed):
+        raise InputError(f"{effect}: {option} is {value!r}, allowed are {', '.join(map(str, allowed))}")
 
 
 def check_whole(effect: str, option: str, value: object, low: int, high: int) -> None:
