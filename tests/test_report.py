@@ -206,7 +206,7 @@ def test_a_record_without_one_value_of_a_required_channel_is_no_data(tmp_path: P
 
 
 def test_constant_temperature_gives_a_reason_instead_of_a_model(tmp_path: Path) -> None:
-    made = ramp_run([("soak", "soak", 25.0, 1800.0)])
+    made = ramp_run([("soak", "soak", 25.0, 240.0)])
     made["columns"]["temperature"][:] = 25.0
     analysis = cubic_only(make_run(tmp_path / "constant", **made))
     assert analysis.best is None

@@ -163,7 +163,7 @@ def test_an_imported_table_without_a_soak_gets_all_figures_that_it_can_have(tmp_
 
 
 def test_a_torn_last_event_is_said_and_does_not_cost_the_page(whole: Analysis, tmp_path: Path) -> None:
-    made = ramp_run([("soak", "soak", 25.0, 600.0)])
+    made = ramp_run([("soak", "soak", 25.0, 60.0)])
     run = make_run(tmp_path / "torn", **made)
     with (run / "events.jsonl").open("a") as file:
         file.write('{"t_s": 3.0, "ki')
