@@ -180,7 +180,9 @@ def _kind(value: Any) -> str:
 
 def nearest(word: str, known: Iterable[str]) -> str:
     """`; did you mean 'x'?`, or nothing when no known word is near."""
-    close = difflib.get_close_matches(word.lower(), list(known), 1, 0.5)
+    known = list(known)
+    longer = [name for name in known if len(word) > 2 and name.startswith(word.lower())]
+    close = longer or difflib.get_close_matches(word.lower(), known, 1, 0.5)
     return f"; did you mean '{close[0]}'?" if close else ""
 
 

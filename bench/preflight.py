@@ -173,20 +173,25 @@ def _repeats(profile: Profile) -> Iterator[Finding]:
         yield _find(profile, "info", f"{text} would separate warm-up from ageing")
 
 
+def _moving(profile: Profile) -> list[Leg]:
+    """Legs in which the temperature goes one way, without the way to the start."""
+    return [leg for leg in profile.legs()[profile.start is not None :] if leg.direction != "constant"]
+
+
 def turning_points(profile: Profile) -> list[tuple[float, Leg]]:
     """Temperatures [degC] where the profile changes direction, each with the leg that leads there."""
-    moving = [leg for leg in profile.legs() if leg.direction != "constant"]
+    moving = _moving(profile)
     pairs = pairwise(moving)
     return [(leg.target_degc, leg) for leg, after in pairs if leg.direction != after.direction]
 
 
 def _separates(profile: Profile) -> Iterator[Finding]:
-    ramps = [leg for leg in profile.legs() if leg.kind == "ramp" and leg.direction != "constant"]
+    ramps = [leg for leg in _moving(profile) if leg.kind == "ramp"]
     if not ramps:
         text = "has no ramps: a thermal lag and a dT/dt term do not show, and hysteresis shows weakly"
         yield _find(profile, "info", text)
         return
-    for missing in {"heating", "cooling"} - {leg.direction for leg in profile.legs()}:
+    for missing in {"heating", "cooling"} - {leg.direction for leg in _moving(profile)}:
         yield _find(profile, "warning", f"has no {missing} branch: hysteresis cannot be seen")
     rates = {round(leg.rate_degc_per_min or 0.0, 2) for leg in ramps}
     if len(rates) == 1:
