@@ -1,7 +1,7 @@
 """Likelihood of coloured noise beside a linear model, over a lattice of noise ratios that keeps its whiteners.
 
 A record is data whose mean is a linear model: y = X beta + nu, nu ~ N(0, sigma^2 C(rho)), C as in bench.whitening. The
-ratios rho are searched on a lattice of sixteenths of a decade (finer than their uncertainty by far), which lets every
+ratios rho are searched on a lattice down to eighths of a decade (finer than their uncertainty), which lets every
 candidate of a diagnosis share the whiteners. An isothermal record is one more record of the same noise.
 """
 
@@ -83,12 +83,16 @@ class NoiseLattice:
     def at(self, points: Iterable[Point]) -> list[tuple[Whitener, ...]]:
         """Whiteners of every record at each of the points."""
         points = list(points)
-        missing = [point for point in dict.fromkeys(points) if point not in self._kept]
-        if missing:
+        self.prepare(points, points)
+        return [self._kept[point][self._span] for point in points]
+
+    def prepare(self, needed: Iterable[Point], wanted: Iterable[Point]) -> None:
+        """Makes all that is wanted if any needed whitener is missing: 25 at once take little longer than one."""
+        if not all(point in self._kept for point in needed):
+            missing = [point for point in dict.fromkeys(wanted) if point not in self._kept]
             ratios = [self.ratios(point) for point in missing]
             each = [whiteners(ratios, time_s, self.interval_s, white) for time_s, white in self._axes]
             self._kept.update(zip(missing, zip(*each, strict=True), strict=True))
-        return [self._kept[point][self._span] for point in points]
 
     def part(self, first: int, count: int) -> NoiseLattice:
         """The same lattice seen by some of its records alone; whiteners are shared in both directions."""
@@ -138,9 +142,10 @@ class Surface:
     def descend(self, start: Point, zeros_held: bool = False) -> Point:
         """The lowest point reached from a start with ever finer steps; ratios of zero may be held there."""
         best = start
-        for step in (8, 4, 2, 1):
+        for step in (8, 4, 2):
             while True:
                 around = NoiseLattice.around(best, step)
+                self.lattice.prepare(around, (q for p in around for q in NoiseLattice.around(p, step)))
                 if zeros_held:
                     around = [p for p in around if zeros(p) == zeros(start)]
                 self.visit(around)
