@@ -125,6 +125,22 @@ def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ..
     return workflow.report(run_folder, models, check_runs)
 
 
+@main.command("import")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--columns", type=click.Path(path_type=Path), help="Column map (YAML): which column, which unit.")
+@click.option("--unit", "serial", default="unknown", show_default=True, help="Serial number of the unit.")
+@click.option("--dbc", type=click.Path(path_type=Path), help="Layout of a CAN log (BLF, ASC).")
+@click.option("--preview", is_flag=True, help="Only say what was understood; write nothing.")
+@out_option
+@json_option
+@_answer
+def import_(file: Path, serial: str, out: Path, columns: Path | None, dbc: Path | None, preview: bool) -> Answer:
+    """Make a run folder of somebody else's FILE: CSV, Parquet, MF4, BLF or ASC."""
+    from bench import workflow
+
+    return workflow.import_table(file, columns, serial, dbc, None if preview else out)
+
+
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 @json_option

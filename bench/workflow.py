@@ -190,6 +190,17 @@ def check(profile_path: Path, station_path: Path | None) -> Answer:
     return Answer(content, "\n".join(lines), 1 if late else 0)
 
 
+def import_table(file: Path, columns: Path | None, serial: str, dbc: Path | None, out: Path | None) -> Answer:
+    """`bench import`: a foreign table becomes a run folder below `out`; None only tells what was understood."""
+    from bench.importer import load_columns, plan_import, write_import
+
+    plan = plan_import(file, None if columns is None else load_columns(columns), serial, dbc)
+    if out is None:
+        return Answer({"run": None, **plan.to_json()}, plan.preview())
+    folder = write_import(plan, out)
+    return Answer({"run": str(folder.path), **plan.to_json()}, f"{plan.preview()}\n\nrun     {folder.path}")
+
+
 def init(folder: Path) -> Answer:
     """`bench init`: the user's own copy of the shipped profiles, stations and models."""
     target = folder / "profiles"
