@@ -6,7 +6,6 @@ A gap stays NaN. What cannot be read exactly is refused with file and line; noth
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -77,6 +76,8 @@ def _read_csv(path: Path) -> Table:
     _check_header(names, path, header_line)
     where = range(body[0] + 1, body[-1] + 2) if body and body[-1] - body[0] == len(body) - 1 else [i + 1 for i in body]
     rows = [lines[i] for i in body]
+    if not rows:
+        raise InputError("holds zero rows: there is a header, and no data", path)
     _check_fields(rows, where, delimiter, names, path)
     notes = () if text.endswith(("\n", "\r")) else ("the last line has no line end: its last number may be cut off",)
     columns = _numbers(rows, where, delimiter, names, path)
@@ -125,16 +126,22 @@ def _check_fields(rows: list[str], where: range | list[int], delimiter: str, nam
 def _numbers(
     rows: list[str], where: range | list[int], delimiter: str, names: list[str], path: Path
 ) -> dict[str, FloatArray]:
-    import pandas as pd
+    import pyarrow as pa
+    from pyarrow import csv as arrow_csv
 
-    separator = r"\s+" if delimiter == " " else delimiter
+    if delimiter == " ":
+        rows, delimiter = ["\t".join(row.split()) for row in rows], "\t"
+    gaps = sorted({spelled for gap in _GAPS for spelled in (gap, gap.upper(), gap.title(), "NaN")})
     try:
-        frame = pd.read_csv(io.StringIO("\n".join(rows)), sep=separator, header=None, names=names, dtype=np.float64,
-                            index_col=False, skip_blank_lines=False, skipinitialspace=True,
-                            float_precision="round_trip")  # fmt: skip
-    except (ValueError, OverflowError):
+        found = arrow_csv.read_csv(
+            pa.BufferReader("\n".join(rows).encode()),
+            arrow_csv.ReadOptions(column_names=names),
+            arrow_csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
+            arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=gaps),
+        )
+    except (pa.ArrowException, ValueError):
         raise _first_bad(rows, where, delimiter, names, path) from None
-    columns = {name: frame[name].to_numpy(dtype=np.float64) for name in names}
+    columns = {name: found.column(name).to_numpy() for name in names}
     for name, column in columns.items():
         bad = np.flatnonzero(np.isinf(column))
         if bad.size:
