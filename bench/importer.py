@@ -69,7 +69,8 @@ class ImportPlan:
             lines.append(
                 f"  {mapped.channel:<20} {known.min():.6g} to {known.max():.6g} {unit}, {known.size:,} values, {how}"
             )
-        left_out = [name for name in self.table.columns if name not in {m.column for m in self.mapped}]
+        used = {self.time_source.column, *(m.column for m in self.mapped)}
+        left_out = [name for name in self.table.columns if name not in used]
         lines.append(f"  not used             {', '.join(left_out)}" if left_out else "  every column is used")
         lines += [f"  branch {b.as_segment(i)['name']}, {(b.to_s - b.from_s) / 60:.0f} min, {b.rate_degc_per_min:.2g} "
                   "degC/min" for i, b in enumerate(self.branches)]  # fmt: skip

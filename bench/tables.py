@@ -6,7 +6,7 @@ A gap stays NaN. What cannot be read exactly is refused with file and line; noth
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,23 +65,75 @@ def read_table(path: Path | str, dbc: Path | str | None = None) -> Table:
 
 
 def _read_csv(path: Path) -> Table:
-    text = read_text(path)
-    lines = text.splitlines()
-    kept = [i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
-    if not kept:
+    """Tidy files go to the parser whole; comments, blank lines and everything wrong take the slow way, line by line."""
+    data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+    start = 0
+    line = 1
+    while start < len(data):
+        end = data.find(b"\n", start) + 1 or len(data)
+        if data[start:end].strip() and not data[start:end].lstrip().startswith(b"#"):
+            break
+        start, line = end, line + 1
+    else:
         raise InputError("holds no table: every line is empty or a comment", path)
-    header_line, body = kept[0] + 1, kept[1:]
-    delimiter = _delimiter(lines[kept[0]], path, header_line)
-    names = [name.strip() for name in _split(lines[kept[0]], delimiter)]
-    _check_header(names, path, header_line)
-    where = range(body[0] + 1, body[-1] + 2) if body and body[-1] - body[0] == len(body) - 1 else [i + 1 for i in body]
-    rows = [lines[i] for i in body]
-    if not rows:
+    header = data[start:end].decode("utf-8", errors="replace").strip("\r\n")
+    delimiter = _delimiter(header, path, line)
+    names = [name.strip() for name in _split(header, delimiter)]
+    _check_header(names, path, line)
+    body = data[end:].rstrip(b"\r\n")
+    if not body.strip():
         raise InputError("holds zero rows: there is a header, and no data", path)
+    notes = () if data.endswith((b"\n", b"\r")) else ("the last line has no line end: its last number may be cut off",)
+    tidy = delimiter != " " and not any(mark in body for mark in (b"#", b"\n\n", b"\n\r"))
+    columns = _parse(body, delimiter, names) if tidy else None
+    where: range | tuple[int, ...] = range(line + 1, line + 2 + body.count(b"\n"))
+    if columns is None or any(len(column) != len(where) for column in columns.values()):
+        where, columns = _read_lines(path, line, delimiter, names)
+    for name, column in columns.items():
+        bad = np.flatnonzero(np.isinf(column))
+        if bad.size:
+            text = f"'{name}' is infinite; leave the field empty where there is no value"
+            raise InputError(text, path, where[int(bad[0])])
+    return Table(path, columns, lines=where, notes=notes)
+
+
+def _read_lines(
+    path: Path, header_line: int, delimiter: str, names: list[str]
+) -> tuple[tuple[int, ...], dict[str, FloatArray]]:
+    """Lines and columns of a file with comments or blank lines in it; InputError that names the first wrong line."""
+    lines = read_text(path).replace("\r\n", "\n").split("\n")
+    body = [(i, line) for i, line in enumerate(lines, 1) if i > header_line]
+    body = [(i, line) for i, line in body if line.strip() and not line.lstrip().startswith("#")]
+    if not body:
+        raise InputError("holds zero rows: there is a header, and no data", path)
+    where, rows = zip(*body, strict=True)
     _check_fields(rows, where, delimiter, names, path)
-    notes = () if text.endswith(("\n", "\r")) else ("the last line has no line end: its last number may be cut off",)
-    columns = _numbers(rows, where, delimiter, names, path)
-    return Table(path, columns, lines=where if isinstance(where, range) else tuple(where), notes=notes)
+    if delimiter == " ":
+        tidy, separator = ["\t".join(row.split()) for row in rows], "\t"
+    else:
+        tidy, separator = list(rows), delimiter
+    columns = _parse("\n".join(tidy).encode(), separator, names)
+    if columns is None:
+        raise _first_bad(rows, where, delimiter, names, path)
+    return where, columns
+
+
+def _parse(body: bytes, delimiter: str, names: list[str]) -> dict[str, FloatArray] | None:
+    """Columns of numbers, exact to the last digit; None when anything is not a number or a row is ragged."""
+    import pyarrow as pa
+    from pyarrow import csv as arrow_csv
+
+    gaps = sorted({spelled for gap in _GAPS for spelled in (gap, gap.upper(), gap.title(), "NaN")})
+    try:
+        found = arrow_csv.read_csv(
+            pa.BufferReader(body),
+            arrow_csv.ReadOptions(column_names=names),
+            arrow_csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
+            arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=gaps),
+        )
+    except (pa.ArrowException, ValueError):
+        return None
+    return {name: found.column(name).to_numpy() for name in names}
 
 
 def _delimiter(header: str, path: Path, line: int) -> str:
@@ -108,7 +160,7 @@ def _check_header(names: list[str], path: Path, line: int) -> None:
             raise InputError(f"the header names '{name}' twice; rename one of them", path, line)
 
 
-def _check_fields(rows: list[str], where: range | list[int], delimiter: str, names: list[str], path: Path) -> None:
+def _check_fields(rows: Sequence[str], where: Sequence[int], delimiter: str, names: list[str], path: Path) -> None:
     """Every row has as many fields as the header."""
     width = len(names)
     for i, row in enumerate(rows):
@@ -123,34 +175,7 @@ def _check_fields(rows: list[str], where: range | list[int], delimiter: str, nam
         raise InputError(text, path, where[i])
 
 
-def _numbers(
-    rows: list[str], where: range | list[int], delimiter: str, names: list[str], path: Path
-) -> dict[str, FloatArray]:
-    import pyarrow as pa
-    from pyarrow import csv as arrow_csv
-
-    if delimiter == " ":
-        rows, delimiter = ["\t".join(row.split()) for row in rows], "\t"
-    gaps = sorted({spelled for gap in _GAPS for spelled in (gap, gap.upper(), gap.title(), "NaN")})
-    try:
-        found = arrow_csv.read_csv(
-            pa.BufferReader("\n".join(rows).encode()),
-            arrow_csv.ReadOptions(column_names=names),
-            arrow_csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
-            arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=gaps),
-        )
-    except (pa.ArrowException, ValueError):
-        raise _first_bad(rows, where, delimiter, names, path) from None
-    columns = {name: found.column(name).to_numpy() for name in names}
-    for name, column in columns.items():
-        bad = np.flatnonzero(np.isinf(column))
-        if bad.size:
-            raise InputError(f"'{name}' is infinite; leave the field empty where there is no value", path,
-                             where[int(bad[0])])  # fmt: skip
-    return columns
-
-
-def _first_bad(rows: list[str], where: range | list[int], delimiter: str, names: list[str], path: Path) -> InputError:
+def _first_bad(rows: Sequence[str], where: Sequence[int], delimiter: str, names: list[str], path: Path) -> InputError:
     """What is not a number, and where."""
     for i, row in enumerate(rows):
         for name, value in zip(names, _split(row, delimiter), strict=False):
