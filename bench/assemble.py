@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from bench.means import write_means
 from bench.recorder import BENCH_JOURNAL, READING
 from bench.store import RunFolder
 from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
-from drivers.journal import Block, Damage, Kind, read_blocks
+from drivers.journal import Damage, FrameArray, Kind, read_blocks
 
 ROWS_PER_GROUP = 1 << 19
 HOLD_BACK = 2000
@@ -41,6 +41,13 @@ class _Bench:
     events: list[dict[str, Any]]
     readings: Readings
 
+    def outcome(self) -> dict[str, Any]:
+        """How the run ended; a bench that was killed could not say."""
+        for event in reversed(self.events):
+            if event["kind"] == "end":
+                return {"state": event["state"], "cause": event["text"]}
+        return {"state": "aborted", "cause": "the bench was killed; recovered from its journals"}
+
     def segments(self) -> list[dict[str, Any]]:
         """Executed segments; one that was cut off by a kill ends with the last reading."""
         done = [event for event in self.events if event["kind"] == "segment" and event["phase"] == "end"]
@@ -53,13 +60,13 @@ class _Bench:
         return [{**segment, "settled": segment["outcome"] == "done"} for segment in segments]
 
 
-def read_bench_journal(path: Path) -> _Bench:
+def _read_bench(path: Path, damage: Damage) -> _Bench:
     """Meta, events and readings; InputError when the journal is missing or holds no meta block."""
     meta: dict[str, Any] = {}
     events: list[dict[str, Any]] = []
     rows: list[bytes] = []
     if path.exists():
-        for block in read_blocks(path):
+        for block in read_blocks(path, damage):
             if block.kind is Kind.META:
                 meta = json.loads(block.payload)
             elif block.kind is Kind.EVENT:
@@ -79,29 +86,33 @@ class Decoded:
     clock: SampleClock
 
 
-def assemble(run: RunFolder, outcome: Mapping[str, Any] | None = None, live: Decoded | None = None) -> dict[str, Any]:
+def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
     """Make the tables and the manifest of a run from its journals; returns the manifest.
 
-    `outcome` is how the run ended (`state`, `cause`); left out for a run whose bench was killed. `live` saves a pass
-    over the frames when they were decoded already. InputError when there is nothing to make a run from.
+    `live` saves a pass over the frames when they were decoded already. InputError when there is nothing to make a run
+    from, OSError when the disk does not take the tables.
     """
-    bench = read_bench_journal(run.journal / BENCH_JOURNAL)
+    damage = Damage()
+    bench = _read_bench(run.journal / BENCH_JOURNAL, damage)
     gyro = bench.meta["gyro"]
     source = run.journal / f"{gyro['bus']}.gtbj"
     seen = live or _decode_all(source, gyro)
     segments = bench.segments()
-    damage = Damage()
-    rows = _write_data(run.data, _blocks(source, gyro, damage), _Grid(bench.readings, segments, seen.clock))
+    bus_events: list[dict[str, Any]] = []
+    blocks = _decoded(_blocks(source, damage, bus_events), gyro)
+    readings = bench.readings if seen.decoder.samples else bench.readings[:0]  # no sample, no clock to place them on
+    rows = _write_data(run.data, blocks, _Grid(readings, segments, seen.clock))
     write_means(run.data, run.means)
-    lines = (json.dumps(event, allow_nan=False) for event in bench.events)
-    (run.path / "events.jsonl").write_text("".join(f"{line}\n" for line in lines))
-    killed = {"state": "aborted", "cause": "the bench was killed; recovered from its journals"}
+    events = sorted((*bench.events, *bus_events), key=lambda event: float(event["t_s"]))
+    lines = (json.dumps(event, allow_nan=False) for event in events)
+    (run.path / "events.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     manifest = {
         **bench.meta,
-        **(outcome or killed),
+        **bench.outcome(),
         "sample_rate_hz": round(1 / seen.decoder.interval_s),
         "rate_step_dph": seen.decoder.rate_step_dph,
         "unit_clock_drift_ppm": seen.clock.drift_ppm if seen.decoder.samples else None,
+        "unit_identity": asdict(seen.decoder.identity) if seen.decoder.identity is not None else None,
         "rows": rows,
         "duration_s": float(bench.readings["t_s"][-1]) if len(bench.readings) else 0.0,
         "segments": segments,
@@ -116,21 +127,24 @@ def _decode_all(source: Path, gyro: Mapping[str, Any]) -> Decoded:
     """A first pass over the frames: their losses and the unit's clock."""
     decoder = GyroDecoder(gyro["layout"], gyro["number"])
     clock = SampleClock(decoder.interval_s)
-    for block in _frame_blocks(source, Damage()):
-        decoded = decoder.decode(block.frames())
+    for frames in _blocks(source, Damage(), []):
+        decoded = decoder.decode(frames)
         clock.add(decoded.index, decoded.t_ns)
     return Decoded(decoder, clock)
 
 
-def _blocks(source: Path, gyro: Mapping[str, Any], damage: Damage) -> Iterator[GyroBlock]:
+def _decoded(blocks: Iterator[FrameArray], gyro: Mapping[str, Any]) -> Iterator[GyroBlock]:
     decoder = GyroDecoder(gyro["layout"], gyro["number"])
-    for block in _frame_blocks(source, damage):
-        yield decoder.decode(block.frames())
+    return (decoder.decode(frames) for frames in blocks)
 
 
-def _frame_blocks(source: Path, damage: Damage) -> Iterator[Block]:
-    if source.exists():
-        yield from (block for block in read_blocks(source, damage) if block.kind is Kind.FRAMES)
+def _blocks(source: Path, damage: Damage, events: list[dict[str, Any]]) -> Iterator[FrameArray]:
+    """Frames of a bus in blocks; what its capture had to say goes into `events`."""
+    for block in read_blocks(source, damage) if source.exists() else ():
+        if block.kind is Kind.FRAMES:
+            yield block.frames()
+        elif block.kind is Kind.EVENT:
+            events.append({"t_s": round(block.t_s, 3), **json.loads(block.payload)})
 
 
 class _Grid:
@@ -151,11 +165,13 @@ class _Grid:
             self._index = nominal - np.rint(error / self.clock.interval_s).astype(np.int64)
         return self._index
 
-    def between(self, first: int, end: int) -> tuple[IntArray, dict[str, FloatArray]]:
-        """Ticks and values of the readings in [first, end)."""
+    def between(self, first: int | None, end: int | None) -> tuple[IntArray, dict[str, FloatArray]]:
+        """Ticks and values of the readings in [first, end); None: no bound."""
         index = self.index()
-        rows = np.flatnonzero((index >= first) & (index < end))
-        return index[rows], {name: self._readings[field][rows] for name, field in _CHAMBER.items()}
+        start = 0 if first is None else int(np.searchsorted(index, first))
+        stop = len(index) if end is None else int(np.searchsorted(index, end))
+        values = {name: self._readings[field][start:stop] for name, field in _CHAMBER.items()}
+        return index[start:stop], values
 
     def segment(self, time: FloatArray) -> IntArray:
         """Segment in force at each bench time (n,), -1 between segments."""
@@ -168,45 +184,39 @@ class _Grid:
         return np.where(inside, at, -1)
 
 
-@dataclass
 class _Pending:
     """Decoded samples that are not written yet."""
 
-    index: list[IntArray] = field(default_factory=list)
-    rate: list[FloatArray] = field(default_factory=list)
-    slow: dict[str, list[tuple[IntArray, FloatArray]]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self.count = 0
+        self.newest = 0
+        self._parts: dict[str, list[tuple[IntArray, FloatArray]]] = {"rate": []}
 
     def add(self, block: GyroBlock) -> None:
-        self.index.append(block.index)
-        self.rate.append(block.rate_dph)
+        if len(block.index):
+            self.newest = int(block.index[-1])
+        self.count += len(block.index)
+        self._parts["rate"].append((block.index, block.rate_dph))
         for name, series in block.slow.items():
-            self.slow.setdefault(name, []).append((series.index, series.value))
-
-    def count(self) -> int:
-        return sum(len(part) for part in self.index)
+            self._parts.setdefault(name, []).append((series.index, series.value))
 
     def take(self, end: int | None) -> dict[str, tuple[IntArray, FloatArray]]:
         """Channels before tick `end` (all of them for None), which leave the waiting room."""
-        parts = {"rate": list(zip(self.index, self.rate, strict=True)), **self.slow}
         taken: dict[str, tuple[IntArray, FloatArray]] = {}
-        rest = _Pending()
-        for name, pairs in parts.items():
+        for name, pairs in self._parts.items():
             index = np.concatenate([pair[0] for pair in pairs] or [np.zeros(0, np.int64)])
             value = np.concatenate([pair[1] for pair in pairs] or [np.zeros(0)])
             cut = len(index) if end is None else int(np.searchsorted(index, end))
             taken[name] = index[:cut], value[:cut]
-            if name == "rate":
-                rest.index, rest.rate = [index[cut:]], [value[cut:]]
-            else:
-                rest.slow[name] = [(index[cut:], value[cut:])]
-        self.index, self.rate, self.slow = rest.index, rest.rate, rest.slow
+            self._parts[name] = [(index[cut:], value[cut:])]
+        self.count -= len(taken["rate"][0])
         return taken
 
 
 def _write_data(path: Path, blocks: Iterator[GyroBlock], grid: _Grid) -> int:
     """Write `data.parquet` in row groups, in constant memory; returns the number of rows."""
     pending = _Pending()
-    rows = first = 0
+    rows, first = 0, None
     options = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": ["segment"]}
     floats = [name for name in CHANNELS if name != "applied_rate"]
     splits = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
@@ -214,24 +224,26 @@ def _write_data(path: Path, blocks: Iterator[GyroBlock], grid: _Grid) -> int:
     with pq.ParquetWriter(path, schema, column_encoding=splits, **options) as writer:
         for block in blocks:
             pending.add(block)
-            if pending.count() >= ROWS_PER_GROUP + HOLD_BACK:
-                end = int(pending.index[-1][-1]) - HOLD_BACK if len(pending.index[-1]) else None
+            if pending.count >= ROWS_PER_GROUP + HOLD_BACK:
+                end = pending.newest - HOLD_BACK
                 rows += _write_group(writer, pending.take(end), grid, first, end)
-                first = end if end is not None else first
+                first = end
         rows += _write_group(writer, pending.take(None), grid, first, None)
     return rows
 
 
 def _write_group(
-    writer: pq.ParquetWriter, parts: dict[str, tuple[IntArray, FloatArray]], grid: _Grid, first: int, end: int | None
+    writer: pq.ParquetWriter,
+    parts: dict[str, tuple[IntArray, FloatArray]],
+    grid: _Grid,
+    first: int | None,
+    end: int | None,
 ) -> int:
-    samples = parts["rate"][0]
-    if not len(samples):
-        return 0
-    last = end if end is not None else int(samples[-1]) + round(1 / grid.clock.interval_s) + 1
-    at, chamber = grid.between(first, last)
+    at, chamber = grid.between(first, end)
     parts = {**parts, **{name: (at, value) for name, value in chamber.items()}}
-    index = np.unique(np.concatenate([part[0] for part in parts.values()]))
+    index = _union([part[0] for part in parts.values()])
+    if not len(index):
+        return 0
     time = grid.clock.time(index)
     columns = []
     for item in writer.schema:
@@ -247,3 +259,11 @@ def _write_group(
             columns.append(pa.array(column, from_pandas=True))
     writer.write_table(pa.Table.from_arrays(columns, schema=writer.schema), row_group_size=len(index))
     return len(index)
+
+
+def _union(indices: Sequence[IntArray]) -> IntArray:
+    """Every tick that one of the ascending `indices` has, ascending, once."""
+    merged = np.sort(np.concatenate(indices), kind="stable")  # merges what is sorted in parts, in linear time
+    new = np.ones(len(merged), dtype=bool)
+    new[1:] = merged[1:] != merged[:-1]
+    return merged[new]

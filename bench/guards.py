@@ -1,74 +1,85 @@
 """Interlocks: what must hold while equipment moves, with trip and release thresholds, delays and staleness.
 
-A guard watches one signal. It trips when the signal is beyond its threshold for `delay_s`, when the signal changes
-faster than `rate_per_min`, and when the signal is missing or older than `max_age_s`: silence is never taken for good
-news. It releases when the signal has been back inside the release thresholds for `release_delay_s`. Guards are
-evaluated before anything starts and at every tick. Software is never the safety device: an independent limit
-controller is.
+A guard watches one signal. It trips when the signal is beyond its threshold, or changes too fast, for `delay_s`, and
+at once when the signal is missing or older than `max_age_s`: silence is never taken for good news. It releases when
+the signal has been back inside the release thresholds for `release_delay_s`. Guards are evaluated before anything
+starts and at every tick. Software is never the safety device: an independent limit controller is.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, Field, model_validator
+
+from bench.config import STRICT
 
 Action = Literal["hold", "abort"]
-
-SIGNALS = {
-    "chamber_temperature": "chamber air [degC]",
-    "unit_temperature": "the unit's own sensor [degC]",
-    "sensor_disagreement": "absolute difference of chamber air and unit sensor [degC]",
-    "frame_age": "age of the newest frame of the unit [s]",
-    "disk_free_mb": "free space where the run is written [MB]",
-    "alarm": "1 while the chamber reports an alarm",
-}
+Seconds = Annotated[float, Field(ge=0)]
+Positive = Annotated[float, Field(gt=0)]
 
 
 class GuardSettings(BaseModel):
     """One guard as written in a station or profile file."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = STRICT
 
-    name: str
+    name: Annotated[str, Field(min_length=1)]
+    """What the guard is called in events and messages."""
     signal: Literal[
         "chamber_temperature", "unit_temperature", "sensor_disagreement", "frame_age", "disk_free_mb", "alarm"
     ]
-    above: float | None = Field(None, description="trips above this value")
-    below: float | None = Field(None, description="trips below this value")
-    rate_per_min: float | None = Field(None, gt=0, description="trips when the signal changes faster than this")
-    release_above: float | None = Field(None, description="after a `below` trip: released above this value")
-    release_below: float | None = Field(None, description="after an `above` trip: released below this value")
-    delay_s: float = Field(0.0, ge=0, description="how long the condition must last before it trips")
-    release_delay_s: float = Field(10.0, ge=0, description="how long the signal must be good before it releases")
-    max_age_s: float = Field(10.0, gt=0, description="a signal older than this trips the guard")
+    """Chamber air [degC], the unit's own sensor [degC], the absolute difference of the two, age of the unit's newest
+    frame [s], free space where the run is written [MB], 1 while the chamber reports an alarm."""
+    above: float | None = None
+    """Trips above this value."""
+    below: float | None = None
+    """Trips below this value."""
+    rate_per_min: Positive | None = None
+    """Trips when the signal changes faster than this."""
+    rate_over_s: Positive = 30.0
+    """Time over which the rate is taken."""
+    release_below: float | None = None
+    """After an `above` trip: released below this value; left out: below `above`."""
+    release_above: float | None = None
+    """After a `below` trip: released above this value; left out: above `below`."""
+    delay_s: Seconds = 0.0
+    """How long the condition must last before it trips."""
+    release_delay_s: Seconds = 10.0
+    """How long the signal must be good before it releases."""
+    max_age_s: Positive = 10.0
+    """A signal older than this trips at once."""
     action: Action = "abort"
+    """End the run, or hold it until the guard releases."""
 
     @model_validator(mode="after")
     def _watches_something(self) -> GuardSettings:
         if self.above is None and self.below is None and self.rate_per_min is None:
             raise ValueError("a guard needs at least one of above, below, rate_per_min")
-        if self.above is not None and self.release_below is not None and self.release_below > self.above:
-            raise ValueError(f"release_below ({self.release_below}) must not exceed above ({self.above})")
-        if self.below is not None and self.release_above is not None and self.release_above < self.below:
-            raise ValueError(f"release_above ({self.release_above}) must not be less than below ({self.below})")
+        for limit, release, sign in (("above", "release_below", 1), ("below", "release_above", -1)):
+            trips, releases = getattr(self, limit), getattr(self, release)
+            if releases is not None and trips is None:
+                raise ValueError(f"{release} has no effect without `{limit}`; add it or remove {release}")
+            if releases is not None and sign * (releases - trips) > 0:
+                raise ValueError(f"{release} ({releases:g}) lies beyond {limit} ({trips:g})")
         return self
 
 
 DEFAULT_GUARDS = (
-    GuardSettings(name="unit silent", signal="frame_age", above=5.0, max_age_s=10.0, action="abort"),
-    GuardSettings(name="chamber alarm", signal="alarm", above=0.5, delay_s=2.0, max_age_s=30.0, action="abort"),
-    GuardSettings(name="disk nearly full", signal="disk_free_mb", below=100.0, max_age_s=120.0, action="abort"),
+    GuardSettings(name="unit silent", signal="frame_age", above=5.0),
+    GuardSettings(name="chamber alarm", signal="alarm", above=0.5, delay_s=2.0, max_age_s=30.0),
+    GuardSettings(name="disk nearly full", signal="disk_free_mb", below=100.0, max_age_s=120.0),
 )
 """Guards of every run, whatever the station file says."""
 
 
 @dataclass(frozen=True)
 class Signal:
-    """The newest value of something that a guard may watch."""
+    """The newest value of something that a guard may watch, and its bench time [s]."""
 
     value: float
     t_s: float
@@ -88,54 +99,68 @@ class Trip:
 class _Guard:
     settings: GuardSettings
     tripped: bool = False
+    trouble: str | None = None
     bad_since: float | None = None
     good_since: float | None = None
-    last: Signal | None = None
+    history: deque[Signal] = field(default_factory=deque)
 
     def evaluate(self, signal: Signal | None, now_s: float) -> Trip | None:
-        reason = self._reason(signal, now_s)
-        if self.last is None or signal is None or signal.t_s > self.last.t_s:
-            self.last = signal or self.last
-        if reason is not None:
-            self.good_since = None
-            self.bad_since = now_s if self.bad_since is None else self.bad_since
-            if not self.tripped and now_s - self.bad_since >= self.settings.delay_s:
-                self.tripped = True
-                return Trip(self.settings, True, now_s, f"{self.settings.name}: {reason}")
+        silent = self._silent(signal, now_s)
+        self.trouble = silent or (None if signal is None else self._beyond(signal))
+        if self.trouble is None:
+            self.bad_since = None
+            return self._release(signal, now_s)
+        self.good_since = None
+        self.bad_since = now_s if self.bad_since is None else self.bad_since
+        if self.tripped or (silent is None and now_s - self.bad_since < self.settings.delay_s):
             return None
-        self.bad_since = None
-        if self.tripped:
-            self.good_since = now_s if self.good_since is None else self.good_since
-            if now_s - self.good_since >= self.settings.release_delay_s:
-                self.tripped = False
-                value = math.nan if signal is None else signal.value
-                return Trip(
-                    self.settings, False, now_s, f"{self.settings.name}: {value:.6g} is inside its limits again"
-                )
-        return None
+        self.tripped = True
+        return Trip(self.settings, True, now_s, f"{self.settings.name}: {self.trouble}")
 
-    def _reason(self, signal: Signal | None, now_s: float) -> str | None:
+    def _release(self, signal: Signal | None, now_s: float) -> Trip | None:
+        if not self.tripped or signal is None:
+            return None
+        self.good_since = now_s if self.good_since is None else self.good_since
+        if now_s - self.good_since < self.settings.release_delay_s:
+            return None
+        self.tripped = False
+        text = f"{self.settings.name}: {self.settings.signal} = {signal.value:.6g} is inside its limits again"
+        return Trip(self.settings, False, now_s, text)
+
+    def _silent(self, signal: Signal | None, now_s: float) -> str | None:
         rule = self.settings
         if signal is None or math.isnan(signal.value):
             return f"{rule.signal} is missing"
         if now_s - signal.t_s > rule.max_age_s:
-            return f"{rule.signal} is stale: {now_s - signal.t_s:.1f} s old, {rule.max_age_s:g} s allowed"
+            return f"{rule.signal} is {now_s - signal.t_s:.1f} s old, {rule.max_age_s:g} s allowed"
+        return None
+
+    def _beyond(self, signal: Signal) -> str | None:
+        rule = self.settings
         above = rule.release_below if self.tripped and rule.release_below is not None else rule.above
+        below = rule.release_above if self.tripped and rule.release_above is not None else rule.below
+        rate = self._rate_per_min(signal) if rule.rate_per_min is not None else 0.0
         if above is not None and signal.value > above:
             return f"{rule.signal} = {signal.value:.6g} is above {above:g}"
-        below = rule.release_above if self.tripped and rule.release_above is not None else rule.below
         if below is not None and signal.value < below:
             return f"{rule.signal} = {signal.value:.6g} is below {below:g}"
-        if rule.rate_per_min is not None and self.last is not None and signal.t_s > self.last.t_s:
-            rate = abs(signal.value - self.last.value) / (signal.t_s - self.last.t_s) * 60
-            if rate > rule.rate_per_min:
-                return f"{rule.signal} changes by {rate:.6g} per minute, {rule.rate_per_min:g} allowed"
+        if rule.rate_per_min is not None and rate > rule.rate_per_min:
+            return f"{rule.signal} changes by {rate:.6g} per minute, {rule.rate_per_min:g} allowed"
         return None
+
+    def _rate_per_min(self, signal: Signal) -> float:
+        """Change over `rate_over_s`; a shorter history counts as that long, so that noise alone does not trip."""
+        history, over_s = self.history, self.settings.rate_over_s
+        if not history or signal.t_s > history[-1].t_s:
+            history.append(signal)
+        while len(history) > 2 and history[1].t_s <= signal.t_s - over_s:
+            history.popleft()
+        return 60.0 * abs(signal.value - history[0].value) / max(signal.t_s - history[0].t_s, over_s)
 
 
 @dataclass
 class Guards:
-    """All guards of a run; `evaluate` returns what changed, `holding` and `aborting` what is in force."""
+    """All guards of a run."""
 
     settings: Sequence[GuardSettings]
     _guards: list[_Guard] = field(init=False)
@@ -145,9 +170,14 @@ class Guards:
 
     def evaluate(self, signals: Mapping[str, Signal], now_s: float) -> list[Trip]:
         """Trips and releases at `now_s`, in the order of the settings."""
-        trips = (guard.evaluate(signals.get(guard.settings.signal), now_s) for guard in self._guards)
+        trips = [guard.evaluate(signals.get(guard.settings.signal), now_s) for guard in self._guards]
         return [trip for trip in trips if trip is not None]
 
     def in_force(self, action: Action) -> list[str]:
-        """Names of the tripped guards that demand `action`."""
-        return [g.settings.name for g in self._guards if g.tripped and g.settings.action == action]
+        """The tripped guards that demand `action`, each with what is wrong (or was, until it releases)."""
+        tripped = [guard for guard in self._guards if guard.tripped and guard.settings.action == action]
+        return [f"{guard.settings.name}: {guard.trouble or 'waits for its release'}" for guard in tripped]
+
+    def troubles(self) -> list[str]:
+        """What was wrong at the last evaluation, tripped already or still within its delay."""
+        return [f"{guard.settings.name}: {guard.trouble}" for guard in self._guards if guard.trouble is not None]

@@ -6,6 +6,7 @@ folder from them, after the run, or later from what a killed run left.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import time
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from bench.store import RunFolder
-from drivers.chamber import ChamberReading
+from drivers.chamber import ChamberReading, Write
 from drivers.clock import Clock
 from drivers.journal import JournalWriter, Kind
 
@@ -32,7 +33,10 @@ SYNC_INTERVAL_S = 1.0
 
 
 class Recorder:
-    """Writes the bench's own journal and keeps all journals of the run on the disk, once a second of wall time."""
+    """Writes the bench's own journal and keeps all journals of the run on the disk, once a second of wall time.
+
+    Everything but `close` raises OSError when the disk does not take it.
+    """
 
     def __init__(self, run: RunFolder, clock: Clock, meta: Mapping[str, Any]) -> None:
         self.run = run
@@ -61,6 +65,11 @@ class Recorder:
             row[name] = math.nan if value is None else float(bool(value) if name == "alarm" else value)
         self._journal.append(Kind.READING, row.tobytes(), 1, reading.t_s, time.time_ns())
 
+    def write(self, write: Write) -> None:
+        """Record a register of the chamber that was written, and what it reads back."""
+        text = f"{write.register}: {write.old} -> {write.read_back}"
+        self.event("write", text, register=write.register, value=write.new)
+
     def tick(self) -> None:
         """Call at every tick: forces the journals to the disk when a second of wall time has passed."""
         if time.monotonic() - self._synced_wall_s >= SYNC_INTERVAL_S:
@@ -73,9 +82,10 @@ class Recorder:
             writer.sync()
 
     def close(self) -> None:
-        """Sync and close all journals."""
+        """Sync and close all journals; a disk that refuses has been told by `sync` before."""
         for writer in (self._journal, *self._others):
-            writer.close()
+            with contextlib.suppress(OSError):
+                writer.close()
 
     def _append_json(self, kind: Kind, content: Mapping[str, Any]) -> None:
         payload = json.dumps(content, allow_nan=False).encode()

@@ -24,6 +24,7 @@ class _Chamber:
     """The plant model with the commands of a chamber."""
 
     native_ramp = True
+    commanded = None  # nobody else commands a model
 
     def __init__(self, settings: StationSettings, clock: SimClock) -> None:
         self.limits = settings.chamber.lowest_degc, settings.chamber.highest_degc
@@ -70,6 +71,9 @@ class _Bench:
         self.clock = SimClock()
         self.chamber = _Chamber(settings, self.clock)
         self.units = [_Unit(self.chamber, self.clock)]
+
+    def missing_units(self) -> list[str]:
+        return []
 
     def poll(self) -> None:
         """Nothing is captured."""

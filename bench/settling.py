@@ -8,40 +8,51 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bench.profile import SettleRule
+from bench.segments import SettleRule
 
 
 @dataclass
 class Settling:
-    """Watches chamber air and unit temperatures until they meet a `SettleRule` for its whole dwell time."""
+    """Watches chamber air and unit temperatures until they meet a `SettleRule` for its whole dwell time.
+
+    `reason` says, with the number, why it is not settled yet; None when it is.
+    """
 
     rule: SettleRule
     target_degc: float
-    _window: deque[tuple[float, float, tuple[float, ...]]] = field(default_factory=deque, init=False)
+    reason: str | None = field(default="no reading yet", init=False)
+    _inside: deque[tuple[float, Sequence[float]]] = field(default_factory=deque, init=False)
 
     def feed(self, t_s: float, air_degc: float, units_degc: Sequence[float]) -> bool:
         """Take one reading (NaN where unknown, which never settles); True when settled."""
-        self._window.append((t_s, air_degc, tuple(units_degc)))
-        while self._window and self._window[0][0] < t_s - self.rule.dwell_s:
-            self._window.popleft()
-        return self.reason() is None
+        self.reason = self._outside(air_degc, units_degc)
+        if self.reason is not None:
+            self._inside.clear()
+            return False
+        self._inside.append((t_s, units_degc))
+        while len(self._inside) > 1 and self._inside[1][0] <= t_s - self.rule.dwell_s:
+            self._inside.popleft()
+        self.reason = self._unsteady()
+        return self.reason is None
 
-    def reason(self) -> str | None:
-        """Why it is not settled yet, with the number; None when it is."""
-        rule, window = self.rule, self._window
-        if not window or window[-1][0] - window[0][0] < rule.dwell_s - 1.5:
-            return "dwell time not over"
-        air = max(abs(row[1] - self.target_degc) for row in window)
-        if not air <= rule.band_degc:
-            return f"chamber air is {air:.2f} degC from {self.target_degc:g}, {rule.band_degc:g} allowed"
-        times = np.array([row[0] for row in window]) / 60.0
-        units = np.array([row[2] for row in window])
-        away = float(np.max(np.abs(units - self.target_degc), initial=0.0))
-        if not away <= rule.unit_band_degc:
-            return f"unit sensor is {away:.2f} degC from {self.target_degc:g}, {rule.unit_band_degc:g} allowed"
-        if units.size:
-            slopes = np.polynomial.polynomial.polyfit(times - times[0], units, 1)[1]
-            slope = float(np.max(np.abs(slopes)))
-            if not slope <= rule.slope_degc_per_min:
-                return f"unit sensor moves by {slope:.3f} degC/min, {rule.slope_degc_per_min:g} allowed"
+    def _outside(self, air_degc: float, units_degc: Sequence[float]) -> str | None:
+        rule, target = self.rule, self.target_degc
+        if not abs(air_degc - target) <= rule.band_degc:
+            return f"chamber air is {abs(air_degc - target):.2f} degC from {target:g}, {rule.band_degc:g} allowed"
+        for unit_degc in units_degc:
+            away = abs(unit_degc - target)
+            if not away <= rule.unit_band_degc:
+                return f"unit sensor is {away:.2f} degC from {target:g}, {rule.unit_band_degc:g} allowed"
+        return None
+
+    def _unsteady(self) -> str | None:
+        rule = self.rule
+        times = np.array([t_s for t_s, _ in self._inside])
+        if times[-1] - times[0] < rule.dwell_s:
+            return f"in band for {times[-1] - times[0]:.0f} s, dwell time is {rule.dwell_s:.0f} s"
+        units = np.array([units for _, units in self._inside])
+        minutes = (times - times.mean()) / 60.0
+        slope = float(np.max(np.abs(minutes @ units), initial=0.0) / (minutes @ minutes))
+        if not slope <= rule.slope_degc_per_min:
+            return f"unit sensor moves by {slope:.3f} degC/min, {rule.slope_degc_per_min:g} allowed"
         return None

@@ -1,4 +1,4 @@
-"""The equipment of a bench, from its YAML file: chamber, buses, units; real, or simulated in lock-step.
+"""The equipment of a bench, opened: chamber, buses, units; real, or simulated in lock-step.
 
 `open_station` is the one context manager that opens everything and closes everything, in the right order.
 """
@@ -6,23 +6,18 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from importlib.resources import files
-from typing import Annotated, Any
 
 import can
-import yaml
-from pydantic import BaseModel, Field, PositiveFloat, model_validator
 
 from bench.assemble import Decoded
-from bench.config import STRICT
+from bench.equipment import LOCAL_INTERFACES, Bus, Connection, StationSettings, UnitSettings
 from bench.errors import EquipmentError, InputError
-from bench.guards import GuardSettings, Signal
-from bench.preflight import Limits
+from bench.guards import Signal
 from bench.recorder import Recorder
-from drivers.canbus import BusSettings, Capture, InProcessCapture, ProcessCapture, open_bus
-from drivers.chamber import Chamber
+from drivers.canbus import Capture, InProcessCapture, ProcessCapture, open_bus
+from drivers.chamber import Chamber, Write
 from drivers.clock import Clock, SimClock, WallClock
 from drivers.gyro import GyroDecoder
 from drivers.journal import FrameArray, JournalWriter
@@ -31,122 +26,11 @@ from drivers.registers import RegisterMap, load_map
 from drivers.samples import SampleClock
 from drivers.sim.can_gyro import CanGyro
 from drivers.sim.plant import Plant, PlantParameters
-from drivers.sim.resonator import Resonator
+from drivers.sim.resonator import Resonator, default_unit
 from drivers.sim.resonator import UnitSettings as GyroPhysics
 from drivers.sim.station import SimulatedStation, SimulatedUnit
 
-LOCAL_INTERFACES = ("virtual", "blocks")
-"""python-can interfaces that live inside one process: captured in it. Everything else gets a process of its own."""
-
-
-class _Settings(BaseModel):
-    model_config = STRICT
-
-
-class Connection(_Settings):
-    """How the chamber's controller is reached."""
-
-    url: str = Field(description="tcp://host:port, rtu+tcp://host:port or rtu:///dev/ttyUSB0?baudrate=9600")
-    device: Annotated[int, Field(ge=0, le=247)] = 1
-    timeout_s: Annotated[float, Field(gt=0, le=60)] = 1.5
-
-
-Speed = PositiveFloat | Annotated[tuple[tuple[float, PositiveFloat], ...], Field(min_length=1)]
-
-
-class ChamberSettings(_Settings):
-    """The chamber: which register map, where, and what it may be asked for."""
-
-    map: str = Field(description="name of a shipped register map, or a YAML file beside the station file")
-    connection: Connection | None = Field(None, description="left out in a simulated station")
-    lowest_degc: float
-    highest_degc: float
-    heating_degc_per_min: Speed = Field(
-        description="fastest ramp that the chamber follows: a number, or [degC, rate] pairs"
-    )
-    cooling_degc_per_min: Speed = Field(description="the same when cooling; small chambers are slow near their lowest")
-
-    @model_validator(mode="after")
-    def _ordered(self) -> ChamberSettings:
-        if self.lowest_degc >= self.highest_degc:
-            raise ValueError(f"lowest_degc ({self.lowest_degc}) must be below highest_degc ({self.highest_degc})")
-        return self
-
-
-class Bus(_Settings):
-    """One CAN bus, by the name of its python-can interface."""
-
-    interface: str
-    channel: str
-    bitrate: int | None = None
-    options: dict[str, Any] = Field(default_factory=dict, description="further options of the interface")
-
-    def to_driver(self) -> BusSettings:
-        """The same for the driver."""
-        return BusSettings(interface=self.interface, channel=self.channel, bitrate=self.bitrate, options=self.options)
-
-
-class UnitSettings(_Settings):
-    """One gyro under test."""
-
-    identity: int | None = Field(
-        None, description="serial number in the unit's heartbeat; refused when another answers"
-    )
-    serial: Annotated[str, Field(min_length=1)]
-    bus: str
-    number: Annotated[int, Field(ge=0, le=15, description="added to the CAN identifiers of the layout")] = 0
-    gyro: str = Field("vibratory", description="name of a shipped DBC, or a DBC file")
-    simulation: dict[str, Any] | None = Field(None, description="truth, noise and channels of a simulated unit")
-
-
-class StationSettings(_Settings):
-    """A station file."""
-
-    name: str
-    simulated: bool = False
-    seed: int = Field(1, description="of a simulated station: same seed, same run")
-    ambient_degc: float = Field(23.0, description="where the safe state takes the chamber")
-    chamber: ChamberSettings
-    buses: dict[str, Bus]
-    units: Annotated[tuple[UnitSettings, ...], Field(min_length=1)]
-    guards: tuple[GuardSettings, ...] = ()
-
-    @model_validator(mode="after")
-    def _consistent(self) -> StationSettings:
-        for unit in self.units:
-            if unit.bus not in self.buses:
-                raise ValueError(f"unit {unit.serial} is on bus {unit.bus!r}; the station has {sorted(self.buses)}")
-        if not self.simulated and self.chamber.connection is None:
-            raise ValueError("a real station needs chamber.connection")
-        serials = [unit.serial for unit in self.units]
-        if len(set(serials)) != len(serials):
-            raise ValueError(f"serial numbers must differ: {serials}")
-        return self
-
-    def unit(self, serial: str | None) -> UnitSettings:
-        """The unit with this serial number, or the only one; InputError that lists them otherwise."""
-        if serial is None and len(self.units) == 1:
-            return self.units[0]
-        known = [unit.serial for unit in self.units]
-        for unit in self.units:
-            if unit.serial == serial:
-                return unit
-        raise InputError(f"unit {serial!r} is not in station {self.name!r}; choose one of {known} with --unit")
-
-    def limits(self) -> Limits:
-        """What the station allows and its chamber can do."""
-        chamber = self.chamber
-        return Limits(
-            chamber.lowest_degc,
-            chamber.highest_degc,
-            chamber.heating_degc_per_min,
-            chamber.cooling_degc_per_min,
-            self.ambient_degc,
-        )
-
-    def seeds(self) -> dict[str, int]:
-        """Seeds that make a simulated run repeatable."""
-        return {"station": self.seed} if self.simulated else {}
+__all__ = ["Bus", "LiveUnit", "Station", "StationSettings", "open_station", "simulate"]
 
 
 class LiveUnit:
@@ -175,12 +59,23 @@ class LiveUnit:
             at_s = self.newest_frame_s if self.newest_frame_s is not None else self._clock.now()
             self.temperature = Signal(float(block.slow["temperature"].value[-1]), at_s)
 
+    def missing(self) -> str | None:
+        """What was not heard of the unit yet; None when it is there."""
+        if self.newest_frame_s is None:
+            return "no sound rate frame"
+        if self.temperature is None:
+            return "no temperature"
+        if self.settings.identity is not None and self.decoder.identity is None:
+            return "no heartbeat with its serial number"
+        return None
+
     def check_identity(self) -> None:
         """InputError when the unit on the bus is not the one that the station file names."""
         found, wanted = self.decoder.identity, self.settings.identity
         if found is not None and wanted is not None and found.serial != wanted:
             raise InputError(
-                f"unit {self.serial}: serial number {found.serial} answers, the station file says {wanted}"
+                f"unit {self.serial}: {found.serial} answers as number {self.settings.number}, the station file says"
+                f" identity {wanted}; connect the right unit or name the one that is there with --unit"
             )
 
     def decoded(self) -> Decoded:
@@ -192,10 +87,19 @@ class Station:
     """Everything that is open: one clock, one chamber, the buses and the units on them."""
 
     def __init__(
-        self, settings: StationSettings, clock: Clock, chamber: Chamber, units: Sequence[UnitSettings]
+        self,
+        settings: StationSettings,
+        clock: Clock,
+        link: ModbusLink,
+        registers: RegisterMap,
+        units: Sequence[UnitSettings],
     ) -> None:
-        self.settings, self.clock, self.chamber = settings, clock, chamber
+        limits = settings.chamber.lowest_degc, settings.chamber.highest_degc
+        self.settings, self.clock = settings, clock
+        self.chamber = Chamber(link, registers, limits, clock, journal=self._written)
         self.units = [LiveUnit(unit, clock) for unit in units]
+        self.on_write: Callable[[Write], None] = lambda write: None
+        """Sees every register of the chamber that is written."""
         self.local_buses: dict[str, can.BusABC] = {}
         self._captures: dict[str, Capture] = {}
 
@@ -212,29 +116,52 @@ class Station:
                 self._captures[name] = ProcessCapture(self.settings.buses[name].to_driver(), path, started_ns)
 
     def poll(self) -> None:
-        """Take in what was captured since the last call; EquipmentError when a capture died."""
+        """Take in what was captured since the last call.
+
+        Raises EquipmentError when a capture fails, InputError when another unit than the described one answers.
+        """
         for name, capture in self._captures.items():
-            frames = capture.poll()
-            for unit in self.units:
-                if unit.settings.bus == name:
-                    unit.take(frames)
-                    unit.check_identity()
+            self._take(name, capture.poll())
             if error := capture.health().error:
                 raise EquipmentError(f"capture of bus {name} failed: {error}")
+        for unit in self.units:
+            unit.check_identity()
+
+    def missing_units(self) -> list[str]:
+        """Units that were not heard yet, each with what is missing and what to look at."""
+        found = []
+        for unit in self.units:
+            if what := unit.missing():
+                bus = self.settings.buses[unit.settings.bus]
+                frames = self._captures[unit.settings.bus].health().frames if self._captures else 0
+                found.append(
+                    f"unit {unit.serial}: {what} as number {unit.settings.number} on bus {unit.settings.bus} "
+                    f"({bus.interface} {bus.channel}, {frames} frames); check its power, number and bit rate"
+                )
+        return found
 
     def stop_capture(self) -> None:
         """Take what is left and stop capturing; a second call does nothing."""
-        captures, self._captures = self._captures, {}
-        for name, capture in captures.items():
-            for unit in self.units:
-                if unit.settings.bus == name:
-                    unit.take(capture.poll())
-            capture.close()
+        while self._captures:
+            name, capture = self._captures.popitem()
+            try:
+                self._take(name, capture.poll())
+            finally:
+                capture.close()
+            self._take(name, capture.poll())  # what a process still journalled at its end
 
     def losses(self) -> dict[str, int]:
         """Frame counts of all units together."""
         counts = [unit.decoder.losses.as_dict() for unit in self.units]
         return {name: sum(count[name] for count in counts) for name in counts[0]}
+
+    def _written(self, write: Write) -> None:
+        self.on_write(write)
+
+    def _take(self, bus: str, frames: FrameArray) -> None:
+        for unit in self.units:
+            if unit.settings.bus == bus:
+                unit.take(frames)
 
 
 @contextmanager
@@ -255,18 +182,14 @@ def open_station(settings: StationSettings, units: Sequence[UnitSettings]) -> It
             connection = settings.chamber.connection
         link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
         stack.enter_context(closing(link))
-        station = Station(
-            settings,
-            clock,
-            Chamber(link, registers, (settings.chamber.lowest_degc, settings.chamber.highest_degc), clock),
-            units,
-        )
+        station = Station(settings, clock, link, registers, units)
         for name in {unit.bus for unit in units}:
             if buses[name].interface in LOCAL_INTERFACES:
                 bus = open_bus(buses[name].to_driver())
                 stack.callback(bus.shutdown)
                 station.local_buses[name] = bus
         station.chamber.identify()
+        stack.callback(station.stop_capture)
         yield station
 
 
@@ -281,28 +204,18 @@ def simulate(
     """The simulated chamber and units of a station file, on these buses; `stack` closes the buses."""
     plant = Plant(PlantParameters(ambient_degc=settings.ambient_degc), seed=settings.seed)
     simulated = []
-    for order, unit in enumerate(units):
-        physics = GyroPhysics.parse(default_unit() if unit.simulation is None else unit.simulation)
+    for unit in units:
+        physics = default_unit() if unit.simulation is None else GyroPhysics.parse(unit.simulation)
         bus = open_bus(buses[unit.bus].to_driver())
         stack.callback(bus.shutdown)
         wire = CanGyro(bus, unit.number, unit.identity or unit.number + 1, layout=unit.gyro)
-        simulated.append(SimulatedUnit(Resonator(physics, seed=settings.seed + order), wire))
+        simulated.append(SimulatedUnit(Resonator(physics, seed=settings.seed + settings.units.index(unit)), wire))
     return SimulatedStation(registers, plant, simulated, modbus_port)
-
-
-def default_unit() -> dict[str, Any]:
-    """Truth, noise and channels of a simulated unit whose station file does not say."""
-    content: dict[str, Any] = yaml.safe_load((files("drivers.sim") / "default_unit.yaml").read_text("utf-8"))
-    return content
 
 
 def _private_buses(settings: StationSettings) -> dict[str, Bus]:
     """The same buses under names that no other station in this process uses."""
     suffix = uuid.uuid4().hex[:8]
-    for name, bus in settings.buses.items():
-        if bus.interface not in LOCAL_INTERFACES:
-            allowed = " or ".join(LOCAL_INTERFACES)
-            raise InputError(f"bus {name}: a simulated station runs on {allowed}, not on {bus.interface!r}")
     options = {"virtual": {"preserve_timestamps": True}, "blocks": {}}
     return {
         name: bus.model_copy(

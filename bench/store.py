@@ -12,7 +12,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -40,6 +40,11 @@ def write_atomically(path: Path, data: bytes) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # the new name, too, survives a power cut
+    finally:
+        os.close(folder)
 
 
 def sha256(path: Path) -> str:
@@ -106,27 +111,39 @@ class RunFolder:
         """The events of the run in order of time."""
         path = self.path / "events.jsonl"
         if path.exists():
-            with path.open() as file:
+            with path.open(encoding="utf-8") as file:
                 yield from (json.loads(line) for line in file if line.strip())
 
 
-def create_run(root: Path, unit: str, profile: str, created: datetime) -> RunFolder:
-    """Make a new, empty run folder `root/<unit>/<time>_<profile>`; InputError when it cannot be written."""
+def create_run(
+    root: Path, unit: str, profile: str, created: datetime, files: Mapping[str, str] | None = None
+) -> RunFolder:
+    """Make a new run folder `root/<unit>/<time>_<profile>` that holds `files` (name: text).
+
+    InputError when it cannot be written.
+    """
     stem = f"{created:%Y%m%dT%H%M%SZ}_{_slug(profile)}"
     parent = root / _slug(unit)
     try:
         parent.mkdir(parents=True, exist_ok=True)
-        for suffix in ("", *(f"_{n}" for n in range(2, 1000))):
-            path = parent / f"{stem}{suffix}"
-            try:
-                path.mkdir()
-            except FileExistsError:
-                continue
-            (path / "journal").mkdir()
-            return RunFolder(path)
+        run = RunFolder(_new_folder(parent, stem))
+        run.journal.mkdir()
+        for name, text in (files or {}).items():
+            (run.path / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"cannot make a run folder: {error.strerror}; choose another place with --out", root) from None
-    raise InputError(f"a thousand runs named {stem} already exist; clear {parent}", parent)
+    return run
+
+
+def _new_folder(parent: Path, stem: str) -> Path:
+    for suffix in ("", *(f"_{n}" for n in range(2, 1000))):
+        path = parent / f"{stem}{suffix}"
+        try:
+            path.mkdir()
+        except FileExistsError:
+            continue
+        return path
+    raise InputError(f"a thousand runs named {stem} already exist; clear the folder", parent)
 
 
 def open_run(path: Path) -> RunFolder:

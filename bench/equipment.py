@@ -1,0 +1,174 @@
+"""The station file: chamber, buses, units and interlocks of a bench, checked whole before anything is opened."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field, PositiveFloat, model_validator
+
+from bench.config import STRICT, PlacedError
+from bench.errors import InputError
+from bench.guards import GuardSettings
+from bench.preflight import Limits
+from drivers.canbus import BusSettings
+
+LOCAL_INTERFACES = ("virtual", "blocks")
+"""python-can interfaces that live inside one process: captured in it. Everything else gets a process of its own."""
+
+
+Number = Annotated[int, Field(ge=0, le=15)]
+Text = Annotated[str, Field(min_length=1)]
+Degc = Annotated[float, Field(ge=-273.15, le=1000)]
+Speed = PositiveFloat | Annotated[tuple[tuple[Degc, PositiveFloat], ...], Field(min_length=1)]
+
+
+class Connection(BaseModel):
+    """How the chamber's controller is reached."""
+
+    model_config = STRICT
+
+    url: Text
+    """tcp://host:port, rtu+tcp://host:port or rtu:///dev/ttyUSB0?baudrate=9600"""
+    device: Annotated[int, Field(ge=0, le=247)] = 1
+    """Modbus address."""
+    timeout_s: Annotated[float, Field(gt=0, le=60)] = 1.5
+    """Longer than the controller's slowest answer."""
+
+
+class ChamberSettings(BaseModel):
+    """The chamber: which register map, where, and what it may be asked for."""
+
+    model_config = STRICT
+
+    map: Text
+    """Name of a shipped register map, or the path of a YAML file."""
+    connection: Connection | None = None
+    """Left out in a simulated station."""
+    lowest_degc: Degc
+    """Lowest set point that is ever sent."""
+    highest_degc: Degc
+    """Highest set point that is ever sent."""
+    heating_degc_per_min: Speed
+    """Fastest ramp that the chamber follows when heating: a number, or a list of [degC, rate] pairs."""
+    cooling_degc_per_min: Speed
+    """The same when cooling; small chambers are slow near their lowest temperature."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> ChamberSettings:
+        if self.lowest_degc >= self.highest_degc:
+            raise ValueError(f"lowest_degc ({self.lowest_degc:g}) must be below highest_degc ({self.highest_degc:g})")
+        return self
+
+
+class Bus(BaseModel):
+    """One CAN bus, by the name of its python-can interface."""
+
+    model_config = STRICT
+
+    interface: Text
+    """python-can interface: socketcan, pcan, kvaser, …; `blocks` or `virtual` in a simulated station."""
+    channel: Text
+    """Channel of that interface, such as can0."""
+    bitrate: Annotated[int, Field(gt=0)] | None = None
+    """Bit rate [bit/s]; left out where the operating system sets it."""
+    options: dict[str, Any] = Field(default_factory=dict)
+    """Further options of the interface."""
+
+    def to_driver(self) -> BusSettings:
+        """The same for the driver."""
+        return BusSettings(interface=self.interface, channel=self.channel, bitrate=self.bitrate, options=self.options)
+
+
+class UnitSettings(BaseModel):
+    """One gyro under test."""
+
+    model_config = STRICT
+
+    serial: Text
+    """Serial number as it stands on the unit."""
+    identity: Annotated[int, Field(ge=0)] | None = None
+    """Serial number in the unit's heartbeat; a unit that says another is refused. Left out: not checked."""
+    bus: Text
+    """Name of the bus that it is on."""
+    number: Number = 0
+    """Added to the CAN identifiers of the layout."""
+    gyro: Text = "vibratory"
+    """Name of a shipped DBC, or the path of a DBC file."""
+    simulation: dict[str, Any] | None = None
+    """Truth, noise and channels of a simulated unit; left out: the default unit."""
+
+
+class StationSettings(BaseModel):
+    """A station: the equipment of a bench."""
+
+    model_config = STRICT
+
+    name: Text
+    """What the station is called."""
+    simulated: bool = False
+    """The embedded simulator takes the place of all equipment."""
+    seed: Annotated[int, Field(ge=0)] = 1
+    """Of a simulated station: same seed, same run."""
+    ambient_degc: Degc = 23.0
+    """Where the safe state takes the chamber."""
+    chamber: ChamberSettings
+    """The thermal chamber."""
+    buses: dict[str, Bus]
+    """CAN buses by a name of your own."""
+    units: Annotated[tuple[UnitSettings, ...], Field(min_length=1)]
+    """Gyros that may be tested here."""
+    guards: tuple[GuardSettings, ...] = ()
+    """Interlocks, beside those of every run."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> StationSettings:
+        chamber = self.chamber
+        if not chamber.lowest_degc <= self.ambient_degc <= chamber.highest_degc:
+            text = f"ambient_degc is {self.ambient_degc:g}, outside the chamber's {chamber.lowest_degc:g} to"
+            raise PlacedError(f"{text} {chamber.highest_degc:g} degC: there would be no safe state", ("ambient_degc",))
+        if not self.simulated and chamber.connection is None:
+            raise PlacedError("a real station needs a `connection`", ("chamber",))
+        for name, bus in self.buses.items():
+            if self.simulated != (bus.interface in LOCAL_INTERFACES):
+                local = " or ".join(LOCAL_INTERFACES)
+                text = f"a simulated station runs on {local}, a real one never does; this one is on {bus.interface!r}"
+                raise PlacedError(text, ("buses", name, "interface"))
+        self._check_units()
+        return self
+
+    def _check_units(self) -> None:
+        for i, unit in enumerate(self.units):
+            if unit.bus not in self.buses:
+                known = ", ".join(self.buses)
+                raise PlacedError(f"bus {unit.bus!r} is not in this station; known: {known}", ("units", i, "bus"))
+            for other in self.units[:i]:
+                if other.serial == unit.serial:
+                    raise PlacedError(f"serial number {unit.serial} stands twice", ("units", i, "serial"))
+                if (other.bus, other.number) == (unit.bus, unit.number):
+                    text = f"{unit.serial} and {other.serial} are both number {unit.number} on {unit.bus}"
+                    raise PlacedError(text, ("units", i))
+
+    def unit(self, serial: str | None) -> UnitSettings:
+        """The unit with this serial number, or the only one; InputError that lists them otherwise."""
+        if serial is None and len(self.units) == 1:
+            return self.units[0]
+        known = [unit.serial for unit in self.units]
+        for unit in self.units:
+            if unit.serial == serial:
+                return unit
+        raise InputError(f"unit {serial!r} is not in station {self.name!r}; choose one of {known} with --unit")
+
+    def limits(self) -> Limits:
+        """What the station allows and its chamber can do."""
+        chamber = self.chamber
+        return Limits(
+            chamber.lowest_degc,
+            chamber.highest_degc,
+            chamber.heating_degc_per_min,
+            chamber.cooling_degc_per_min,
+            self.ambient_degc,
+        )
+
+    def seeds(self) -> dict[str, int]:
+        """Seeds that make a simulated run repeatable."""
+        return {"station": self.seed} if self.simulated else {}
