@@ -9,18 +9,51 @@ from dataclasses import fields
 from typing import Any, cast
 
 from bench.dataset import Dataset
-from bench.effects.base import Effect, Shaped, Suited
+from bench.effects.aging import Aging
+from bench.effects.base import Effect, Resolved, Shaped, Suited
+from bench.effects.bias_jump import BiasJump
+from bench.effects.bias_kink import BiasKink
+from bench.effects.compressor import Compressor
 from bench.effects.creep import Creep
+from bench.effects.drive_amplitude import DriveAmplitude
+from bench.effects.frost import Frost
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.polynomial import Polynomial
+from bench.effects.quadrature_leakage import QuadratureLeakage
 from bench.effects.regression import Regression
+from bench.effects.resonance_frequency import ResonanceFrequency
+from bench.effects.scale_factor_nonlinearity import ScaleFactorNonlinearity
+from bench.effects.scale_factor_temperature import ScaleFactorTemperature
 from bench.effects.spline import Spline
+from bench.effects.supply_voltage import SupplyVoltage
+from bench.effects.surface import Surface
 from bench.effects.temperature_rate import TemperatureRate
 from bench.effects.thermal_lag import ThermalLag
 from bench.effects.warm_up import WarmUp
 from bench.errors import InputError
 
-_BUILT_IN = (Polynomial, Regression, Spline, ThermalLag, TemperatureRate, Hysteresis, Creep, WarmUp)
+_BUILT_IN = (
+    Polynomial,
+    Regression,
+    Spline,
+    Surface,
+    ThermalLag,
+    TemperatureRate,
+    Hysteresis,
+    Creep,
+    WarmUp,
+    Aging,
+    QuadratureLeakage,
+    DriveAmplitude,
+    ResonanceFrequency,
+    SupplyVoltage,
+    Compressor,
+    BiasJump,
+    BiasKink,
+    Frost,
+    ScaleFactorTemperature,
+    ScaleFactorNonlinearity,
+)
 _REGISTRY: dict[str, Callable[..., Effect]] = {kind.name: kind for kind in _BUILT_IN}
 
 
@@ -44,7 +77,8 @@ def make(name: str, options: Mapping[str, Any] | None = None) -> Effect:
     for option in options:
         if option not in known:
             raise InputError(f"effect '{name}' has no option '{option}'{nearest(str(option), known)}")
-    return kind(**options)
+    effect = kind(**options)
+    return effect.resolved() if isinstance(effect, Resolved) else effect
 
 
 def doc(name: str) -> str:

@@ -16,13 +16,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from math import comb
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Any, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 
 from bench.channels import CHANNELS, FloatArray
 from bench.dataset import Dataset
 from bench.errors import InputError
+
+_T = TypeVar("_T")
 
 Theta = Mapping[str, float]
 """Nonlinear parameters of one effect by name, in their units."""
@@ -113,6 +115,14 @@ class Open(Effect, Protocol):
 
     def choices(self) -> tuple[Effect, ...]:
         """Variants to choose from, () where nothing is open."""
+
+
+@runtime_checkable
+class Resolved(Effect, Protocol):
+    """An effect of which an option decides whether it adds terms or moves the abscissa."""
+
+    def resolved(self) -> Effect:
+        """The effect that the options ask for."""
 
 
 @runtime_checkable
@@ -224,6 +234,13 @@ def powers_unit(channel: str, power: int) -> str:
 def linear_terms(labels: Sequence[str], units: Sequence[str]) -> Physical:
     """Translation for columns that are physical as they stand: amplitude i is coefficient i, none is a constant."""
     return Physical(tuple(labels), tuple(units), np.eye(len(labels), 1 + len(labels), 1))
+
+
+def prepared(fixed: _T | None) -> _T:
+    """What `prepare` fixed; RuntimeError if it was not called."""
+    if fixed is None:
+        raise RuntimeError("prepare() comes before columns()")
+    return fixed
 
 
 def check_number(effect: str, option: str, value: object, low: float, high: float) -> None:

@@ -1,6 +1,6 @@
 """Bias that depends on the way the temperature came: friction and micro-slip in mount, glue and solder.
 
-Equation: B = sum_i a_i h_i, i = 1..`count`, with loops h of height one. Shape `play`: h_i = (T - P_i) / r_i with P_i the
+Equation: B = sum_i a_i h_i, i = 1..`count`, loops h of height one. Shape `play`: h_i = (T - P_i) / r_i with P_i the
 play operator of half-width r_i = r i / count (several: Prandtl-Ishlinskii). Shape `bouc_wen`: L dh/dT = 1 - |h| while
 |h| grows and 1 while it falls. The part of the operator that is a line in T belongs to the static curve.
 Units: B and a_i [deg/h], half the opening of the loop; T, r and L [degC]; h [1].
