@@ -54,6 +54,8 @@ class Dataset:
     interval_s: float = 1.0
     counts: Mapping[str, FloatArray] = field(default_factory=dict)
     variances: Mapping[str, FloatArray] = field(default_factory=dict)
+    finer_step: float | None = None
+    """`temperature_step` of the finer record that this one averages."""
 
     def __post_init__(self) -> None:
         columns = {**self.channels, "segment": self.segment}
@@ -108,6 +110,25 @@ class Dataset:
         slope = np.nan_to_num(self.dT_dt)
         return np.where(np.abs(slope) < STILL_DEGC_PER_MIN, 0, np.sign(slope)).astype(np.int64)
 
+    @cached_property
+    def temperature_step(self) -> float:
+        """Step of the temperature sensor [degC], 0 where its values look continuous.
+
+        Rows whose samples did not scatter show the sensor's codes; the step is their smallest distance, if all others
+        are multiples of it. Averages hide it, so they remember what the finest record showed.
+        """
+        if self.finer_step is not None:
+            return self.finer_step
+        temperature = self.channel("temperature")
+        scatter = self.variances.get("temperature", np.full(len(self), np.nan))
+        raw = temperature[np.isfinite(temperature) & ~(scatter > 0.0)]
+        codes = np.unique(np.round(raw, 9))
+        if raw.size < max(4, 0.1 * len(self)) or codes.size < 2 or codes.size > 0.5 * raw.size:
+            return 0.0
+        step = float(np.diff(codes).min())
+        multiples = np.diff(codes) / step
+        return step if np.all(np.abs(multiples - np.round(multiples)) < 0.02 * np.maximum(multiples, 1.0)) else 0.0
+
     def select(self, mask: BoolArray) -> Dataset:
         """Only the rows of `mask` (n,). Effects with memory want the whole record: mask after, not before."""
         return replace(
@@ -154,6 +175,7 @@ class Dataset:
             variances={name: variance for name, (_, _, variance) in pooled.items()},
             segment=self.segment[starts],
             interval_s=float(interval_s),
+            finer_step=self.temperature_step,
         )
 
     def _pool(self, name: str, starts: IntArray, group: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:

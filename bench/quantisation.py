@@ -15,32 +15,13 @@ _WORTH_SAYING = 0.1
 """Share of the fit's RMS above which the steps are worth a warning."""
 
 
-def temperature_step(dataset: Dataset) -> float:
-    """Step of the temperature sensor [degC], 0 where the values look continuous.
-
-    Bins whose samples did not scatter show the raw codes; the step is their smallest distance, if all others are
-    multiples of it.
-    """
-    temperature = dataset.channel("temperature")
-    variance = dataset.variances.get("temperature", np.full(len(dataset), np.nan))
-    raw = temperature[np.isfinite(temperature) & ~(variance > 0.0)]
-    if raw.size < max(4, 0.1 * len(dataset)):
-        return 0.0
-    codes = np.unique(np.round(raw, 9))
-    if codes.size < 2 or codes.size > 0.5 * raw.size:
-        return 0.0
-    step = float(np.diff(codes).min())
-    multiples = np.diff(codes) / step
-    return step if np.all(np.abs(multiples - np.round(multiples)) < 0.02 * np.maximum(multiples, 1.0)) else 0.0
-
-
 def coarse_temperature(
     bound: Bound, beta: FloatArray, rms_dph: float, datasets: Sequence[Dataset], limit_dph: float
 ) -> tuple[str, ...]:
     """Warnings about coarse steps; InputError where their error, slope * step / sqrt(12), exceeds the limit [deg/h]."""
     texts = []
     for dataset in datasets:
-        step = temperature_step(dataset)
+        step = dataset.temperature_step
         if step == 0.0:
             continue
         error = float(_rms_slope(bound, beta, dataset, step)) * step / np.sqrt(12.0)
