@@ -147,9 +147,9 @@ class Dataset:
     def average(self, interval_s: float) -> Dataset:
         """Means over about `interval_s` [s]: each stretch of one segment is cut into equal bins, none across its end.
 
-        Equal bins keep the rows evenly spaced, which a covariance over time needs. Means are weighted by counts; counts add; variances are those of all samples inside. A
-        gap shrinks the count, an empty bin is no row, a channel without a sample in a bin is NaN there. Raises
-        InputError below the base.
+        Equal bins keep the rows evenly spaced, which a covariance over time needs. Means are weighted by counts;
+        counts add; variances are those of all samples inside. A gap shrinks the count, an empty bin is no row, a
+        channel without a sample in a bin is NaN there. Raises InputError below the base.
         """
         if not interval_s >= self.interval_s * (1 - 1e-9):
             raise InputError(f"{self.name}: cannot average over {interval_s:g} s, its rows are {self.interval_s:g} s")
