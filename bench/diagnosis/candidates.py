@@ -74,6 +74,8 @@ class Problem:
 
     Rows are complete: gaps are left out before, memory effects having seen the whole record. `white` (n,) scales the
     white variance of means over fewer samples. `statics` are isothermal records of the same gyro, own columns.
+    Several runs are stacked with their times set days apart (a month, say): flicker is forgotten by then, and a walk
+    leaves each run a constant of its own; where a gyro's turn-on scatters, each further run has a constant in `base`.
     """
 
     time_s: FloatArray

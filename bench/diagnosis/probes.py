@@ -19,6 +19,7 @@ from bench.diagnosis.candidates import Problem, orthonormal
 from bench.likelihood import NoiseLattice, Point, Surface
 
 _LEVEL = 0.03  # of all probes together; with the evidence's 0.02, 5 % of clean runs raise any alarm
+_LONGEST_GAP = 100  # rows: longer ones, as between runs, are closed up
 _DEPENDENT = 1e-4  # of a column's length outside the model, whitened: less is the model's own
 
 
@@ -112,14 +113,15 @@ def _finding(probe: Probe, moved: FloatArray, residual: FloatArray, sigma2: floa
 
 def periodogram(whitened: FloatArray, time_s: FloatArray, interval_s: float) -> Finding:
     """Largest line of the whitened residual's spectrum; p = 1 - (1 - e^-max)^m. Missing rows count as zero."""
-    row = np.rint((time_s - time_s[0]) / interval_s).astype(np.int64)
+    steps = np.rint(np.diff(time_s, prepend=time_s[0]) / interval_s).astype(np.int64)
+    row = np.cumsum(np.minimum(steps, _LONGEST_GAP))
     filled = np.zeros(int(row[-1]) + 1)
     filled[row] = whitened
     power = np.abs(np.fft.rfft(filled))[1:-1] ** 2 / float(whitened @ whitened)
     top = int(np.argmax(power))
     p = float(-np.expm1(len(power) * np.log1p(-np.exp(-power[top]))))
     period_s = len(filled) * interval_s / (top + 1)
-    phase = 2.0 * np.pi * (time_s - time_s[0]) / period_s
+    phase = 2.0 * np.pi * row * interval_s / period_s
     return Finding(
         "periodic",
         p,
