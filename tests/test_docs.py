@@ -1,0 +1,53 @@
+"""The documentation does what it says: its commands run, its links lead somewhere, README and CI agree."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+
+
+def blocks(page):
+    return re.findall(r"```bash\n(.*?)```", page.read_text(), re.DOTALL)
+
+
+def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    for block in blocks(ROOT / "docs" / "tutorial.md"):
+        done = subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", block],
+            cwd=tmp_path,
+            env={**os.environ, "PATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, f"{block}\n{done.stdout}\n{done.stderr}"
+    assert list(tmp_path.glob("reports/SIM-0001/*/report.html"))
+    assert list(tmp_path.glob("reports/MINE/*/data.parquet"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_between_pages_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#]+)", page.read_text()):
+        if not target.startswith("http"):
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+def test_the_readme_names_every_command_and_no_other():
+    from bench.cli import main
+
+    named = set(re.findall(r"^\| `bench ([a-z]+)", (ROOT / "README.md").read_text(), re.MULTILINE))
+    assert named == set(main.commands)
+
+
+def test_ci_runs_the_commands_that_the_readme_shows():
+    readme = (ROOT / "README.md").read_text()
+    for name in ("run", "test"):
+        assert f"<!-- command: {name} -->\n```bash\n" in readme
+        assert f"readme_command {name}" in (ROOT / ".ci" / "run").read_text()
