@@ -1,0 +1,292 @@
+"""The sequencer on a fake station in simulated time: ramps, holds, timeouts, lost links, two masters."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from bench.errors import EquipmentError, RunAborted
+from bench.guards import Guards, GuardSettings, Signal
+from bench.profile import from_text
+from bench.sequencer import Sequencer
+from drivers.chamber import ChamberReading
+from drivers.clock import SimClock
+from drivers.errors import LimitError, LinkError
+
+TAU_S = 20.0
+
+
+class FakeChamber:
+    """Air follows the working set point with a time constant; every command is kept with its time."""
+
+    limits = (-40.0, 85.0)
+
+    def __init__(self, clock, native_ramp):
+        self.native_ramp, self.commanded, self.faults = native_ramp, None, {}
+        self.commands = []
+        self.air = self.working = self.panel = 23.0
+        self.on, self.rate, self.tau_s = False, None, TAU_S
+        self._clock = clock
+        clock.attach(self.step)
+
+    def step(self, t0_s, t1_s):
+        if self.on:
+            away = self.panel - self.working
+            reach = abs(away) if self.rate is None else min(abs(away), self.rate / 60 * (t1_s - t0_s))
+            self.working += reach if away > 0 else -reach
+            self.air += (self.working - self.air) * (t1_s - t0_s) / self.tau_s
+
+    def set_point(self, target):
+        self._command(target, None)
+
+    def ramp_to(self, target, rate):
+        self._command(target, rate)
+
+    def _command(self, target, rate):
+        self.commands.append((self._clock.now(), target, rate))
+        self.commanded = self.panel = target
+        self.rate = rate
+
+    def start(self):
+        self.commands.append((self._clock.now(), "start", None))
+        self.on = True
+
+    def poll(self):
+        now_s = self._clock.now()
+        for (from_s, to_s), error in self.faults.items():
+            if from_s <= now_s < to_s:
+                raise error
+        return ChamberReading(now_s, self.air, self.panel, self.working, None, self.on, (), None)
+
+
+class FakeBench:
+    """Station, recorder and sequencer; the unit's sensor is the air."""
+
+    def __init__(self, *guards, native_ramp=True, hooks=None):
+        self.clock = SimClock()
+        self.chamber = FakeChamber(self.clock, native_ramp)
+        self.unit = SimpleNamespace(newest_frame_s=None, temperature=None)
+        self.units, self.missing, self.polled = [self.unit], 2, 0
+        self.events, self.readings, self.seen, self.disk_mb = [], 0, [], 1e6
+        self.hooks = hooks or {}
+        self.sequencer = Sequencer(self, Guards(guards), self, self.seen.append)
+        self.sequencer.extra_signals = lambda: {"disk_free_mb": Signal(self.disk_mb, self.clock.now())}
+
+    # station
+    def missing_units(self):
+        return ["unit X: no sound rate frame"] if self.polled < self.missing else []
+
+    def poll(self):
+        self.polled += 1
+        now_s = self.clock.now()
+        if self.polled >= self.missing:
+            self.unit.newest_frame_s, self.unit.temperature = now_s, Signal(self.chamber.air, now_s)
+        self.hooks.get(round(now_s), lambda bench: None)(self)
+
+    # recorder
+    def event(self, kind, text, **facts):
+        self.events.append((self.clock.now(), kind, text))
+
+    def reading(self, reading):
+        self.readings += 1
+
+    def tick(self):
+        pass
+
+    def go(self, *segments, start=True):
+        profile = from_text("name: p\nsegments:\n" + "".join(f"  - {{{text}}}\n" for text in segments))
+        if start:
+            self.sequencer.check_before_start()
+            self.sequencer.start_chamber()
+        return self.sequencer.run(profile.legs())
+
+    def kinds(self):
+        return [kind for _, kind, _ in self.events]
+
+
+RAMP = "kind: ramp, to_degc: 33, rate_degc_per_min: 2"
+
+
+def hold_guard(**settings):
+    return GuardSettings(name="hot", signal="disk_free_mb", action="hold", release_delay_s=5.0, **settings)
+
+
+def test_a_ramp_is_commanded_once_and_ends_when_the_air_has_arrived():
+    bench = FakeBench()
+    (ramp,) = bench.go(RAMP)
+    assert bench.chamber.commands[2:] == [(ramp.from_s, 33.0, 2.0)]
+    assert ramp.outcome == "done"
+    assert ramp.to_s - ramp.from_s == pytest.approx(60 * (10 - 1) / 2 + TAU_S, abs=3)  # 1 degC of arrival band, one lag
+    assert (ramp.kind, ramp.direction, ramp.rate_degc_per_min) == ("ramp", "heating", 2.0)
+
+
+def test_the_chamber_starts_where_it_stands():
+    bench = FakeBench()
+    bench.chamber.air = 27.34
+    bench.go(RAMP)
+    assert bench.chamber.commands[:2] == [(3.0, 27.3, None), (3.0, "start", None)]
+
+
+def test_a_controller_without_ramps_gets_a_new_set_point_every_tick():
+    bench = FakeBench(native_ramp=False)
+    (ramp,) = bench.go(RAMP)
+    times, targets, rates = zip(*bench.chamber.commands[2:], strict=True)
+    assert set(rates) == {None}
+    assert times == tuple(ramp.from_s + i for i in range(len(times)))
+    assert targets[:3] == pytest.approx([23 + 2 / 60, 23 + 4 / 60, 23 + 6 / 60])
+    assert max(targets) <= 33.0
+    native = FakeBench().go(RAMP)[0]
+    assert ramp.to_s - ramp.from_s == pytest.approx(native.to_s - native.from_s, abs=2)
+
+
+def test_a_host_stepped_ramp_goes_on_from_the_set_point_and_not_from_the_lagging_air():
+    bench = FakeBench(native_ramp=False)
+    up, down = bench.go(RAMP, "kind: ramp, to_degc: 23, rate_degc_per_min: 2")
+    first = next(target for t_s, target, _ in bench.chamber.commands[2:] if t_s == down.from_s)
+    before = [target for t_s, target, _ in bench.chamber.commands[2:] if t_s < down.from_s][-1]
+    assert first == pytest.approx(before - 2 / 60)
+    assert down.outcome == up.outcome == "done"
+
+
+def test_a_soak_lasts_as_long_as_it_should():
+    _, soak = FakeBench().go(RAMP, "kind: soak, duration_min: 3")
+    assert soak.to_s - soak.from_s == 180.0
+
+
+def test_a_step_waits_for_the_unit_to_settle_and_then_averages():
+    settle = "settle: {dwell_min: 1, band_degc: 0.5, slope_degc_per_min: 5}"
+    bench = FakeBench()
+    move, stay = bench.go(f"kind: step, temperatures_degc: [33], average_min: 2, {settle}")
+    assert (move.outcome, stay.outcome) == ("done", "done")
+    assert move.to_s - move.from_s == pytest.approx(20 * 3.0 + 60, abs=3)  # ln(10 / 0.5) time constants, and the dwell
+    assert stay.to_s - stay.from_s == 120.0
+    assert "settled" in bench.kinds()
+
+
+def test_what_does_not_settle_in_its_time_is_a_failed_segment_with_its_reason():
+    bench = FakeBench()
+    settle = "settle: {dwell_min: 1, slope_degc_per_min: 0.0001, timeout_min: 0.1}"
+    move, stay = bench.go(f"kind: step, temperatures_degc: [33], average_min: 1, {settle}")
+    assert move.outcome == "timeout"
+    assert "unit sensor moves by" in move.reason
+    assert stay.outcome == "done"
+
+
+def test_a_ramp_that_does_not_arrive_is_a_failed_segment():
+    bench = FakeBench(hooks={10: lambda bench: setattr(bench.chamber, "tau_s", 1e9)})
+    (ramp,) = bench.go(f"{RAMP}, timeout_min: 0.1")
+    assert ramp.outcome == "timeout"
+    assert "chamber air is" in ramp.reason
+
+
+def test_a_held_ramp_stays_where_it_is_and_goes_on_as_a_marked_segment():
+    low, fine = (lambda bench: setattr(bench, "disk_mb", 1.0)), (lambda bench: setattr(bench, "disk_mb", 1e6))
+    bench = FakeBench(hold_guard(below=10.0), hooks={100: low, 160: fine})
+    held, resumed = bench.go(RAMP)
+    assert (held.outcome, held.to_s) == ("held", 100.0)
+    assert (resumed.name, resumed.outcome) == (f"{held.name} (resumed)", "done")
+    assert resumed.from_s == pytest.approx(166.0, abs=2)  # 5 s of release delay
+    waiting = [command for command in bench.chamber.commands if held.to_s <= command[0] < resumed.from_s]
+    assert len(waiting) == 1
+    assert bench.chamber.commands[-1][1:] == (33.0, 2.0)  # from here to the target: nothing is run again
+    assert 25.0 < waiting[0][1] < 27.0
+    assert "hold" in bench.kinds()
+
+
+def test_a_guard_that_aborts_ends_the_run_and_keeps_the_segment():
+    bench = FakeBench(
+        GuardSettings(name="disk", signal="disk_free_mb", below=10.0),
+        hooks={50: lambda bench: setattr(bench, "disk_mb", 1.0)},
+    )
+    with pytest.raises(RunAborted, match="aborted by guard: disk: disk_free_mb = 1 is below 10"):
+        bench.go(RAMP)
+    (ramp,) = bench.sequencer.results
+    assert ramp.outcome == "interrupted"
+    assert "disk_free_mb" in ramp.reason
+
+
+@pytest.mark.parametrize("action", ["abort", "hold"])
+@pytest.mark.parametrize("delay_s", [0.0, 600.0])
+def test_a_guard_that_objects_before_the_start_leaves_everything_untouched(action, delay_s):
+    bench = FakeBench(GuardSettings(name="d", signal="disk_free_mb", below=10.0, action=action, delay_s=delay_s))
+    bench.disk_mb = 1.0
+    with pytest.raises(RunAborted, match="not started: d: disk_free_mb = 1 is below 10"):
+        bench.go(RAMP)
+    assert bench.chamber.commands == []
+    assert not bench.sequencer.moved
+
+
+def test_a_unit_that_is_not_there_ends_it_before_anything_moves():
+    bench = FakeBench()
+    bench.missing = 1000
+    with pytest.raises(EquipmentError, match="not started: unit X: no sound rate frame"):
+        bench.go(RAMP)
+    assert bench.clock.now() == 10.0
+    assert bench.chamber.commands == []
+
+
+def test_a_stop_request_ends_the_run_at_the_next_tick():
+    bench = FakeBench(hooks={60: lambda bench: bench.sequencer.request_stop("operator")})
+    with pytest.raises(RunAborted, match="aborted by operator"):
+        bench.go(RAMP)
+    assert bench.clock.now() == 61.0
+
+
+def test_a_stop_request_is_heard_while_the_units_are_awaited():
+    bench = FakeBench(hooks={2: lambda bench: bench.sequencer.request_stop("operator")})
+    bench.missing = 1000
+    with pytest.raises(RunAborted, match="operator"):
+        bench.go(RAMP)
+    assert bench.clock.now() == 3.0
+
+
+def test_a_short_outage_of_the_chamber_is_an_event_and_no_more():
+    bench = FakeBench()
+    bench.chamber.faults[50, 58] = LinkError("no answer")
+    (ramp,) = bench.go(RAMP)
+    assert ramp.outcome == "done"
+    assert bench.kinds().count("link") == 1
+
+
+def test_a_lost_link_is_a_failure_of_the_equipment():
+    bench = FakeBench()
+    bench.chamber.faults[50, 1e9] = LinkError("no answer")
+    with pytest.raises(EquipmentError, match="chamber link lost for 10 s: no answer"):
+        bench.go(RAMP)
+    assert bench.clock.now() == 60.0
+
+
+def test_a_reading_that_cannot_be_true_reaches_the_runner():
+    bench = FakeBench()
+    bench.chamber.faults[50, 51] = LimitError("temperature reads nan")
+    with pytest.raises(LimitError):
+        bench.go(RAMP)
+    assert bench.sequencer.results[-1].outcome == "interrupted"
+
+
+def test_a_set_point_of_somebody_else_is_an_event_and_then_a_failure():
+    bench = FakeBench(hooks={50: lambda bench: setattr(bench.chamber, "panel", 60.0)})
+    with pytest.raises(EquipmentError, match="set point is 60 degC, the bench commanded 33.0: somebody else commands"):
+        bench.go(RAMP)
+    assert bench.kinds().count("override") == 1
+    assert bench.clock.now() == 55.0
+
+
+def test_a_chamber_that_somebody_switched_off_is_a_failure():
+    bench = FakeBench(hooks={50: lambda bench: setattr(bench.chamber, "on", False)})
+    with pytest.raises(EquipmentError, match="the chamber has been off for 10 s"):
+        bench.go(RAMP)
+
+
+def test_the_onlooker_sees_every_tick_of_every_leg():
+    bench = FakeBench()
+    ramp, soak = bench.go(RAMP, "kind: soak, duration_min: 1")
+    assert [status.t_s for status in bench.seen] == [ramp.from_s + 1 + i for i in range(int(soak.to_s - ramp.from_s))]
+    assert bench.seen[-1].legs == 2
+    assert bench.readings == len(bench.seen) + 1  # and one before the start
+
+
+def test_ticks_keep_their_second_however_long_the_work_takes():
+    bench = FakeBench(hooks={20: lambda bench: bench.clock.sleep_until(20.4), 25: lambda b: b.clock.sleep_until(28.3)})
+    bench.go("kind: soak, duration_min: 1")
+    times = [status.t_s for status in bench.seen]
+    assert [t for t in times if 20 < t < 32] == [20.4, 21.0, 22.0, 23.0, 24.0, 28.3, 28.3, 29.3, 30.3, 31.3]
