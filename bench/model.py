@@ -5,6 +5,7 @@ rows: all                 # all, heating, cooling, soaks_2 or soaks_3: which row
 effects:
   - spline: {intervals: 24, ends: natural}
   - thermal_lag
+  - expression: "k * dT_dt * quadrature"   # a term of your own
 """
 
 from __future__ import annotations
@@ -58,11 +59,18 @@ class Model:
 
     def to_yaml(self) -> str:
         """The file's text; `load_model` reads it back to an equal model."""
-        entries = [{e.name: options_of(e)} if options_of(e) else e.name for e in self.effects]
+        entries = [_entry(e) for e in self.effects]
         content: dict[str, Any] = {"name": self.name, "effects": entries}
         if self.rows != "all":
             content["rows"] = self.rows
         return dump(content)
+
+
+def _entry(effect: Effect) -> Any:
+    options = options_of(effect)
+    if effect.name == "expression" and set(options) == {"formula"}:
+        return {"expression": options["formula"]}
+    return {effect.name: options} if options else effect.name
 
 
 def load_model(name_or_path: str | Path) -> Model:
@@ -120,6 +128,8 @@ def _effect(entry: object, document: Document | None, index: int) -> Effect:
             return effects.make(entry)
         if isinstance(entry, Mapping) and len(entry) == 1:
             ((name, options),) = entry.items()
+            if name == "expression" and isinstance(options, str):
+                options = {"formula": options}
             if options is None or isinstance(options, Mapping):
                 return effects.make(str(name), options)
         raise InputError(f"{entry!r} is not an effect; write its name, or {{name: {{option: value}}}}")

@@ -13,7 +13,7 @@ amplitudes into coefficients with units. Columns carry no constant and are scale
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields
 from fractions import Fraction
 from math import comb
 from typing import Any, Protocol, TypeVar, cast, runtime_checkable
@@ -261,10 +261,14 @@ def check_whole(effect: str, option: str, value: object, low: int, high: int) ->
         raise InputError(f"{effect}: {option} is {value!r}, allowed is a whole number from {low} to {high}")
 
 
+def _default(item: Field[Any]) -> Any:
+    return item.default_factory() if item.default_factory is not MISSING else item.default
+
+
 def options_of(effect: Effect) -> dict[str, Any]:
     """Options of an effect that differ from their defaults (what a model file has to say)."""
     return {
         item.name: getattr(effect, item.name)
         for item in fields(cast(Any, effect))
-        if not item.metadata.get("fitted") and getattr(effect, item.name) != item.default
+        if not item.metadata.get("fitted") and getattr(effect, item.name) != _default(item)
     }
