@@ -154,20 +154,17 @@ class _Grid:
         self.clock = clock
         self._segments = segments
         self._readings = readings
-        self._index: IntArray | None = None
+        self._index = self._nearest(readings["t_s"]) if len(readings) else np.zeros(0, dtype=np.int64)
 
-    def index(self) -> IntArray:
-        """Nearest tick of each reading (r,)."""
-        if self._index is None:
-            t_s = self._readings["t_s"]
-            nominal = np.rint(t_s / self.clock.interval_s).astype(np.int64)
-            error = self.clock.time(nominal) - t_s
-            self._index = nominal - np.rint(error / self.clock.interval_s).astype(np.int64)
-        return self._index
+    def _nearest(self, t_s: FloatArray) -> IntArray:
+        """Tick nearest to each bench time (r,)."""
+        nominal = np.rint(t_s / self.clock.interval_s).astype(np.int64)
+        error = self.clock.time(nominal) - t_s
+        return nominal - np.rint(error / self.clock.interval_s).astype(np.int64)
 
     def between(self, first: int | None, end: int | None) -> tuple[IntArray, dict[str, FloatArray]]:
         """Ticks and values of the readings in [first, end); None: no bound."""
-        index = self.index()
+        index = self._index
         start = 0 if first is None else int(np.searchsorted(index, first))
         stop = len(index) if end is None else int(np.searchsorted(index, end))
         values = {name: self._readings[field][start:stop] for name, field in _CHAMBER.items()}

@@ -19,6 +19,7 @@ from bench.store import RunFolder
 from drivers.chamber import ChamberReading, Write
 from drivers.clock import Clock
 from drivers.journal import JournalWriter, Kind
+from drivers.registers import Value
 
 READING = np.dtype(
     [
@@ -67,7 +68,7 @@ class Recorder:
 
     def write(self, write: Write) -> None:
         """Record a register of the chamber that was written, and what it reads back."""
-        text = f"{write.register}: {write.old} -> {write.read_back}"
+        text = f"{write.register}: {_text(write.old)} -> {_text(write.read_back)}"
         self.event("write", text, register=write.register, value=write.new)
 
     def tick(self) -> None:
@@ -90,3 +91,7 @@ class Recorder:
     def _append_json(self, kind: Kind, content: Mapping[str, Any]) -> None:
         payload = json.dumps(content, allow_nan=False).encode()
         self._journal.append(kind, payload, 1, self._clock.now(), time.time_ns())
+
+
+def _text(value: Value) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -42,4 +42,6 @@ def station_content(interface: str | None = None, **changes: Any) -> dict[str, A
 def job(out: Path, text: str = SHORT, settings: StationSettings | None = None) -> Job:
     """A job whose run folder goes below `out`."""
     profile: Profile = from_text(text)
-    return Job(profile, text, settings or station(), json.dumps(station_content()), {"model.yaml": "name: m\n"}, out=out)
+    return Job(
+        profile, text, settings or station(), json.dumps(station_content()), {"model.yaml": "name: m\n"}, out=out
+    )

@@ -1,0 +1,14 @@
+"""Fixtures of several test files."""
+
+import acquisition
+import pytest
+
+from bench.runner import run_job
+
+
+@pytest.fixture(scope="session")
+def short_run(tmp_path_factory):
+    """The folder of a finished simulated run of two minutes; not to be changed."""
+    result = run_job(acquisition.job(tmp_path_factory.mktemp("short")))
+    assert result.error is None
+    return result.run
