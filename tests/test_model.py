@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 from bench import effects
@@ -35,6 +37,13 @@ def test_the_papers_models_are_known_by_name(name):
     model = load_model(name)
     assert model.name == name
     assert [effect.name for effect in model.effects] == [name]
+
+
+@pytest.mark.parametrize("path", sorted((Path(__file__).parent.parent / "profiles" / "models").glob("*.yaml")))
+def test_every_shipped_model_can_be_read_and_carries_its_files_name(path):
+    model = load_model(path)
+    assert model.name == path.stem
+    assert load_model(path.stem) == model
 
 
 def test_a_users_own_model_folder_goes_before_the_shipped_one(tmp_path, monkeypatch):

@@ -75,7 +75,8 @@ class BiasKink:
         above = record.channel("temperature") - theta["at_degc"]
         if self.shape == "bump":
             return np.exp(-((above / theta["width_degc"]) ** 2))[:, None]
-        return self.rounding_degc * np.logaddexp(0.0, above / self.rounding_degc)[:, None]
+        corner = np.maximum(above, 0.0) + self.rounding_degc * np.log1p(np.exp(-np.abs(above) / self.rounding_degc))
+        return corner[:, None]
 
     def physical(self) -> Physical:
         """Change of slope k, or height a."""

@@ -28,8 +28,9 @@ def load_class(spec: str) -> Callable[..., Effect]:
         raise InputError(f"'{spec}' is not an effect; write mine.py:Class or package.module:Class")
     module = _module(place)
     if not hasattr(module, name):
-        offered = [key for key, value in vars(module).items() if is_dataclass(value)]
-        raise InputError(f"{place} has no class '{name}'; it has {', '.join(offered) or 'no dataclass'}")
+        own = getattr(module, "__name__", "")
+        offered = [key for key, value in vars(module).items() if getattr(value, "__module__", "") == own]
+        raise InputError(f"{place} has no class '{name}'; it has {', '.join(offered) or 'none'}")
     return cast(Callable[..., Effect], getattr(module, name))
 
 

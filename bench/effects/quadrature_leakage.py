@@ -3,7 +3,7 @@
 Equation: B = q (a + b (T - 25 degC)).
 Units: B [deg/h], q quadrature amplitude [V], T [degC], a [deg/h/V], b [deg/h/V/degC]. With q as a rate, 1 deg/s of
 quadrature and 1 mrad of phase make 3.6 deg/h.
-Source: IEEE 1431 (quadrature); Saukoski et al., IEEE Sensors J. 7 (2007) 1722, demodulation phase errors.
+Source: IEEE 1431 (quadrature); Saukoski, Aaltonen, Halonen, IEEE Sensors J. 7 (2007) 1639, on demodulation phase.
 When left out: the residual follows the quadrature, most where parasitic modes cross and quadrature is large.
 Look-alikes: drive_amplitude, resonance_frequency, supply_voltage where they move together with the quadrature; a static
 curve takes what is a function of temperature alone.

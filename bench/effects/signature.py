@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.channels import FloatArray
-from bench.effects.base import MovesAbscissa
+from bench.effects.base import MovesAbscissa, Open
 from bench.effects.example import example
 from bench.effects.registry import make, suited
 
@@ -29,7 +29,10 @@ def signature(name: str, options: Mapping[str, Any] | None = None) -> Signature:
     All amplitudes are alike in size; for an effect that moves the abscissa it is what a bent bias curve gains by it.
     """
     record = example()
-    effect = suited(make(name, options), [record]).prepare([record])
+    effect = make(name, options)
+    if isinstance(effect, Open) and effect.choices():
+        effect = effect.choices()[3]
+    effect = suited(effect, [record]).prepare([record])
     theta = {parameter.name: parameter.start for parameter in effect.parameters}
     if isinstance(effect, MovesAbscissa):
         drawn = _bent(effect.abscissa(record, theta)) - _bent(record.channel("temperature"))

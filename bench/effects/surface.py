@@ -21,6 +21,10 @@ import numpy as np
 from bench.channels import CHANNELS, FloatArray
 from bench.dataset import Dataset
 from bench.effects.base import Parameter, Physical, Series, Theta, check_choice, check_whole
+from bench.errors import InputError
+
+LEAST_STEP = 0.01
+"""Rates closer than this share of half their range count as one."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,17 @@ class Surface:
         return replace(
             self, series=tuple(Series.of(records, channel, self.order) for channel in (self.over, "temperature"))
         )
+
+    def demand(self, records: Sequence[Dataset]) -> None:
+        """InputError where the table stood at too few rates for the order."""
+        scale = self._pair[0].scale
+        rate = np.concatenate([scale.unit(record.channel(self.over)) for record in records])
+        rates = 1 + int(np.sum(np.diff(np.sort(rate[np.isfinite(rate)])) > LEAST_STEP))
+        if rates <= self.order:
+            raise InputError(
+                f"surface: the run has {rates} rates, order {self.order} needs {self.order + 1}; record more rates or "
+                "lower the order"
+            )
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Products T_i(x) T_j(T) (n, k), i + j from 1 to `order`, without the constant."""

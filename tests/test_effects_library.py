@@ -1,0 +1,379 @@
+"""Each effect against a closed form, and what all of them share: memory of the whole record, gaps that stay gaps."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bench import effects
+from bench.channels import CHANNELS
+from bench.dataset import Dataset
+from bench.effects.base import MovesAbscissa
+from bench.effects.example import example
+from bench.errors import InputError
+
+SUSPECTS = tuple(entry.name for entry in effects.catalogue() if entry.suspect)
+
+
+def record(time_s, interval_s=30.0, **channels):
+    time_s = np.asarray(time_s, dtype=float)
+    channels = {"rate": np.zeros(time_s.size), **{k: np.asarray(v, dtype=float) for k, v in channels.items()}}
+    return Dataset("made", time_s, channels, np.zeros(time_s.size, dtype=np.int64), (), interval_s)
+
+
+def ramp(rate_degc_per_min, minutes=300, start=20.0):
+    time_s = np.arange(0.0, minutes * 60.0, 30.0)
+    return record(time_s, temperature=start + rate_degc_per_min * time_s / 60.0)
+
+
+def start_values(effect):
+    return {parameter.name: parameter.start for parameter in effect.parameters}
+
+
+def columns(name, data, options=None, **theta):
+    effect = effects.make(name, options).prepare([data])
+    return effect.columns(data, {**start_values(effect), **theta})
+
+
+def output(effect, data):
+    theta = start_values(effect)
+    if isinstance(effect, MovesAbscissa):
+        return effect.abscissa(data, theta)[:, None]
+    return effect.columns(data, theta)
+
+
+# --- closed forms ----------------------------------------------------------------------------------------------------
+
+
+def test_a_lag_follows_a_ramp_at_slope_times_tau():
+    data = ramp(0.2, minutes=200)
+    lagged = effects.make("thermal_lag").abscissa(data, {"tau_s": 240.0})
+    assert_allclose((data.channel("temperature") - lagged)[-1], 0.2 / 60.0 * 240.0, rtol=1e-9)
+    assert effects.make("thermal_lag").columns(data, {"tau_s": 240.0}).shape == (len(data), 0)
+
+
+@pytest.mark.parametrize(("options", "settled"), [({}, slice(0, None)), ({"filter_s": 120.0}, slice(200, None))])
+def test_the_temperature_rate_of_a_ramp_is_its_slope_in_degc_per_min(options, settled):
+    for rate in (0.5, -2.0):
+        assert_allclose(columns("temperature_rate", ramp(rate), options)[settled, 0], rate, rtol=1e-9)
+
+
+def test_the_second_rate_term_grows_with_temperature():
+    data = ramp(0.1)
+    both = columns("temperature_rate", data, {"temperature_slope": True})
+    assert_allclose(both[:, 1], 0.1 * (data.channel("temperature") - 25.0), rtol=1e-9)
+
+
+def triangle(period_min, low=-40.0, high=85.0, cycles=3):
+    time_s = np.arange(0.0, cycles * period_min * 60.0, 30.0)
+    phase = time_s / 60.0 / period_min % 1.0
+    return record(time_s, temperature=low + (high - low) * (1.0 - np.abs(2.0 * phase - 1.0)))
+
+
+@pytest.mark.parametrize("shape", ["play", "bouc_wen"])
+@pytest.mark.parametrize("period_min", [250.0, 1000.0])
+def test_a_hysteresis_loop_is_two_high_at_any_rate(shape, period_min):
+    data = triangle(period_min)
+    loop = columns("hysteresis", data, {"shape": shape}, width_degc=8.0)[:, 0]
+    middle = np.abs(data.channel("temperature") - 40.0) < 3.0
+    rising = np.gradient(data.channel("temperature")) > 0
+    settled = data.time > data.time[-1] / 3
+    assert_allclose(loop[middle & rising & settled], 1.0, atol=0.02)
+    assert_allclose(loop[middle & ~rising & settled], -1.0, atol=0.02)
+
+
+def test_a_play_turns_within_twice_its_half_width_of_a_reversal():
+    data = triangle(250.0)
+    loop = columns("hysteresis", data, width_degc=10.0)[:, 0]
+    temperature = data.channel("temperature")
+    falling = (np.gradient(temperature) < 0) & (data.time > 7500) & (data.time < 15000)
+    assert_allclose(loop[falling], np.maximum((temperature[falling] - 75.0) / 10.0, -1.0), atol=1e-9)
+
+
+def test_several_plays_have_evenly_spaced_widths():
+    data = triangle(250.0)
+    three = columns("hysteresis", data, {"count": 3}, width_degc=15.0)
+    for i, width in enumerate((5.0, 10.0, 15.0)):
+        assert_allclose(three[:, i], columns("hysteresis", data, width_degc=width)[:, 0])
+
+
+def test_a_smooth_loop_obeys_its_differential_equation():
+    data = triangle(250.0)
+    temperature = data.channel("temperature")
+    fine = np.interp(np.linspace(0, data.time[-1], 200_000), data.time, temperature)
+    state, states = 0.0, []
+    for step in np.diff(fine, prepend=fine[0]) / 8.0:  # Euler with steps of 0.002 degC
+        state += step * (1.0 - abs(state) if state * step > 0 else 1.0)
+        states.append(state)
+    at_rows = np.interp(data.time, np.linspace(0, data.time[-1], 200_000), states)
+    assert_allclose(columns("hysteresis", data, {"shape": "bouc_wen"}, width_degc=8.0)[:, 0], at_rows, atol=2e-3)
+
+
+def test_both_loop_shapes_are_one_suspect_with_one_parameter_each():
+    shapes = effects.shapes(effects.make("hysteresis"))
+    assert [shape.shape for shape in shapes] == ["play", "bouc_wen"]
+    assert {shape.name for shape in shapes} == {"hysteresis"}
+    assert [len(shape.parameters) for shape in shapes] == [1, 1]
+
+
+def test_creep_relaxes_exponentially_after_a_step():
+    time_s = np.arange(0.0, 40000.0, 30.0)
+    data = record(time_s, temperature=np.where(time_s < 600.0, 20.0, 70.0))
+    missing = columns("creep", data, tau_h=2.0)[:, 0]
+    after = time_s > 600.0
+    decay = missing[after] / missing[after][0]
+    assert_allclose(decay, np.exp(-(time_s[after] - time_s[after][0]) / 7200.0), rtol=1e-9)
+    assert_allclose(missing[after][0], -50.0, rtol=0.01)
+    free = columns("creep", data, {"initial": "free"}, tau_h=2.0)
+    assert_allclose(free[:, 1], np.exp(-time_s / 7200.0))
+
+
+def test_warm_up_decays_from_power_on_and_is_nothing_before():
+    data = ramp(0.0)
+    assert_allclose(columns("warm_up", data, tau_s=900.0)[:, 0], np.exp(-data.time / 900.0))
+    late = columns("warm_up", data, {"power_on_s": 3000.0}, tau_s=900.0)[:, 0]
+    assert_allclose(late[data.time < 3000.0], 0.0)
+    assert_allclose(late[data.time >= 3000.0], np.exp(-(data.time[data.time >= 3000.0] - 3000.0) / 900.0))
+
+
+def test_aging_is_a_line_or_a_logarithm_of_hours():
+    data = ramp(0.0)
+    both = columns("aging", data, {"law": "both", "settled_h": 2.0})
+    assert_allclose(both[:, 0], data.time / 3600.0)
+    assert_allclose(both[:, 1], np.log(1.0 + data.time / 7200.0))
+    assert effects.make("aging", {"law": "logarithm"}).physical().units == ("deg/h",)
+
+
+def test_a_jump_is_a_step_and_the_row_that_holds_it_takes_its_share():
+    data = record(np.arange(10) * 30.0 + 15.0)
+    share = columns("bias_jump", data, at_h=130.0 / 3600.0)[:, 0]
+    assert_allclose(share, [0, 0, 0, 0, 20 / 30, 1, 1, 1, 1, 1], atol=1e-12)
+    assert not columns("bias_jump", data, {"run": "another"}, at_h=0.03).any()
+
+
+def test_jumps_and_kinks_are_searched_where_the_run_was():
+    data = ramp(0.2)
+    jump = effects.suited(effects.make("bias_jump"), [data]).parameters[0]
+    assert (jump.low, jump.high) == (data.time[2] / 3600.0, data.time[-3] / 3600.0)
+    assert jump.change_point
+    kink = effects.suited(effects.make("bias_kink"), [data]).parameters[0]
+    assert (kink.low, kink.high) == pytest.approx((21.8, 78.1), abs=0.1)
+    assert kink.change_point
+    loop = effects.suited(effects.make("hysteresis"), [data]).parameters[0]
+    assert loop.high == pytest.approx(0.45 * 60.0, rel=0.01)
+    assert effects.suited(effects.make("aging"), [data]) == effects.make("aging")
+    with pytest.raises(InputError, match="no run 'elsewhere' with more than 5 rows"):
+        effects.suited(effects.make("bias_jump", {"run": "elsewhere"}), [data])
+
+
+def test_a_kink_changes_the_slope_and_a_bump_passes():
+    data = ramp(0.2)
+    temperature = data.channel("temperature")
+    kink = columns("bias_kink", data, at_degc=40.0)[:, 0]
+    assert_allclose(kink[temperature > 50.0], temperature[temperature > 50.0] - 40.0, atol=1e-3)
+    assert_allclose(kink[temperature < 30.0], 0.0, atol=1e-3)
+    bump = columns("bias_kink", data, {"shape": "bump"}, at_degc=40.0, width_degc=4.0)[:, 0]
+    assert_allclose(bump, np.exp(-(((temperature - 40.0) / 4.0) ** 2)))
+
+
+def test_frost_shows_on_heating_after_it_was_cold_and_only_then():
+    data = triangle(250.0, low=-40.0, high=40.0)
+    bump = columns("frost", data, at_degc=1.0, width_degc=3.0)[:, 0]
+    rising = np.gradient(data.channel("temperature")) > 0
+    near = np.abs(data.channel("temperature") - 1.0) < 2.0
+    assert bump[rising & near].min() > 0.6
+    assert not bump[~rising].any()
+    dry = triangle(250.0, low=0.5, high=40.0)  # never cold enough to freeze
+    assert not columns("frost", dry, at_degc=1.0, width_degc=3.0).any()
+
+
+def test_channel_effects_are_products_of_their_channels():
+    data = example()
+    q, t, a, v = (data.channel(name) for name in ("quadrature", "temperature", "drive", "supply"))
+    assert_allclose(columns("quadrature_leakage", data), np.column_stack([q, q * (t - 25.0)]))
+    assert columns("quadrature_leakage", data, {"phase_drift": False}).shape[1] == 1
+    drive = columns("drive_amplitude", data, {"order": 2})
+    assert_allclose(drive[:, 1], drive[:, 0] ** 2)
+    assert_allclose(np.ptp(drive[:, 0]), 100.0 * np.ptp(a) / (0.5 * (a.max() + a.min())))
+    assert_allclose(columns("supply_voltage", data)[:, 0], v - 0.5 * (v.max() + v.min()))
+    assert_allclose(columns("compressor", data)[:, 0], data.channel("compressor"))
+    assert 0.0 < columns("compressor", data, {"lag_s": 100.0}).mean() < 1.0
+
+
+def test_scale_factor_coefficients_are_in_ppm():
+    data = example()
+    rate, temperature = data.channel("applied_rate"), data.channel("temperature")
+    s1 = columns("scale_factor_temperature", data)[:, 1]
+    assert_allclose(s1, 3600.0 * rate * 1e-6 * (temperature - 25.0))
+    c3 = columns("scale_factor_nonlinearity", data)[:, 2]
+    assert_allclose(c3, 3600.0 * rate * 1e-6 * rate**2)
+    assert effects.make("scale_factor_temperature", {"constant": False}).physical().labels == ("s1", "s2")
+    assert effects.make("scale_factor_nonlinearity", {"order": 2}).physical().units == ("ppm", "ppm per deg/s")
+
+
+@pytest.mark.parametrize("over", ["applied_rate", "rate"])
+def test_a_surface_of_order_five_has_21_coefficients_that_rebuild_its_polynomial(over):
+    data = example()
+    surface = effects.make("surface", {"over": over}).prepare([data])
+    form = surface.physical()
+    assert len(form.labels) == 21
+    amplitudes = np.random.default_rng(0).normal(size=21)
+    x, t = data.channel(over), data.channel("temperature")
+    powers = np.column_stack([x ** int(label[1]) * t ** int(label[2]) for label in form.labels])
+    scaled = amplitudes[0] + surface.columns(data, {}) @ amplitudes[1:]
+    assert_allclose(powers @ (form.matrix @ amplitudes), scaled, atol=1e-8)
+    assert form.units[form.labels.index("c12")] == f"deg/h/({CHANNELS[over].unit})/degC^2"
+
+
+def test_frequency_is_a_term_or_a_thermometer():
+    data = example()
+    term = effects.make("resonance_frequency", {"order": 2}).prepare([data])
+    assert not isinstance(term, MovesAbscissa)
+    amplitudes = np.array([0.3, -0.2])
+    constant = term.series.powers()[0] @ amplitudes
+    f = data.channel("frequency")
+    rebuilt = constant + np.column_stack([f, f**2]) @ (term.physical().matrix[:, 1:] @ amplitudes)
+    assert_allclose(rebuilt, term.columns(data, {}) @ amplitudes, atol=1e-3)  # f^2 c2 cancels to 1e-9 of its size
+    thermometer = effects.make("resonance_frequency", {"use": "thermometer"}).prepare([data])
+    assert isinstance(thermometer, MovesAbscissa)
+    told = thermometer.abscissa(data, {})
+    assert np.abs(told - data.channel("temperature")).max() < 1.5
+
+
+def test_a_frequency_that_turns_back_is_refused_as_a_thermometer():
+    data = ramp(0.2)
+    folded = data.with_channel("frequency", 14000.0 - 0.001 * (data.channel("temperature") - 50.0) ** 2)
+    with pytest.raises(InputError, match="no thermometer"):
+        effects.make("resonance_frequency", {"use": "thermometer"}).prepare([folded])
+
+
+# --- what all share --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [*SUSPECTS, "surface"])
+def test_masked_rows_still_count_for_the_memory(name):
+    """What is left out of the fit must not change the regressors of the rows that stay."""
+    data = example()
+    effect = effects.make(name)
+    some = np.arange(len(data)) % 7 < 5
+    some[:3] = some[-3:] = True  # the same ranges, so that scales agree
+    for channel in effect.needs:
+        values = data.channel(channel)
+        some[[values.argmin(), values.argmax()]] = True
+    whole = output(effect.prepare([data]), data)
+    masked = output(effect.prepare([data.select(some)]), data)
+    assert_allclose(masked[some], whole[some], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [n for n in SUSPECTS if effects.make(n).needs])
+def test_a_gap_stays_a_gap_and_does_not_spread(name):
+    data = example()
+    effect = effects.make(name).prepare([data])
+    gap = (data.time > 5000.0) & (data.time < 5600.0)
+    channel = effect.needs[0]
+    torn = data.with_channel(channel, np.where(gap, np.nan, data.channel(channel)))
+    got, whole = output(effect, torn), output(effect, data)
+    assert np.isnan(got[gap]).all()
+    assert np.isfinite(got[~gap]).all()
+    far = data.time > 12000.0
+    assert_allclose(got[far], whole[far], atol=0.02 * np.nanmax(np.abs(whole)))
+
+
+@pytest.mark.parametrize("name", SUSPECTS)
+def test_uneven_rows_give_nearly_the_same_regressors(name):
+    data = example()
+    effect = effects.make(name).prepare([data])
+    keep = np.random.default_rng(1).random(len(data)) < 0.8
+    keep[0] = True
+    # Between kept rows the record is straight to 0.02 degC, save at the corners of the profile.
+    thin, whole = output(effect, data.select(keep)), output(effect, data)[keep]
+    assert np.median(np.abs(thin - whole)) <= 5e-3 * np.abs(whole).max()
+
+
+@pytest.mark.parametrize("name", SUSPECTS)
+def test_the_second_half_does_not_reach_back(name):
+    """Memory is causal: what comes later changes nothing before, the central slope's window apart."""
+    data = example()
+    effect = effects.make(name).prepare([data])
+    early = np.arange(len(data)) < 500
+    assert_allclose(output(effect, data.select(early))[:495], output(effect, data)[:495], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [n for n in SUSPECTS if set(effects.make(n).needs) - {"temperature"}])
+def test_a_channel_that_stands_still_is_refused_by_name(name):
+    data = example()
+    channel = effects.make(name).needs[0]
+    still = data.with_channel(channel, np.full(len(data), 3.0))
+    with pytest.raises(InputError, match=f"{channel} moves by 0"):
+        effects.make(name).prepare([still])
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("hysteresis", {"shape": "circle"}, "allowed are play, bouc_wen"),
+        ("hysteresis", {"shape": "bouc_wen", "count": 2}, "count is 2"),
+        ("temperature_rate", {"filter_s": -1}, "allowed is a number from 0 to 36000"),
+        ("temperature_rate", {"filter_s": True}, "filter_s is True"),
+        ("temperature_rate", {"temperature_slope": 1}, "temperature_slope is 1"),
+        ("creep", {"initial": "hot"}, "allowed are settled, free"),
+        ("aging", {"law": "cubic"}, "allowed are line, logarithm, both"),
+        ("bias_jump", {"run": 3}, "run is 3"),
+        ("bias_kink", {"rounding_degc": 0}, "rounding_degc is 0"),
+        ("resonance_frequency", {"use": "clock"}, "allowed are term, thermometer"),
+        ("surface", {"over": "time"}, "allowed are applied_rate, rate"),
+        ("bias_jump", {"span_h": [0, 1]}, "no option 'span_h'"),
+    ],
+)
+def test_a_wrong_option_of_an_effect_is_refused(name, options, message):
+    with pytest.raises(InputError, match=message):
+        effects.make(name, options)
+
+
+# --- the catalogue ---------------------------------------------------------------------------------------------------
+
+
+FIXED = (
+    *("polynomial", "regression", "spline", "surface", "thermal_lag", "temperature_rate", "hysteresis", "creep"),
+    *("warm_up", "aging", "quadrature_leakage", "drive_amplitude", "resonance_frequency", "supply_voltage"),
+    *("compressor", "bias_jump", "bias_kink", "frost", "scale_factor_temperature", "scale_factor_nonlinearity"),
+)
+
+
+def test_the_catalogue_holds_the_fixed_names_and_is_documented():
+    entries = {entry.name: entry for entry in effects.catalogue()}
+    assert set(FIXED) <= set(entries)
+    for entry in entries.values():
+        assert list(entry.sections) == [
+            "Equation",
+            "Units",
+            "Source",
+            "When left out",
+            "Look-alikes",
+            "Separated by",
+        ]
+        assert entry.summary
+    assert set(entries["thermal_lag"].look_alikes) == {
+        "temperature_rate",
+        "hysteresis",
+        "creep",
+        "resonance_frequency",
+    }
+    assert [name for name, entry in entries.items() if not entry.suspect] == [*FIXED[:4], "expression"]
+
+
+def test_every_suspect_has_a_family_of_its_own():
+    families = [effects.entry(name).family for name in SUSPECTS]
+    assert len(set(families)) == len(families)
+
+
+def test_the_page_of_effects_is_up_to_date(request):
+    page = request.config.rootpath / "docs" / "effects.md"
+    assert page.read_text(encoding="utf-8") == effects.markdown(), "run python -m bench.effects > docs/effects.md"
+
+
+@pytest.mark.parametrize("name", [name for name in effects.names() if name != "expression"])
+def test_every_effect_has_a_signature(name):
+    drawn = effects.signature(name)
+    assert drawn.time_s.shape == drawn.temperature.shape == drawn.contribution.shape
+    assert np.abs(drawn.contribution).max() == pytest.approx(1.0)
+    assert np.ptp(drawn.contribution) > 0.1
