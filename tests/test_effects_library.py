@@ -173,6 +173,10 @@ def test_a_kink_changes_the_slope_and_a_bump_passes():
     assert_allclose(kink[temperature < 30.0], 0.0, atol=1e-3)
     bump = columns("bias_kink", data, {"shape": "bump"}, at_degc=40.0, width_degc=4.0)[:, 0]
     assert_allclose(bump, np.exp(-(((temperature - 40.0) / 4.0) ** 2)))
+    fixed = columns("bias_kink", data, {"shape": "bump", "width_degc": 4}, at_degc=40.0)[:, 0]
+    assert_allclose(fixed, bump)
+    shapes = effects.shapes(effects.make("bias_kink"))
+    assert [(shape.shape, len(shape.parameters)) for shape in shapes] == [("slope", 1)] + 3 * [("bump", 1)]
 
 
 def test_frost_shows_on_heating_after_it_was_cold_and_only_then():
