@@ -82,6 +82,7 @@ class Recorder:
         DriverError when the bus does not open at first; OSError when the journal cannot be written (a full disk).
         """
         bus = self._open_bus()
+        self._beat.publish(0, -1, 0)  # whoever asks right after `ready` must not find us silent
         ready()
         with self._synced():
             while True:

@@ -335,8 +335,8 @@ def test_kill_9_loses_nothing_but_the_tick_it_fell_into(start, tmp_path, ticks):
     assert (manifest["state"], manifest["segments"][-1]["outcome"]) == ("aborted", "interrupted")
     assert "killed; recovered from its journals" in manifest["cause"]
     assert manifest["losses"]["lost"] == 0
-    assert manifest["rows"] >= last_s * 500
-    time = pq.read_table(run.data)["time"].to_numpy()
+    data = pq.read_table(run.data)
+    time = data["time"].to_numpy()[np.isfinite(data["rate"].to_numpy())]
     assert time[-1] >= last_s - 0.003
     assert np.allclose(np.diff(time), 0.002)
 

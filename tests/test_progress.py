@@ -1,0 +1,76 @@
+"""The live display: a table in a terminal, plain lines elsewhere, nothing when it is asked to be quiet."""
+
+import io
+from types import SimpleNamespace
+
+import pytest
+from rich.console import Console
+
+from bench import progress
+from bench.profile import from_text
+from bench.progress import Progress
+from bench.sequencer import Status
+from drivers.chamber import ChamberReading
+
+PROFILE = from_text(
+    "name: p\nsegments:\n  - {kind: ramp, to_degc: 33, rate_degc_per_min: 2}\n  - {kind: soak, duration_min: 10}\n"
+)
+STATION = SimpleNamespace(losses=lambda: {"received": 6010, "lost": 3, "corrupt": 1})
+
+
+def status(t_s, leg=0, leg_from_s=0.0, holding=()):
+    reading = ChamberReading(t_s, 25.04, 33.0, 25.1, 10.0, True, (), False)
+    return Status(t_s, PROFILE.legs()[leg], leg_from_s, 2, reading, 24.567, holding)
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """What a terminal of 100 columns is sent."""
+    console = Console(file=io.StringIO(), force_terminal=True, width=100, color_system=None)
+    monkeypatch.setattr(progress, "Console", lambda **_: console)
+    return console.file
+
+
+def test_plain_lines_at_every_leg_and_not_at_every_tick(capsys):
+    with Progress(PROFILE) as show:
+        for t_s in range(1, 100):
+            show(STATION, status(float(t_s)))
+        show(STATION, status(301.0, leg=1, leg_from_s=300.0))
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines() == [
+        "[0:00:01] 1/2 ramp to 33 at 2: chamber 25.0 degC, unit 24.57 degC, 6010 frames, 3 lost, 0:14:59 left",
+        "[0:05:01] 2/2 soak at 33: chamber 25.0 degC, unit 24.57 degC, 6010 frames, 3 lost, 0:09:59 left",
+    ]
+
+
+def test_a_terminal_gets_a_table(terminal):
+    with Progress(PROFILE) as show:
+        show(STATION, status(10.0, holding=("too hot: unit_temperature = 90 is above 85",)))
+    text = terminal.getvalue()
+    for part in ("1/2  ramp to 33 at 2", "25.04 degC", "33.00 degC", "24.57 degC", "6010 received, 3 lost", "601/s"):
+        assert part in text
+    assert "HOLD" in text
+    assert "too hot: unit_temperature = 90 is above 85" in text
+
+
+def test_a_terminal_is_left_as_it_was(terminal):
+    with Progress(PROFILE) as show:
+        show(STATION, status(10.0))
+    assert terminal.getvalue().endswith("\x1b[2K")  # the table is gone
+    assert "\x1b[?25h" in terminal.getvalue()  # the cursor is back
+
+
+def test_quiet_is_quiet(terminal, capsys):
+    with Progress(PROFILE, quiet=True) as show:
+        show(STATION, status(10.0))
+    assert terminal.getvalue() == ""
+    assert capsys.readouterr() == ("", "")
+
+
+def test_time_left_follows_a_leg_that_is_late():
+    show = Progress(PROFILE)
+    assert show.left_s(status(0.0)) == pytest.approx(300 + 600)
+    assert show.left_s(status(100.0)) == pytest.approx(200 + 600)
+    assert show.left_s(status(1000.0)) == pytest.approx(600)  # the ramp is late: the soak is still to come
+    assert show.left_s(status(1100.0, leg=1, leg_from_s=1000.0)) == pytest.approx(500)
