@@ -1,9 +1,10 @@
 """The next experiment: the profile that best tells apart the effects that the runs so far cannot.
 
 Each rival, as fitted, is taken for the truth in turn; D is the gap in 2 ln L by which it would then beat another rival,
-with everything that is free fitted again, over all runs so far and the run proposed. The shortest profile of a
-library that gives the worst pair plenty wins, or the one that gives it most. From weak evidence nothing is designed, because what was fitted is not yet trustworthy: then
-the minor loops are proposed, which decide most thermal ties whatever the truth is.
+with everything that is free fitted again, over all runs so far and the run proposed. The shortest profile of a library
+wins that gives the worst pair plenty, or the one that gives it most. From weak evidence nothing is designed, because
+what was fitted is not yet trustworthy: then the minor loops are proposed, which decide most thermal ties whatever the
+truth is.
 """
 
 from __future__ import annotations
@@ -129,9 +130,9 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: Noise, limits: Cha
     names = tuple(rival.name for rival in rivals)
     choice = "the shortest that will do" if ample else "the one that tells most"
     why = (
-        f"{plan.reason}. Of {len(scored)} profiles tried on the fitted effects it is {choice}: the gap expected between "
-        f"the two that are hardest to tell apart rises from {before:.0f} to {after:.0f}, and with it the probability of "
-        f"a decision from {probability(before):.0%} to {probability(after):.0%}"
+        f"{plan.reason}. Of {len(scored)} profiles tried on the fitted effects it is {choice}: the expected gap "
+        f"of the two that are hardest to tell apart rises from {before:.0f} to {after:.0f}, and the probability of a "
+        f"decision from {probability(before):.0%} to {probability(after):.0%}"
     )
     return _proposal(plan, limits, names, why, (before, after))
 

@@ -1,7 +1,7 @@
 """Profiles that could be run next: ramps and soaks within what the chamber can do, written as the bench's YAML.
 
-A library of five kinds (minor loops, loops with rests, steps, another rate, a long soak), each with its temperatures
-and rates tuned to the range and the rates of this chamber. Set points never jump, so a prediction needs no more of the
+A library of five kinds (minor loops, loops with rests, steps, another rate, long soaks), its temperatures and rates
+tuned to the range and the rates of this chamber. Set points never jump, so a prediction needs no more of the
 chamber than its lag.
 """
 
