@@ -1,0 +1,185 @@
+"""The answer of a diagnosis: verdict, where the model fails, suspects best first, and what the run could not show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from bench.channels import FloatArray
+from bench.model import Model
+
+VerdictWord = Literal["adequate", "missing_effect", "unknown_effect"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a model fails: a range of a channel (or of time, of dT/dt), how large and how certain.
+
+    `rms_dph` is the residual's RMS there, `misfit_dph` the RMS of the systematic part, `p` the chance of it.
+    """
+
+    channel: str
+    low: float
+    high: float
+    rms_dph: float
+    floor_ratio: float
+    misfit_dph: float
+    p: float
+    note: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of `where`."""
+        return {
+            "channel": self.channel,
+            "from": number(self.low),
+            "to": number(self.high),
+            "rms_dph": number(self.rms_dph),
+            "floor_ratio": number(self.floor_ratio),
+            "misfit_dph": number(self.misfit_dph),
+            "p": self.p,
+            "note": self.note,
+        }
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted number with its unit, standard deviation and, for a nonlinear parameter, 95 % interval."""
+
+    value: float
+    unit: str
+    std: float
+    interval: tuple[float, float] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of `parameters`."""
+        entry = {"value": number(self.value), "unit": self.unit, "std": number(self.std)}
+        return entry | ({"interval": [number(end) for end in self.interval]} if self.interval else {})
+
+
+@dataclass(frozen=True, eq=False)
+class SuspectedEffect:
+    """An effect that may be missing, judged beside what was found before it.
+
+    `removes` is the share of the excess variance over the floor that adding it removes on data that the fit did not
+    see (NaN where there is no excess); `chance` how often runs without any effect reach this evidence; `legs` the gain
+    in 2 ln L that each segment holds, at the noise left beside the effect. `model` is the model with it added; `reason`
+    says why that could not be fitted.
+    """
+
+    effect: str
+    options: Mapping[str, Any]
+    found: bool
+    evidence: float
+    chance: float
+    held_out_rms_dph: float
+    removes: float
+    parameters: Mapping[str, Value]
+    look_alikes: tuple[str, ...]
+    legs: tuple[tuple[str, float], ...]
+    model: Model
+    shape: tuple[FloatArray, ...] = field(default=(), repr=False)
+    """What it adds to the fitted bias of each run (n,) [deg/h]; NaN in rows that were not fitted."""
+    reason: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of `suspects`."""
+        return {
+            "effect": self.effect,
+            "options": dict(self.options),
+            "found": self.found,
+            "held_out_rms_dph": number(self.held_out_rms_dph),
+            "removes": number(self.removes),
+            "evidence": number(self.evidence),
+            "chance": number(self.chance),
+            "parameters": {name: value.to_json() for name, value in self.parameters.items()},
+            "look_alikes": list(self.look_alikes),
+            "legs": [{"segment": name, "gain": number(gain)} for name, gain in self.legs],
+            "reason": self.reason,
+        }
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The smallest effect that the run would have shown; infinite (JSON null) where no size would."""
+
+    effect: str
+    rms_dph: float
+    amplitude: float
+    unit: str
+    parameters: Mapping[str, float]
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of `smallest_detectable`."""
+        return {
+            "effect": self.effect,
+            "rms_dph": number(self.rms_dph),
+            "amplitude": number(self.amplitude),
+            "unit": self.unit,
+            "parameters": dict(self.parameters),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What `bench diagnose` answers. `residuals` and `unexplained_residuals` are (n,) [deg/h] of each run.
+
+    `model` is the model that was diagnosed, its automatic options settled; `improved` the same with what was found.
+    """
+
+    verdict: VerdictWord
+    sentence: str
+    runs: tuple[str, ...]
+    check: tuple[str, ...]
+    floor_dph: float
+    rms_dph: float
+    held_out_rms_dph: float
+    held_out_by: str
+    where: tuple[Place, ...]
+    suspects: tuple[SuspectedEffect, ...]
+    unexplained: tuple[Place, ...]
+    threshold: float
+    not_excited: Mapping[str, str]
+    smallest_detectable: tuple[Detectable, ...]
+    noise_finding: str
+    notes: tuple[str, ...]
+    model: Model
+    improved: Model
+    residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
+    unexplained_residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
+    next_experiment: Mapping[str, Any] | None = None
+
+    @property
+    def found(self) -> tuple[SuspectedEffect, ...]:
+        """Effects that are missing by the evidence, strongest first."""
+        return tuple(suspect for suspect in self.suspects if suspect.found)
+
+    def to_json(self) -> dict[str, Any]:
+        """The object of `bench diagnose --json`; null where a number does not exist."""
+        return {
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "runs": list(self.runs),
+            "check": list(self.check),
+            "model": self.model.name,
+            "floor_dph": number(self.floor_dph),
+            "rms_dph": number(self.rms_dph),
+            "held_out_rms_dph": number(self.held_out_rms_dph),
+            "held_out_by": self.held_out_by,
+            "where": [place.to_json() for place in self.where],
+            "suspects": [suspect.to_json() for suspect in self.suspects],
+            "next_experiment": None if self.next_experiment is None else dict(self.next_experiment),
+            "unexplained": [place.to_json() for place in self.unexplained],
+            "threshold": number(self.threshold),
+            "not_excited": [{"effect": name, "reason": why} for name, why in self.not_excited.items()],
+            "smallest_detectable": [limit.to_json() for limit in self.smallest_detectable],
+            "noise_finding": self.noise_finding or None,
+            "notes": list(self.notes),
+        }
+
+
+def number(value: float) -> float | None:
+    """The number for JSON; None where it does not exist."""
+    return float(value) if np.isfinite(value) else None

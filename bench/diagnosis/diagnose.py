@@ -1,0 +1,186 @@
+"""Where a model fails, which physical effect is missing, and what this run could not have shown.
+
+Evidence names, unseen data proves, and the probes are asked again after each effect: see `evidence`, `probes` and
+`verdict` for the method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.channels import FloatArray
+from bench.dataset import Dataset
+from bench.design import assemble
+from bench.diagnosis.answer import Detectable, Diagnosis, Place
+from bench.diagnosis.held_out import Unseen, unseen
+from bench.diagnosis.limits import smallest
+from bench.diagnosis.places import places
+from bench.diagnosis.probes import despike
+from bench.diagnosis.ranking import Ranking
+from bench.diagnosis.sentences import sentence
+from bench.diagnosis.suspects import Layout, Offer, catalogued, isothermal, offer
+from bench.diagnosis.verdict import Explanation, Search, effect_name
+from bench.effects.base import Effect
+from bench.errors import InputError
+from bench.fit import Fit, fit
+from bench.likelihood import NoiseLattice
+from bench.model import Model
+from bench.noise import estimate_noise
+from bench.solve import one_blas_thread
+
+_STILL_DEGC_PER_MIN = 0.1
+_LEAST_STILL = 10  # rows of a stretch that noise is read from
+_UNMOVED = "the run does not move what it acts on: its terms cannot be told from the model's"
+
+
+def diagnose(  # noqa: PLR0913 - options of one command, by keyword
+    runs: Sequence[Dataset],
+    model: Model,
+    *,
+    check: Sequence[Dataset] = (),
+    static: Dataset | None = None,
+    candidates: Sequence[Effect] | None = None,
+    floor_dph: float | None = None,
+    seed: int = 0,
+) -> Diagnosis:
+    """Diagnose a model on runs of one unit; `candidates` replace the effects of the catalogue that the model lacks.
+
+    `check` are runs that no fit sees; `static` is a run at constant temperature that tells the noise. `floor_dph` is
+    the noise floor of these means where the caller knows it. Raises InputError: no run, or the model cannot be fitted.
+    """
+    with one_blas_thread():
+        return _Case.of(tuple(runs), model, static, candidates, floor_dph).diagnosis(tuple(check), seed)
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """Runs and model ready for the search."""
+
+    fit: Fit
+    layout: Layout
+    offer: Offer
+    floor_dph: float
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        runs: tuple[Dataset, ...],
+        model: Model,
+        static: Dataset | None,
+        wanted: Sequence[Effect] | None,
+        floor_dph: float | None,
+    ) -> _Case:
+        notes = []
+        if model.rows != "all":
+            notes.append(f"the model is fitted to '{model.rows}' rows by itself; here it was fitted to all rows")
+        if len({round(run.interval_s, 6) for run in runs}) > 1:
+            raise InputError("the runs are averaged over different intervals; load them with the same one")
+        found = fit(replace(model, rows="all"), runs, covariance="none")
+        kept = [despike(np.nan_to_num(r)) & np.isfinite(r) for r in found.residuals]
+        spikes = sum(int((np.isfinite(r) & ~k).sum()) for r, k in zip(found.residuals, kept, strict=True))
+        if spikes:
+            notes.append(f"{spikes} rows with spikes were left out")
+        if static is None:
+            notes.append(
+                "without an isothermal run (--static) a slow cause that no channel records cannot be told from the "
+                "unit's own noise"
+            )
+        statics = () if static is None else (isothermal(static, runs[0].interval_s),)
+        rows = assemble(found.model, runs, kept)
+        layout = Layout(rows, np.array(list(found.theta.values())), statics)
+        layout, offered = offer(layout, catalogued(found.model, runs) if wanted is None else wanted)
+        floor = _floor(runs, static) if floor_dph is None else floor_dph
+        return cls(found, layout, offered, floor, tuple(notes))
+
+    def diagnosis(self, check: tuple[Dataset, ...], seed: int) -> Diagnosis:
+        """The answer."""
+        lattice = NoiseLattice(self.layout.problem.records(), self.layout.problem.interval_s)
+        found = Search(self.offer, lattice, seed).explain(self.layout)
+        runs = self.layout.rows.records
+        base = unseen(self.layout.rows, self.layout.theta, check)
+        ranking = Ranking(found, self.offer, check, self.floor_dph)
+        improved = unseen(found.layout.rows, found.layout.theta, check) if found.steps else base
+        answer = Diagnosis(
+            verdict=found.word,
+            sentence="",
+            runs=tuple(run.name for run in runs),
+            check=tuple(run.name for run in check),
+            floor_dph=self.floor_dph,
+            rms_dph=self.fit.rms_dph,
+            held_out_rms_dph=base.rms_dph,
+            held_out_by="check" if check else "blocks",
+            where=self._where(found, base),
+            suspects=ranking.suspects(),
+            unexplained=self._unexplained(found, improved),
+            threshold=found.threshold,
+            not_excited=self._not_excited(found),
+            smallest_detectable=self._detectable(found, lattice),
+            noise_finding=found.noise,
+            notes=self.notes,
+            model=self.fit.model,
+            improved=found.layout.rows.model,
+            residuals=base.residuals,
+            unexplained_residuals=improved.residuals,
+        )
+        return replace(answer, sentence=sentence(answer, found.drifts))
+
+    def _where(self, found: Explanation, base: Unseen) -> tuple[Place, ...]:
+        alarms = [f for f in found.before.alarms if f.name != "noise"]
+        return places(self.layout, alarms, self._stacked(base), self.floor_dph)
+
+    def _unexplained(self, found: Explanation, improved: Unseen) -> tuple[Place, ...]:
+        return places(self.layout, found.left, self._stacked(improved), self.floor_dph)
+
+    def _stacked(self, scored: Unseen) -> FloatArray:
+        return self.layout.stacked(scored.residuals or self.fit.residuals)
+
+    def _not_excited(self, found: Explanation) -> dict[str, str]:
+        hidden = {effect_name(s.name): _UNMOVED for s in found.first.suspects if not s.excited}
+        shown = {effect_name(s.name) for s in found.first.suspects if s.excited}
+        return dict(self.offer.refused) | {name: why for name, why in hidden.items() if name not in shown}
+
+    def _detectable(self, found: Explanation, lattice: NoiseLattice) -> tuple[Detectable, ...]:
+        """The smallest size of each effect, of its first shape at usual parameters, that this run would have shown."""
+        listed = []
+        for candidate in self.offer.candidates(self.layout):
+            effect = self.offer.effects[candidate.name]
+            if candidate.name != effect.name:
+                continue
+            theta = tuple(p.start for p in candidate.parameters)
+            limit = smallest(self.layout.problem, candidate, theta, lattice, found.first.point, found.first.sigma2)
+            names = [p.name for p in candidate.parameters]
+            moved = candidate.kind == "abscissa"
+            unit = candidate.parameters[0].unit if moved else self.layout.prepared(effect).physical().units[0]
+            amplitude = (limit.theta[0] if limit.theta else np.inf) if moved else limit.amplitude
+            at = {} if moved else dict(zip(names, limit.theta, strict=False))
+            listed.append(Detectable(effect.name, limit.rms_dph, amplitude, unit, at))
+        return tuple(listed)
+
+
+def _floor(runs: Sequence[Dataset], static: Dataset | None) -> float:
+    """Noise floor of the means [deg/h] from the isothermal run, or from where the runs stand still; NaN without."""
+    interval_s = runs[0].interval_s
+    blocks = [b for record in ((static.average(interval_s),) if static is not None else runs) for b in _still(record)]
+    try:
+        noise = estimate_noise(blocks, interval_s)
+    except InputError:
+        return np.nan
+    return noise.std_of_means(interval_s, float(np.ptp(runs[0].time)))
+
+
+def _still(record: Dataset) -> list[FloatArray]:
+    """Bias where the temperature stands still, on an even grid of time, NaN in gaps."""
+    still = np.abs(np.nan_to_num(record.dT_dt, nan=np.inf)) < _STILL_DEGC_PER_MIN
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8))).reshape(-1, 2)
+    blocks = []
+    for first, last in edges.tolist():
+        if last - first >= _LEAST_STILL:
+            at = np.rint((record.time[first:last] - record.time[first]) / record.interval_s).astype(np.int64)
+            grid = np.full(int(at[-1]) + 1, np.nan)
+            grid[at] = record.bias[first:last]
+            blocks.append(grid)
+    return blocks

@@ -1,0 +1,67 @@
+"""The verdict in plain words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.diagnosis.answer import Diagnosis, Place, SuspectedEffect
+
+
+def sentence(answer: Diagnosis, drifts: bool) -> str:
+    """What an engineer reads first."""
+    if answer.verdict == "adequate":
+        noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
+        return (
+            f"Nothing is missing that this data could show: what remains ({answer.rms_dph:.3f} deg/h RMS, noise floor "
+            f"{answer.floor_dph:.3f}) is noise.{noise}"
+        )
+    if answer.verdict == "missing_effect":
+        return _missing(answer)
+    return _unknown(answer, drifts)
+
+
+def _missing(answer: Diagnosis) -> str:
+    found = answer.found
+    parts = [f"Missing: {' and '.join(_named(suspect) for suspect in found)}."]
+    for suspect in found:
+        if np.isfinite(suspect.removes):
+            parts.append(
+                f"{suspect.effect} removes {100 * suspect.removes:.0f} % of the excess variance on data that the fit "
+                f"did not see."
+            )
+        if suspect.look_alikes:
+            parts.append(f"This data cannot tell {suspect.effect} from {' or '.join(suspect.look_alikes)}.")
+    if len(found) > 1:
+        parts.append("More than one effect at once is found reliably in about four cases of five: prove each.")
+    if answer.unexplained:
+        parts.append(f"A little remains {_where(answer.unexplained[0])}.")
+    return " ".join(parts)
+
+
+def _unknown(answer: Diagnosis, drifts: bool) -> str:
+    rest = answer.unexplained
+    if drifts and not rest:
+        return f"Something is missing that the catalogue does not explain: {answer.noise_finding}."
+    text = f"Something is missing that no effect of the catalogue explains: a misfit {_where(rest[0])}."
+    if answer.found:
+        text += f" It behaves in part like {answer.found[0].effect}, which leaves that."
+    elif answer.suspects:
+        text += f" The nearest entry of the catalogue is {answer.suspects[0].effect}, no better than chance."
+    return text
+
+
+def _named(suspect: SuspectedEffect) -> str:
+    values = [f"{name} {v.value:.3g} +- {v.std:.2g} {v.unit}" for name, v in suspect.parameters.items()]
+    return f"{suspect.effect} ({', '.join(values)})" if values else suspect.effect
+
+
+def _where(place: Place) -> str:
+    note = f", {place.note}" if place.note else ""
+    return (
+        f"over {place.channel} from {place.low:.4g} to {place.high:.4g} ({place.misfit_dph:.3f} deg/h, "
+        f"p {place.p:.1g}{note})"
+    )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
