@@ -20,7 +20,7 @@ from bench.errors import BenchError
 from drivers.errors import ConfigError, DriverError, IdentityError, LimitError
 
 if TYPE_CHECKING:
-    from bench.workflow import Answer
+    from bench.workflow.answer import Answer
 
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, nothing else.")
 station_option = click.option(
@@ -82,9 +82,9 @@ def run(
     profile: Path, station: Path | None, serial: str | None, models: tuple[str, ...], out: Path, quiet: bool
 ) -> Answer:
     """Run PROFILE: drive the chamber, capture the unit, fit the models, write the report."""
-    from bench import workflow
+    from bench.workflow import acquisition
 
-    return workflow.run(profile, station, serial, models, out, quiet)
+    return acquisition.run(profile, station, serial, models, out, quiet)
 
 
 @main.command()
@@ -94,9 +94,9 @@ def run(
 @_answer
 def check(profile: Path, station: Path | None) -> Answer:
     """Say everything about PROFILE that can be known before anything moves."""
-    from bench import workflow
+    from bench.workflow import acquisition
 
-    return workflow.check(profile, station)
+    return acquisition.check(profile, station)
 
 
 @main.command()
@@ -107,9 +107,9 @@ def check(profile: Path, station: Path | None) -> Answer:
 @_answer
 def compare(runs: tuple[Path, ...], models: tuple[str, ...], check_runs: tuple[Path, ...]) -> Answer:
     """Model against measurement: in-sample and held-out error beside the noise floor, models side by side."""
-    from bench import workflow
+    from bench.workflow import analysis
 
-    return workflow.compare(runs, models, check_runs)
+    return analysis.compare(runs, models, check_runs)
 
 
 @main.command()
@@ -120,9 +120,9 @@ def compare(runs: tuple[Path, ...], models: tuple[str, ...], check_runs: tuple[P
 @_answer
 def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ...]) -> Answer:
     """Analyse RUN again and write its report; a killed run is recovered from its journals first."""
-    from bench import workflow
+    from bench.workflow import analysis
 
-    return workflow.report(run_folder, models, check_runs)
+    return analysis.report(run_folder, models, check_runs)
 
 
 @main.command("import")
@@ -136,9 +136,9 @@ def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ..
 @_answer
 def import_(file: Path, serial: str, out: Path, columns: Path | None, dbc: Path | None, preview: bool) -> Answer:
     """Make a run folder of somebody else's FILE: CSV, Parquet, MF4, BLF or ASC."""
-    from bench import workflow
+    from bench.workflow import analysis
 
-    return workflow.import_table(file, columns, serial, dbc, None if preview else out)
+    return analysis.import_table(file, columns, serial, dbc, None if preview else out)
 
 
 @main.command()
@@ -147,9 +147,9 @@ def import_(file: Path, serial: str, out: Path, columns: Path | None, dbc: Path 
 @_answer
 def init(folder: Path) -> Answer:
     """Copy the shipped profiles, stations and models to FOLDER/profiles, as your own."""
-    from bench import workflow
+    from bench.workflow import acquisition
 
-    return workflow.init(folder)
+    return acquisition.init(folder)
 
 
 @main.command()
@@ -162,6 +162,62 @@ def init(folder: Path) -> Answer:
 @_answer
 def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, write_station: Path | None) -> Answer:
     """Serve the simulated station on 127.0.0.1 until Ctrl-C: Modbus TCP, and CAN as python-can's `loopcan`."""
-    from bench import workflow
+    from bench.workflow import acquisition
 
-    return workflow.sim(station, (modbus_port, can_port), speed, write_station)
+    return acquisition.sim(station, (modbus_port, can_port), speed, write_station)
+
+
+model_argument = click.option("--model", required=True, help="Model file or name.")
+effect_option = click.option("--effect", "own_effects", multiple=True, help="Effect of your own: file.py:Class.")
+
+
+@main.command()
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@model_argument
+@click.option("--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable.")
+@click.option("--static", type=click.Path(path_type=Path), help="Isothermal run of the same unit: tells the noise.")
+@click.option("--plan", type=click.Path(path_type=Path), help="Where to write the profile that would separate a tie.")
+@effect_option
+@json_option
+@_answer
+def diagnose(
+    runs: tuple[Path, ...],
+    check_runs: tuple[Path, ...],
+    static: Path | None,
+    model: str,
+    own_effects: tuple[str, ...],
+    plan: Path | None,
+) -> Answer:
+    """Where the model fails, which physical effect is missing, and which experiment would tell."""
+    from bench.workflow import diagnosis
+
+    return diagnosis.diagnose(runs, check_runs, static, model, own_effects, plan)
+
+
+@main.command()
+@click.argument("effect")
+@model_argument
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="The new model file.")
+@effect_option
+@json_option
+@_answer
+def add(effect: str, model: str, out: Path, own_effects: tuple[str, ...]) -> Answer:
+    """Write a model with one more EFFECT; then `bench compare` shows whether the error falls."""
+    from bench.workflow import diagnosis
+
+    return diagnosis.add(effect, model, out, own_effects)
+
+
+@main.command()
+@click.argument("action", type=click.Choice(["list", "show"]), default="list")
+@click.argument("name", required=False)
+@effect_option
+@json_option
+@_answer
+def effects(action: str, name: str | None, own_effects: tuple[str, ...]) -> Answer:
+    """The catalogue of physical effects; `show NAME` explains and draws one."""
+    from bench.workflow import diagnosis
+
+    if (action == "show") != (name is not None):
+        raise click.UsageError("`bench effects` lists all, `bench effects show NAME` explains one")
+    return diagnosis.effects() if name is None else diagnosis.show_effect(name)

@@ -1,36 +1,25 @@
-"""What the commands do, each one call with an answer that prints as text or as JSON: acquisition, then analysis."""
+"""Commands that need equipment, real or simulated: check, run, sim; and init."""
 
 from __future__ import annotations
 
 import shutil
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bench import config
-from bench.errors import BenchError, InputError
-from bench.store import MANIFEST, RunFolder, open_run
+from bench.errors import InputError
+from bench.workflow.analysis import DEFAULT_MODELS, report_on
+from bench.workflow.answer import Answer
 
 if TYPE_CHECKING:
-    from bench.model import Model
-    from bench.report.analysis import Analysis
     from bench.station import StationSettings
 
-PACKAGE = Path(__file__).parent
-DEFAULT_MODELS = ("polynomial", "regression", "spline")
+PACKAGE = Path(__file__).parent.parent
 BYTES_PER_S = 20_000.0
 """Disk of one unit at 500 Hz: 601 frames of 24 bytes a second, readings, and the compressed tables."""
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What a command has to say, and its exit code."""
-
-    content: dict[str, Any]
-    text: str
-    exit_code: int = 0
 
 
 def library() -> Path:
@@ -75,84 +64,11 @@ def run(
     )
     with Progress(profile, quiet=quiet) as progress:
         result = run_job(job, progress)
-    return _report(result.run, chosen, result.error)
-
-
-def report(path: Path, models: Sequence[str], check: Sequence[Path] = ()) -> Answer:
-    """`bench report`: analyse a run again; a killed run is recovered from its journals first."""
-    from bench.model import load_model
-
-    folder = recover(path)
-    files = sorted(folder.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
-    chosen = [load_model(model) for model in models or files or DEFAULT_MODELS]
-    return _report(folder, chosen, None, check)
-
-
-def recover(path: Path) -> RunFolder:
-    """The run folder at `path`, its tables made from the journals when the bench was killed before it could."""
-    folder = RunFolder(path)
-    if path.is_dir() and not (path / MANIFEST).exists() and any(folder.journal.glob("*.gtbj")):
-        from bench.assemble import assemble
-
-        assemble(folder)
-    return open_run(path)
+    return report_on(result.run, chosen, result.error)
 
 
 def _model_file(order: int) -> str:
     return "model.yaml" if order == 0 else f"model-{order + 1}.yaml"
-
-
-def _report(folder: RunFolder, models: Sequence[Model], error: BenchError | None, check: Sequence[Path] = ()) -> Answer:
-    from bench.report.analysis import analyse
-    from bench.report.html import write_report
-
-    analysis = analyse(folder.path, models, check)
-    write_report(analysis)
-    content = {**analysis.to_json(), "report": str(folder.report), "state": analysis.manifest["state"]}
-    if error is not None:
-        content |= {"error": str(error)}
-        return Answer(content, f"{_summary(analysis)}\nbench: {error}", error.exit_code)
-    return Answer(content, _summary(analysis), 0 if analysis.within_limits else 1)
-
-
-def _summary(analysis: Analysis) -> str:
-    lines = [analysis.verdict.sentence]
-    if analysis.comparison is not None:
-        lines += ["", _ladder(analysis.comparison.to_json())]
-    lines += [f"warning: {text}" for text in analysis.warnings]
-    lines += ["", f"run     {analysis.run.path}", f"report  {analysis.run.report}"]
-    return "\n".join(lines)
-
-
-def _ladder(comparison: dict[str, Any]) -> str:
-    """Models against the floor, as a table for a terminal."""
-    floor = comparison["floor_dph"]
-    rows = [f"{'model':<28} {'in-sample':>10} {'held-out':>10} {'over floor':>10}   [deg/h RMS, 30 s means]"]
-    for model in comparison["models"]:
-        inside, outside = model["rms_dph"], model["held_out_rms_dph"]
-        ratio = "-" if outside is None or not floor else f"{outside / floor:.2f} x"
-        rows.append(f"{model['name']:<28} {_number(inside):>10} {_number(outside):>10} {ratio:>10}")
-    rows.append(f"{'noise floor':<28} {_number(floor):>10}")
-    return "\n".join(rows)
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4f}"
-
-
-def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path]) -> Answer:
-    """`bench compare`: models side by side, in-sample and held-out, beside the noise floor."""
-    from bench.dataset import load
-    from bench.diagnosis.compare import compare as compare_models
-    from bench.model import load_model
-    from bench.report.floor import noise_floor
-
-    chosen = [load_model(model) for model in models or DEFAULT_MODELS]
-    datasets = [load(recover(path).path) for path in runs]
-    checks = [load(recover(path).path) for path in check]
-    floor = noise_floor(load(runs[0], 1.0), datasets[0].interval_s)
-    comparison = compare_models(datasets, chosen, floor.floor_dph, checks or None)
-    return Answer(comparison.to_json(), _ladder(comparison.to_json()))
 
 
 def check(profile_path: Path, station_path: Path | None) -> Answer:
@@ -188,17 +104,6 @@ def check(profile_path: Path, station_path: Path | None) -> Answer:
         "findings": [asdict(finding) for finding in findings],
     }
     return Answer(content, "\n".join(lines), 1 if late else 0)
-
-
-def import_table(file: Path, columns: Path | None, serial: str, dbc: Path | None, out: Path | None) -> Answer:
-    """`bench import`: a foreign table becomes a run folder below `out`; None only tells what was understood."""
-    from bench.importer import load_columns, plan_import, write_import
-
-    plan = plan_import(file, None if columns is None else load_columns(columns), serial, dbc)
-    if out is None:
-        return Answer({"run": None, **plan.to_json()}, plan.preview())
-    folder = write_import(plan, out)
-    return Answer({"run": str(folder.path), **plan.to_json()}, f"{plan.preview()}\n\nrun     {folder.path}")
 
 
 def init(folder: Path) -> Answer:

@@ -1,0 +1,88 @@
+"""Commands that need only a run folder or a table: report, compare, import."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.errors import BenchError
+from bench.store import MANIFEST, RunFolder, open_run
+from bench.workflow.answer import Answer, ladder
+
+if TYPE_CHECKING:
+    from bench.model import Model
+    from bench.report.analysis import Analysis
+
+DEFAULT_MODELS = ("polynomial", "regression", "spline")
+
+
+def report(path: Path, models: Sequence[str], check: Sequence[Path] = ()) -> Answer:
+    """`bench report`: analyse a run again; a killed run is recovered from its journals first."""
+    from bench.model import load_model
+
+    folder = recover(path)
+    files = sorted(folder.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
+    chosen = [load_model(model) for model in models or files or DEFAULT_MODELS]
+    return report_on(folder, chosen, None, check)
+
+
+def recover(path: Path) -> RunFolder:
+    """The run folder at `path`, its tables made from the journals when the bench was killed before it could."""
+    folder = RunFolder(path)
+    if path.is_dir() and not (path / MANIFEST).exists() and any(folder.journal.glob("*.gtbj")):
+        from bench.assemble import assemble
+
+        assemble(folder)
+    return open_run(path)
+
+
+def report_on(
+    folder: RunFolder, models: Sequence[Model], error: BenchError | None, check: Sequence[Path] = ()
+) -> Answer:
+    """Analyse a run, write its report, and say how it ended."""
+    from bench.report.analysis import analyse
+    from bench.report.html import write_report
+
+    analysis = analyse(folder.path, models, check)
+    write_report(analysis)
+    content = {**analysis.to_json(), "report": str(folder.report), "state": analysis.manifest["state"]}
+    if error is not None:
+        content |= {"error": str(error)}
+        return Answer(content, f"{_summary(analysis)}\nbench: {error}", error.exit_code)
+    return Answer(content, _summary(analysis), 0 if analysis.within_limits else 1)
+
+
+def _summary(analysis: Analysis) -> str:
+    lines = [analysis.verdict.sentence]
+    if analysis.comparison is not None:
+        lines += ["", ladder(analysis.comparison.to_json())]
+    lines += [f"warning: {text}" for text in analysis.warnings]
+    lines += ["", f"run     {analysis.run.path}", f"report  {analysis.run.report}"]
+    return "\n".join(lines)
+
+
+def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path]) -> Answer:
+    """`bench compare`: models side by side, in-sample and held-out, beside the noise floor."""
+    from bench.dataset import load
+    from bench.diagnosis.compare import compare as compare_models
+    from bench.model import load_model
+    from bench.report.floor import noise_floor
+
+    chosen = [load_model(model) for model in models or DEFAULT_MODELS]
+    datasets = [load(recover(path).path) for path in runs]
+    checks = [load(recover(path).path) for path in check]
+    floor = noise_floor(load(runs[0], 1.0), datasets[0].interval_s)
+    comparison = compare_models(datasets, chosen, floor.floor_dph, checks or None)
+    return Answer(comparison.to_json(), ladder(comparison.to_json()))
+
+
+def import_table(file: Path, columns: Path | None, serial: str, dbc: Path | None, out: Path | None) -> Answer:
+    """`bench import`: a foreign table becomes a run folder below `out`; None only tells what was understood."""
+    from bench.importer import load_columns, plan_import, write_import
+
+    plan = plan_import(file, None if columns is None else load_columns(columns), serial, dbc)
+    if out is None:
+        return Answer({"run": None, **plan.to_json()}, plan.preview())
+    folder = write_import(plan, out)
+    return Answer({"run": str(folder.path), **plan.to_json()}, f"{plan.preview()}\n\nrun     {folder.path}")

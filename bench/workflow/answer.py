@@ -1,0 +1,32 @@
+"""The answer of a command, and the tables that several of them print."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command has to say, and its exit code."""
+
+    content: dict[str, Any]
+    text: str
+    exit_code: int = 0
+
+
+def ladder(comparison: dict[str, Any]) -> str:
+    """Models against the floor, as a table for a terminal."""
+    floor = comparison["floor_dph"]
+    rows = [f"{'model':<28} {'in-sample':>10} {'held-out':>10} {'over floor':>10}   [deg/h RMS, 30 s means]"]
+    for model in comparison["models"]:
+        inside, outside = model["rms_dph"], model["held_out_rms_dph"]
+        ratio = "-" if outside is None or not floor else f"{outside / floor:.2f} x"
+        rows.append(f"{model['name']:<28} {number(inside):>10} {number(outside):>10} {ratio:>10}")
+    rows.append(f"{'noise floor':<28} {number(floor):>10}")
+    return "\n".join(rows)
+
+
+def number(value: float | None) -> str:
+    """Four decimals, or a dash where there is no number."""
+    return "-" if value is None else f"{value:.4f}"
