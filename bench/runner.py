@@ -176,13 +176,17 @@ def _disk_free(path: Path, station: Station) -> Signal:
 
 @contextmanager
 def _stop_signals(sequencer: Sequencer) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and a closed terminal end the run at the next tick, through the safe state."""
+    """Ctrl-C, SIGTERM and a closed terminal end the run at the next tick, through the safe state.
+
+    What whoever started us told us to ignore (`nohup`) stays ignored.
+    """
 
     def stop(number: int, frame: Any) -> None:
         sequencer.request_stop("operator (Ctrl-C)" if number == signal.SIGINT else signal.Signals(number).name)
 
     try:
-        previous = {number: signal.signal(number, stop) for number in STOP_SIGNALS}
+        heard = [number for number in STOP_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+        previous = {number: signal.signal(number, stop) for number in heard}
     except ValueError:  # not in the main thread: whoever started us handles signals
         yield
         return

@@ -3,10 +3,12 @@
 import errno
 import os
 import resource
+import signal
 import subprocess
 import sys
 import tracemalloc
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import acquisition
@@ -20,7 +22,7 @@ from bench.assemble import assemble
 from bench.errors import EquipmentError, InputError, RunAborted
 from bench.guards import GuardSettings
 from bench.runner import run_job
-from bench.store import open_run, sha256
+from bench.store import RunFolder, open_run, sha256
 from drivers.journal import Kind, read_blocks
 from drivers.sim.station import SimulatedStation
 
@@ -158,6 +160,20 @@ def test_a_reading_that_cannot_be_true_ends_safe_as_a_failure_of_the_equipment(w
     assert "temperature" in str(result.error)
     assert is_safe(world)
     assert result.run.manifest()["state"] == "failed"
+
+
+def test_a_closed_terminal_ends_safe_unless_it_is_to_be_ignored(world, tmp_path):
+    before = signal.getsignal(signal.SIGHUP)
+    hang_up = partial(os.kill, os.getpid(), signal.SIGHUP)
+    try:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+        result = run_job(acquisition.job(tmp_path), at(20, lambda station: hang_up()))
+        assert str(result.error) == "aborted by SIGHUP"
+        assert is_safe(world)
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+        assert run_job(acquisition.job(tmp_path), at(20, lambda station: hang_up())).error is None
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_a_lost_chamber_is_said_loudly_and_the_data_are_kept(world, tmp_path):
@@ -330,7 +346,7 @@ def test_kill_9_loses_nothing_but_the_tick_it_fell_into(start, tmp_path, ticks):
     last_s = float(max(lines, key=lambda line: float(line or 0)))
     (folder,) = tmp_path.glob("*/*")
     assert not (folder / "manifest.json").exists()
-    run = bench.runner.RunFolder(folder)
+    run = RunFolder(folder)
     manifest = assemble(run)
     assert (manifest["state"], manifest["segments"][-1]["outcome"]) == ("aborted", "interrupted")
     assert "killed; recovered from its journals" in manifest["cause"]
@@ -349,7 +365,7 @@ def test_signals_end_the_command_safe_with_exit_code_3(start, tmp_path, number, 
     process = start(command, "run", profile, "--out", tmp_path / "out", "--model", "polynomial")
     first = process.stderr.readline()
     assert "1/2 ramp to 85" in first
-    process.send_signal(getattr(bench.runner.signal, number))
+    process.send_signal(getattr(signal, number))
     said = "".join(process.communicate())
     assert process.returncode == 3, said
     assert f"aborted by {cause}" in said
