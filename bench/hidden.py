@@ -122,7 +122,8 @@ def scaled(entry: Entry, target: float, share: Callable[[Entry], float]) -> Entr
     thermal, factor = HIDDEN[entry["mechanism"]].thermal, 1.0
     for _ in range(8 if thermal else 1):
         found = share(times(entry, factor))
-        factor *= float(np.clip(target / max(found, 1e-12), 1.0 / 30.0, 30.0 if thermal else 1e9))
+        step = target / max(found, 1e-12)
+        factor *= float(np.clip(step, 1.0 / 30.0, 30.0)) if thermal else step
         if abs(found / target - 1.0) < 0.01:
             break
     return times(entry, factor)

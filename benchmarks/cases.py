@@ -6,11 +6,11 @@ static spline over temperature cannot absorb / RMS of the noise that is left bes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -45,9 +45,17 @@ def trace(profile: str) -> virtual.Trace:
     return virtual.chamber(profiles.from_text(text), seed=1)
 
 
-def recorded(truth: Sequence[Any], noise: dict[str, float], profile: str, seed: int, turns: bool = False) -> Dataset:
+def recorded(
+    truth: Sequence[Entry], noise: Mapping[str, float], profile: str, seed: int, turns: bool = False
+) -> Dataset:
     """A run of this unit in 30 s means."""
-    settings = UnitSettings.parse({"truth": list(truth), "noise": noise, "channels": CHANNELS})
+    return _recorded(json.dumps([list(truth), dict(noise)]), profile, seed, turns)
+
+
+@lru_cache(maxsize=64)
+def _recorded(unit: str, profile: str, seed: int, turns: bool) -> Dataset:
+    truth, noise = json.loads(unit)
+    settings = UnitSettings.parse({"truth": truth, "noise": noise, "channels": CHANNELS})
     path = trace(profile)
     return dataset(virtual.unit(settings, path, seed, table(path.seconds) if turns else None), path, profile)
 
@@ -100,11 +108,18 @@ class Case:
     strength: float
     seed: int
     turns: bool
-    truth: tuple[Any, ...]
+    truth: tuple[Entry, ...]
 
-    def run(self, profile: str, number: int = 0) -> Dataset:
-        """A run of the unit; another `number` is another day."""
-        return recorded(self.truth, NOISE, profile, 1000 * self.seed + number, self.turns)
+    def run(self, profile: str, number: int = 0, noise: Mapping[str, float] = NOISE) -> Dataset:
+        """A run of the unit; another `number` is another day, on which what belongs to one run does not happen."""
+        truth = [
+            e for e in self.truth if number == 0 or e["mechanism"] not in HIDDEN or not HIDDEN[e["mechanism"]].one_run
+        ]
+        return recorded(truth, noise, profile, 1000 * self.seed + number, self.turns)
+
+    def quiet(self, profile: str, number: int) -> Dataset:
+        """The unit without what is hidden in it: what an isothermal run shows when nothing excites it."""
+        return recorded(self.truth[:1], NOISE, profile, 1000 * self.seed + number, self.turns)
 
 
 def case(hidden: Sequence[str], strength: float, seed: int, profile: str, model: Model) -> Case:

@@ -16,15 +16,21 @@ from typing import Any
 
 import numpy as np
 
-from bench import design
+from bench import design, effects
 from bench.channels import FloatArray
+from bench.dataset import Dataset
+from bench.diagnosis.answer import Diagnosis
 from bench.diagnosis.candidates import Candidate, Problem, Theta
+from bench.diagnosis.evidence import weigh
 from bench.diagnosis.limits import expected_gap, probability
 from bench.diagnosis.plan import ChamberLimits, Plan, chamber_limits, exciting, minor_loops, plans
 from bench.diagnosis.prediction import predicted_record
-from bench.diagnosis.suspects import Layout
+from bench.diagnosis.suspects import Layout, isothermal, offer
+from bench.diagnosis.verdict import effect_name
 from bench.effects.base import Effect
+from bench.fit import fit
 from bench.likelihood import NoiseLattice, Point, gls
+from bench.solve import one_blas_thread
 
 WEAK = 15.0
 """Evidence below which fitted rivals are no basis for a design."""
@@ -87,6 +93,36 @@ class Proposal:
         found = {key: float(value) if np.isfinite(value) else None for key, value in numbers.items()}
         return {"profile": profile, "separates": list(self.separates), "why": self.why,
                 "duration_min": self.duration_min, **found}  # fmt: skip
+
+
+def next_experiment(
+    found: Diagnosis,
+    runs: Sequence[Dataset],
+    *,
+    static: Dataset | None = None,
+    limits: ChamberLimits | None = None,
+) -> Proposal | None:
+    """The run that decides what a diagnosis of these runs left open; None where it left nothing open.
+
+    Of several effects found it takes the first that has look-alikes. The rivals are fitted here again, beside
+    everything else that was found.
+    """
+    open_ = next((suspect for suspect in found.found if suspect.look_alikes), None)
+    if open_ is None:
+        return None
+    tied = (open_.effect, *open_.look_alikes)
+    base = replace(open_.model, effects=open_.model.effects[:-1])
+    with one_blas_thread():
+        fitted = fit(base, runs, covariance="none")
+        rows = design.assemble(fitted.model, tuple(runs), [np.isfinite(r) for r in fitted.residuals])
+        statics = () if static is None else (isothermal(static, runs[0].interval_s),)
+        layout = Layout(rows, np.array(list(fitted.theta.values())), statics)
+        layout, offered = offer(layout, [effects.make(name) for name in tied])
+        evidence = weigh(layout.problem, offered.candidates(layout), nulls=0)
+        best = {name: next((s for s in evidence.suspects if effect_name(s.name) == name), None) for name in tied}
+        rivals = [Rival(name, offered.effects[s.name], s.theta, s.evidence) for name, s in best.items() if s]
+        noise = Noise(evidence.suspects[0].point, evidence.suspects[0].sigma2)
+        return propose(layout, rivals, noise, limits)
 
 
 def propose(

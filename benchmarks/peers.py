@@ -1,0 +1,133 @@
+"""The same cases through FROLS (SysIdentPy) and STLSQ (pysindy), with the bench's own library of regressors.
+
+They are given more than their users would have: the candidates' columns on a grid of their nonlinear parameters, made
+orthogonal to the static spline, and the residual of that spline. What differs is how they choose.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.channels import FloatArray, IntArray
+from bench.dataset import Dataset
+from bench.design import assemble
+from bench.diagnosis.candidates import orthonormal
+from bench.diagnosis.suspects import Layout, catalogued, offer
+from bench.diagnosis.verdict import effect_name
+from bench.model import Model
+
+GRID = 6
+STLSQ_THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
+"""About pysindy's default, 0.1; columns and residual have unit RMS."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Effects in the order of a peer's preference, each once, and its score of the first; `default`: names it unasked."""
+
+    ranking: tuple[str, ...]
+    score: float
+    default: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Shelf:
+    """Regressors (n, k) of unit RMS outside the spline, whose they are, and the spline's residual (n,)."""
+
+    names: tuple[str, ...]
+    columns: FloatArray
+    residual: FloatArray
+
+
+def shelf(run: Dataset, model: Model) -> Shelf:
+    """The bench's candidates for this run as plain columns."""
+    layout, offered = offer(Layout(assemble(model, (run,)), np.zeros(0)), catalogued(model, (run,)))
+    base = layout.problem.base
+    basis = orthonormal(base)
+    beta = np.linalg.lstsq(base, layout.problem.y, rcond=None)[0]
+    names, columns = [], []
+    for candidate in offered.candidates(layout):
+        grid = candidate.grid()
+        for theta in grid[:: max(1, len(grid) // GRID)]:
+            own = candidate.columns(theta)
+            if candidate.kind == "abscissa":
+                own = ((own - base) @ beta)[:, None]
+            left = own - basis @ (basis.T @ own)
+            size = np.sqrt(np.mean(left**2, axis=0))
+            for column in (left / np.where(size > 0.0, size, 1.0))[:, size > 1e-6 * np.sqrt(np.mean(own**2, axis=0))].T:
+                names.append(effect_name(candidate.name))
+                columns.append(column)
+    residual = layout.problem.y - basis @ (basis.T @ layout.problem.y)
+    return Shelf(tuple(names), np.column_stack(columns), residual / np.sqrt(np.mean(residual**2)))
+
+
+def frols(given: Shelf, terms: int = 8) -> Choice:
+    """SysIdentPy's forward regression by error reduction ratio; the number of terms by its BIC."""
+    from sysidentpy.basis_function._basis_function import Polynomial
+    from sysidentpy.model_structure_selection import FROLS
+
+    class Mended(FROLS):  # type: ignore[misc]
+        """Release 0.2.0 assigns arrays to elements, which numpy 2.4 refuses: the same ratios, computed whole."""
+
+        def error_reduction_ratio(self, psi: FloatArray, y: FloatArray, process_term_number: int) -> Any:
+            return error_reduction(psi, y[:, 0], process_term_number)
+
+    selector = Mended(
+        order_selection=True,
+        n_info_values=terms,
+        info_criteria="bic",
+        ylag=1,
+        xlag=1,
+        basis_function=Polynomial(degree=1),
+        estimator="least_squares",
+    )
+    selector.max_lag = 0
+    columns = np.column_stack([np.ones(len(given.residual)), given.columns])
+    y = given.residual[:, None]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        taken = int(np.argmin(selector.information_criterion(columns, y))) + 1
+    ratios, order, _ = selector.error_reduction_ratio(columns, y, taken)
+    chosen = [int(i) - 1 for i in order[:taken]]  # column 0 is the constant
+    ranking = tuple(dict.fromkeys(given.names[i] for i in chosen if i >= 0))
+    return Choice(ranking, float(ratios[0]), bool(ranking))
+
+
+def error_reduction(psi: FloatArray, y: FloatArray, terms: int) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Error reduction ratios, pivots and chosen columns of orthogonal least squares (Billings et al. 1989)."""
+    left, order, ratios = psi.copy(), np.arange(psi.shape[1], dtype=np.int64), np.zeros(psi.shape[1])
+    power = float(y @ y)
+    for i in range(terms):
+        norm = np.einsum("ij,ij->j", left[:, i:], left[:, i:])
+        gain = (left[:, i:].T @ y) ** 2 / (np.where(norm > 1e-9, norm, np.inf) * power)
+        best = i + int(np.argmax(gain))
+        ratios[i] = gain[best - i]
+        left[:, [i, best]] = left[:, [best, i]]
+        order[[i, best]] = order[[best, i]]
+        unit = left[:, i] / max(float(np.linalg.norm(left[:, i])), 1e-300)
+        left[:, i + 1 :] -= np.outer(unit, unit @ left[:, i + 1 :])
+    return ratios, order, psi[:, order[:terms]]
+
+
+def stlsq(given: Shelf) -> Choice:
+    """pysindy's sequentially thresholded least squares, its threshold chosen by BIC from a path."""
+    from pysindy import STLSQ
+
+    rows, best, lowest = len(given.residual), np.zeros(given.columns.shape[1]), 0.0
+    for threshold in STLSQ_THRESHOLDS:
+        optimizer = STLSQ(threshold=threshold)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            optimizer.fit(given.columns, given.residual[:, None])
+        found = np.asarray(optimizer.coef_, dtype=np.float64).ravel()
+        left = given.residual - given.columns @ found
+        bic = rows * float(np.log(np.mean(left**2))) + np.count_nonzero(found) * float(np.log(rows))
+        if bic < lowest:
+            best, lowest = found, bic
+    size = np.abs(best)
+    order = [int(i) for i in np.argsort(-size) if size[i] > 0.0]
+    return Choice(tuple(dict.fromkeys(given.names[i] for i in order)), float(size.max(initial=0.0)), bool(order))

@@ -1,0 +1,116 @@
+"""One case of the campaign: record, diagnose, and ask the peers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from bench import effects
+from bench.dataset import Dataset
+from bench.diagnosis.answer import Diagnosis
+from bench.diagnosis.diagnose import diagnose
+from bench.diagnosis.experiment import next_experiment
+from bench.fit import fit
+from bench.hidden import HIDDEN
+from bench.model import Model
+from benchmarks import cases, peers
+
+MODEL = Model("spline", (effects.make("spline", {"intervals": 8}),))
+_CHECK, _AGAIN, _SECOND, _STILL = 1, 2, 3, 4  # numbers of the runs of one unit
+
+
+def run(kind: str, hidden: tuple[str, ...], strength: float, seed: int, profile: str) -> dict[str, Any]:
+    """Everything that the table needs of one case."""
+    case = cases.case(hidden, strength, seed, profile, MODEL)
+    still = case.quiet(cases.STATIC, _STILL)
+    first = case.run(profile)
+    if kind == "second":
+        return _second(case, first, still)
+    check = case.run(cases.LOOPS, _CHECK)
+    began = time.perf_counter()
+    found = diagnose([first], MODEL, check=[check], static=still)
+    result = {"diagnosis_s": round(time.perf_counter() - began, 2), **_said(found)}
+    if hidden:
+        result |= _held_out(case, first, check, found)
+    given = peers.shelf(first, MODEL)
+    for name, choice in (("frols", peers.frols(given)), ("stlsq", peers.stlsq(given))):
+        result[name] = {"ranking": choice.ranking[:3], "score": choice.score, "default": choice.default}
+    return result
+
+
+def _said(found: Diagnosis) -> dict[str, Any]:
+    listed = [
+        {"effect": s.effect, "found": s.found, "evidence": round(s.evidence, 2), "alike": s.look_alikes}
+        for s in found.suspects
+    ]
+    return {
+        "verdict": found.verdict,
+        "found": [s.effect for s in found.found],
+        "alike": sorted({name for s in found.found for name in s.look_alikes}),
+        "suspects": listed,
+        "threshold": round(found.threshold, 2),
+        "unexplained": [(place.channel, place.p) for place in found.unexplained][:3],
+        "noise": found.noise_finding,
+        "sentence": found.sentence,
+    }
+
+
+def _held_out(case: cases.Case, first: Dataset, check: Dataset, found: Diagnosis) -> dict[str, Any]:
+    """RMS on the unseen run over its realised noise: the present model, with what was named, its rival, the truth."""
+    noise = cases.rms(check.bias - case.run(cases.LOOPS, _CHECK, cases.SILENT).bias)
+    named = [s for s in found.suspects if s.found]
+    rival = next((s for s in found.suspects if not s.found), None)
+    names = {HIDDEN[name].effect for name in case.hidden}
+    numbers = {
+        "held_base": found.held_out_rms_dph,
+        "held_named": _error(found.improved, first, check) if named else np.nan,
+        "held_rival": rival.held_out_rms_dph if rival else np.nan,
+        "held_true": np.nan if None in names else _error(_true(sorted(map(str, names)), first), first, check),
+    }
+    return {key: round(value / noise, 4) if np.isfinite(value) else None for key, value in numbers.items()}
+
+
+def _true(names: Sequence[str], first: Dataset) -> Model:
+    model = MODEL
+    for name in names:
+        model = model.adding(effects.suited(effects.make(name), [first]))
+    return model
+
+
+def _error(model: Model, first: Dataset, check: Dataset) -> float:
+    """RMS on the check run of a model fitted to the first, apart from the constant between two days."""
+    left = check.bias - fit(model, first, covariance="none").predict(check).bias
+    return cases.rms(left - np.nanmean(left))
+
+
+def _second(case: cases.Case, first: Dataset, still: Dataset) -> dict[str, Any]:
+    """After the run that the bench proposes, and after the first run again: are the families told apart?"""
+    before = diagnose([first], MODEL, static=still)
+    result = {**_said(before), "tied": _tied(before)}
+    if not result["tied"]:
+        return result
+    proposal = next_experiment(before, [first], static=still)
+    if proposal is None:
+        return result
+    result |= {"proposed": proposal.profile_name, "predicted": [proposal.predicted_before, proposal.predicted_after]}
+    for name, profile, number in (("after", proposal.profile_yaml, _SECOND), ("repeated", case_profile(first), _AGAIN)):
+        second = case.run(profile, number)
+        both = diagnose([first, replace(second, name=f"{second.name} {number}")], MODEL, static=still)
+        result[name] = {**_said(both), "tied": _tied(both)}
+    result["predicted"] = [round(x, 1) if np.isfinite(x) else None for x in result["predicted"]]
+    return result
+
+
+def case_profile(first: Dataset) -> str:
+    """Name of the shipped profile that the first run followed."""
+    return first.name
+
+
+def _tied(found: Diagnosis) -> list[str]:
+    """Families that the answer leaves open; one where it is decided, none where nothing was found."""
+    named = {s.effect for s in found.found[:1]} | set(found.found[0].look_alikes if found.found else ())
+    return sorted({effects.make(name).family for name in named} if len(named) > 1 else ())
