@@ -7,7 +7,7 @@ ticks of the unit's sample counter; a chamber reading stands on the tick nearest
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
 from drivers.journal import Damage, FrameArray, Kind, read_blocks
 
 ROWS_PER_GROUP = 1 << 19
+FRAMES_AT_ONCE = 1 << 15
 HOLD_BACK = 2000
 """Newest samples that wait for their slow frames before a row group is written."""
 
@@ -99,7 +100,8 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
     seen = live or _decode_all(source, gyro)
     segments = bench.segments()
     bus_events: list[dict[str, Any]] = []
-    blocks = _decoded(_blocks(source, damage, bus_events), gyro)
+    decoder = GyroDecoder(gyro["layout"], gyro["number"])
+    blocks = (decoder.decode(frames) for frames in _joined(_blocks(source, damage, bus_events)))
     readings = bench.readings if seen.decoder.samples else bench.readings[:0]  # no sample, no clock to place them on
     rows = _write_data(run.data, blocks, _Grid(readings, segments, seen.clock))
     write_means(run.data, run.means)
@@ -116,7 +118,7 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
         "rows": rows,
         "duration_s": float(bench.readings["t_s"][-1]) if len(bench.readings) else 0.0,
         "segments": segments,
-        "losses": {**seen.decoder.losses.as_dict(), "journal_damaged_bytes": damage.skipped_bytes + damage.torn_bytes},
+        "losses": {**decoder.losses.as_dict(), "journal_damaged_bytes": damage.skipped_bytes + damage.torn_bytes},
         "files": run.hashes(),
     }
     run.write_manifest(manifest)
@@ -127,15 +129,22 @@ def _decode_all(source: Path, gyro: Mapping[str, Any]) -> Decoded:
     """A first pass over the frames: their losses and the unit's clock."""
     decoder = GyroDecoder(gyro["layout"], gyro["number"])
     clock = SampleClock(decoder.interval_s)
-    for frames in _blocks(source, Damage(), []):
+    for frames in _joined(_blocks(source, Damage(), [])):
         decoded = decoder.decode(frames)
         clock.add(decoded.index, decoded.t_ns)
     return Decoded(decoder, clock)
 
 
-def _decoded(blocks: Iterator[FrameArray], gyro: Mapping[str, Any]) -> Iterator[GyroBlock]:
-    decoder = GyroDecoder(gyro["layout"], gyro["number"])
-    return (decoder.decode(frames) for frames in blocks)
+def _joined(blocks: Iterable[FrameArray]) -> Iterator[FrameArray]:
+    """The same frames in fewer, larger blocks: they decode several times faster."""
+    waiting: list[FrameArray] = []
+    for block in blocks:
+        waiting.append(block)
+        if sum(map(len, waiting)) >= FRAMES_AT_ONCE:
+            yield np.concatenate(waiting)
+            waiting = []
+    if waiting:
+        yield np.concatenate(waiting)
 
 
 def _blocks(source: Path, damage: Damage, events: list[dict[str, Any]]) -> Iterator[FrameArray]:

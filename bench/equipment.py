@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, PositiveFloat, model_validator
@@ -169,6 +170,6 @@ class StationSettings(BaseModel):
             self.ambient_degc,
         )
 
-    def seeds(self) -> dict[str, int]:
-        """Seeds that make a simulated run repeatable."""
-        return {"station": self.seed} if self.simulated else {}
+    def seeds(self, occasion: str) -> dict[str, int]:
+        """Seeds that make a simulated run repeatable; two occasions (profiles) do not share their noise."""
+        return {"station": self.seed, "run": zlib.crc32(f"{self.seed} {occasion}".encode())} if self.simulated else {}

@@ -61,7 +61,7 @@ def run_job(job: Job, onlooker: Callable[[Station, Status], None] = lambda stati
     interrupt that nobody handled) is raised again, after the safe state and with the run folder finished.
     """
     unit = job.station.unit(job.serial)
-    with open_station(job.station, [unit]) as station:
+    with open_station(job.station, [unit], job.profile.name) as station:
         recorder = _open_recorder(job, unit, station)
         try:
             error = _conduct(job, station, recorder, onlooker)
@@ -82,7 +82,7 @@ def _open_recorder(job: Job, unit: UnitSettings, station: Station) -> Recorder:
         "station": job.station.name,
         "simulated": job.station.simulated,
         "gyro": {"layout": unit.gyro, "number": unit.number, "bus": unit.bus},
-        "seeds": job.station.seeds(),
+        "seeds": job.station.seeds(job.profile.name),
         "versions": versions(),
     }
     try:

@@ -26,6 +26,8 @@ from drivers.errors import LinkError
 TICK_S = 1.0
 APPEAR_S = 10.0
 """Every unit has to be heard within this time, or nothing starts."""
+ARRIVED_DEGC = 0.05
+"""A working set point this near to the target has arrived; controllers display tenths."""
 LINK_LOST_S = 10.0
 OFF_S = 10.0
 """A chamber that says that it is off for longer than this while a leg runs has left us."""
@@ -182,9 +184,15 @@ class Sequencer:
 
     def _complete(self, leg: Leg, now_s: float, from_s: float, settled_s: float) -> bool:
         if leg.kind == "ramp":
-            return abs(self._air() - leg.target_degc) <= leg.arrival_band_degc
+            return self._commanded_all(leg) and abs(self._air() - leg.target_degc) <= leg.arrival_band_degc
         since_s = settled_s if leg.kind == "step" else from_s
         return now_s - since_s >= leg.duration_s
+
+    def _commanded_all(self, leg: Leg) -> bool:
+        """Whether the set point in force is that of the end of the ramp."""
+        in_force = None if self._reading is None else self._reading.working_setpoint
+        in_force = self._chamber.commanded if in_force is None else in_force
+        return in_force is not None and abs(in_force - leg.target_degc) < ARRIVED_DEGC
 
     def _wait_for_release(self, leg: Leg) -> None:
         here = replace(leg, name="hold", kind="soak", rate_degc_per_min=None, settle=None, target_degc=self._here())

@@ -16,7 +16,6 @@ import yaml
 from bench.errors import EquipmentError
 from bench.station import Bus, StationSettings, simulate
 from drivers.clock import Clock, WallClock
-from drivers.registers import load_map
 from drivers.sim.loopcan import Broker
 from drivers.sim.station import SimulatedStation
 
@@ -61,8 +60,7 @@ def serve(settings: StationSettings, modbus_port: int = 0, can_port: int = 0) ->
                 raise EquipmentError(f"cannot serve bus {name} on 127.0.0.1:{can_port}: {error.strerror}") from None
             ports[name] = broker.port
         buses = {name: Bus(interface="loopcan", channel=str(port)) for name, port in ports.items()}
-        registers = load_map(settings.chamber.map)
-        simulated = simulate(settings, registers, settings.units, buses, stack, modbus_port)
+        simulated = simulate(settings, settings.units, buses, stack, modbus_port=modbus_port)
         stack.enter_context(closing(simulated))
         yield Served(settings, simulated, ports)
 

@@ -165,15 +165,18 @@ class Station:
 
 
 @contextmanager
-def open_station(settings: StationSettings, units: Sequence[UnitSettings]) -> Iterator[Station]:
-    """Open what `units` need: the chamber, identified, and the buses; closed again in reverse order."""
+def open_station(settings: StationSettings, units: Sequence[UnitSettings], occasion: str = "") -> Iterator[Station]:
+    """Open what `units` need: the chamber, identified, and the buses; closed again in reverse order.
+
+    `occasion`, the name of what is run, makes the noise of a simulated station its own.
+    """
     registers = load_map(settings.chamber.map)
     with ExitStack() as stack:
         clock: Clock
         if settings.simulated:
             clock = SimClock()
             buses = _private_buses(settings)
-            simulation = stack.enter_context(closing(simulate(settings, registers, units, buses, stack)))
+            simulation = stack.enter_context(closing(simulate(settings, units, buses, stack, occasion)))
             clock.attach(simulation.advance)
             connection = Connection(url=f"tcp://127.0.0.1:{simulation.modbus_port}")
         else:
@@ -195,22 +198,23 @@ def open_station(settings: StationSettings, units: Sequence[UnitSettings]) -> It
 
 def simulate(
     settings: StationSettings,
-    registers: RegisterMap,
     units: Sequence[UnitSettings],
     buses: Mapping[str, Bus],
     stack: ExitStack,
+    occasion: str = "",
     modbus_port: int = 0,
 ) -> SimulatedStation:
     """The simulated chamber and units of a station file, on these buses; `stack` closes the buses."""
-    plant = Plant(PlantParameters(ambient_degc=settings.ambient_degc), seed=settings.seed)
+    seed = settings.seeds(occasion)["run"]
+    plant = Plant(PlantParameters(ambient_degc=settings.ambient_degc), seed=seed)
     simulated = []
     for unit in units:
         physics = default_unit() if unit.simulation is None else GyroPhysics.parse(unit.simulation)
         bus = open_bus(buses[unit.bus].to_driver())
         stack.callback(bus.shutdown)
         wire = CanGyro(bus, unit.number, unit.identity or unit.number + 1, layout=unit.gyro)
-        simulated.append(SimulatedUnit(Resonator(physics, seed=settings.seed + settings.units.index(unit)), wire))
-    return SimulatedStation(registers, plant, simulated, modbus_port)
+        simulated.append(SimulatedUnit(Resonator(physics, seed=seed + settings.units.index(unit)), wire))
+    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port)
 
 
 def _private_buses(settings: StationSettings) -> dict[str, Bus]:

@@ -178,6 +178,7 @@ def test_damage_in_the_journal_costs_only_its_block(copy):
 
 
 def test_row_groups_change_nothing(short_run, copy, monkeypatch):
+    monkeypatch.setattr(bench.assemble, "FRAMES_AT_ONCE", 600)
     monkeypatch.setattr(bench.assemble, "ROWS_PER_GROUP", 5000)
     assemble(copy)
     assert pq.ParquetFile(copy.data).num_row_groups > 8
@@ -185,6 +186,7 @@ def test_row_groups_change_nothing(short_run, copy, monkeypatch):
 
 
 def test_a_unit_that_falls_silent_keeps_its_chamber_readings(copy, monkeypatch):
+    monkeypatch.setattr(bench.assemble, "FRAMES_AT_ONCE", 600)
     monkeypatch.setattr(bench.assemble, "ROWS_PER_GROUP", 5000)
     frames = frames_of(copy)
     silent = frames["t_ns"] >= 60_000_000_000

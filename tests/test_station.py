@@ -40,7 +40,7 @@ def load(content):
 def test_a_real_station_is_read():
     station = load(REAL)
     assert not station.simulated
-    assert station.seeds() == {}
+    assert station.seeds("") == {}
     assert station.unit("G2").number == 1
     assert station.limits().low_degc == -40.0
 
@@ -48,7 +48,7 @@ def test_a_real_station_is_read():
 def test_the_embedded_station_has_one_unit_that_needs_no_naming():
     station = acquisition.station()
     assert station.unit(None).serial == "SIM-0001"
-    assert station.seeds() == {"station": 1}
+    assert station.seeds("")["station"] == 1
 
 
 def test_a_unit_has_to_be_named_where_there_are_several_and_known_where_it_is_named():
