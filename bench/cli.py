@@ -221,3 +221,51 @@ def effects(action: str, name: str | None, own_effects: tuple[str, ...]) -> Answ
     if (action == "show") != (name is not None):
         raise click.UsageError("`bench effects` lists all, `bench effects show NAME` explains one")
     return diagnosis.effects() if name is None else diagnosis.show_effect(name)
+
+
+@main.command()
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@model_argument
+@click.option("--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable.")
+@click.option("--static", type=click.Path(path_type=Path), help="Isothermal run of the same unit: tells the noise.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write the model that the walk ends with.")
+@effect_option
+@json_option
+@_answer
+def improve(
+    runs: tuple[Path, ...],
+    check_runs: tuple[Path, ...],
+    static: Path | None,
+    model: str,
+    out: Path | None,
+    own_effects: tuple[str, ...],
+) -> Answer:
+    """The whole walk unattended: diagnose, add, prove on unseen data, until nothing more pays."""
+    from bench.workflow import diagnosis
+
+    return diagnosis.improve(runs, check_runs, static, model, out, own_effects)
+
+
+@main.command()
+@click.option("--seed", type=click.IntRange(0), help="Same seed, same unit; default: a random one.")
+@click.option("--effects", "count", type=click.IntRange(1), default=1, show_default=True, help="How many are hidden.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("mystery"), show_default=True, help="Its folder.")
+@json_option
+@_answer
+def mystery(seed: int | None, count: int, out: Path) -> Answer:
+    """Record a simulated unit with hidden effects, a check run and an isothermal run, and tell nothing."""
+    from bench.workflow import diagnosis
+
+    return diagnosis.mystery(seed, count, out)
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@model_argument
+@json_option
+@_answer
+def reveal(folder: Path, model: str) -> Answer:
+    """Open the envelope of a mystery in FOLDER and score your model against the truth."""
+    from bench.workflow import diagnosis
+
+    return diagnosis.reveal(folder, model)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import secrets
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -66,9 +67,10 @@ def diagnose(
 
     _register(own_effects)
     datasets, checks = _load(runs), _load(check)
-    found = find(datasets, load_model(model), check=checks, static=_load([static])[0] if static else None)
+    isothermal = _load([static])[0] if static else None
+    found = find(datasets, load_model(model), check=checks, static=isothermal)
     content = found.to_json()
-    content["next_experiment"] = _next_experiment(found, datasets, plan)
+    content["next_experiment"] = _next_experiment(found, datasets, isothermal, plan or runs[0] / "next.yaml")
     (runs[0] / "diagnosis.json").write_text(json.dumps(content, indent=1, allow_nan=False))
     return Answer(content, _text(found, content))
 
@@ -91,6 +93,69 @@ def add(effect: str, model: str, out: Path, own_effects: Sequence[str]) -> Answe
     return Answer({"model": str(out), "effects": names}, f"wrote {out}: {' + '.join(names)}")
 
 
+def improve(
+    runs: Sequence[Path],
+    check: Sequence[Path],
+    static: Path | None,
+    model: str,
+    out: Path | None,
+    own_effects: Sequence[str],
+) -> Answer:
+    """`bench improve`: diagnose, add, prove on unseen data, until nothing more pays."""
+    from bench.diagnosis.improve import improve as walk
+    from bench.model import load_model
+
+    _register(own_effects)
+    isothermal = _load([static])[0] if static else None
+    found = walk(_load(runs), _load(check), load_model(model), static=isothermal)
+    lines = [f"{step.action:<8} {step.effect:<22} {step.sentence}" for step in found.steps]
+    lines += ["", f"{found.model.name}: {' + '.join(effect.name for effect in found.model.effects)}"]
+    if out is not None:
+        try:
+            write_atomically(out, found.model.to_yaml().encode())
+        except OSError as error:
+            raise InputError(f"cannot be written: {error.strerror}", out) from None
+        lines += [f"wrote {out}"]
+    return Answer(found.to_json(), "\n".join(lines))
+
+
+def mystery(seed: int | None, count: int, out: Path) -> Answer:
+    """`bench mystery`: record a unit with something hidden, and tell nothing."""
+    from bench.mystery import make_mystery
+    from bench.workflow.acquisition import library
+
+    seed = secrets.randbelow(1_000_000) if seed is None else seed
+    profiles = library()
+    made = make_mystery(seed, count, out, profiles / "ramp_-40_85.yaml", profiles / "check_minor_loops.yaml")
+    content = {"seed": seed, "run": str(made.run), "check": str(made.check), "static": str(made.static)}
+    steps = f"""Unit MYSTERY-{seed} hides something. Find it:
+
+  bench diagnose {made.run} --check {made.check} --static {made.static} --model spline
+  bench add EFFECT --model spline --out mine.yaml
+  bench compare {made.run} --check {made.check} --model spline --model mine.yaml
+  bench reveal {out} --model mine.yaml"""
+    return Answer(content, steps)
+
+
+def reveal(folder: Path, model: str) -> Answer:
+    """`bench reveal`: open the envelope and score a model."""
+    from bench.model import load_model
+    from bench.mystery import reveal as opened
+
+    score = opened(folder, load_model(model))
+    lines = [
+        f"hidden   {item['mechanism']} (strength {item['strength']} x noise; library: {item['effect'] or 'not in it'})"
+        for item in score.hidden
+    ]
+    for word in ("right", "wrong", "missed"):
+        lines.append(f"{word:<8} {', '.join(getattr(score, word)) or '-'}")
+    lines.append(
+        f"held-out {score.held_out_rms_dph:.4f} deg/h RMS; the true model {score.true_model_rms_dph:.4f}, "
+        f"perfect knowledge {score.floor_dph:.4f}"
+    )
+    return Answer(score.to_json(), "\n".join(lines))
+
+
 def _register(own_effects: Sequence[str]) -> None:
     from bench.effects.registry import load_effect
 
@@ -104,8 +169,20 @@ def _load(paths: Sequence[Path]) -> list[Dataset]:
     return [load(recover(path).path) for path in paths]
 
 
-def _next_experiment(found: Diagnosis, datasets: Sequence[Dataset], plan: Path | None) -> dict[str, Any] | None:
-    return None
+def _next_experiment(
+    found: Diagnosis, datasets: Sequence[Dataset], static: Dataset | None, plan: Path
+) -> dict[str, Any] | None:
+    """The run that would separate what the data cannot tell apart, its profile written to `plan`."""
+    from bench.diagnosis.experiment import next_experiment
+
+    proposal = next_experiment(found, datasets, static=static)
+    if proposal is None:
+        return None
+    try:
+        plan.write_text(proposal.profile_yaml, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}; choose another place with --plan", plan) from None
+    return proposal.to_json(str(plan))
 
 
 def _text(found: Diagnosis, content: dict[str, Any]) -> str:
