@@ -27,7 +27,7 @@ STLSQ_THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
 
 @dataclass(frozen=True)
 class Choice:
-    """Effects in the order of a peer's preference, each once, and its score of the first; `default`: names it unasked."""
+    """Effects in the order of a peer's preference and its score of the first; `default`: names it unasked."""
 
     ranking: tuple[str, ...]
     score: float

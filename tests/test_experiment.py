@@ -1,0 +1,192 @@
+"""The next experiment: what it predicts, that the profile can be run, and that it decides what one ramp cannot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench import effects, profile, virtual
+from bench.dataset import Dataset
+from bench.design import assemble
+from bench.diagnosis.diagnose import diagnose
+from bench.diagnosis.evidence import weigh
+from bench.diagnosis.experiment import Noise, Rival, next_experiment, propose, separation
+from bench.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans
+from bench.diagnosis.prediction import chamber_model, predicted_record
+from bench.diagnosis.suspects import Layout
+from bench.model import Model
+from drivers.sim.resonator import UnitSettings
+
+RAMP = """name: ramp
+start: {temperature_degc: 25, soak_min: 5}
+settle: {dwell_min: 2, slope_degc_per_min: 0.3}
+segments:
+  - {kind: ramp, to_degc: -5, rate_degc_per_min: 1}
+  - {kind: soak, duration_min: 10}
+  - {kind: ramp, to_degc: 65, rate_degc_per_min: 1}
+  - {kind: soak, duration_min: 10}
+  - {kind: ramp, to_degc: 25, rate_degc_per_min: 1}
+"""
+CURVE = {"mechanism": "static_bias", "coefficients_dph": [2.0, 3.0, 1.0]}
+NOISE = {"angle_random_walk": 0.01, "bias_instability": 0.03, "rate_random_walk": 0.01}
+HIDDEN = {
+    "thermal_lag": {"mechanism": "thermal_lag", "tau_s": 150.0},
+    "temperature_rate": {"mechanism": "temperature_rate", "k_dph_per_degc_per_min": 0.15},
+    "hysteresis": {"mechanism": "bouc_wen", "amplitude_dph": 0.2, "length_degc": 8.0},
+}
+MODEL = Model("curve", (effects.make("spline", {"intervals": 4}),))
+LIMITS = ChamberLimits(-20.0, 70.0, 2.0, 1.5, 300.0)
+
+
+def record(hidden: str, text: str = RAMP, seed: int = 1) -> Dataset:
+    settings = UnitSettings.parse({"truth": [CURVE, HIDDEN[hidden]], "noise": NOISE})
+    trace = virtual.chamber(profile.from_text(text), seed=seed)
+    samples = virtual.unit(settings, trace, seed)
+    rows = 10 * 30 * (len(samples.time) // 300)
+
+    def mean(values):
+        return np.nanmean(values[:rows].reshape(-1, 300), axis=1)
+
+    wanted = ("rate", "temperature", "chamber_setpoint", "chamber_temperature")
+    channels = {name: mean(samples.channels[name]) for name in wanted}
+    time = 30.0 * (np.arange(rows // 300) + 0.5)
+    return Dataset(f"{hidden} {seed}", time, channels, np.zeros(len(time), dtype=np.int64), (), 30.0)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return {name: record(name) for name in HIDDEN}
+
+
+def judged(*runs):
+    layout = Layout(assemble(MODEL, runs), np.zeros(0))
+    offered = {name: effects.suited(effects.make(name), runs) for name in HIDDEN}
+    found = weigh(layout.problem, [layout.candidate(effect, name) for name, effect in offered.items()], nulls=0)
+    rivals = [Rival(s.name, offered[s.name], s.theta, s.evidence) for s in found.suspects]
+    return layout, rivals, Noise(found.suspects[0].point, found.suspects[0].sigma2)
+
+
+def strengthened(rivals):
+    return [replace(rival, evidence=40.0) for rival in rivals]
+
+
+@pytest.mark.parametrize("truth", list(HIDDEN))
+def test_the_proposed_run_tells_apart_what_one_ramp_at_one_rate_hardly_does(runs, truth):
+    layout, rivals, noise = judged(runs[truth])
+    rivals = [rival for rival in rivals if rival.name == truth or rival.name == strongest_other(rivals, truth)]
+    proposal = propose(layout, strengthened(rivals), noise, LIMITS)
+    assert proposal.predicted_after > 20.0
+    assert proposal.predicted_after > 2.0 * proposal.predicted_before
+    assert proposal.probability_after > max(0.93, proposal.probability_before)
+    second = record(truth, proposal.profile_yaml, seed=2)
+    ranked = judged(runs[truth], second)[1]
+    assert ranked[0].name == truth
+    assert ranked[0].evidence - ranked[1].evidence > 6.0
+
+
+def strongest_other(rivals, truth):
+    return next(rival.name for rival in rivals if rival.name != truth)
+
+
+def test_what_is_proposed_can_be_run_and_keeps_to_the_chamber(runs):
+    layout, rivals, noise = judged(runs["temperature_rate"])
+    proposal = propose(layout, strengthened(rivals), noise, LIMITS)
+    read = profile.from_text(proposal.profile_yaml)
+    ends = [leg.target_degc for leg in read.legs()]
+    assert min(ends) >= LIMITS.lowest_degc
+    assert max(ends) <= LIMITS.highest_degc
+    assert all((leg.rate_degc_per_min or 0.0) <= LIMITS.heating_degc_per_min for leg in read.legs())
+    assert proposal.duration_min <= LIMITS.budget_min
+    answer = proposal.to_json("next.yaml")
+    assert answer["profile"] == "next.yaml"
+    assert set(answer["separates"]) == set(HIDDEN)
+    assert "probability" in answer["why"]
+
+
+def test_every_profile_of_the_library_is_one_that_the_bench_reads():
+    for plan in plans(LIMITS):
+        read = profile.from_text(plan.to_yaml(LIMITS, "why: it is done, and what it's for"))
+        assert read.name == plan.name
+        nominal = [leg for leg in read.legs() if leg.kind != "step"]
+        assert sum(leg.nominal_s for leg in nominal) == pytest.approx(plan.duration_s, abs=60.0)
+    names = [plan.name for plan in plans(LIMITS)]
+    assert len(set(names)) == len(names) > 5
+
+
+def test_a_budget_that_nothing_fits_leaves_the_shortest():
+    short = replace(LIMITS, budget_min=5.0)
+    assert len(plans(short)) == 1
+
+
+def test_weak_evidence_is_no_basis_for_a_design(runs):
+    layout, rivals, noise = judged(runs["hysteresis"])
+    weak = [replace(rival, evidence=8.0) for rival in rivals]
+    proposal = propose(layout, weak, noise, LIMITS)
+    assert proposal.profile_name == minor_loops(LIMITS).name
+    assert "too weak" in proposal.why
+    assert proposal.to_json("p")["predicted_after"] is None
+
+
+def test_shapes_of_one_family_need_no_experiment(runs):
+    layout, rivals, noise = judged(runs["hysteresis"])
+    loop = next(rival for rival in rivals if rival.name == "hysteresis")
+    assert propose(layout, [loop, loop], noise, LIMITS) is None
+
+
+def test_causes_that_the_chamber_does_not_move_are_to_be_moved_by_hand(runs):
+    layout, rivals, noise = judged(runs["temperature_rate"])
+    supply = Rival("supply_voltage", effects.make("supply_voltage"), (), 30.0)
+    proposal = propose(layout, [rivals[0], supply], noise, LIMITS)
+    assert "step the supply" in proposal.why
+    assert "supply_voltage" in proposal.separates
+    assert profile.from_text(proposal.profile_yaml).duration_s > 2 * 3600
+
+
+def test_standing_still_and_reversing_separates_better_than_the_same_again(runs):
+    layout, rivals, noise = judged(runs["temperature_rate"])
+    pair = [rival for rival in rivals if rival.name in {"temperature_rate", "hysteresis"}]
+    again = Plan("again", "", 25.0, (Move(-5.0, 1.0, 10.0), Move(65.0, 1.0, 10.0), Move(25.0, 1.0)))
+    alone, repeated = separation(layout, pair, noise), separation(layout, pair, noise, again)
+    loops = separation(layout, pair, noise, minor_loops(LIMITS))
+    assert alone < repeated < loops
+
+
+def test_the_chamber_is_learnt_from_the_run_and_predicts_another(runs):
+    run = runs["thermal_lag"]
+    model = chamber_model([run])
+    assert 60.0 < model.slow_s < 900.0
+    assert model.rms_degc < 0.5
+    plan = minor_loops(LIMITS)
+    other = record("thermal_lag", plan.to_yaml(LIMITS, "another run"), seed=3)
+    predicted = model.temperature(other.time, other.channels["chamber_setpoint"])
+    assert float(np.sqrt(np.mean((predicted - other.channels["temperature"])[60:] ** 2))) < 1.0
+    planned = predicted_record([run], plan.setpoint(), 30.0)
+    assert np.ptp(planned.channel("temperature")) > 0.8 * np.ptp(plan.setpoint())
+
+
+def test_a_run_without_set_point_is_predicted_with_a_typical_chamber(runs):
+    run = runs["thermal_lag"]
+    bare = replace(run, channels={name: run.channels[name] for name in ("rate", "temperature")})
+    assert chamber_model([bare]).slow_s == 300.0
+
+
+def test_limits_are_what_the_runs_showed(runs):
+    limits = chamber_limits([runs["thermal_lag"]])
+    assert -6.0 <= limits.lowest_degc <= -2.0
+    assert 62.0 <= limits.highest_degc <= 67.0
+    assert 1.5 <= limits.heating_degc_per_min <= 2.5
+
+
+def test_a_diagnosis_that_leaves_nothing_open_needs_no_experiment(runs):
+    candidates = [effects.make("thermal_lag")]
+    found = diagnose([runs["thermal_lag"]], MODEL, candidates=candidates)
+    assert next_experiment(found, [runs["thermal_lag"]]) is None
+
+
+def test_a_diagnosis_with_look_alikes_gets_the_run_that_decides(runs):
+    run = runs["hysteresis"]
+    found = diagnose([run], MODEL, candidates=[effects.make(name) for name in HIDDEN])
+    first = replace(found.suspects[0], look_alikes=tuple(n for n in HIDDEN if n != found.suspects[0].effect))
+    proposal = next_experiment(replace(found, suspects=(first, *found.suspects[1:])), [run], limits=LIMITS)
+    assert set(proposal.separates) == set(HIDDEN)
+    assert profile.from_text(proposal.profile_yaml).name == proposal.profile_name
