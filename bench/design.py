@@ -11,6 +11,7 @@ import numpy as np
 from bench.channels import BoolArray, FloatArray, IntArray
 from bench.dataset import Dataset
 from bench.effects.base import Demanding, Effect, MovesAbscissa, Parameter, Theta
+from bench.effects.registry import suited
 from bench.errors import InputError
 from bench.model import Model
 
@@ -171,7 +172,8 @@ def assemble(model: Model, records: tuple[Dataset, ...], rows: Sequence[BoolArra
     if not any(mask.any() for mask in masks):
         names = ", ".join(record.name for record in records)
         raise InputError(f"zero rows to fit for model '{model.name}' ({model.rows} rows of {names})")
-    return Problem(model, records, masks)
+    within = replace(model, effects=tuple(suited(effect, records) for effect in model.effects))
+    return Problem(within, records, masks)
 
 
 def _usable(model: Model, record: Dataset) -> BoolArray:
