@@ -30,7 +30,8 @@ STATIC = "static"
 _STATIC_YAML = (
     "name: static\nstart: {temperature_degc: 25, soak_min: 60}\nsegments:\n  - {kind: soak, duration_min: 180}\n"
 )
-_TURN_S, _TURN_DPS = 600, 50.0
+_TURN_S = 600
+_TURNS_DPS = (0.0, 100.0, 0.0, -100.0, 0.0, 30.0, 0.0, -30.0)
 
 
 @lru_cache(maxsize=8)
@@ -61,9 +62,8 @@ def _recorded(unit: str, profile: str, seed: int, turns: bool) -> Dataset:
 
 
 def table(seconds: int) -> FloatArray:
-    """A rate table that stands and turns in both directions, ten minutes each [deg/s]."""
-    pattern = np.array([0.0, _TURN_DPS, 0.0, -_TURN_DPS])
-    return np.asarray(pattern[np.arange(seconds + 1) // _TURN_S % 4])
+    """A rate table that stands and turns at two rates in both directions, ten minutes each [deg/s]."""
+    return np.asarray(np.array(_TURNS_DPS)[np.arange(seconds + 1) // _TURN_S % len(_TURNS_DPS)])
 
 
 def dataset(samples: virtual.Samples, path: virtual.Trace, name: str) -> Dataset:

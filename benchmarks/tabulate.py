@@ -31,8 +31,9 @@ _PEERS_NOTE = """
 The peers get the bench's own library of regressors, its nonlinear parameters on a grid, made orthogonal to the spline,
 and the spline's residual. *FROLS* is SysIdentPy's, number of terms by its BIC; *STLSQ* is pysindy's, its threshold
 chosen by BIC from {thresholds}. Both name something unasked on most clean runs (table below), so each gets the
-score threshold that 95 % of the clean runs here stay under: FROLS' error reduction ratio of its first term {frols}, STLSQ's largest
-coefficient {stlsq}. *first* is the share of cases in which its first choice is right, *named* with that threshold.
+score threshold that 95 % of the clean runs here stay under: {frols} for FROLS' first error reduction ratio, {stlsq} for
+STLSQ's largest coefficient. *first* is the share of cases in which its first choice is right, *named* with that
+threshold.
 """
 
 
