@@ -1,10 +1,10 @@
-"""A run folder judged: floor, ladder of models, best model, completeness, verdict; written as JSON beside the data."""
+"""A run folder judged: floor, ladder of models, diagnosis of the best, verdict; written as JSON beside the data."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,9 @@ from bench.model import Model
 from bench.report.calibration import calibration
 from bench.report.cautions import cautions
 from bench.report.completeness import Completeness, completeness
+from bench.report.diagnosed import Diagnosed, diagnosed
 from bench.report.floor import Floor, noise_floor
-from bench.report.verdict import Verdict, judge
+from bench.report.verdict import Verdict, judge, with_diagnosis
 from bench.store import Manifest, RunFolder, write_atomically
 
 BASELINES = 3
@@ -46,6 +47,7 @@ class Analysis:
     uncompensated_dph: float = np.nan
     """RMS of the bias about its mean: the error of a unit without compensation [deg/h]."""
     warnings: tuple[str, ...] = ()
+    diagnosed: Diagnosed = field(default_factory=Diagnosed)
 
     @property
     def held_out_ratio(self) -> float:
@@ -89,6 +91,7 @@ class Analysis:
             "missing_samples": self.done.missing,
             "losses": dict(self.done.losses),
             "warnings": list(self.warnings),
+            "diagnosis": self.diagnosed.to_json(),
         }
 
 
@@ -97,12 +100,15 @@ def analyse(
     models: Sequence[Model] = (),
     check: Sequence[Path | str] = (),
     interval_s: float = DEFAULT_INTERVAL_S,
+    *,
+    diagnose: bool = True,
 ) -> Analysis:
     """Analyse a run with `models` (default: those of the source papers) beside the baselines.
 
     With `check` runs of the same unit the held-out error is measured on them. A run that was aborted or holds nothing
     is no error: the analysis says so. Raises InputError when the folder is no run or a check run cannot be read.
-    Writes compare.json and calibration.json into the run folder.
+    `diagnose` asks which effect the best model lacks, in some ten seconds. Writes compare.json, calibration.json and,
+    with a diagnosis, diagnosis.json into the run folder.
     """
     run = RunFolder(Path(run_folder))
     manifest = run.manifest()
@@ -116,6 +122,7 @@ def analyse(
     else:
         data = base.average(interval_s)
         result = _judged(Analysis(run, manifest, interval_s, done, floor, _PENDING, data), data, models, checks)
+        result = _diagnosed(result, data, checks) if diagnose else result
     _write(result)
     return result
 
@@ -141,7 +148,7 @@ def _base(run: RunFolder) -> tuple[Dataset | None, str]:
 def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Sequence[Dataset]) -> Analysis:
     rungs = [*ladder()[:BASELINES], *(models or ladder()[BASELINES:])]
     comparison = compare(data, rungs, known.floor.floor_dph, checks or None, strict=False)
-    best = _best(comparison)
+    best = _best(comparison.scores)
     reason = comparison.refused[-1][1] if comparison.refused else ""
     weight = data.count("rate")
     mean = np.nansum(weight * data.bias) / np.sum(weight)
@@ -156,12 +163,25 @@ def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Seq
     )
 
 
-def _best(comparison: Comparison) -> Score | None:
+def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset]) -> Analysis:
+    """Diagnose the best model of those fitted to all rows: what one of a branch lacks is the other branch."""
+    scores = known.comparison.scores if known.comparison else ()
+    best = _best([score for score in scores if score.model.rows == "all"])
+    if best is None:
+        return known
+    found = diagnosed(data, best.model, checks, known.floor.floor_dph)
+    if found.answer is None:
+        reason = f"not diagnosed: {found.reason}"
+        return replace(known, diagnosed=found, warnings=(*known.warnings, reason))
+    return replace(known, diagnosed=found, verdict=with_diagnosis(known.verdict, found.answer))
+
+
+def _best(scores: Sequence[Score]) -> Score | None:
     """Least error on unseen data; where no model has one, the least error on its own."""
-    proven = [score for score in comparison.scores if np.isfinite(score.held_out.rms_dph)]
+    proven = [score for score in scores if np.isfinite(score.held_out.rms_dph)]
     if proven:
         return min(proven, key=lambda score: score.held_out.rms_dph)
-    return min(comparison.scores, key=lambda score: score.rms_dph, default=None)
+    return min(scores, key=lambda score: score.rms_dph, default=None)
 
 
 def _write(result: Analysis) -> None:
@@ -172,6 +192,8 @@ def _write(result: Analysis) -> None:
     _dump(
         folder / "calibration.json", calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
     )
+    if result.diagnosed.answer is not None:
+        _dump(folder / "diagnosis.json", result.diagnosed.answer.to_json())
 
 
 def _dump(path: Path, content: dict[str, Any]) -> None:

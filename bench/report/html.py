@@ -12,7 +12,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from bench import __version__
-from bench.report import sections_model, sections_run
+from bench.report import sections_diagnosis, sections_model, sections_run
 from bench.report.analysis import Analysis
 from bench.report.markup import Section, clock, moment, number
 from bench.store import write_atomically
@@ -23,6 +23,7 @@ SECTIONS: tuple[Callable[[Analysis], Section | None], ...] = (
     sections_run.profile,
     sections_run.bias,
     sections_model.ladder,
+    sections_diagnosis.missing,
     sections_model.compensation,
     sections_model.spline,
     sections_model.residual,

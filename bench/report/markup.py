@@ -87,6 +87,21 @@ def paragraph(text: object) -> Markup:
     return Markup("<p>{}</p>\n").format(text)
 
 
+def lead(text: object) -> Markup:
+    """The sentence that a section is about, in large type."""
+    return Markup('<p class="lead">{}</p>\n').format(text)
+
+
+def commands(lines: Iterable[str]) -> Markup:
+    """Command lines to copy."""
+    return Markup("<pre><code>{}</code></pre>\n").format("\n".join(lines))
+
+
+def wide(text: object) -> Markup:
+    """Text of a table cell that may take several lines."""
+    return Markup('<span class="wide">{}</span>').format(text)
+
+
 def heading(text: str) -> Markup:
     """A heading below the section's own."""
     return Markup("<h3>{}</h3>\n").format(text)

@@ -1,12 +1,13 @@
-"""The verdict in plain words: is the data complete, and how far above the noise is the best model on unseen data?"""
+"""The verdict in plain words: is the data complete, how far above the noise is the best model, and what is missing?"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from bench.diagnosis.answer import Diagnosis
 from bench.diagnosis.compare import Score
 from bench.report.completeness import Completeness
 from bench.report.markup import clock, number
@@ -14,10 +15,13 @@ from bench.report.markup import clock, number
 ADEQUATE_RATIO = 1.5
 """Held-out error over noise floor up to which nothing worth the effort is left to model."""
 
-Word = Literal["adequate", "model_error", "unproven", "partial", "no_data"]
+Word = Literal["adequate", "missing_effect", "unknown_effect", "model_error", "unproven", "partial", "no_data"]
+"""Words of the diagnosis; `model_error` where nobody diagnosed; the others where nothing is proven."""
 
 _HEADLINES: dict[Word, str] = {
     "adequate": "Adequate",
+    "missing_effect": "An effect is missing",
+    "unknown_effect": "An unknown effect is missing",
     "model_error": "The model leaves an error",
     "unproven": "Not proven",
     "partial": "Partial run",
@@ -25,6 +29,8 @@ _HEADLINES: dict[Word, str] = {
 }
 _TONES: dict[Word, str] = {
     "adequate": "good",
+    "missing_effect": "warn",
+    "unknown_effect": "warn",
     "model_error": "warn",
     "unproven": "warn",
     "partial": "bad",
@@ -38,10 +44,14 @@ class Verdict:
 
     word: Word
     sentence: str
+    missing: tuple[str, ...] = ()
+    """Effects that the diagnosis names."""
 
     @property
     def headline(self) -> str:
         """A few words."""
+        if self.word == "missing_effect" and self.missing:
+            return f"Missing: {' and '.join(self.missing)}"
         return _HEADLINES[self.word]
 
     @property
@@ -59,6 +69,23 @@ def judge(done: Completeness, best: Score | None, floor_dph: float, reason: str)
         return Verdict(word, f"{_state(done)}, {_losses(done)}; no model could be fitted: {reason}.")
     model, word = _model(best, floor_dph)
     return Verdict(word if done.ended else "partial", f"{_state(done)}, {_losses(done)}; {model}.")
+
+
+def with_diagnosis(verdict: Verdict, answer: Diagnosis) -> Verdict:
+    """The verdict of a run with the diagnosis' own word, where the run allows one.
+
+    A run that is not whole stays partial; "adequate" needs a proof on unseen data and a floor to compare it with.
+    """
+    missing = tuple(suspect.effect for suspect in answer.found)
+    if answer.verdict == "adequate":
+        finding = f"{answer.model.name} lacks nothing that this run could show"
+    elif answer.verdict == "missing_effect":
+        finding = f"{answer.model.name} lacks {' and '.join(missing)}"
+    else:
+        finding = f"{answer.model.name} lacks something that no effect of the catalogue explains"
+    kept = verdict.word in {"partial", "no_data"} or (verdict.word == "unproven" and answer.verdict == "adequate")
+    sentence = f"{verdict.sentence.removesuffix('.')}; {finding}."
+    return replace(verdict, word=verdict.word if kept else answer.verdict, sentence=sentence, missing=missing)
 
 
 def _model(best: Score, floor_dph: float) -> tuple[str, Word]:

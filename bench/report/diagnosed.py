@@ -1,0 +1,101 @@
+"""The diagnosis of a run as its report shows it: what is missing, and how the error falls when it is added."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bench.channels import FloatArray
+from bench.dataset import Dataset
+from bench.design import Problem, assemble
+from bench.diagnosis.answer import Diagnosis, SuspectedEffect
+from bench.diagnosis.diagnose import diagnose
+from bench.diagnosis.held_out import unseen
+from bench.errors import InputError
+from bench.fit import fit
+from bench.model import Model
+
+_RIVALS = 2
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One model of the ladder: the diagnosed one, with effects found added, or with a rival in place of the strongest.
+
+    Amplitudes are fitted anew at each rung, nonlinear parameters are those found; errors in RMS [deg/h].
+    """
+
+    name: str
+    in_sample_dph: float
+    held_out_dph: float
+    rival: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosed:
+    """The answer and its ladder; without an answer `reason` says why."""
+
+    answer: Diagnosis | None = None
+    rungs: tuple[Rung, ...] = ()
+    reason: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """What `bench run --json` says about it; the whole answer is in diagnosis.json."""
+        if self.answer is None:
+            return {"verdict": None, "sentence": self.reason or None, "suspects": []}
+        names = [suspect.effect for suspect in self.answer.suspects]
+        return {"verdict": self.answer.verdict, "sentence": self.answer.sentence, "suspects": names}
+
+
+def diagnosed(data: Dataset, model: Model, check: Sequence[Dataset], floor_dph: float) -> Diagnosed:
+    """Diagnose `model` on a run and its check runs; a diagnosis that cannot be made is a reason, never an error.
+
+    `floor_dph` is NaN where the floor is not known.
+    """
+    try:
+        answer = diagnose([data], model, check=check, floor_dph=floor_dph if np.isfinite(floor_dph) else None)
+        return Diagnosed(answer, _rungs(answer, data, tuple(check)))
+    except (InputError, ArithmeticError, ValueError) as error:
+        # Numerics on data that nobody foresaw must not cost the operator the report of hours in the chamber.
+        known = isinstance(error, InputError)
+        return Diagnosed(reason=str(error) if known else f"the diagnosis failed ({type(error).__name__}: {error})")
+
+
+def _rungs(answer: Diagnosis, data: Dataset, check: tuple[Dataset, ...]) -> tuple[Rung, ...]:
+    """The model, each effect found added to it, strongest first, then the rivals of the strongest."""
+    rungs = [Rung(answer.model.name, answer.rms_dph, answer.held_out_rms_dph)]
+    if answer.found:
+        base = fit(answer.model, data, covariance="none")
+        rows = assemble(base.model, (data,), [np.isfinite(residual) for residual in base.residuals])
+        theta = np.array(list(base.theta.values()), dtype=np.float64)
+        for suspect in answer.found:
+            rows = replace(rows, model=rows.model.adding(suspect.model.effects[-1]))
+            theta = np.append(theta, suspect.theta)
+            rungs.append(_rung(f"+ {suspect.effect}", rows, theta, check))
+    return (*rungs, *_rivals(answer))
+
+
+def _rivals(answer: Diagnosis) -> list[Rung]:
+    if not answer.found:
+        return []
+    strongest = answer.found[0]
+    others = rivals(answer, strongest)[:_RIVALS]
+    name = f"{{}} instead of {strongest.effect}"
+    return [Rung(name.format(s.effect), np.nan, s.held_out_rms_dph, rival=True) for s in others]
+
+
+def rivals(answer: Diagnosis, suspect: SuspectedEffect) -> list[SuspectedEffect]:
+    """What else could be in place of a suspect: its look-alikes, then the next in evidence."""
+    others = [s for s in answer.suspects if not s.found]
+    return sorted(others, key=lambda s: (s.effect not in suspect.look_alikes, -s.evidence))
+
+
+def _rung(name: str, rows: Problem, theta: FloatArray, check: tuple[Dataset, ...]) -> Rung:
+    scored = unseen(rows, theta, check)
+    if not scored.residuals:
+        return Rung(name, np.nan, scored.rms_dph)
+    left = np.concatenate([r[mask] for r, mask in zip(scored.residuals, rows.masks, strict=True)])
+    return Rung(name, float(np.sqrt(np.mean(left**2))), scored.rms_dph)
