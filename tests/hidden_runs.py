@@ -6,6 +6,7 @@ The truth integrates states of its own (`drivers.sim.truth`); nothing here knows
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -39,42 +40,50 @@ _SILENT = dict.fromkeys(NOISE, 0.0)
 _CHANNELS = ("rate_dph", "temperature", "frequency", "drive", "quadrature", "supply")
 
 
-def hidden_run(
-    mechanisms: Sequence[Mapping[str, Any]] = (),
-    profile: str = "two_rates",
-    seed: int = 1,
-    *,
-    strength: float | None = None,
-    noise: Mapping[str, float] | None = None,
-    turns: FloatArray | None = None,
-) -> Dataset:
-    """A run of a unit with a smooth static curve, these further mechanisms of the truth, and noise; 30 s means.
+@dataclass(frozen=True)
+class HiddenUnit:
+    """A unit with a smooth static curve, further mechanisms of the truth, `scale` times their size, and noise.
 
-    With `strength` the mechanisms are scaled so that the part of them that no curve over temperature takes has this
-    multiple of the noise's RMS (a lag by scaling the curve that it shifts). `turns` (n,) [deg/s] turns the unit.
+    A thermal mechanism is scaled through the curve that it shifts.
     """
-    noise = NOISE if noise is None else noise
-    full = _record([STATIC, *mechanisms], _SILENT, profile, seed, turns)
-    random = _record([], noise, profile, seed, turns)
-    applied = full["applied_rate"] * 3600.0
-    random["rate"] = random["rate"] - applied
-    rate = full["rate"]
-    if strength is not None:
+
+    mechanisms: tuple[Mapping[str, Any], ...] = ()
+    scale: float = 1.0
+    noise: Mapping[str, float] = field(default_factory=lambda: NOISE)
+
+    def at_strength(self, strength: float, profile: str = "two_rates") -> HiddenUnit:
+        """Scaled so that what no curve over temperature takes of the mechanisms is so many times the noise (RMS)."""
+        if not self.mechanisms:
+            return self
+        full, plain = (_record([STATIC, *m], _SILENT, profile, 0, None) for m in (self.mechanisms, ()))
+        noise = np.mean([_beyond(full, _record([], self.noise, profile, s, None)["rate"]) for s in range(3)])
+        hidden = _beyond(full, full["rate"] - plain["rate"])
+        return replace(self, scale=strength * float(noise) / hidden)
+
+    def run(self, profile: str = "two_rates", seed: int = 1, turns: FloatArray | None = None) -> Dataset:
+        """30 s means of one run; `turns` (n,) [deg/s] turns the unit, noise and channels wander by the seed."""
+        full = _record([STATIC, *self.mechanisms], _SILENT, profile, seed, turns)
         plain = _record([STATIC], _SILENT, profile, seed, turns)["rate"]
-        factor = strength * _beyond(full, random["rate"]) / _beyond(full, full["rate"] - plain)
-        thermal = _is_thermal(mechanisms)
-        rate = applied + factor * (rate - applied) if thermal else plain + factor * (rate - plain)
-    full["rate"] = rate + random["rate"]
-    segments = _segments(profile)
-    middle = INTERVAL_S * (np.arange(len(rate), dtype=np.float64) + 0.5)
-    which = np.searchsorted([s.from_s for s in segments], middle, side="right") - 1
-    name = f"{profile} {seed}"
-    return Dataset(name, middle, full, which.astype(np.int64), segments, float(INTERVAL_S))
+        applied = 3600.0 * full["applied_rate"]
+        kept = applied if self._thermal else plain
+        noise = _record([], self.noise, profile, seed, turns)["rate"] - applied
+        full["rate"] = kept + self.scale * (full["rate"] - kept) + noise
+        segments = _segments(profile)
+        middle = INTERVAL_S * (np.arange(len(noise), dtype=np.float64) + 0.5)
+        which = np.searchsorted([s.from_s for s in segments], middle, side="right") - 1
+        return Dataset(f"{profile} {seed}", middle, full, which.astype(np.int64), segments, float(INTERVAL_S))
+
+    @property
+    def _thermal(self) -> bool:
+        settings = UnitSettings.parse({"truth": list(self.mechanisms)})
+        return any(m.kind == "thermal" for m in settings.truth)
 
 
-def _is_thermal(mechanisms: Sequence[Mapping[str, Any]]) -> bool:
-    settings = UnitSettings.parse({"truth": list(mechanisms)})
-    return any(m.kind == "thermal" for m in settings.truth)
+def hidden_run(
+    mechanisms: Sequence[Mapping[str, Any]] = (), profile: str = "two_rates", seed: int = 1, strength: float = 1.0
+) -> Dataset:
+    """A run of a unit with these mechanisms at a strength relative to the noise."""
+    return HiddenUnit(tuple(mechanisms)).at_strength(strength, profile).run(profile, seed)
 
 
 def _beyond(record: Mapping[str, FloatArray], rate: FloatArray) -> float:
@@ -106,7 +115,10 @@ def _record(
         )
         signals = unit.advance(environment)
         rows.append([float(np.mean(getattr(signals, name))) for name in _CHANNELS])
-    channels = dict(zip(("rate", *_CHANNELS[1:]), np.array(rows).T.copy(), strict=True))
+    means = np.array(rows)
+    # Ten samples of the rate follow each of the others: their means are of moments that lie 0.45 s apart.
+    means[:, 1:] += 0.45 / INTERVAL_S * np.gradient(means[:, 1:], axis=0)
+    channels = dict(zip(("rate", *_CHANNELS[1:]), means.T.copy(), strict=True))
     others = {"chamber_temperature": path[1:, 1], "compressor": path[1:, 2], "applied_rate": turned[: len(rows)]}
     return channels | {name: np.array(values) for name, values in others.items()}
 

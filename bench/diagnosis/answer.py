@@ -9,6 +9,10 @@ from typing import Any, Literal
 import numpy as np
 
 from bench.channels import FloatArray
+from bench.diagnosis.candidates import Theta
+from bench.diagnosis.probes import Examination
+from bench.diagnosis.suspects import Layout
+from bench.likelihood import Point
 from bench.model import Model
 
 VerdictWord = Literal["adequate", "missing_effect", "unknown_effect"]
@@ -74,12 +78,14 @@ class SuspectedEffect:
     found: bool
     evidence: float
     chance: float
+    held_out_before_dph: float
     held_out_rms_dph: float
     removes: float
     parameters: Mapping[str, Value]
     look_alikes: tuple[str, ...]
     legs: tuple[tuple[str, float], ...]
     model: Model
+    theta: Theta
     shape: tuple[FloatArray, ...] = field(default=(), repr=False)
     """What it adds to the fitted bias of each run (n,) [deg/h]; NaN in rows that were not fitted."""
     reason: str = ""
@@ -90,6 +96,7 @@ class SuspectedEffect:
             "effect": self.effect,
             "options": dict(self.options),
             "found": self.found,
+            "held_out_before_dph": number(self.held_out_before_dph),
             "held_out_rms_dph": number(self.held_out_rms_dph),
             "removes": number(self.removes),
             "evidence": number(self.evidence),
@@ -123,6 +130,19 @@ class Detectable:
 
 
 @dataclass(frozen=True, eq=False)
+class Workings:
+    """What figures and the design of the next run start from: the model's layout beside which the strongest suspect was
+    judged, what the probes say about it before and after, and the noise (lattice point, white variance [(deg/h)^2]).
+    """
+
+    layout: Layout
+    before: Examination
+    after: Examination
+    point: Point
+    sigma2: float
+
+
+@dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What `bench diagnose` answers. `residuals` and `unexplained_residuals` are (n,) [deg/h] of each run.
 
@@ -147,6 +167,7 @@ class Diagnosis:
     notes: tuple[str, ...]
     model: Model
     improved: Model
+    workings: Workings = field(repr=False)
     residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     unexplained_residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     next_experiment: Mapping[str, Any] | None = None

@@ -39,6 +39,8 @@ class Layout:
     rows: design.Problem
     theta: FloatArray
     statics: tuple[Record, ...] = ()
+    white: FloatArray | None = None
+    """White variance of the rows (n,) relative to the isothermal records', where it is not the same."""
 
     @cached_property
     def problem(self) -> Problem:
@@ -52,7 +54,7 @@ class Layout:
             base=np.hstack([columns, self._others]),
             interval_s=self.rows.records[0].interval_s,
             statics=self.statics,
-            white=1.0 / self.rows.weights,
+            white=(1.0 if self.white is None else self.white) / self.rows.weights,
         )
 
     def adding(self, effect: Effect, theta: Theta) -> Layout:

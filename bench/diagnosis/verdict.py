@@ -9,22 +9,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from bench.channels import FloatArray
 from bench.diagnosis.answer import VerdictWord
 from bench.diagnosis.evidence import TIE, Evidence, Suspect, weigh
-from bench.diagnosis.probes import Examination, Finding, examine, noise_test
+from bench.diagnosis.probes import Examination, Finding, examine
 from bench.diagnosis.suspects import Layout, Offer
 from bench.effects.base import Effect
-from bench.likelihood import NoiseLattice, Point
+from bench.likelihood import NoiseLattice
 
 MOST_EFFECTS = 3
 _NULLS = 500
-_MINOR = 0.1
+_MINOR = 0.15
 """What remains may be this share of the evidence explained: real effects follow textbook equations about so well."""
+_FURTHER = 10.0
+"""Evidence that a further effect needs: the first one's equation is never the whole truth, and what it leaves over
+resembles something."""
 _NOISE = "noise"
-_BINS = 6  # of temperature, for the white noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +61,11 @@ class Explanation:
     last: Evidence
     after: Examination
     threshold: float
-    noise: str = ""
-    drifts: bool = False
-    """The run's slow noise is larger than the isothermal run's."""
+
+    @property
+    def drifts(self) -> bool:
+        """The run's noise is not the isothermal run's, its white part having been levelled."""
+        return any(f.name == _NOISE for f in self.after.alarms)
 
     @property
     def left(self) -> tuple[Finding, ...]:
@@ -107,8 +108,7 @@ class Search:
         last_layout = _with(layout, steps)
         last = search.weigh(last_layout) if steps else first
         after = examine(last_layout.problem, layout.probes(), self.lattice, last.point) if steps else before
-        noise, drifts = _noise(last_layout, after, self.lattice, last.point)
-        return Explanation(first, before, steps, last_layout, last, after, first.threshold, noise, drifts)
+        return Explanation(first, before, steps, last_layout, last, after, first.threshold)
 
     def weigh(self, layout: Layout) -> Evidence:
         """Evidence of all candidates beside a layout, without simulating chance again; the same effects once only.
@@ -125,12 +125,16 @@ class Search:
         steps: list[Step] = []
         while len(steps) < MOST_EFFECTS:
             best = _best(evidence)
-            if best is None or best.evidence <= self.threshold:
+            if best is None or best.evidence <= self._bar(len(steps)):
                 break
             steps.append(Step(layout, evidence, best, self.offer.effects[best.name]))
             layout = _with(layout, steps[-1:])
             evidence = self.weigh(layout)
         return tuple(steps)
+
+    def _bar(self, others: int) -> float:
+        """Evidence needed beside so many other effects."""
+        return max(self.threshold, _FURTHER) if others else self.threshold
 
     def again(self, layout: Layout, steps: tuple[Step, ...]) -> tuple[Step, ...]:
         """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice."""
@@ -141,7 +145,7 @@ class Search:
             evidence = self.weigh(without)
             best = _best(evidence)
             current = others
-            if best is not None and best.evidence > self.threshold:
+            if best is not None and best.evidence > self._bar(len(others)):
                 current.append(Step(without, evidence, best, self.offer.effects[best.name]))
         return tuple(sorted(current, key=lambda s: -s.suspect.evidence))
 
@@ -154,38 +158,3 @@ def _with(layout: Layout, steps: Sequence[Step]) -> Layout:
 
 def _best(evidence: Evidence) -> Suspect | None:
     return next((s for s in evidence.suspects if s.excited), None)
-
-
-def _noise(layout: Layout, after: Examination, lattice: NoiseLattice, point: Point) -> tuple[str, bool]:
-    """What is found about the noise, and whether it is slow noise that the isothermal record does not have.
-
-    White noise that grows with temperature makes a run noisier, too: the test is made again with the white noise of the
-    run taken from its neighbouring rows, by temperature.
-    """
-    finding = next((f for f in after.findings if f.name == _NOISE), None)
-    if finding is None or finding.p >= after.level:
-        return "", False
-    problem = layout.problem
-    scale = _white(layout)
-    levelled = replace(problem, white=scale * (1.0 if problem.white is None else problem.white))
-    fresh = NoiseLattice(levelled.records(), problem.interval_s)
-    again = noise_test(levelled, levelled.base, fresh, point)
-    low, high = np.sqrt([scale.min(), scale.max()])
-    if again.p >= after.level:
-        return f"white noise of the run is {low:.2f} to {high:.2f} of the isothermal run's, by temperature", False
-    return f"the run drifts more than the isothermal run (p {again.p:.1g}): a cause that no channel records", True
-
-
-def _white(layout: Layout) -> FloatArray:
-    """White variance of the run (n,) relative to the isothermal record's, from differences of neighbouring rows."""
-    problem = layout.problem
-    residual = layout.beyond(problem.y)
-    near = np.flatnonzero(np.diff(problem.time_s) < 1.5 * problem.interval_s)
-    square = np.diff(residual)[near] ** 2
-    still = np.concatenate([np.diff(r.y)[np.diff(r.time_s) < 1.5 * problem.interval_s] for r in problem.statics])
-    temperature = layout.temperature
-    edges = np.quantile(temperature[near], np.linspace(0.0, 1.0, _BINS + 1))
-    which = np.clip(np.searchsorted(edges, temperature[near]) - 1, 0, _BINS - 1)
-    mean = [float(np.mean(square[which == i])) if np.any(which == i) else np.nan for i in range(_BINS)]
-    filled = np.where(np.isfinite(mean), mean, np.mean(square))
-    return np.asarray(np.interp(temperature, 0.5 * (edges[1:] + edges[:-1]), filled) / np.mean(still**2))
