@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.channels import BoolArray, FloatArray, IntArray
+from bench.channels import FloatArray, IntArray
 from bench.errors import EquipmentError
 from bench.profile import Leg, Profile
 from drivers.sim.plant import Plant, PlantState
@@ -164,8 +164,3 @@ def _at(rows: int, where: IntArray, values: FloatArray) -> FloatArray:
     column = np.full(rows, np.nan)
     column[where] = values
     return column
-
-
-def present(samples: Samples, name: str) -> BoolArray:
-    """Rows (n,) at which a channel was sampled."""
-    return np.isfinite(samples.channels[name])

@@ -1,10 +1,10 @@
 """The next experiment: the profile that best tells apart the effects that the runs so far cannot.
 
 Each rival, as fitted, is taken for the truth in turn; D is the gap in 2 ln L by which it would then beat another rival,
-with everything that is free fitted again, over all runs so far and the run proposed. The shortest profile of a library
-wins that gives the worst pair plenty, or the one that gives it most. From weak evidence nothing is designed, because
-what was fitted is not yet trustworthy: then the minor loops are proposed, which decide most thermal ties whatever the
-truth is.
+with everything that is free fitted again, over all runs so far and the run proposed. The profile of a
+library that gives the worst pair most wins, unless the minor loops give it plenty: they decide most thermal ties even
+if the truth is none of the rivals. From weak evidence nothing is designed, because what was fitted is not yet
+trustworthy: then it is the minor loops, too.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ WEAK = 15.0
 """Evidence below which fitted rivals are no basis for a design."""
 _PREDICTABLE = {"time", "temperature", "chamber_temperature", "chamber_setpoint"}
 _PLENTY = 60.0
-"""Expected gap that is enough even if the fitted amplitudes are half too large: then the shortest such run is taken."""
+"""Expected gap that is enough even if the fitted amplitudes are half too large."""
 _POINTS = 10  # grid points of a rival's parameter; refined continuously afterwards
 
 
@@ -160,11 +160,12 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: Noise, limits: Cha
     design_ = _Design(layout, rivals, noise)
     before = design_.worst(None)
     scored = [(design_.worst(plan), plan) for plan in plans(limits)]
-    ample = [pair for pair in scored if pair[0] >= _PLENTY]
-    best = min(ample, key=lambda pair: pair[1].duration_s) if ample else max(scored, key=lambda pair: pair[0])
+    usual = minor_loops(limits).name
+    standard = [pair for pair in scored if pair[1].name == usual and pair[0] >= _PLENTY]
+    best = standard[0] if standard else max(scored, key=lambda pair: pair[0])
     after, plan = best
     names = tuple(rival.name for rival in rivals)
-    choice = "the shortest that will do" if ample else "the one that tells most"
+    choice = "the usual one, which will do" if standard else "the one that tells most"
     why = (
         f"{plan.reason}. Of {len(scored)} profiles tried on the fitted effects it is {choice}: the expected gap "
         f"of the two that are hardest to tell apart rises from {before:.0f} to {after:.0f}, and the probability of a "
