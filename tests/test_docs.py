@@ -18,6 +18,7 @@ def blocks(page):
 
 def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    said = ""
     for block in blocks(ROOT / "docs" / "tutorial.md"):
         done = subprocess.run(
             ["bash", "-euo", "pipefail", "-c", block],
@@ -28,6 +29,9 @@ def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
             check=False,
         )
         assert done.returncode == 0, f"{block}\n{done.stdout}\n{done.stderr}"
+        said += done.stdout
+    assert "Missing: aging" in said
+    assert re.search(r"^right +aging$", said, re.MULTILINE)
     assert list(tmp_path.glob("reports/SIM-0001/*/report.html"))
     assert list(tmp_path.glob("reports/MINE/*/data.parquet"))
 
