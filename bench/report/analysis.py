@@ -26,6 +26,9 @@ from bench.store import Manifest, RunFolder, write_atomically
 BASELINES = 3
 """Models at the start of the ladder that every comparison shows: what is common practice."""
 
+NEXT_PROFILE = "next.yaml"
+"""Profile of the run that would tell suspects apart, in the run folder."""
+_FREE = frozenset({"spline", "surface"})
 _PENDING = Verdict("unproven", "not judged yet")
 
 
@@ -164,16 +167,21 @@ def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Seq
 
 
 def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset]) -> Analysis:
-    """Diagnose the best model of those fitted to all rows: what one of a branch lacks is the other branch."""
+    """Diagnose the best model of those fitted to all rows: what one of a branch lacks is the other branch.
+
+    One with a free curve of temperature goes first: a stiffer one only lacks the curve.
+    """
     scores = known.comparison.scores if known.comparison else ()
-    best = _best([score for score in scores if score.model.rows == "all"])
+    whole = [score for score in scores if score.model.rows == "all"]
+    free = [score for score in whole if any(effect.name in _FREE for effect in score.model.effects)]
+    best = _best(free or whole)
     if best is None:
         return known
-    found = diagnosed(data, best.model, checks, known.floor.floor_dph)
+    found = diagnosed(data, best.model, checks, known.floor.floor_dph, known.run.path / NEXT_PROFILE)
     if found.answer is None:
         reason = f"not diagnosed: {found.reason}"
         return replace(known, diagnosed=found, warnings=(*known.warnings, reason))
-    return replace(known, diagnosed=found, verdict=with_diagnosis(known.verdict, found.answer))
+    return replace(known, diagnosed=found, verdict=with_diagnosis(known.verdict, found, known.floor.floor_dph))
 
 
 def _best(scores: Sequence[Score]) -> Score | None:
@@ -194,6 +202,8 @@ def _write(result: Analysis) -> None:
     )
     if result.diagnosed.answer is not None:
         _dump(folder / "diagnosis.json", result.diagnosed.answer.to_json())
+    if result.diagnosed.profile_yaml:
+        write_atomically(folder / NEXT_PROFILE, result.diagnosed.profile_yaml.encode())
 
 
 def _dump(path: Path, content: dict[str, Any]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from bench.dataset import Dataset
 from bench.design import Problem, assemble
 from bench.diagnosis.answer import Diagnosis, SuspectedEffect
 from bench.diagnosis.diagnose import diagnose
+from bench.diagnosis.experiment import next_experiment
 from bench.diagnosis.held_out import unseen
 from bench.errors import InputError
 from bench.fit import fit
@@ -41,6 +43,8 @@ class Diagnosed:
     answer: Diagnosis | None = None
     rungs: tuple[Rung, ...] = ()
     reason: str = ""
+    profile_yaml: str = ""
+    """Profile of the answer's next experiment, where there is one."""
 
     def to_json(self) -> dict[str, Any]:
         """What `bench run --json` says about it; the whole answer is in diagnosis.json."""
@@ -50,14 +54,18 @@ class Diagnosed:
         return {"verdict": self.answer.verdict, "sentence": self.answer.sentence, "suspects": names}
 
 
-def diagnosed(data: Dataset, model: Model, check: Sequence[Dataset], floor_dph: float) -> Diagnosed:
+def diagnosed(data: Dataset, model: Model, check: Sequence[Dataset], floor_dph: float, plan: Path) -> Diagnosed:
     """Diagnose `model` on a run and its check runs; a diagnosis that cannot be made is a reason, never an error.
 
-    `floor_dph` is NaN where the floor is not known.
+    `floor_dph` is NaN where the floor is not known; `plan` is where the next experiment's profile will be.
     """
     try:
         answer = diagnose([data], model, check=check, floor_dph=floor_dph if np.isfinite(floor_dph) else None)
-        return Diagnosed(answer, _rungs(answer, data, tuple(check)))
+        proposal = next_experiment(answer, [data])
+        proposed = {} if proposal is None else proposal.to_json(str(plan))
+        yaml = "" if proposal is None else proposal.profile_yaml
+        rungs = _rungs(answer, data, tuple(check))
+        return Diagnosed(replace(answer, next_experiment=proposed or None), rungs, profile_yaml=yaml)
     except (InputError, ArithmeticError, ValueError) as error:
         # Numerics on data that nobody foresaw must not cost the operator the report of hours in the chamber.
         known = isinstance(error, InputError)

@@ -24,13 +24,15 @@ _SLOPE = "dT/dt [°C/min]"
 _CELL_ROWS = 3
 _COLUMNS, _LINES = 18, 11
 _BINS = 40
+_MEANS = 30
+_EVERYWHERE = 0.95  # of the range: nothing to shade
 _LEAST_LEG = 0.02  # of the largest: shorter bars are left out
 _SUSPECTS = (BLUE, ORANGE, GREEN)
 _DIVERGING = ((0.0, BLUE), (0.5, "rgba(138,148,157,0.18)"), (1.0, VERMILION))
 """Colours of a sign: blue and vermilion differ to every eye; zero is nearly the paper, light or dark."""
 
 _OVER_TIME = {"creep", "warm_up", "aging", "jump"}
-_OVER_SLOPE = {"lag", "rate"}
+_OVER_SLOPE = {"rate"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,11 +119,30 @@ def _cells(x: FloatArray, y: FloatArray, values: FloatArray, edges: tuple[FloatA
 def partial(data: Dataset, x: Coordinate, left: FloatArray, shape: FloatArray, name: str) -> Plot:
     """Partial residual `left` + `shape` (n,) of a suspect over its own coordinate, and its fitted shape."""
     traces = _by_direction(data, x.values, left + shape)
+    if not x.title.startswith("time"):
+        traces += _means_by_direction(data, x.values, left + shape)
     if x.ordered:
         traces.append(plotting.line(x.values, shape, name, ORANGE, width=3))
     else:
         traces.append(plotting.dots(x.values, shape, name, ORANGE, size=5, opacity=1.0))
     return plotting.plot(traces, {"xaxis": axis(x.title), "yaxis": axis("effect [deg/h]", zeroline=True)}, 380)
+
+
+def _means_by_direction(data: Dataset, x: FloatArray, y: FloatArray) -> list[go.Scatter]:
+    """What the eye cannot see in the scatter: means of heating and of cooling, in bins of x with enough rows."""
+    edges = np.linspace(float(np.nanmin(x)), float(np.nanmax(x)), _MEANS + 1)
+    traces = []
+    for sign in (1, -1):
+        good = np.isfinite(x) & np.isfinite(y) & (data.direction == sign)
+        count = np.histogram(x[good], edges)[0]
+        enough = count >= _CELL_ROWS
+        total = np.histogram(x[good], edges, weights=y[good])[0]
+        text, colour = plotting.DIRECTIONS[sign]
+        marker = {"size": 9, "color": colour, "symbol": "diamond", "line": {"width": 1, "color": "#ffffff"}}
+        at, mean = 0.5 * (edges[1:] + edges[:-1])[enough], total[enough] / count[enough]
+        x_shown, y_shown = plotting.plain(at), plotting.plain(mean)
+        traces.append(go.Scatter(x=x_shown, y=y_shown, mode="markers", marker=marker, name=f"{text}, mean"))
+    return traces
 
 
 def misfit(data: Dataset, left: FloatArray, place: Place) -> Plot:
@@ -134,18 +155,16 @@ def misfit(data: Dataset, left: FloatArray, place: Place) -> Plot:
     used = count > 0
     means = [np.bincount(which[good], v[good])[used] / count[used] for v in (x.values, left)]
     scale = 1.0 / HOUR_S if place.channel == "time" else 1.0
-    layout = {
-        "xaxis": axis(x.title),
-        "yaxis": axis(RESIDUAL, zeroline=True),
-        "shapes": [plotting.shade(scale * place.low, scale * place.high, VERMILION)],
-    }
+    layout: dict[str, Any] = {"xaxis": axis(x.title), "yaxis": axis(RESIDUAL, zeroline=True)}
+    if scale * (place.high - place.low) < _EVERYWHERE * np.ptp(x.values[np.isfinite(x.values)]):
+        layout["shapes"] = [plotting.shade(scale * place.low, scale * place.high, VERMILION)]
     traces = [*_by_direction(data, x.values, left), plotting.line(means[0], means[1], "mean", ORANGE, width=3)]
     return plotting.plot(traces, layout, 380)
 
 
 def _by_direction(data: Dataset, x: FloatArray, y: FloatArray) -> list[go.Scatter]:
     return [
-        plotting.dots(x[data.direction == sign], y[data.direction == sign], text, colour, opacity=0.45)
+        plotting.dots(x[data.direction == sign], y[data.direction == sign], text, colour, opacity=0.3)
         for sign, (text, colour) in plotting.DIRECTIONS.items()
         if np.any(data.direction == sign)
     ]
@@ -210,20 +229,23 @@ def detectable(limits: Sequence[Detectable], floor_dph: float | None) -> Plot:
     """Smallest RMS of each effect that the run would have shown, and the floor."""
     values = np.array([limit.rms_dph for limit in limits])
     names = [f"{limit.effect}  " for limit in limits]
-    marker = {"color": BLUE}
-    traces = [go.Bar(x=plotting.plain(values), y=names, orientation="h", marker=marker, showlegend=False)]
+    marker = {"color": BLUE, "size": 10}
+    traces = [go.Scatter(x=plotting.plain(values), y=names, mode="markers", marker=marker, showlegend=False)]
+    shown = [*values.tolist(), *([floor_dph] if floor_dph is not None else [])]
     layout: dict[str, Any] = {
-        "xaxis": axis("smallest detectable effect, RMS [deg/h]", rangemode="tozero"),
+        "xaxis": plotting.log_axis("smallest detectable effect, RMS [deg/h]", min(shown) / 1.5, max(shown) * 1.5),
         "yaxis": axis("", autorange="reversed"),
     }
     if floor_dph is not None:
-        layout |= _floor_line(floor_dph)
+        layout |= _floor_line(floor_dph, logarithmic=True)
     return plotting.plot(traces, layout, 130 + 24 * len(limits))
 
 
-def _floor_line(floor_dph: float) -> dict[str, Any]:
+def _floor_line(floor_dph: float, logarithmic: bool = False) -> dict[str, Any]:
+    """A vertical line at the floor; plotly wants the label's place, not the line's, as a logarithm."""
+    at = float(np.log10(floor_dph)) if logarithmic else floor_dph
     line = {"color": GREEN, "dash": "dash", "width": 2}
-    label = {"xref": "x", "x": floor_dph, "xanchor": "left", "yref": "y domain", "y": 1, "yanchor": "bottom",
+    label = {"xref": "x", "x": at, "xanchor": "left", "yref": "y domain", "y": 1, "yanchor": "bottom",
              "text": "noise floor", "showarrow": False, "font": {"color": GREEN}}  # fmt: skip
     shape = {"type": "line", "xref": "x", "x0": floor_dph, "x1": floor_dph, "yref": "y domain", "y0": 0, "y1": 1}
     return {"shapes": [{**shape, "line": line}], "annotations": [label]}

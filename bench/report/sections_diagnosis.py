@@ -21,6 +21,7 @@ from bench.report.markup import (
     Section,
     commands,
     figure,
+    glossary,
     heading,
     in_print,
     lead,
@@ -69,17 +70,18 @@ def _sentence(answer: Diagnosis) -> Markup:
 
 def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
     """What to do next, as commands to copy."""
-    run = analysis.run.path.name
+    run = analysis.run.path
     model = _source(analysis, answer.model.name)
     lines: list[str] = []
-    for i, suspect in enumerate(answer.found, 1):
+    # What only behaves like an effect is not to be added as one.
+    for i, suspect in enumerate(answer.found if answer.verdict == "missing_effect" else (), 1):
         out = f"better{i}.yaml"
         lines.append(f"bench add {suspect.effect} --model {model} --out {out}")
         model = out
     parts = Markup()
     if answer.next_experiment:
         why, profile = answer.next_experiment["why"], answer.next_experiment["profile"]
-        parts += heading("Next experiment") + paragraph(f"{_capital(str(why))}.") + commands([f"bench run {profile}"])
+        parts += paragraph(f"The run that decides: {why}.") + commands([f"bench run {profile}"])
     if lines:
         words = "Add it and see whether the error falls on a run that the fit has not seen:"
         lines.append(f"bench compare {run} --check ANOTHER_RUN --model {_source(analysis, answer.model.name)} "
@@ -91,7 +93,7 @@ def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
 def _source(analysis: Analysis, name: str) -> str:
     """What `--model` takes: the name of a model that comes with the bench, or the run's own file."""
     own = sorted(path.name for path in analysis.run.path.glob("model*.yaml"))
-    return f"{analysis.run.path.name}/{own[0]}" if own and name not in _SHIPPED else name
+    return f"{analysis.run.path / own[0]}" if own and name not in _SHIPPED else name
 
 
 _SHIPPED = frozenset({"polynomial", "regression", "spline", "surface"})
@@ -100,21 +102,29 @@ _SHIPPED = frozenset({"polynomial", "regression", "spline", "surface"})
 def _suspects(answer: Diagnosis) -> Markup:
     if not answer.suspects:
         return Markup()
-    head = ("effect", "what it is", "evidence", "by chance", "held-out before → after [deg/h]",
+    head = ("effect", "evidence", "by chance", "held-out before → after [deg/h]",
             "removes", "parameters", "not told from")  # fmt: skip
     rows = [_suspect(suspect) for suspect in answer.suspects]
     caption = (
         f"Suspects: bold ones belong to the explanation. Evidence above {number(answer.threshold, 2)} is more than "
         "chance; 6 more than another is clearly better."
     )
-    return table(caption, head, rows, (2, 3, 4, 5))
+    return table(caption, head, rows, (1, 2, 3, 4)) + glossary(_meanings(answer))
+
+
+def _meanings(answer: Diagnosis) -> Iterator[tuple[str, str]]:
+    """What the effects found and their look-alikes are."""
+    alike = {name for suspect in answer.found for name in suspect.look_alikes}
+    for suspect in answer.suspects:
+        if suspect.found or suspect.effect in alike:
+            yield suspect.effect, _summary(suspect.effect)
 
 
 def _suspect(suspect: SuspectedEffect) -> Row:
     fall = f"{number(suspect.held_out_before_dph)} → {number(suspect.held_out_rms_dph)}"
     parameters = "; ".join(_parameter(name, value) for name, value in suspect.parameters.items())
     cells = (
-        suspect.effect, wide(_summary(suspect.effect)), number(suspect.evidence), _chance(suspect.chance),
+        suspect.effect, number(suspect.evidence), _chance(suspect.chance),
         suspect.reason or fall, _percent(suspect.removes), wide(parameters or "–"),
         wide(", ".join(suspect.look_alikes) or "–"),
     )  # fmt: skip
@@ -183,7 +193,7 @@ def _partial(data: Dataset, answer: Diagnosis, suspect: SuspectedEffect) -> Mark
         return Markup()
     x = figures_diagnosis.coordinate(data, suspect.model.effects[-1])
     plot = figures_diagnosis.partial(data, x, answer.unexplained_residuals[0], suspect.shape[0], suspect.effect)
-    words = f"{suspect.effect} alone: what the data says (dots) and the fitted effect (line), over {x.title}."
+    words = f"{suspect.effect} alone, over {x.title}: the data (dots, diamonds are means) and the fitted effect."
     return figure(f"fig-missing-{suspect.effect}", plot, words, words)
 
 

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from bench.diagnosis.answer import Diagnosis
 from bench.diagnosis.compare import Score
 from bench.report.completeness import Completeness
+from bench.report.diagnosed import Diagnosed
 from bench.report.markup import clock, number
 
 ADEQUATE_RATIO = 1.5
@@ -71,18 +71,25 @@ def judge(done: Completeness, best: Score | None, floor_dph: float, reason: str)
     return Verdict(word if done.ended else "partial", f"{_state(done)}, {_losses(done)}; {model}.")
 
 
-def with_diagnosis(verdict: Verdict, answer: Diagnosis) -> Verdict:
+def with_diagnosis(verdict: Verdict, found: Diagnosed, floor_dph: float) -> Verdict:
     """The verdict of a run with the diagnosis' own word, where the run allows one.
 
     A run that is not whole stays partial; "adequate" needs a proof on unseen data and a floor to compare it with.
     """
+    answer = found.answer
+    if answer is None:
+        return verdict
     missing = tuple(suspect.effect for suspect in answer.found)
+    name = answer.model.name
     if answer.verdict == "adequate":
-        finding = f"{answer.model.name} lacks nothing that this run could show"
-    elif answer.verdict == "missing_effect":
-        finding = f"{answer.model.name} lacks {' and '.join(missing)}"
+        finding = f"{name} lacks nothing that this run could show"
+    elif answer.verdict == "unknown_effect":
+        finding = f"{name} lacks something that no effect of the catalogue explains"
     else:
-        finding = f"{answer.model.name} lacks something that no effect of the catalogue explains"
+        ratio = [rung for rung in found.rungs if not rung.rival][-1].held_out_dph / floor_dph
+        them = "it" if len(missing) == 1 else "them"
+        leaves = f", with {them} {number(ratio, 2)} × would be left" if np.isfinite(ratio) else ""
+        finding = f"{name} lacks {' and '.join(missing)}{leaves}"
     kept = verdict.word in {"partial", "no_data"} or (verdict.word == "unproven" and answer.verdict == "adequate")
     sentence = f"{verdict.sentence.removesuffix('.')}; {finding}."
     return replace(verdict, word=verdict.word if kept else answer.verdict, sentence=sentence, missing=missing)
