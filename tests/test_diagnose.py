@@ -42,7 +42,8 @@ def test_an_engineer_sees_where_the_model_fails_learns_what_is_missing_adds_it_a
 
 
 def test_nothing_is_missing_from_a_clean_unit_and_the_answer_says_what_it_could_not_have_seen(still):
-    answer = diagnose([hidden_run(profile="short", seed=4)], SPLINE, static=still)
+    wanted = [*FEW, effects.make("scale_factor_temperature")]
+    answer = diagnose([hidden_run(profile="short", seed=4)], SPLINE, static=still, candidates=wanted)
     assert (answer.verdict, answer.found, answer.where) == ("adequate", (), ())
     least = {limit.effect: limit for limit in answer.smallest_detectable}
     assert 0.0 < least["temperature_rate"].amplitude < np.inf
@@ -105,7 +106,8 @@ def test_the_answer_is_the_json_that_the_command_promises(still):
 def test_an_effect_whose_channel_is_not_there_is_not_testable_and_the_reason_is_said():
     run = hidden_run(profile="short", seed=5)
     del run.channels["quadrature"]
-    assert "no channel 'quadrature'" in diagnose([run], SPLINE).not_excited["quadrature_leakage"]
+    answer = diagnose([run], SPLINE, candidates=[*FEW[:1], effects.make("quadrature_leakage")])
+    assert "no channel 'quadrature'" in answer.not_excited["quadrature_leakage"]
 
 
 def test_a_static_run_that_does_not_stand_still_is_refused():

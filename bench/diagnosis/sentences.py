@@ -13,7 +13,7 @@ def sentence(answer: Diagnosis, drifts: bool) -> str:
         noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
         return (
             f"Nothing is missing that this data could show: what remains ({answer.rms_dph:.3f} deg/h RMS, noise floor "
-            f"{answer.floor_dph:.3f}) is noise.{noise}"
+            f"{_floor(answer)}) is noise.{noise}"
         )
     if answer.verdict == "missing_effect":
         return _missing(answer)
@@ -24,11 +24,7 @@ def _missing(answer: Diagnosis) -> str:
     found = answer.found
     parts = [f"Missing: {' and '.join(_named(suspect) for suspect in found)}."]
     for suspect in found:
-        if np.isfinite(suspect.removes):
-            parts.append(
-                f"{suspect.effect} removes {100 * suspect.removes:.0f} % of the excess variance on data that the fit "
-                f"did not see."
-            )
+        parts.append(_proof(suspect, answer))
         if suspect.look_alikes:
             parts.append(f"This data cannot tell {suspect.effect} from {' or '.join(suspect.look_alikes)}.")
     if len(found) > 1:
@@ -36,6 +32,23 @@ def _missing(answer: Diagnosis) -> str:
     if answer.unexplained:
         parts.append(f"A little remains {_where(answer.unexplained[0])}.")
     return " ".join(parts)
+
+
+def _proof(suspect: SuspectedEffect, answer: Diagnosis) -> str:
+    """What adding it does on data that the fit did not see."""
+    before, after = suspect.held_out_before_dph, suspect.held_out_rms_dph
+    if suspect.reason:
+        return f"Adding {suspect.effect} was not possible: {suspect.reason}."
+    if not (np.isfinite(before) and np.isfinite(after)):
+        return f"No data is left to prove {suspect.effect} on: record a second run and give it as --check."
+    unseen = "the check run" if answer.held_out_by == "check" else "blocks left out"
+    if after >= before:
+        return (
+            f"It is not proved: with {suspect.effect} the error on {unseen} goes from {before:.3f} to {after:.3f} "
+            f"deg/h; record another run before adding it."
+        )
+    share = f", {100 * suspect.removes:.0f} % of the excess variance" if np.isfinite(suspect.removes) else ""
+    return f"Adding {suspect.effect} lowers the error on {unseen} from {before:.3f} to {after:.3f} deg/h{share}."
 
 
 def _unknown(answer: Diagnosis, drifts: bool) -> str:
@@ -61,6 +74,10 @@ def _where(place: Place) -> str:
         f"over {place.channel} from {place.low:.4g} to {place.high:.4g} ({place.misfit_dph:.3f} deg/h, "
         f"p {place.p:.1g}{note})"
     )
+
+
+def _floor(answer: Diagnosis) -> str:
+    return f"{answer.floor_dph:.3f}" if np.isfinite(answer.floor_dph) else "unknown"
 
 
 def _capital(text: str) -> str:
