@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+from report_runs import clean, disturbed, looped, quick
 from run_folders import ARW, CYCLE, UNIT, make_run, ramp_run, truth_dph
 
 from bench.dataset import Dataset, load
@@ -18,12 +20,12 @@ from bench.report.analysis import Analysis, analyse
 from bench.report.branches import branch_gap
 from bench.report.calibration import calibration
 from bench.report.completeness import Completeness
-from bench.report.verdict import judge
+from bench.report.verdict import Verdict, judge, with_diagnosis
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
-    return analyse(make_run(tmp_path_factory.mktemp("report") / "whole", **ramp_run()))
+    return looped(tmp_path_factory.getbasetemp())
 
 
 def aborted(folder: Path) -> Path:
@@ -45,10 +47,6 @@ def aborted(folder: Path) -> Path:
 
 def required_only(columns: dict) -> dict:
     return {name: columns[name] for name in ("time", "rate", "temperature")}
-
-
-def cubic_only(folder: Path) -> Analysis:
-    return analyse(folder, [load_model("polynomial")])
 
 
 def test_ladder_equals_a_comparison_made_by_hand(whole: Analysis) -> None:
@@ -148,8 +146,10 @@ def test_compare_json_has_the_keys_of_the_command(whole: Analysis) -> None:
 
 def test_a_check_run_is_what_the_model_is_judged_by(whole: Analysis, tmp_path: Path) -> None:
     shorter = [(name, kind, 60.0 if target == 85.0 else target, amount) for name, kind, target, amount in CYCLE]
+    run = make_run(tmp_path / "run", **ramp_run())
     check = make_run(tmp_path / "check", **ramp_run(shorter, seed=2))
-    judged = analyse(whole.run.path, [load_model("polynomial")], [check])
+    with patch("bench.report.analysis.noise_floor", return_value=whole.floor):
+        judged = analyse(run, [load_model("polynomial")], [check], diagnose=False)
     assert judged.best is not None
     assert judged.best.held_out.by == "check"
     data = load(check)
@@ -161,7 +161,7 @@ def test_a_check_run_is_what_the_model_is_judged_by(whole: Analysis, tmp_path: P
 
 
 def test_an_aborted_run_says_so_and_shows_what_there_is(tmp_path: Path) -> None:
-    analysis = cubic_only(aborted(tmp_path / "aborted"))
+    analysis = quick(aborted(tmp_path / "aborted"))
     assert analysis.verdict.word == "partial"
     assert analysis.verdict.sentence.startswith(
         "Aborted by operator (Ctrl-C) after 1:26:40, 100 frames lost or damaged"
@@ -177,7 +177,8 @@ def test_an_imported_table_needs_no_segments_losses_or_other_channels(tmp_path: 
     columns = {
         name: values for name, values in ramp_run()["columns"].items() if name in {"time", "rate", "temperature"}
     }
-    analysis = cubic_only(make_run(tmp_path / "imported", columns, losses={}, sample_rate_hz=None))
+    run = make_run(tmp_path / "imported", columns, losses={}, sample_rate_hz=None)
+    analysis = analyse(run, [load_model("polynomial")], diagnose=False)
     assert analysis.best is not None
     assert "frame losses not counted" in analysis.verdict.sentence
     assert analysis.done.missing is None
@@ -189,7 +190,7 @@ def test_an_imported_table_needs_no_segments_losses_or_other_channels(tmp_path: 
 def test_zero_rows_are_an_answer_not_an_error(tmp_path: Path) -> None:
     columns = {name: values[:0] for name, values in ramp_run()["columns"].items()}
     run = make_run(tmp_path / "zero", columns, state="failed", cause="chamber link lost for 12 s")
-    analysis = cubic_only(run)
+    analysis = quick(run)
     assert analysis.verdict.word == "no_data"
     assert "chamber link lost" in analysis.verdict.sentence
     assert json.loads((run / "calibration.json").read_text())["calibration"] is None
@@ -200,7 +201,7 @@ def test_zero_rows_are_an_answer_not_an_error(tmp_path: Path) -> None:
 def test_a_record_without_one_value_of_a_required_channel_is_no_data(tmp_path: Path, name: str) -> None:
     columns = {key: values[:1000].copy() for key, values in ramp_run()["columns"].items()}
     columns[name][:] = np.nan
-    analysis = cubic_only(make_run(tmp_path / "empty", columns))
+    analysis = quick(make_run(tmp_path / "empty", columns))
     assert analysis.verdict.word == "no_data"
     assert f"no value of {name}" in analysis.verdict.sentence
 
@@ -208,7 +209,7 @@ def test_a_record_without_one_value_of_a_required_channel_is_no_data(tmp_path: P
 def test_constant_temperature_gives_a_reason_instead_of_a_model(tmp_path: Path) -> None:
     made = ramp_run([("soak", "soak", 25.0, 240.0)])
     made["columns"]["temperature"][:] = 25.0
-    analysis = cubic_only(make_run(tmp_path / "constant", **made))
+    analysis = quick(make_run(tmp_path / "constant", **made))
     assert analysis.best is None
     assert analysis.verdict.word == "unproven"
     assert "temperature moves by 0 degC" in analysis.verdict.sentence
@@ -217,7 +218,7 @@ def test_constant_temperature_gives_a_reason_instead_of_a_model(tmp_path: Path) 
 def test_a_timed_out_segment_is_never_a_whole_run(tmp_path: Path) -> None:
     made = ramp_run()
     made["segments"][2] |= {"settled": False, "outcome": "timeout", "reason": "slope 0.4 degC/min after 3600 s"}
-    analysis = cubic_only(make_run(tmp_path / "timeout", **made))
+    analysis = quick(make_run(tmp_path / "timeout", **made))
     assert analysis.verdict.word == "partial"
     assert analysis.verdict.sentence.startswith("1 of 7 segments failed")
 
@@ -227,9 +228,71 @@ def test_means_that_were_changed_after_the_run_are_noticed(tmp_path: Path) -> No
     recorded = json.loads((run / "manifest.json").read_text())
     recorded["files"]["means.parquet"] = "0" * 64
     (run / "manifest.json").write_text(json.dumps(recorded))
-    analysis = cubic_only(run)
+    analysis = quick(run)
     assert "means.parquet is not the file that was recorded" in analysis.warnings[0]
     assert not analysis.within_limits
+
+
+def test_the_diagnosis_names_the_loop_that_was_put_in_and_becomes_the_verdict(whole: Analysis) -> None:
+    answer = whole.diagnosed.answer
+    assert answer is not None
+    assert [suspect.effect for suspect in answer.found] == ["hysteresis"]
+    assert answer.found[0].parameters["width_degc"].value == pytest.approx(5.0, abs=0.5)
+    assert whole.verdict.word == "missing_effect"
+    assert whole.verdict.headline == "Missing: hysteresis"
+    assert "spline lacks hysteresis, with it 1.1 × would be left" in whole.verdict.sentence
+    said = whole.to_json()
+    assert said["verdict"] == said["diagnosis"]["verdict"] == "missing_effect"
+    assert said["diagnosis"]["sentence"] == answer.sentence
+    assert said["diagnosis"]["suspects"][0] == "hysteresis"
+
+
+def test_diagnosis_json_is_the_answer_of_bench_diagnose(whole: Analysis) -> None:
+    assert whole.diagnosed.answer is not None
+    written = json.loads((whole.run.path / "diagnosis.json").read_text())
+    assert written == json.loads(json.dumps(whole.diagnosed.answer.to_json()))
+
+
+def test_the_error_falls_to_the_floor_with_the_effect_and_not_with_its_rival(whole: Analysis) -> None:
+    base, added, *others = whole.diagnosed.rungs
+    assert (base.name, added.name) == ("spline", "+ hysteresis")
+    assert base.held_out_dph > 5 * whole.floor.floor_dph
+    assert added.held_out_dph < 1.15 * whole.floor.floor_dph
+    assert added.in_sample_dph == pytest.approx(whole.floor.floor_dph, rel=0.1)
+    assert all(rung.rival and rung.held_out_dph > 2 * added.held_out_dph for rung in others)
+
+
+def test_a_run_that_nothing_is_missing_from_is_adequate(tmp_path_factory: pytest.TempPathFactory) -> None:
+    analysis = clean(tmp_path_factory.getbasetemp())
+    assert analysis.verdict.word == "adequate"
+    assert "spline lacks nothing that this run could show" in analysis.verdict.sentence
+    assert len(analysis.diagnosed.rungs) == 1
+
+
+def test_what_the_library_does_not_explain_is_an_unknown_effect(tmp_path_factory: pytest.TempPathFactory) -> None:
+    analysis = disturbed(tmp_path_factory.getbasetemp())
+    assert analysis.verdict.word == "unknown_effect"
+    assert analysis.diagnosed.answer is not None
+    assert any("period" in place.note for place in analysis.diagnosed.answer.unexplained)
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [(InputError("too few rows"), "too few rows"), (ValueError("NaN"), "the diagnosis failed (ValueError: NaN)")],
+)
+def test_a_diagnosis_that_cannot_be_made_is_a_warning(tmp_path: Path, error: Exception, reason: str) -> None:
+    with patch("bench.report.diagnosed.diagnose", side_effect=error):
+        analysis = quick(make_run(tmp_path / "run", **ramp_run()), diagnose=True)
+    assert analysis.verdict.word == "model_error"
+    assert f"not diagnosed: {reason}" in analysis.warnings
+    assert analysis.to_json()["diagnosis"] == {"verdict": None, "sentence": reason, "suspects": []}
+
+
+def test_a_partial_run_stays_partial_whatever_it_lacks(whole: Analysis) -> None:
+    partial = Verdict("partial", "Aborted after 1:00:00.")
+    judged = with_diagnosis(partial, whole.diagnosed, whole.floor.floor_dph)
+    assert judged.word == "partial"
+    assert "lacks hysteresis" in judged.sentence
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -14,17 +15,23 @@ from typing import Any
 import numpy as np
 import pytest
 from plotly.offline import get_plotlyjs_version
+from report_runs import clean, disturbed, looped, quick
 from run_folders import make_run, ramp_run
 
 from bench.model import load_model
 from bench.report import plotting
 from bench.report.analysis import Analysis, analyse
+from bench.report.diagnosed import Diagnosed
 from bench.report.html import render, write_report
 from bench.report.markup import figure, in_print, moment, number, with_uncertainty
 
 FIGURES = {
     "profile", "loop", "channels", "ladder", "compensation", "spline", "residual-temperature", "residual-time", "allan",
-}  # fmt: skip
+} | {"missing-ladder", "missing-map", "missing-hysteresis", "missing-legs", "missing-detectable"}  # fmt: skip
+NAMED_AXES = {
+    (f"fig-{name}-data", "yaxis") for name in ("ladder", "missing-ladder", "missing-legs", "missing-detectable")
+}
+"""Axes of names, without a unit."""
 HOSTILE = '</script><script>alert("x")</script><img src=//evil.example/x onerror=alert(1)>'
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
@@ -58,7 +65,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
-    return analyse(make_run(tmp_path_factory.mktemp("html") / "whole", **ramp_run()))
+    return looped(tmp_path_factory.getbasetemp())
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +90,7 @@ def test_every_figure_is_there_with_units_on_all_axes_and_words_for_whoever_cann
         assert axes
         for key, axis in axes.items():
             title = axis["title"]["text"]
-            assert re.search(r"\[.+\]", title) or (name, key) == ("fig-ladder-data", "yaxis"), (name, key, title)
+            assert re.search(r"\[.+\]", title) or (name, key) in NAMED_AXES, (name, key, title)
     labels = [a for tag, a in page.tags if tag == "div" and a.get("class") == "plot"]
     assert len(labels) == len(FIGURES)
     assert all(len(a["aria-label"] or "") > 20 for a in labels)
@@ -126,6 +133,65 @@ def test_the_spline_figure_has_one_trace_a_piece_and_meets_at_the_knots(page: Pa
         assert before["y"][-1] == pytest.approx(after["y"][0], abs=1e-5)
 
 
+def section(page: Page, title: str, following: str) -> str:
+    begin = page.text.rindex(title)
+    return page.text[begin : page.text.index(following, begin)]
+
+
+def test_what_is_missing_stands_after_the_ladder_with_numbers_commands_and_limits(page: Page, whole: Analysis) -> None:
+    ids = [a["id"] for tag, a in page.tags if tag == "h2"]
+    assert ids[ids.index("ladder") + 1] == "missing"
+    text = section(page, "What is missing", "Compensation over time")
+    assert text.index("Missing: hysteresis (") < 60
+    assert f"bench add hysteresis --model spline --out better1.yaml\nbench compare {whole.run.path} --check" in text
+    assert "width = 4.96 ± 0.19 °C" in text
+    assert "What this run could not have shown" in text
+    assert "supply_voltage" in text
+
+
+def test_the_map_pales_when_the_effect_is_added(page: Page) -> None:
+    before, after = (np.array(trace["z"], dtype=float) for trace in page.figures()["fig-missing-map-data"]["data"])
+    assert np.nanmax(np.abs(before)) > 5
+    assert np.nanmax(np.abs(after)) < 2
+    assert np.array_equal(np.isnan(before), np.isnan(after))
+
+
+def test_the_fitted_effect_is_drawn_as_the_loop_that_was_put_in(page: Page) -> None:
+    (drawn,) = [t for t in page.figures()["fig-missing-hysteresis-data"]["data"] if t["name"] == "hysteresis"]
+    heights = np.array([y for y in drawn["y"] if y is not None])
+    assert np.ptp(heights) == pytest.approx(0.8, abs=0.05)
+
+
+def test_an_adequate_run_says_what_it_could_have_shown_and_advises_nothing(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    page = Page(render(clean(tmp_path_factory.getbasetemp())))
+    text = section(page, "What is missing", "Compensation over time")
+    assert "Nothing is missing that this data could show" in text
+    assert "bench add" not in text
+    assert "What this run could not have shown" in text
+    drawn = {name.removeprefix("fig-").removesuffix("-data") for name in page.figures()}
+    assert {"missing-map", "missing-detectable"} <= drawn
+    assert not drawn & {"missing-ladder", "missing-legs"}
+
+
+def test_an_unknown_effect_is_drawn_and_not_advised_as_something_else(tmp_path_factory: pytest.TempPathFactory) -> None:
+    page = Page(render(disturbed(tmp_path_factory.getbasetemp())))
+    assert "fig-missing-unknown-data" in page.figures()
+    text = section(page, "What is missing", "Compensation over time")
+    assert "no effect of the catalogue explains" in text
+    assert "period 1080 s" in text or "period 1" in text
+    assert "bench add" not in text
+
+
+def test_a_diagnosis_that_was_refused_is_a_sentence(whole: Analysis) -> None:
+    refused = replace(whole, diagnosed=Diagnosed(reason="too few rows to tell"))
+    page = Page(render(refused))
+    assert "No diagnosis" in page.text
+    assert "Too few rows to tell." in page.text
+    assert not any("missing" in name for name in page.figures())
+
+
 def test_hostile_names_stay_text(tmp_path: Path) -> None:
     made = ramp_run()
     for segment in made["segments"]:
@@ -133,7 +199,7 @@ def test_hostile_names_stay_text(tmp_path: Path) -> None:
     made["segments"][-1] |= {"settled": False, "outcome": "timeout", "reason": HOSTILE}
     run = make_run(tmp_path / "hostile", **made, unit=HOSTILE, profile=HOSTILE, cause=HOSTILE)
     (run / "events.jsonl").write_text(json.dumps({"t_s": 1.0, "kind": "guard", "text": HOSTILE}) + "\n")
-    page = Page(render(analyse(run, [load_model("polynomial")])))
+    page = Page(render(analyse(run, [load_model("polynomial")], diagnose=False)))
     assert not any(tag == "img" for tag, _ in page.tags)
     assert not any("alert" in body and not body.startswith('{"data"') and len(body) < 1000 for body in page.scripts)
     assert HOSTILE in page.text
@@ -155,9 +221,9 @@ def test_an_imported_table_without_a_soak_gets_all_figures_that_it_can_have(tmp_
     made = ramp_run([("start", "soak", 25.0, 60.0), ("down", "ramp", -40.0, 2.5), ("up", "ramp", 85.0, 2.5)])
     columns = {name: made["columns"][name] for name in ("time", "rate", "temperature")}
     run = make_run(tmp_path / "imported", columns, losses={}, state="done")
-    page = Page(render(analyse(run, [load_model("polynomial")])))
+    page = Page(render(analyse(run, [load_model("polynomial")], diagnose=False)))
     drawn = {name.removeprefix("fig-").removesuffix("-data") for name in page.figures()}
-    assert drawn == FIGURES - {"channels", "spline", "allan"}
+    assert drawn == {name for name in FIGURES if "missing" not in name} - {"channels", "spline", "allan"}
     assert "Nobody counted the frames" in page.text
     assert "noise floor not known: no isothermal stretch" in page.text
 
@@ -167,7 +233,7 @@ def test_a_torn_last_event_is_said_and_does_not_cost_the_page(whole: Analysis, t
     run = make_run(tmp_path / "torn", **made)
     with (run / "events.jsonl").open("a") as file:
         file.write('{"t_s": 3.0, "ki')
-    assert "events.jsonl is damaged" in Page(render(analyse(run, [load_model("polynomial")]))).text
+    assert "events.jsonl is damaged" in Page(render(quick(run))).text
 
 
 def test_the_file_is_small_and_figures_do_not_grow_with_the_run(whole: Analysis) -> None:
