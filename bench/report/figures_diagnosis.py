@@ -22,6 +22,7 @@ from bench.report.plotting import BLUE, GREEN, ORANGE, PURPLE, VERMILION, Plot, 
 
 _SLOPE = "dT/dt [°C/min]"
 _CELL_ROWS = 3
+_LEAST_SCALE = 2.0  # floors at full colour: means of a few rows scatter by half of one
 _COLUMNS, _LINES = 18, 11
 _BINS = 40
 _MEANS = 30
@@ -80,7 +81,7 @@ def residual_map(data: Dataset, before: FloatArray, after: FloatArray | None, fl
     )
     unit = floor_dph or 1.0
     fields = [_cells(temperature, slope, left, edges) / unit for left in (before, after) if left is not None]
-    largest = max(float(np.nanmax(np.abs(fields[0]), initial=0.0)), 1.0 if floor_dph else 1e-9)
+    largest = max(float(np.nanmax(np.abs(fields[0]), initial=0.0)), _LEAST_SCALE * (floor_dph is not None), 1e-9)
     middle = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
     title = "residual<br>[× floor]" if floor_dph else "residual<br>[deg/h]"
     traces = [
@@ -245,7 +246,7 @@ def _floor_line(floor_dph: float, logarithmic: bool = False) -> dict[str, Any]:
     """A vertical line at the floor; plotly wants the label's place, not the line's, as a logarithm."""
     at = float(np.log10(floor_dph)) if logarithmic else floor_dph
     line = {"color": GREEN, "dash": "dash", "width": 2}
-    label = {"xref": "x", "x": at, "xanchor": "left", "yref": "y domain", "y": 1, "yanchor": "bottom",
+    label = {"xref": "x", "x": at, "xanchor": "right", "yref": "y domain", "y": 0, "yanchor": "bottom",
              "text": "noise floor", "showarrow": False, "font": {"color": GREEN}}  # fmt: skip
     shape = {"type": "line", "xref": "x", "x0": floor_dph, "x1": floor_dph, "yref": "y domain", "y0": 0, "y1": 1}
     return {"shapes": [{**shape, "line": line}], "annotations": [label]}

@@ -11,6 +11,7 @@ from markupsafe import Markup
 from bench.channels import CHANNELS
 from bench.dataset import Dataset
 from bench.diagnosis.answer import Detectable, Diagnosis, Place, SuspectedEffect, Value
+from bench.diagnosis.evidence import TIE
 from bench.effects.catalogue import entry
 from bench.errors import InputError
 from bench.report import figures_diagnosis
@@ -105,10 +106,10 @@ def _suspects(answer: Diagnosis) -> Markup:
     head = ("effect", "evidence", "by chance", "held-out before → after [deg/h]",
             "removes", "parameters", "not told from")  # fmt: skip
     rows = [_suspect(suspect) for suspect in answer.suspects]
-    caption = (
-        f"Suspects: bold ones belong to the explanation. Evidence above {number(answer.threshold, 2)} is more than "
-        "chance; 6 more than another is clearly better."
-    )
+    least = f"evidence above {number(answer.threshold, 2)} is more than chance"
+    caption = f"The nearest suspects, none of them believed: {least}."
+    if answer.found:
+        caption = f"Suspects, bold if they belong to the explanation: {least}, {TIE:g} more than another is better."
     return table(caption, head, rows, (1, 2, 3, 4)) + glossary(_meanings(answer))
 
 

@@ -57,6 +57,11 @@ def _summary(analysis: Analysis) -> str:
     lines = [analysis.verdict.sentence]
     if analysis.comparison is not None:
         lines += ["", ladder(analysis.comparison.to_json())]
+    answer = analysis.diagnosed.answer
+    if answer is not None:
+        lines += ["", answer.sentence]
+        if answer.next_experiment:
+            lines += [f"next: bench run {answer.next_experiment['profile']}", str(answer.next_experiment["why"])]
     lines += [f"warning: {text}" for text in analysis.warnings]
     lines += ["", f"run     {analysis.run.path}", f"report  {analysis.run.report}"]
     return "\n".join(lines)
