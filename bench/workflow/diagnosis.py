@@ -71,7 +71,7 @@ def diagnose(
     found = find(datasets, load_model(model), check=checks, static=isothermal)
     content = found.to_json()
     content["next_experiment"] = _next_experiment(found, datasets, isothermal, plan or runs[0] / "next.yaml")
-    (runs[0] / "diagnosis.json").write_text(json.dumps(content, indent=1, allow_nan=False))
+    _write(runs[0] / "diagnosis.json", json.dumps(content, indent=1, allow_nan=False))
     return Answer(content, _text(found, content))
 
 
@@ -85,10 +85,7 @@ def add(effect: str, model: str, out: Path, own_effects: Sequence[str]) -> Answe
     longer = base.adding(make(effect), name=out.stem)
     if out.exists():
         raise InputError("already exists; nothing was written: choose another name with --out", out)
-    try:
-        write_atomically(out, longer.to_yaml().encode())
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", out) from None
+    _write(out, longer.to_yaml())
     names = [item.name for item in longer.effects]
     return Answer({"model": str(out), "effects": names}, f"wrote {out}: {' + '.join(names)}")
 
@@ -111,10 +108,7 @@ def improve(
     lines = [f"{step.action:<8} {step.effect:<22} {step.sentence}" for step in found.steps]
     lines += ["", f"{found.model.name}: {' + '.join(effect.name for effect in found.model.effects)}"]
     if out is not None:
-        try:
-            write_atomically(out, found.model.to_yaml().encode())
-        except OSError as error:
-            raise InputError(f"cannot be written: {error.strerror}", out) from None
+        _write(out, found.model.to_yaml())
         lines += [f"wrote {out}"]
     return Answer(found.to_json(), "\n".join(lines))
 
@@ -156,6 +150,13 @@ def reveal(folder: Path, model: str) -> Answer:
     return Answer(score.to_json(), "\n".join(lines))
 
 
+def _write(path: Path, text: str) -> None:
+    try:
+        write_atomically(path, text.encode())
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}; choose another place", path) from None
+
+
 def _register(own_effects: Sequence[str]) -> None:
     from bench.effects.registry import load_effect
 
@@ -178,10 +179,7 @@ def _next_experiment(
     proposal = next_experiment(found, datasets, static=static)
     if proposal is None:
         return None
-    try:
-        plan.write_text(proposal.profile_yaml, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}; choose another place with --plan", plan) from None
+    _write(plan, proposal.profile_yaml)
     return proposal.to_json(str(plan))
 
 
