@@ -8,12 +8,14 @@ from collections.abc import Iterator
 import numpy as np
 from markupsafe import Markup
 
+from bench import effects
 from bench.channels import CHANNELS
 from bench.dataset import Dataset
 from bench.diagnosis.answer import Detectable, Diagnosis, Place, SuspectedEffect, Value
 from bench.diagnosis.evidence import TIE
 from bench.effects.catalogue import entry
 from bench.errors import InputError
+from bench.model import load_model
 from bench.report import figures_diagnosis
 from bench.report.analysis import Analysis
 from bench.report.diagnosed import Rung, rivals
@@ -93,11 +95,8 @@ def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
 
 def _source(analysis: Analysis, name: str) -> str:
     """What `--model` takes: the name of a model that comes with the bench, or the run's own file."""
-    own = sorted(path.name for path in analysis.run.path.glob("model*.yaml"))
-    return f"{analysis.run.path / own[0]}" if own and name not in _SHIPPED else name
-
-
-_SHIPPED = frozenset({"polynomial", "regression", "spline", "surface"})
+    files = [] if name in effects.names() else sorted(analysis.run.path.glob("model*.yaml"))
+    return next((str(path) for path in files if load_model(path).name == name), name)
 
 
 def _suspects(answer: Diagnosis) -> Markup:
