@@ -14,7 +14,7 @@ from bench.diagnosis.evidence import TIE, Evidence, Suspect, weigh
 from bench.diagnosis.probes import Examination, Finding, examine
 from bench.diagnosis.suspects import Layout, Offer
 from bench.effects.base import Effect
-from bench.likelihood import NoiseLattice
+from bench.likelihood import NoiseLattice, Surface
 
 MOST_EFFECTS = 3
 _NULLS = 500
@@ -100,14 +100,14 @@ class Search:
     def explain(self, layout: Layout) -> Explanation:
         """Effects one after the other while they beat chance, then judged again together."""
         first = weigh(layout.problem, self.offer.candidates(layout), _NULLS, self.seed, self.lattice)
-        before = examine(layout.problem, layout.probes(), self.lattice, first.point)
+        before = self._examine(layout, layout, first)
         search = replace(self, threshold=first.threshold)
         steps = search.forward(layout, first)
         if len(steps) > 1:
             steps = search.again(layout, steps)
         last_layout = _with(layout, steps)
         last = search.weigh(last_layout) if steps else first
-        after = examine(last_layout.problem, layout.probes(), self.lattice, last.point) if steps else before
+        after = self._examine(last_layout, layout, last) if steps else before
         return Explanation(first, before, steps, last_layout, last, after, first.threshold)
 
     def weigh(self, layout: Layout) -> Evidence:
@@ -119,6 +119,12 @@ class Search:
         if key not in self.known:
             self.known[key] = weigh(layout.problem, self.offer.candidates(layout), 0, self.seed, self.lattice)
         return self.known[key]
+
+    def _examine(self, layout: Layout, seen: Layout, evidence: Evidence) -> Examination:
+        """The probes of `seen` beside a layout, at the noise of the restricted likelihood: tests, not a comparison."""
+        surface = Surface(layout.problem.records(), self.lattice, restricted=True)
+        surface.visit([evidence.point])
+        return examine(layout.problem, seen.probes(), self.lattice, surface.descend(evidence.point))
 
     def forward(self, layout: Layout, evidence: Evidence) -> tuple[Step, ...]:
         """The best effect, the best beside it, and so on while it beats chance."""
