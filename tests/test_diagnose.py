@@ -8,7 +8,8 @@ from hidden_runs import HiddenUnit, hidden_run
 
 from bench import effects
 from bench.diagnosis.compare import compare
-from bench.diagnosis.diagnose import diagnose, next_experiment
+from bench.diagnosis.diagnose import diagnose
+from bench.diagnosis.experiment import next_experiment
 from bench.diagnosis.improve import add_effect
 from bench.errors import InputError
 from bench.model import Model
@@ -84,12 +85,13 @@ def test_two_runs_with_turn_on_biases_of_their_own_are_judged_together(still):
 
 def test_rivals_that_one_rate_cannot_tell_apart_are_mutual_and_get_a_next_experiment(still):
     unit = HiddenUnit(({"mechanism": "temperature_rate"},)).at_strength(0.5, "one_rate")
-    answer = diagnose([unit.run("one_rate", seed=1)], SPLINE, static=still, candidates=FEW)
+    run = unit.run("one_rate", seed=1)
+    answer = diagnose([run], SPLINE, static=still, candidates=FEW)
     best = answer.suspects[0]
     assert best.look_alikes
     for rival in (s for s in answer.suspects if s.effect in best.look_alikes):
         assert best.effect in rival.look_alikes
-    assert next_experiment(answer) is not None
+    assert next_experiment(answer, [run], static=still) is not None
 
 
 def test_the_answer_is_the_json_that_the_command_promises(still):

@@ -10,9 +10,6 @@ import numpy as np
 
 from bench.channels import FloatArray
 from bench.diagnosis.candidates import Theta
-from bench.diagnosis.probes import Examination
-from bench.diagnosis.suspects import Layout
-from bench.likelihood import Point
 from bench.model import Model
 
 VerdictWord = Literal["adequate", "missing_effect", "unknown_effect"]
@@ -130,19 +127,6 @@ class Detectable:
 
 
 @dataclass(frozen=True, eq=False)
-class Workings:
-    """What figures and the design of the next run start from: the model's layout beside which the strongest suspect was
-    judged, what the probes say about it before and after, and the noise (lattice point, white variance [(deg/h)^2]).
-    """
-
-    layout: Layout
-    before: Examination
-    after: Examination
-    point: Point
-    sigma2: float
-
-
-@dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What `bench diagnose` answers. `residuals` and `unexplained_residuals` are (n,) [deg/h] of each run.
 
@@ -167,7 +151,6 @@ class Diagnosis:
     notes: tuple[str, ...]
     model: Model
     improved: Model
-    workings: Workings = field(repr=False)
     residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     unexplained_residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     next_experiment: Mapping[str, Any] | None = None

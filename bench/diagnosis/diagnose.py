@@ -14,13 +14,11 @@ import numpy as np
 from bench.channels import FloatArray
 from bench.dataset import Dataset
 from bench.design import assemble
-from bench.diagnosis.answer import Detectable, Diagnosis, Place, Workings
-from bench.diagnosis.experiment import Noise, Proposal, Rival, propose
+from bench.diagnosis.answer import Detectable, Diagnosis, Place
 from bench.diagnosis.held_out import Unseen, unseen
 from bench.diagnosis.levelling import levelled
 from bench.diagnosis.limits import smallest
 from bench.diagnosis.places import places
-from bench.diagnosis.plan import ChamberLimits
 from bench.diagnosis.probes import despike
 from bench.diagnosis.ranking import Ranking
 from bench.diagnosis.sentences import sentence
@@ -129,7 +127,6 @@ class _Case:
             notes=self.notes,
             model=self.fit.model,
             improved=found.layout.rows.model,
-            workings=_workings(found, self.layout),
             residuals=base.residuals,
             unexplained_residuals=improved.residuals,
         )
@@ -166,25 +163,6 @@ class _Case:
             at = {} if moved else dict(zip(names, limit.theta, strict=False))
             listed.append(Detectable(effect.name, limit.rms_dph, amplitude, unit, at))
         return tuple(listed)
-
-
-def _workings(found: Explanation, layout: Layout) -> Workings:
-    """What the strongest suspect was judged beside."""
-    beside, evidence = (found.steps[0].layout, found.steps[0].evidence) if found.steps else (layout, found.first)
-    noise = evidence.suspects[0] if evidence.suspects else evidence
-    return Workings(beside, found.before, found.after, noise.point, noise.sigma2)
-
-
-def next_experiment(answer: Diagnosis, limits: ChamberLimits | None = None) -> Proposal | None:
-    """The run that would tell the strongest suspect from its look-alikes; None where the data tells them already."""
-    if not answer.found or not answer.found[0].look_alikes:
-        return None
-    strongest = answer.found[0]
-    tied = [strongest, *(s for s in answer.suspects if s.effect in strongest.look_alikes)]
-    rivals = [Rival(s.effect, s.model.effects[-1], s.theta, s.evidence) for s in tied]
-    workings = answer.workings
-    with one_blas_thread():
-        return propose(workings.layout, rivals, Noise(workings.point, workings.sigma2), limits)
 
 
 def _floor(runs: Sequence[Dataset], static: Dataset | None) -> float:
