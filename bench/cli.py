@@ -125,6 +125,17 @@ def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ..
     return analysis.report(run_folder, models, check_runs)
 
 
+@main.command()
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@json_option
+@_answer
+def resume(run_folder: Path) -> Answer:
+    """Recover what a killed RUN captured from its journals. Moves no equipment and starts nothing again."""
+    from bench.workflow import analysis
+
+    return analysis.resume(run_folder)
+
+
 @main.command("import")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--columns", type=click.Path(path_type=Path), help="Column map (YAML): which column, which unit.")

@@ -1,6 +1,7 @@
 """The commands as a user meets them: exit codes, one line for bad input, one JSON object on stdout."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -172,3 +173,15 @@ def test_run_captures_fits_and_reports_in_one_command(profile, tmp_path):
     assert content["losses"]["lost"] == content["losses"]["corrupt"] == 0
     for name in ("manifest.json", "data.parquet", "means.parquet", "events.jsonl", "report.html", "calibration.json"):
         assert (tmp_path / "reports" / "SIM-0001" / content["run"].rsplit("/", 1)[1] / name).is_file()
+
+
+def test_resume_makes_a_run_of_what_a_killed_bench_left(profile, tmp_path):
+    run = json.loads(bench("run", profile("30"), "--out", tmp_path, "--json").stdout)["run"]
+    before = json.loads((Path(run) / "manifest.json").read_text())
+    for made in ("manifest.json", "data.parquet", "means.parquet", "events.jsonl"):
+        (Path(run) / made).unlink()
+    answer = bench("resume", run, "--json")
+    content = json.loads(answer.stdout)
+    assert answer.exit_code == 0
+    assert content["rows"] == before["rows"]
+    assert json.loads((Path(run) / "manifest.json").read_text())["files"] == before["files"]

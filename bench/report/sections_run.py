@@ -38,7 +38,7 @@ _LOSS_WORDS: Mapping[str, str] = {
     "invalid": "not valid, says the unit",
     "journal_damaged_bytes": "bytes of the journal damaged",
 }
-_QUIET_EVENTS = frozenset({"segment", "settled"})
+_QUIET_EVENTS = frozenset({"segment", "settled", "write"})
 
 
 def profile(analysis: Analysis) -> Section | None:

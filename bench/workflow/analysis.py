@@ -27,6 +27,20 @@ def report(path: Path, models: Sequence[str], check: Sequence[Path] = ()) -> Ans
     return report_on(folder, chosen, None, check)
 
 
+def resume(path: Path) -> Answer:
+    """`bench resume`: make a run folder of what a killed run left; moves no equipment."""
+    folder = recover(path)
+    manifest = folder.manifest()
+    done = sum(segment["outcome"] == "done" for segment in manifest["segments"])
+    lost = manifest.get("losses", {}).get("lost", 0)
+    content = {key: manifest.get(key) for key in ("state", "cause", "rows", "duration_s", "losses", "segments")}
+    text = (
+        f"{manifest['state']}: {manifest['cause']}; {manifest['rows']} rows, {done} of {len(manifest['segments'])} "
+        f"segments whole, {lost} samples lost\nrun     {folder.path}"
+    )
+    return Answer({"run": str(folder.path), **content}, text, 0 if manifest["state"] == "done" else 1)
+
+
 def recover(path: Path) -> RunFolder:
     """The run folder at `path`, its tables made from the journals when the bench was killed before it could."""
     folder = RunFolder(path)
