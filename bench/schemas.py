@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from bench import config
-from bench.columns import ColumnMap
+from bench.importer.columns import ColumnMap
 from bench.profile import Profile
 from bench.station import StationSettings
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from bench.channels import FloatArray, IntArray
 from bench.dataset import Dataset
-from bench.design import assemble
 from bench.diagnosis.candidates import orthonormal
 from bench.diagnosis.suspects import Layout, catalogued, offer
 from bench.diagnosis.verdict import effect_name
+from bench.fit.design import assemble
 from bench.model import Model
 
 GRID = 6

@@ -10,9 +10,9 @@ from bench.diagnosis.evidence import weigh
 from bench.diagnosis.refine import Refiner
 from bench.effects.base import Parameter
 from bench.effects.operators import play, ramp_invariant_lag
-from bench.likelihood import NoiseLattice, Record, gls
 from bench.noise import Noise
-from bench.whitening import Whitener, covariance
+from bench.noise.likelihood import NoiseLattice, Record, gls
+from bench.noise.whitening import Whitener, covariance
 
 NOISE = Noise(0.01, 0.03, 0.03)
 LIMITS = (-41.0, 86.0)

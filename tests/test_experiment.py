@@ -7,13 +7,13 @@ import pytest
 
 from bench import effects, profile, virtual
 from bench.dataset import Dataset
-from bench.design import assemble
 from bench.diagnosis.diagnose import diagnose
 from bench.diagnosis.evidence import weigh
 from bench.diagnosis.experiment import Noise, Rival, next_experiment, propose, separation
 from bench.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans
 from bench.diagnosis.prediction import chamber_model, predicted_record
 from bench.diagnosis.suspects import Layout
+from bench.fit.design import assemble
 from bench.model import Model
 from drivers.sim.resonator import UnitSettings
 

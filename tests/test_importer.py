@@ -10,12 +10,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench import dataset
-from bench.branches import find_branches, segment_of
-from bench.columns import ChannelSource, ColumnMap, TimeSource, split_header
 from bench.errors import InputError
 from bench.importer import load_columns, plan_import, write_import
+from bench.importer.branches import find_branches, segment_of
+from bench.importer.columns import ChannelSource, ColumnMap, TimeSource, split_header
+from bench.importer.units import conversion
 from bench.store import open_run
-from bench.units import conversion
 
 DBC = Path(__file__).parent.parent / "drivers" / "gyros" / "vibratory.dbc"
 COUNTED = ColumnMap(time=TimeSource(interval_s=1.0))

@@ -4,8 +4,8 @@ from test_evidence import NOISE, TEMPERATURE, TIME, bias_of, candidates, coloure
 
 from bench.diagnosis.candidates import Problem
 from bench.diagnosis.limits import expected_gap, probability, separation, smallest
-from bench.likelihood import NoiseLattice
-from bench.whitening import Whitener, covariance
+from bench.noise.likelihood import NoiseLattice
+from bench.noise.whitening import Whitener, covariance
 
 DATA = Problem(TIME, bias_of(TEMPERATURE) + coloured(1), columns_of(TEMPERATURE), 30.0)
 LATTICE = NoiseLattice(DATA.records(), 30.0)

@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from bench.allan import allan_pyramid, coefficients_from_curve
 from bench.errors import InputError
 from bench.noise import Noise, Record, allan_deviation, estimate_noise, expected_rms, gls, profile_noise
-from bench.whitening import Ratios, Whitener, covariance
+from bench.noise.allan import allan_pyramid, coefficients_from_curve
+from bench.noise.whitening import Ratios, Whitener, covariance
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

@@ -4,9 +4,9 @@ from numpy.polynomial.chebyshev import chebvander
 
 from bench.diagnosis.candidates import Problem
 from bench.diagnosis.probes import despike, examine, usual
-from bench.likelihood import NoiseLattice, Record, Surface
 from bench.noise import Noise
-from bench.whitening import covariance
+from bench.noise.likelihood import NoiseLattice, Record, Surface
+from bench.noise.whitening import covariance
 
 NOISE = Noise(0.01, 0.03, 0.03)
 ROWS = 600

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.channels import FloatArray
 from bench.effects.base import Parameter
-from bench.likelihood import Record
+from bench.noise.likelihood import Record
 
 Theta = tuple[float, ...]
 """Nonlinear parameters of one candidate, in the order of its `parameters`."""

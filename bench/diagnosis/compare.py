@@ -17,8 +17,8 @@ from bench.channels import BoolArray, FloatArray, IntArray
 from bench.dataset import Dataset
 from bench.errors import InputError
 from bench.fit import Fit, fit
+from bench.fit.solve import one_blas_thread
 from bench.model import Model
-from bench.solve import one_blas_thread
 
 BLOCKS = 20
 _RESAMPLES = 2000

@@ -13,7 +13,6 @@ import numpy as np
 
 from bench.channels import FloatArray
 from bench.dataset import Dataset
-from bench.design import assemble
 from bench.diagnosis.answer import Detectable, Diagnosis, Place
 from bench.diagnosis.held_out import Unseen, unseen
 from bench.diagnosis.levelling import levelled
@@ -27,10 +26,11 @@ from bench.diagnosis.verdict import Explanation, Search, effect_name
 from bench.effects.base import Effect
 from bench.errors import InputError
 from bench.fit import Fit, fit
-from bench.likelihood import NoiseLattice
+from bench.fit.design import assemble
+from bench.fit.solve import one_blas_thread
 from bench.model import Model
 from bench.noise import estimate_noise
-from bench.solve import one_blas_thread
+from bench.noise.likelihood import NoiseLattice
 
 _STILL_DEGC_PER_MIN = 0.1
 _LEAST_STILL = 10  # rows of a stretch that noise is read from

@@ -16,8 +16,8 @@ from bench.channels import FloatArray
 from bench.diagnosis.candidates import Candidate, Problem, Theta, joint
 from bench.diagnosis.refine import Interval, Refiner, Start
 from bench.diagnosis.scan import DEPENDENT, Library
-from bench.likelihood import NoiseLattice, Point, Surface, gls
-from bench.whitening import Ratios
+from bench.noise.likelihood import NoiseLattice, Point, Surface, gls
+from bench.noise.whitening import Ratios
 
 TIE = 6.0
 """Candidates within this evidence of the best are not told apart by the data."""

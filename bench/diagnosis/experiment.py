@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from bench import design, effects
+from bench import effects
 from bench.channels import FloatArray
 from bench.dataset import Dataset
 from bench.diagnosis.answer import Diagnosis
@@ -28,9 +28,9 @@ from bench.diagnosis.prediction import predicted_record
 from bench.diagnosis.suspects import Layout, isothermal, offer
 from bench.diagnosis.verdict import effect_name
 from bench.effects.base import Effect
-from bench.fit import fit
-from bench.likelihood import NoiseLattice, Point, gls
-from bench.solve import one_blas_thread
+from bench.fit import design, fit
+from bench.fit.solve import one_blas_thread
+from bench.noise.likelihood import NoiseLattice, Point, gls
 
 WEAK = 15.0
 """Evidence below which fitted rivals are no basis for a design."""

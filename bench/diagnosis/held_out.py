@@ -9,9 +9,9 @@ import numpy as np
 
 from bench.channels import FloatArray
 from bench.dataset import Dataset
-from bench.design import Bound, Problem
 from bench.errors import InputError
-from bench.solve import MAX_CONDITION, left_out_rms, solve
+from bench.fit.design import Bound, Problem
+from bench.fit.solve import MAX_CONDITION, left_out_rms, solve
 
 
 @dataclass(frozen=True, eq=False)

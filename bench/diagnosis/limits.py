@@ -15,7 +15,7 @@ from scipy.stats import norm
 from bench.channels import FloatArray
 from bench.diagnosis.candidates import Candidate, Problem, Theta, orthonormal
 from bench.diagnosis.refine import Refiner, Start
-from bench.likelihood import NoiseLattice, Point, gls
+from bench.noise.likelihood import NoiseLattice, Point, gls
 
 FOUND = 20.0
 """Expected gap in 2 ln L at which an effect is found (and told apart) with 94 % probability."""

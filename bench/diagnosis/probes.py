@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 from bench.channels import BoolArray, FloatArray
 from bench.diagnosis.candidates import Problem, orthonormal
-from bench.likelihood import NoiseLattice, Point, Surface
+from bench.noise.likelihood import NoiseLattice, Point, Surface
 
 _LEVEL = 0.03  # of all probes together; with the evidence's 0.02, 5 % of clean runs raise any alarm
 _LONGEST_GAP = 100  # rows: longer ones, as between runs, are closed up

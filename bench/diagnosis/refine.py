@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from bench.channels import FloatArray
 from bench.diagnosis.candidates import Candidate, Problem, Theta, from_unit, joint, orthonormal, to_unit
-from bench.likelihood import NoiseLattice, Point, Surface, gls
+from bench.noise.likelihood import NoiseLattice, Point, Surface, gls
 
 _STARTS = 4
 _DIFFERENCE = 2e-3  # of a parameter's range, for slopes

@@ -13,8 +13,8 @@ import numpy as np
 
 from bench.channels import FloatArray, IntArray
 from bench.diagnosis.candidates import Candidate, Problem, Theta, library, orthonormal
-from bench.likelihood import NoiseLattice, Point
-from bench.whitening import Whitener
+from bench.noise.likelihood import NoiseLattice, Point
+from bench.noise.whitening import Whitener
 
 DEPENDENT = 1e-9
 """A column of which less than this share (in variance) lies outside the base cannot be told from the base."""

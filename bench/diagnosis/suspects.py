@@ -12,16 +12,17 @@ from functools import cached_property
 
 import numpy as np
 
-from bench import design, effects
+from bench import effects
 from bench.channels import BoolArray, FloatArray
 from bench.dataset import Dataset
 from bench.diagnosis.candidates import Candidate, Problem, Theta, orthonormal
 from bench.diagnosis.probes import Probe, usual
 from bench.effects.base import Demanding, Effect, MovesAbscissa
 from bench.errors import InputError
-from bench.likelihood import Record
+from bench.fit import design
+from bench.fit.solve import solve
 from bench.model import Model
-from bench.solve import solve
+from bench.noise.likelihood import Record
 
 _APART_S = 30 * 86400.0
 _STEP = 1e-4  # of a parameter's range, for slopes

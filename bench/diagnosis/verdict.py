@@ -14,7 +14,7 @@ from bench.diagnosis.evidence import TIE, Evidence, Suspect, weigh
 from bench.diagnosis.probes import Examination, Finding, examine
 from bench.diagnosis.suspects import Layout, Offer
 from bench.effects.base import Effect
-from bench.likelihood import NoiseLattice, Surface
+from bench.noise.likelihood import NoiseLattice, Surface
 
 MOST_EFFECTS = 3
 _NULLS = 500

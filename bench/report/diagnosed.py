@@ -11,13 +11,13 @@ import numpy as np
 
 from bench.channels import FloatArray
 from bench.dataset import Dataset
-from bench.design import Problem, assemble
 from bench.diagnosis.answer import Diagnosis, SuspectedEffect
 from bench.diagnosis.diagnose import diagnose
 from bench.diagnosis.experiment import next_experiment
 from bench.diagnosis.held_out import unseen
 from bench.errors import InputError
 from bench.fit import fit
+from bench.fit.design import Problem, assemble
 from bench.model import Model
 
 _RIVALS = 2

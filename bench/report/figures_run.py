@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from bench.allan import FLICKER_FLOOR
 from bench.channels import CHANNELS, FloatArray
 from bench.dataset import Dataset
 from bench.noise import AllanCurve, Noise
+from bench.noise.allan import FLICKER_FLOOR
 from bench.report import plotting
 from bench.report.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, Plot, axis
 

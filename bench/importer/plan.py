@@ -15,15 +15,13 @@ from typing import Any
 import numpy as np
 
 from bench import __version__, config
-from bench.branches import Branch, find_branches, segment_of
 from bench.channels import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, FloatArray
-from bench.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
 from bench.errors import InputError
+from bench.importer.branches import Branch, find_branches, segment_of
+from bench.importer.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
+from bench.importer.tables import Table, read_table
 from bench.means import write_means
 from bench.store import RunFolder, create_run, sha256
-from bench.tables import Table, read_table
-
-__all__ = ["ColumnMap", "ImportPlan", "load_columns", "plan_import", "write_import"]
 
 _FASTEST_DPH = 5000 * DPH_PER_DPS
 """No gyro measures more [deg/h]."""

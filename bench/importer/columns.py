@@ -11,8 +11,8 @@ from pydantic import BaseModel, Field, model_validator
 from bench.channels import CHANNELS
 from bench.config import STRICT, nearest
 from bench.errors import InputError
-from bench.tables import Table
-from bench.units import Conversion, conversion, examples, is_unit
+from bench.importer.tables import Table
+from bench.importer.units import Conversion, conversion, examples, is_unit
 
 _SYNONYMS = {
     "time": "time t timestamp elapsed seconds timesec timens timems",

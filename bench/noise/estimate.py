@@ -12,28 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
-from bench.allan import AllanCurve, allan_deviation, allan_pyramid, coefficients_from_curve
 from bench.channels import FloatArray
 from bench.errors import InputError
-from bench.likelihood import Gls, NoiseLattice, Point, Record, Surface, gls, zeros
-from bench.whitening import Ratios, Whitener, covariance
-
-__all__ = [
-    "AllanCurve",
-    "Gls",
-    "Noise",
-    "NoiseFit",
-    "Ratios",
-    "Record",
-    "Whitener",
-    "allan_deviation",
-    "allan_pyramid",
-    "coefficients_from_curve",
-    "estimate_noise",
-    "expected_rms",
-    "gls",
-    "profile_noise",
-]
+from bench.noise.likelihood import Gls, NoiseLattice, Point, Record, Surface, gls, zeros
+from bench.noise.whitening import Ratios, Whitener, covariance
 
 _NAMES = ("white", "flicker", "walk")
 _MOST_ROWS = 1200  # of an estimate from isothermal stretches

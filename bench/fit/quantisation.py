@@ -8,8 +8,8 @@ import numpy as np
 
 from bench.channels import FloatArray
 from bench.dataset import Dataset
-from bench.design import Bound
 from bench.errors import InputError
+from bench.fit.design import Bound
 
 _WORTH_SAYING = 0.1
 """Share of the fit's RMS above which the steps are worth a warning."""

@@ -17,13 +17,11 @@ import numpy as np
 
 from bench.channels import CHANNELS, BoolArray, FloatArray
 from bench.dataset import Dataset
-from bench.design import Bound, Problem, assemble
 from bench.effects.base import Open, Parameter, options_of
 from bench.errors import InputError
-from bench.model import Model
-from bench.noise import Noise
-from bench.quantisation import coarse_temperature
-from bench.solve import (
+from bench.fit.design import Bound, Problem, assemble
+from bench.fit.quantisation import coarse_temperature
+from bench.fit.solve import (
     MAX_CONDITION,
     Solution,
     dependent_column,
@@ -33,9 +31,9 @@ from bench.solve import (
     search,
     solve,
 )
-from bench.uncertainty import CovarianceKind, estimate_covariance
-
-__all__ = ["Coefficient", "Fit", "Prediction", "fit"]
+from bench.fit.uncertainty import CovarianceKind, estimate_covariance
+from bench.model import Model
+from bench.noise import Noise
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Likelihood of coloured noise beside a linear model, over a lattice of noise ratios that keeps its whiteners.
 
-A record is data whose mean is a linear model: y = X beta + nu, nu ~ N(0, sigma^2 C(rho)), C as in bench.whitening. The
+A record is data whose mean is a linear model: y = X beta + nu, nu ~ N(0, sigma^2 C(rho)), C as in `whitening`. The
 ratios rho are searched on a lattice down to eighths of a decade (finer than their uncertainty), which lets every
 candidate of a diagnosis share the whiteners. An isothermal record is one more record of the same noise.
 """
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.channels import FloatArray
-from bench.whitening import Ratios, Whitener, whiteners
+from bench.noise.whitening import Ratios, Whitener, whiteners
 
 _PER_DECADE = 16
 _LOWEST, _HIGHEST = -3 * _PER_DECADE, 3 * _PER_DECADE

@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 
 from bench.channels import FloatArray, IntArray
-from bench.design import Bound, Problem
+from bench.fit.design import Bound, Problem
+from bench.fit.solve import Solution, sandwich, solve
 from bench.noise import Noise, Record, profile_noise
-from bench.solve import Solution, sandwich, solve
-from bench.whitening import covariance as noise_covariance
+from bench.noise.whitening import covariance as noise_covariance
 
 CovarianceKind = Literal["noise", "sandwich", "none"]
 _LEAST_BLOCK_S = 300.0
