@@ -31,6 +31,15 @@ station_option = click.option(
 model_option = click.option(
     "--model", "models", multiple=True, help="Model file or name; may be repeated. Default: the three of the papers."
 )
+model_argument = click.option("--model", required=True, help="Model file or name.")
+runs_argument = click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+check_option = click.option(
+    "--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable."
+)
+static_option = click.option(
+    "--static", type=click.Path(path_type=Path), help="Isothermal run of the same unit: tells the noise."
+)
+effect_option = click.option("--effect", "own_effects", multiple=True, help="Effect of your own: file.py:Class.")
 out_option = click.option(
     "--out", type=click.Path(path_type=Path), default=Path("reports"), show_default=True, help="Where run folders go."
 )
@@ -43,9 +52,14 @@ def _answer(command: Callable[..., Answer]) -> Callable[..., None]:
     """
 
     @wraps(command)
-    def wrapped(*args: Any, as_json: bool = False, **kwargs: Any) -> None:
+    def wrapped(*args: Any, as_json: bool = False, own_effects: tuple[str, ...] = (), **kwargs: Any) -> None:
         code: int
         try:
+            if own_effects:
+                from bench.effects.registry import load_effect
+
+                for spec in own_effects:
+                    load_effect(spec)
             answer = command(*args, **kwargs)
             click.echo(json.dumps(answer.content, allow_nan=False) if as_json else answer.text)
             code = answer.exit_code
@@ -74,6 +88,7 @@ def main() -> None:
 @station_option
 @click.option("--unit", "serial", help="Serial number, where the station has several units.")
 @model_option
+@effect_option
 @out_option
 @click.option("--quiet", is_flag=True, help="No progress display.")
 @json_option
@@ -100,9 +115,10 @@ def check(profile: Path, station: Path | None) -> Answer:
 
 
 @main.command()
-@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@runs_argument
 @model_option
-@click.option("--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable.")
+@effect_option
+@check_option
 @json_option
 @_answer
 def compare(runs: tuple[Path, ...], models: tuple[str, ...], check_runs: tuple[Path, ...]) -> Answer:
@@ -115,7 +131,8 @@ def compare(runs: tuple[Path, ...], models: tuple[str, ...], check_runs: tuple[P
 @main.command()
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
 @model_option
-@click.option("--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable.")
+@effect_option
+@check_option
 @json_option
 @_answer
 def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ...]) -> Answer:
@@ -178,15 +195,11 @@ def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, wri
     return acquisition.sim(station, (modbus_port, can_port), speed, write_station)
 
 
-model_argument = click.option("--model", required=True, help="Model file or name.")
-effect_option = click.option("--effect", "own_effects", multiple=True, help="Effect of your own: file.py:Class.")
-
-
 @main.command()
-@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@runs_argument
 @model_argument
-@click.option("--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable.")
-@click.option("--static", type=click.Path(path_type=Path), help="Isothermal run of the same unit: tells the noise.")
+@check_option
+@static_option
 @click.option("--plan", type=click.Path(path_type=Path), help="Where to write the profile that would separate a tie.")
 @effect_option
 @json_option
@@ -196,13 +209,12 @@ def diagnose(
     check_runs: tuple[Path, ...],
     static: Path | None,
     model: str,
-    own_effects: tuple[str, ...],
     plan: Path | None,
 ) -> Answer:
     """Where the model fails, which physical effect is missing, and which experiment would tell."""
     from bench.workflow import diagnosis
 
-    return diagnosis.diagnose(runs, check_runs, static, model, own_effects, plan)
+    return diagnosis.diagnose(runs, check_runs, static, model, plan)
 
 
 @main.command()
@@ -212,11 +224,11 @@ def diagnose(
 @effect_option
 @json_option
 @_answer
-def add(effect: str, model: str, out: Path, own_effects: tuple[str, ...]) -> Answer:
+def add(effect: str, model: str, out: Path) -> Answer:
     """Write a model with one more EFFECT; then `bench compare` shows whether the error falls."""
     from bench.workflow import diagnosis
 
-    return diagnosis.add(effect, model, out, own_effects)
+    return diagnosis.add(effect, model, out)
 
 
 @main.command()
@@ -225,7 +237,7 @@ def add(effect: str, model: str, out: Path, own_effects: tuple[str, ...]) -> Ans
 @effect_option
 @json_option
 @_answer
-def effects(action: str, name: str | None, own_effects: tuple[str, ...]) -> Answer:
+def effects(action: str, name: str | None) -> Answer:
     """The catalogue of physical effects; `show NAME` explains and draws one."""
     from bench.workflow import diagnosis
 
@@ -235,10 +247,10 @@ def effects(action: str, name: str | None, own_effects: tuple[str, ...]) -> Answ
 
 
 @main.command()
-@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@runs_argument
 @model_argument
-@click.option("--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable.")
-@click.option("--static", type=click.Path(path_type=Path), help="Isothermal run of the same unit: tells the noise.")
+@check_option
+@static_option
 @click.option("--out", type=click.Path(path_type=Path), help="Write the model that the walk ends with.")
 @effect_option
 @json_option
@@ -249,12 +261,11 @@ def improve(
     static: Path | None,
     model: str,
     out: Path | None,
-    own_effects: tuple[str, ...],
 ) -> Answer:
     """The whole walk unattended: diagnose, add, prove on unseen data, until nothing more pays."""
     from bench.workflow import diagnosis
 
-    return diagnosis.improve(runs, check_runs, static, model, out, own_effects)
+    return diagnosis.improve(runs, check_runs, static, model, out)
 
 
 @main.command()
@@ -273,6 +284,7 @@ def mystery(seed: int | None, count: int, out: Path) -> Answer:
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 @model_argument
+@effect_option
 @json_option
 @_answer
 def reveal(folder: Path, model: str) -> Answer:

@@ -5,8 +5,10 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 from analysis_data import thermal_cycle, white, with_bias
+from click.testing import CliRunner
 
 from bench import effects
+from bench.cli import main
 from bench.effects import registry
 from bench.errors import InputError
 from bench.fit import fit
@@ -156,3 +158,13 @@ def test_a_broken_package_breaks_only_its_own_effect(installed, monkeypatch):
     assert effects.make("spline").name == "spline"
     with pytest.raises(InputError, match=r"effect 'etalon' of offered_effects:Etalon cannot be used: .*columns"):
         effects.make("etalon")
+
+
+def test_every_command_that_reads_a_model_takes_effects_of_the_user(tmp_path):
+    (tmp_path / "mine.py").write_text(GOOD, encoding="utf-8")
+    own = ["--effect", f"{tmp_path / 'mine.py'}:Etalon"]
+    assert "etalon " in CliRunner().invoke(main, ["effects", *own]).output
+    added = CliRunner().invoke(main, ["add", "etalon", "--model", "spline", "--out", str(tmp_path / "m.yaml"), *own])
+    assert added.exit_code == 0
+    for name in ("run", "compare", "report", "diagnose", "improve", "add", "reveal"):
+        assert "own_effects" in {parameter.name for parameter in main.commands[name].params}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import secrets
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,14 +59,12 @@ def diagnose(
     check: Sequence[Path],
     static: Path | None,
     model: str,
-    own_effects: Sequence[str],
     plan: Path | None,
 ) -> Answer:
     """`bench diagnose`: where the model fails, which effect is missing, which experiment would tell."""
     from bench.diagnosis.diagnose import diagnose as find
     from bench.model import load_model
 
-    _register(own_effects)
     datasets, checks = _load(runs), _load(check)
     isothermal = _load([static])[0] if static else None
     found = find(datasets, load_model(model), check=checks, static=isothermal)
@@ -75,14 +74,12 @@ def diagnose(
     return Answer(content, _text(found, content))
 
 
-def add(effect: str, model: str, out: Path, own_effects: Sequence[str]) -> Answer:
+def add(effect: str, model: str, out: Path) -> Answer:
     """`bench add`: a model with one more effect, as a new file."""
-    from bench.effects.registry import make
+    from bench.diagnosis.improve import add_effect
     from bench.model import load_model
 
-    _register(own_effects)
-    base = load_model(model)
-    longer = base.adding(make(effect), name=out.stem)
+    longer = replace(add_effect(load_model(model), effect), name=out.stem)
     if out.exists():
         raise InputError("already exists; nothing was written: choose another name with --out", out)
     _write(out, longer.to_yaml())
@@ -96,13 +93,11 @@ def improve(
     static: Path | None,
     model: str,
     out: Path | None,
-    own_effects: Sequence[str],
 ) -> Answer:
     """`bench improve`: diagnose, add, prove on unseen data, until nothing more pays."""
     from bench.diagnosis.improve import improve as walk
     from bench.model import load_model
 
-    _register(own_effects)
     isothermal = _load([static])[0] if static else None
     found = walk(_load(runs), _load(check), load_model(model), static=isothermal)
     lines = [f"{step.action:<8} {step.effect:<22} {step.sentence}" for step in found.steps]
@@ -155,13 +150,6 @@ def _write(path: Path, text: str) -> None:
         write_atomically(path, text.encode())
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}; choose another place", path) from None
-
-
-def _register(own_effects: Sequence[str]) -> None:
-    from bench.effects.registry import load_effect
-
-    for spec in own_effects:
-        load_effect(spec)
 
 
 def _load(paths: Sequence[Path]) -> list[Dataset]:
