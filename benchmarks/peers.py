@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from bench.channels import FloatArray, IntArray
+from bench.channels import FloatArray
 from bench.dataset import Dataset
 from bench.diagnosis.candidates import orthonormal
 from bench.diagnosis.suspects import Layout, catalogued, offer
@@ -67,50 +66,23 @@ def shelf(run: Dataset, model: Model) -> Shelf:
 
 def frols(given: Shelf, terms: int = 8) -> Choice:
     """SysIdentPy's forward regression by error reduction ratio; the number of terms by its BIC."""
-    from sysidentpy.basis_function._basis_function import Polynomial
+    from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
+    from sysidentpy.parameter_estimation import LeastSquares
 
-    class Mended(FROLS):  # type: ignore[misc]
-        """Release 0.2.0 assigns arrays to elements, which numpy 2.4 refuses: the same ratios, computed whole."""
-
-        def error_reduction_ratio(self, psi: FloatArray, y: FloatArray, process_term_number: int) -> Any:
-            return error_reduction(psi, y[:, 0], process_term_number)
-
-    selector = Mended(
-        order_selection=True,
-        n_info_values=terms,
-        info_criteria="bic",
-        ylag=1,
-        xlag=1,
-        basis_function=Polynomial(degree=1),
-        estimator="least_squares",
+    selector = FROLS(
+        n_info_values=terms, info_criteria="bic", ylag=1, xlag=1, basis_function=Polynomial(1), estimator=LeastSquares()
     )
-    selector.max_lag = 0
+    selector.max_lag = 0  # the columns hold all memory there is
     columns = np.column_stack([np.ones(len(given.residual)), given.columns])
     y = given.residual[:, None]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         taken = int(np.argmin(selector.information_criterion(columns, y))) + 1
     ratios, order, _ = selector.error_reduction_ratio(columns, y, taken)
-    chosen = [int(i) - 1 for i in order[:taken]]  # column 0 is the constant
+    chosen = [int(i) - 1 for i in order]  # column 0 is the constant
     ranking = tuple(dict.fromkeys(given.names[i] for i in chosen if i >= 0))
     return Choice(ranking, float(ratios[0]), bool(ranking))
-
-
-def error_reduction(psi: FloatArray, y: FloatArray, terms: int) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Error reduction ratios, pivots and chosen columns of orthogonal least squares (Billings et al. 1989)."""
-    left, order, ratios = psi.copy(), np.arange(psi.shape[1], dtype=np.int64), np.zeros(psi.shape[1])
-    power = float(y @ y)
-    for i in range(terms):
-        norm = np.einsum("ij,ij->j", left[:, i:], left[:, i:])
-        gain = (left[:, i:].T @ y) ** 2 / (np.where(norm > 1e-9, norm, np.inf) * power)
-        best = i + int(np.argmax(gain))
-        ratios[i] = gain[best - i]
-        left[:, [i, best]] = left[:, [best, i]]
-        order[[i, best]] = order[[best, i]]
-        unit = left[:, i] / max(float(np.linalg.norm(left[:, i])), 1e-300)
-        left[:, i + 1 :] -= np.outer(unit, unit @ left[:, i + 1 :])
-    return ratios, order, psi[:, order[:terms]]
 
 
 def stlsq(given: Shelf) -> Choice:
