@@ -119,13 +119,16 @@ def check(profile: Path, station: Path | None) -> Answer:
 @model_option
 @effect_option
 @check_option
+@static_option
 @json_option
 @_answer
-def compare(runs: tuple[Path, ...], models: tuple[str, ...], check_runs: tuple[Path, ...]) -> Answer:
+def compare(
+    runs: tuple[Path, ...], models: tuple[str, ...], check_runs: tuple[Path, ...], static: Path | None
+) -> Answer:
     """Model against measurement: in-sample and held-out error beside the noise floor, models side by side."""
     from bench.workflow import analysis
 
-    return analysis.compare(runs, models, check_runs)
+    return analysis.compare(runs, models, check_runs, static)
 
 
 @main.command()

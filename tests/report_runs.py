@@ -9,9 +9,9 @@ from unittest.mock import patch
 import numpy as np
 from run_folders import ARW, make_run, ramp_run
 
+from bench.diagnosis.floor import Floor
 from bench.model import load_model
 from bench.report.analysis import Analysis, analyse
-from bench.report.floor import Floor
 
 FLOOR = Floor(ARW / np.sqrt(30.0 / 3600.0))
 """Of 30 s means of the synthetic unit, whose noise is white."""

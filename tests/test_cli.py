@@ -145,6 +145,14 @@ def test_compare_answers_with_the_keys_that_others_rely_on(run_folder):
     assert content["models"][1]["rms_dph"] < content["models"][0]["rms_dph"]
 
 
+def test_every_command_reads_the_same_noise_floor_from_a_run(run_folder):
+    commands = ("compare", "diagnose", "report")
+    answers = [json.loads(bench(name, run_folder, "--model", "polynomial", "--json").stdout) for name in commands]
+    assert answers[0]["floor_dph"] > 0.0
+    assert [answer["floor_dph"] for answer in answers] == 3 * [answers[0]["floor_dph"]]
+    assert json.loads((run_folder / "diagnosis.json").read_text())["floor_dph"] == answers[0]["floor_dph"]
+
+
 def test_check_predicts_every_segment_without_moving_anything(profile, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     answer = bench("check", profile("30"), "--json")

@@ -14,6 +14,7 @@ import numpy as np
 from bench.channels import FloatArray
 from bench.dataset import Dataset
 from bench.diagnosis.answer import Detectable, Diagnosis, Place
+from bench.diagnosis.floor import noise_floor
 from bench.diagnosis.held_out import Unseen, unseen
 from bench.diagnosis.levelling import levelled
 from bench.diagnosis.limits import smallest
@@ -29,11 +30,8 @@ from bench.fit import Fit, fit
 from bench.fit.design import assemble
 from bench.fit.solve import one_blas_thread
 from bench.model import Model
-from bench.noise import estimate_noise
 from bench.noise.likelihood import NoiseLattice
 
-_STILL_DEGC_PER_MIN = 0.1
-_LEAST_STILL = 10  # rows of a stretch that noise is read from
 _DRIFTS = "the run drifts more than the isothermal run: a cause that no channel records"
 _UNMOVED = "the run does not move what it acts on: its terms cannot be told from the model's"
 
@@ -51,7 +49,8 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     """Diagnose a model on runs of one unit; `candidates` replace the effects of the catalogue that the model lacks.
 
     `check` are runs that no fit sees; `static` is a run at constant temperature that tells the noise. `floor_dph` is
-    the noise floor of these means where the caller knows it. Raises InputError: no run, or the model cannot be fitted.
+    the noise floor of these means, read from finer rows (NaN: there is none); None reads it from the rows given.
+    Raises InputError: no run, or the model cannot be fitted.
     """
     with one_blas_thread():
         return _Case.of(tuple(runs), model, static, candidates, floor_dph).diagnosis(tuple(check), seed)
@@ -97,7 +96,7 @@ class _Case:
         layout = Layout(rows, np.array(list(found.theta.values())), statics)
         layout, offered = offer(layout, catalogued(found.model, runs) if wanted is None else wanted)
         layout, noise = levelled(layout)
-        floor = _floor(runs, static) if floor_dph is None else floor_dph
+        floor = noise_floor(runs, runs[0].interval_s, static).floor_dph if floor_dph is None else floor_dph
         return cls(found, layout, offered, floor, noise, tuple(notes))
 
     def diagnosis(self, check: tuple[Dataset, ...], seed: int) -> Diagnosis:
@@ -163,28 +162,3 @@ class _Case:
             at = {} if moved else dict(zip(names, limit.theta, strict=False))
             listed.append(Detectable(effect.name, limit.rms_dph, amplitude, unit, at))
         return tuple(listed)
-
-
-def _floor(runs: Sequence[Dataset], static: Dataset | None) -> float:
-    """Noise floor of the means [deg/h] from the isothermal run, or from where the runs stand still; NaN without."""
-    interval_s = runs[0].interval_s
-    blocks = [b for record in ((static.average(interval_s),) if static is not None else runs) for b in _still(record)]
-    try:
-        noise = estimate_noise(blocks, interval_s)
-    except InputError:
-        return np.nan
-    return noise.std_of_means(interval_s, float(np.ptp(runs[0].time)))
-
-
-def _still(record: Dataset) -> list[FloatArray]:
-    """Bias where the temperature stands still, on an even grid of time, NaN in gaps."""
-    still = np.abs(np.nan_to_num(record.dT_dt, nan=np.inf)) < _STILL_DEGC_PER_MIN
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8))).reshape(-1, 2)
-    blocks = []
-    for first, last in edges.tolist():
-        if last - first >= _LEAST_STILL:
-            at = np.rint((record.time[first:last] - record.time[first]) / record.interval_s).astype(np.int64)
-            grid = np.full(int(at[-1]) + 1, np.nan)
-            grid[at] = record.bias[first:last]
-            blocks.append(grid)
-    return blocks

@@ -13,13 +13,13 @@ import numpy as np
 from bench.channels import FloatArray
 from bench.dataset import DEFAULT_INTERVAL_S, Dataset, load
 from bench.diagnosis.compare import Comparison, Score, compare, ladder
+from bench.diagnosis.floor import Floor, noise_floor
 from bench.errors import InputError
 from bench.model import Model
 from bench.report.calibration import calibration
 from bench.report.cautions import cautions
 from bench.report.completeness import Completeness, completeness
 from bench.report.diagnosed import Diagnosed, diagnosed
-from bench.report.floor import Floor, noise_floor
 from bench.report.verdict import Verdict, judge, with_diagnosis
 from bench.store import Manifest, RunFolder, write_atomically
 
@@ -116,14 +116,14 @@ def analyse(
     run = RunFolder(Path(run_folder))
     manifest = run.manifest()
     checks = [_check_run(RunFolder(Path(folder)), manifest, interval_s) for folder in check]
-    base, reason = _base(run)
+    base, reason = _base(run, interval_s)
+    data = None if base is None else load(run.path, interval_s)
     done = completeness(run, manifest, base)
-    floor = Floor(reason=reason) if base is None else noise_floor(base, interval_s)
-    if base is None:
+    floor = Floor(reason=reason) if base is None else noise_floor([base], interval_s)
+    if data is None:
         verdict = judge(done, None, np.nan, reason)
         result = Analysis(run, manifest, interval_s, done, floor, verdict, warnings=cautions(done, None, None, None))
     else:
-        data = base.average(interval_s)
         result = _judged(Analysis(run, manifest, interval_s, done, floor, _PENDING, data), data, models, checks)
         result = _diagnosed(result, data, checks) if diagnose else result
     _write(result)
@@ -138,14 +138,17 @@ def _check_run(run: RunFolder, manifest: Manifest, interval_s: float) -> Dataset
     return load(run.path, interval_s)
 
 
-def _base(run: RunFolder) -> tuple[Dataset | None, str]:
-    """The 1 s means, or why there are none."""
+def _base(run: RunFolder, interval_s: float) -> tuple[Dataset | None, str]:
+    """The 1 s means, or why there are none to judge."""
     try:
         base = load(run.path, 1.0)
     except InputError as error:
         return None, str(error).replace(f"{run.path}/", "")
     empty = [name for name in ("rate", "temperature") if not np.any(np.isfinite(base.channels[name]))]
-    return (None, f"no value of {' and '.join(empty)} in the whole record") if empty else (base, "")
+    if empty:
+        return None, f"no value of {' and '.join(empty)} in the whole record"
+    short = not len(load(run.path, interval_s))
+    return (None, f"no segment lasts half of the {interval_s:g} s of a mean") if short else (base, "")
 
 
 def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Sequence[Dataset]) -> Analysis:

@@ -17,7 +17,7 @@ import numpy as np
 from bench import __version__
 from bench.channels import FloatArray
 from bench.diagnosis.compare import Score
-from bench.report.floor import Floor
+from bench.diagnosis.floor import Floor
 
 FORMAT = 1
 

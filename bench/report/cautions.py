@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from bench.diagnosis.compare import Comparison, Score, ladder
+from bench.diagnosis.floor import Floor
 from bench.report.completeness import DAMAGED_BYTES, LOST, Completeness
-from bench.report.floor import Floor
 from bench.report.markup import clock, number
 
 _OVERFIT = 2.0

@@ -60,7 +60,7 @@ def diagnosed(data: Dataset, model: Model, check: Sequence[Dataset], floor_dph: 
     `floor_dph` is NaN where the floor is not known; `plan` is where the next experiment's profile will be.
     """
     try:
-        answer = diagnose([data], model, check=check, floor_dph=floor_dph if np.isfinite(floor_dph) else None)
+        answer = diagnose([data], model, check=check, floor_dph=floor_dph)
         proposal = next_experiment(answer, [data])
         proposed = {} if proposal is None else proposal.to_json(str(plan))
         yaml = "" if proposal is None else proposal.profile_yaml

@@ -81,19 +81,28 @@ def _summary(analysis: Analysis) -> str:
     return "\n".join(lines)
 
 
-def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path]) -> Answer:
+def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], static: Path | None = None) -> Answer:
     """`bench compare`: models side by side, in-sample and held-out, beside the noise floor."""
     from bench.dataset import load
     from bench.diagnosis.compare import compare as compare_models
     from bench.model import load_model
-    from bench.report.floor import noise_floor
 
     chosen = [load_model(model) for model in models or DEFAULT_MODELS]
     datasets = [load(recover(path).path) for path in runs]
     checks = [load(recover(path).path) for path in check]
-    floor = noise_floor(load(runs[0], 1.0), datasets[0].interval_s)
-    comparison = compare_models(datasets, chosen, floor.floor_dph, checks or None)
+    comparison = compare_models(datasets, chosen, floor_of(runs, datasets[0].interval_s, static), checks or None)
     return Answer(comparison.to_json(), ladder(comparison.to_json()))
+
+
+def floor_of(runs: Sequence[Path], interval_s: float, static: Path | None) -> float:
+    """Noise floor [deg/h] of means over `interval_s` of these runs, NaN where nothing stands still: one number for all
+    commands.
+    """
+    from bench.dataset import load
+    from bench.diagnosis.floor import noise_floor
+
+    fine = [load(recover(path).path, 1.0) for path in runs]
+    return noise_floor(fine, interval_s, load(recover(static).path, 1.0) if static else None).floor_dph
 
 
 def import_table(file: Path, columns: Path | None, serial: str, dbc: Path | None, out: Path | None) -> Answer:

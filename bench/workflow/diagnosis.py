@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
 from bench.store import write_atomically
-from bench.workflow.analysis import recover
+from bench.workflow.analysis import floor_of, recover
 from bench.workflow.answer import Answer
 
 if TYPE_CHECKING:
@@ -67,7 +67,8 @@ def diagnose(
 
     datasets, checks = _load(runs), _load(check)
     isothermal = _load([static])[0] if static else None
-    found = find(datasets, load_model(model), check=checks, static=isothermal)
+    floor_dph = floor_of(runs, datasets[0].interval_s, static)
+    found = find(datasets, load_model(model), check=checks, static=isothermal, floor_dph=floor_dph)
     content = found.to_json()
     content["next_experiment"] = _next_experiment(found, datasets, isothermal, plan or runs[0] / "next.yaml")
     _write(runs[0] / "diagnosis.json", json.dumps(content, indent=1, allow_nan=False))
@@ -98,8 +99,9 @@ def improve(
     from bench.diagnosis.improve import improve as walk
     from bench.model import load_model
 
-    isothermal = _load([static])[0] if static else None
-    found = walk(_load(runs), _load(check), load_model(model), static=isothermal)
+    datasets, isothermal = _load(runs), _load([static])[0] if static else None
+    floor_dph = floor_of(runs, datasets[0].interval_s, static)
+    found = walk(datasets, _load(check), load_model(model), static=isothermal, floor_dph=floor_dph)
     lines = [f"{step.action:<8} {step.effect:<22} {step.sentence}" for step in found.steps]
     lines += ["", f"{found.model.name}: {' + '.join(effect.name for effect in found.model.effects)}"]
     if out is not None:

@@ -1,7 +1,8 @@
-"""The noise floor of a run, from its own isothermal stretches: what the best possible model would leave."""
+"""The noise floor of runs, from where the temperature stands still: what the best possible model would leave."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,12 @@ from bench.noise import AllanCurve, Noise, allan_deviation, estimate_noise
 
 _SETTLED_DEGC_PER_MIN = 2 * STILL_DEGC_PER_MIN
 _LEAST_S = 300.0
+_AHEAD_S = 60.0
 
 
 @dataclass(frozen=True)
 class Floor:
-    """Noise of the soaks; `floor_dph` [deg/h] is NaN and `reason` says why where the run has no usable soak."""
+    """Noise of the soaks; `floor_dph` [deg/h] is NaN and `reason` says why where there is no usable soak."""
 
     floor_dph: float = np.nan
     noise: Noise | None = None
@@ -25,29 +27,34 @@ class Floor:
     stretches: tuple[tuple[str, float, float], ...] = ()
     """Name, from and to [s] of the stretches that were used."""
     reason: str = ""
+    static: str = ""
+    """Name of the isothermal run that it was read from; empty where the runs tell it themselves."""
 
 
-def noise_floor(base: Dataset, interval_s: float) -> Floor:
-    """Floor of means over `interval_s` of a run as long as this; `base` are its 1 s means.
+def noise_floor(runs: Sequence[Dataset], interval_s: float, static: Dataset | None = None) -> Floor:
+    """Floor of means over `interval_s` of a run as long as the first, read from the isothermal run, if there is one.
 
-    The floor is the expected RMS about their mean of such means under the noise found in the soaks (N, B, K).
+    All are given in rows as fine as there are (1 s means). The floor is the expected RMS about their mean of such means
+    under the noise found in the soaks (N, B, K).
     """
-    if len(base) == 0:
-        return Floor(reason="nothing was captured")
-    found = _stretches(base)
+    sources = tuple(runs) if static is None else (static,)
+    found = [(source, name, rows) for source in sources for name, rows in _stretches(source)]
+    of = "" if static is None else static.name
     if not found:
-        return Floor(reason=f"no isothermal stretch of at least {_LEAST_S / 60:g} minutes to read the noise from")
-    blocks = [_on_grid(base, rows) for _, rows in found]
+        still = f"isothermal stretch of at least {_LEAST_S / 60:g} minutes to read the noise from"
+        empty = not any(len(source) for source in sources)
+        return Floor(reason="nothing was captured" if empty else f"no {still}", static=of)
+    blocks = [_on_grid(source, rows) for source, _, rows in found]
+    base_s = found[0][0].interval_s
     try:
-        noise = estimate_noise(blocks, base.interval_s)
-        duration_s = float(base.time[-1] - base.time[0])
-        floor_dph = noise.std_of_means(interval_s, duration_s)
+        noise = estimate_noise(blocks, base_s)
+        floor_dph = noise.std_of_means(interval_s, float(np.ptp(runs[0].time)))
         pairs = zip(found, blocks, strict=True)
-        curves = tuple((name, allan_deviation(block, base.interval_s)) for (name, _), block in pairs)
+        curves = tuple((name, allan_deviation(block, base_s)) for (_, name, _), block in pairs)
     except InputError as error:
-        return Floor(reason=str(error))
-    spans = tuple((name, float(base.time[rows[0]]), float(base.time[rows[-1]])) for name, rows in found)
-    return Floor(floor_dph, noise, curves, spans)
+        return Floor(reason=str(error), static=of)
+    spans = tuple((name, float(source.time[rows[0]]), float(source.time[rows[-1]])) for source, name, rows in found)
+    return Floor(floor_dph, noise, curves, spans, static=of)
 
 
 def _stretches(base: Dataset) -> list[tuple[str, IntArray]]:
@@ -68,7 +75,7 @@ def _settled(base: Dataset, rows: IntArray) -> IntArray:
     """Rows after the last fast change of temperature, at least the last half (a chamber may cycle for ever)."""
     fast = np.flatnonzero(np.abs(np.nan_to_num(base.dT_dt[rows])) > _SETTLED_DEGC_PER_MIN)
     # The slope looks half a window ahead: the last rows of a soak may already see the next ramp.
-    inner = fast[fast < rows.size - max(60, rows.size // 20)]
+    inner = fast[fast < rows.size - max(round(_AHEAD_S / base.interval_s), rows.size // 20)]
     begin = int(inner[-1]) + 1 if inner.size else 0
     return rows[min(begin, rows.size // 2) :]
 
