@@ -136,13 +136,18 @@ def compare(
 @model_option
 @effect_option
 @check_option
+@static_option
 @json_option
 @_answer
-def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ...]) -> Answer:
-    """Analyse RUN again and write its report; a killed run is recovered from its journals first."""
+def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ...], static: Path | None) -> Answer:
+    """Analyse RUN again and write its report; a killed run is recovered from its journals first.
+
+    Its diagnosis is made anew with the --static and --check runs given, and saved as diagnosis.json; one that was made
+    with more runs is kept as diagnosis-before.json, and the report says so.
+    """
     from bench.workflow import analysis
 
-    return analysis.report(run_folder, models, check_runs)
+    return analysis.report(run_folder, models, check_runs, static)
 
 
 @main.command()

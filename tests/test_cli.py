@@ -153,6 +153,25 @@ def test_every_command_reads_the_same_noise_floor_from_a_run(run_folder):
     assert json.loads((run_folder / "diagnosis.json").read_text())["floor_dph"] == answers[0]["floor_dph"]
 
 
+def test_a_report_without_the_isothermal_run_keeps_the_diagnosis_that_knew_it(tmp_path):
+    run = make_run(tmp_path / "r", **ramp_run())
+    static = make_run(tmp_path / "s", **ramp_run([("soak at 25", "soak", 25.0, 5400.0)], seed=2))
+    told = json.loads(bench("diagnose", run, "--static", static, "--model", "polynomial", "--json").stdout)
+    assert told["static"] == "s"
+
+    warned = json.loads(bench("report", run, "--model", "polynomial", "--json").stdout)["warnings"]
+    assert any("also made with s, this one is not; it is kept as diagnosis-before.json" in text for text in warned)
+    assert json.loads((run / "diagnosis-before.json").read_text()) == told
+    assert "Made from r with no isothermal run" in (run / "report.html").read_text()
+
+    again = json.loads(bench("report", run, "--static", static, "--model", "polynomial", "--json").stdout)
+    saved = json.loads((run / "diagnosis.json").read_text())
+    assert not any("diagnosis-before" in text for text in again["warnings"])
+    assert saved == told
+    assert again["floor_dph"] == saved["floor_dph"]
+    assert "Made from r with the isothermal run s" in (run / "report.html").read_text()
+
+
 def test_check_predicts_every_segment_without_moving_anything(profile, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     answer = bench("check", profile("30"), "--json")

@@ -154,6 +154,8 @@ class Diagnosis:
     residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     unexplained_residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     next_experiment: Mapping[str, Any] | None = None
+    static: str = ""
+    """Name of the isothermal run that tells the noise; empty without."""
 
     @property
     def found(self) -> tuple[SuspectedEffect, ...]:
@@ -167,6 +169,7 @@ class Diagnosis:
             "sentence": self.sentence,
             "runs": list(self.runs),
             "check": list(self.check),
+            "static": self.static or None,
             "model": self.model.name,
             "floor_dph": number(self.floor_dph),
             "rms_dph": number(self.rms_dph),

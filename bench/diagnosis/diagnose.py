@@ -66,6 +66,7 @@ class _Case:
     floor_dph: float
     noise: str
     notes: tuple[str, ...]
+    static: str = ""
 
     @classmethod
     def of(
@@ -97,7 +98,7 @@ class _Case:
         layout, offered = offer(layout, catalogued(found.model, runs) if wanted is None else wanted)
         layout, noise = levelled(layout)
         floor = noise_floor(runs, runs[0].interval_s, static).floor_dph if floor_dph is None else floor_dph
-        return cls(found, layout, offered, floor, noise, tuple(notes))
+        return cls(found, layout, offered, floor, noise, tuple(notes), "" if static is None else static.name)
 
     def diagnosis(self, check: tuple[Dataset, ...], seed: int) -> Diagnosis:
         """The answer."""
@@ -128,6 +129,7 @@ class _Case:
             improved=found.layout.rows.model,
             residuals=base.residuals,
             unexplained_residuals=improved.residuals,
+            static=self.static,
         )
         return replace(answer, sentence=sentence(answer, found.drifts))
 

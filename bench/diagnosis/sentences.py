@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from bench.diagnosis.answer import Diagnosis, Place, SuspectedEffect
@@ -18,6 +20,13 @@ def sentence(answer: Diagnosis, drifts: bool) -> str:
     if answer.verdict == "missing_effect":
         return _missing(answer)
     return _unknown(answer, drifts)
+
+
+def made_from(answer: Diagnosis) -> str:
+    """Which runs a diagnosis knew: the same run may look different beside others."""
+    static = f"the isothermal run {answer.static}" if answer.static else "no isothermal run"
+    proof = f"proved on {_and(answer.check)}" if answer.check else "proved on blocks left out"
+    return f"made from {_and(answer.runs)} with {static}, {proof}"
 
 
 def _missing(answer: Diagnosis) -> str:
@@ -78,6 +87,11 @@ def _where(place: Place) -> str:
 
 def _floor(answer: Diagnosis) -> str:
     return f"{answer.floor_dph:.3f}" if np.isfinite(answer.floor_dph) else "unknown"
+
+
+def _and(names: Sequence[str]) -> str:
+    """Names as a sentence lists them."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def _capital(text: str) -> str:

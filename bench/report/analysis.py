@@ -20,6 +20,7 @@ from bench.report.calibration import calibration
 from bench.report.cautions import cautions
 from bench.report.completeness import Completeness, completeness
 from bench.report.diagnosed import Diagnosed, diagnosed
+from bench.report.earlier import SAVED, set_aside
 from bench.report.verdict import Verdict, judge, with_diagnosis
 from bench.store import Manifest, RunFolder, write_atomically
 
@@ -104,38 +105,43 @@ def analyse(
     check: Sequence[Path | str] = (),
     interval_s: float = DEFAULT_INTERVAL_S,
     *,
+    static: Path | str | None = None,
     diagnose: bool = True,
 ) -> Analysis:
     """Analyse a run with `models` (default: those of the source papers) beside the baselines.
 
-    With `check` runs of the same unit the held-out error is measured on them. A run that was aborted or holds nothing
-    is no error: the analysis says so. Raises InputError when the folder is no run or a check run cannot be read.
+    With `check` runs of the same unit the held-out error is measured on them; an isothermal run `static` of it tells
+    the noise. A run that was aborted or holds nothing is no error: the analysis says so. Raises InputError when the
+    folder is no run or one of the other runs cannot be read.
     `diagnose` asks which effect the best model lacks, in some ten seconds. Writes compare.json, calibration.json and,
-    with a diagnosis, diagnosis.json into the run folder.
+    with a diagnosis, diagnosis.json into the run folder; one that knew more runs is kept under another name.
     """
     run = RunFolder(Path(run_folder))
     manifest = run.manifest()
-    checks = [_check_run(RunFolder(Path(folder)), manifest, interval_s) for folder in check]
+    checks = [load(_of_unit(folder, manifest, "check"), interval_s) for folder in check]
+    isothermal = None if static is None else _of_unit(static, manifest, "isothermal")
+    still, fine = (None, None) if isothermal is None else (load(isothermal, s) for s in (interval_s, 1.0))
     base, reason = _base(run, interval_s)
     data = None if base is None else load(run.path, interval_s)
     done = completeness(run, manifest, base)
-    floor = Floor(reason=reason) if base is None else noise_floor([base], interval_s)
+    floor = Floor(reason=reason) if base is None else noise_floor([base], interval_s, fine)
     if data is None:
         verdict = judge(done, None, np.nan, reason)
         result = Analysis(run, manifest, interval_s, done, floor, verdict, warnings=cautions(done, None, None, None))
     else:
         result = _judged(Analysis(run, manifest, interval_s, done, floor, _PENDING, data), data, models, checks)
-        result = _diagnosed(result, data, checks) if diagnose else result
+        result = _diagnosed(result, data, checks, still) if diagnose else result
     _write(result)
     return result
 
 
-def _check_run(run: RunFolder, manifest: Manifest, interval_s: float) -> Dataset:
-    """A run to hold out; InputError where it is of another unit: that would prove nothing."""
+def _of_unit(folder: Path | str, manifest: Manifest, what: str) -> Path:
+    """A further run; InputError where it is of another unit: that would prove nothing."""
+    run = RunFolder(Path(folder))
     mine, theirs = manifest.get("unit"), run.manifest().get("unit")
     if mine and theirs and mine != theirs:
-        raise InputError(f"check run is of unit {theirs}, the run to be checked is of {mine}", run.path)
-    return load(run.path, interval_s)
+        raise InputError(f"{what} run is of unit {theirs}, the run to be judged is of {mine}", run.path)
+    return run.path
 
 
 def _base(run: RunFolder, interval_s: float) -> tuple[Dataset | None, str]:
@@ -169,7 +175,7 @@ def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Seq
     )
 
 
-def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset]) -> Analysis:
+def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset], static: Dataset | None) -> Analysis:
     """Diagnose the best model of those fitted to all rows: what one of a branch lacks is the other branch.
 
     One with a free curve of temperature goes first: a stiffer one only lacks the curve.
@@ -180,11 +186,13 @@ def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset]) -> Ana
     best = _best(free or whole)
     if best is None:
         return known
-    found = diagnosed(data, best.model, checks, known.floor.floor_dph, known.run.path / NEXT_PROFILE)
-    if found.answer is None:
-        reason = f"not diagnosed: {found.reason}"
-        return replace(known, diagnosed=found, warnings=(*known.warnings, reason))
-    return replace(known, diagnosed=found, verdict=with_diagnosis(known.verdict, found, known.floor.floor_dph))
+    found = diagnosed(data, best.model, checks, static, known.floor.floor_dph, known.run.path / NEXT_PROFILE)
+    reasons = (
+        f"not diagnosed: {found.reason}" if found.answer is None else "",
+        set_aside(known.run.path, found.answer),
+    )
+    known = replace(known, diagnosed=found, warnings=(*known.warnings, *filter(None, reasons)))
+    return replace(known, verdict=with_diagnosis(known.verdict, found, known.floor.floor_dph))
 
 
 def _best(scores: Sequence[Score]) -> Score | None:
@@ -204,7 +212,7 @@ def _write(result: Analysis) -> None:
         folder / "calibration.json", calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
     )
     if result.diagnosed.answer is not None:
-        _dump(folder / "diagnosis.json", result.diagnosed.answer.to_json())
+        _dump(folder / SAVED, result.diagnosed.answer.to_json())
     if result.diagnosed.profile_yaml:
         write_atomically(folder / NEXT_PROFILE, result.diagnosed.profile_yaml.encode())
 

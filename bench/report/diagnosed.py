@@ -54,14 +54,17 @@ class Diagnosed:
         return {"verdict": self.answer.verdict, "sentence": self.answer.sentence, "suspects": names}
 
 
-def diagnosed(data: Dataset, model: Model, check: Sequence[Dataset], floor_dph: float, plan: Path) -> Diagnosed:
-    """Diagnose `model` on a run and its check runs; a diagnosis that cannot be made is a reason, never an error.
+def diagnosed(
+    data: Dataset, model: Model, check: Sequence[Dataset], static: Dataset | None, floor_dph: float, plan: Path
+) -> Diagnosed:
+    """Diagnose `model` on a run, its check runs and its isothermal run.
 
-    `floor_dph` is NaN where the floor is not known; `plan` is where the next experiment's profile will be.
+    A diagnosis that cannot be made is a reason, never an error. `floor_dph` is NaN where the floor is not known; `plan`
+    is where the next experiment's profile will be.
     """
     try:
-        answer = diagnose([data], model, check=check, floor_dph=floor_dph)
-        proposal = next_experiment(answer, [data])
+        answer = diagnose([data], model, check=check, static=static, floor_dph=floor_dph)
+        proposal = next_experiment(answer, [data], static=static)
         proposed = {} if proposal is None else proposal.to_json(str(plan))
         yaml = "" if proposal is None else proposal.profile_yaml
         rungs = _rungs(answer, data, tuple(check))

@@ -13,6 +13,7 @@ from bench.channels import CHANNELS
 from bench.dataset import Dataset
 from bench.diagnosis.answer import Detectable, Diagnosis, Place, SuspectedEffect, Value
 from bench.diagnosis.evidence import TIE
+from bench.diagnosis.sentences import made_from
 from bench.effects.catalogue import entry
 from bench.errors import InputError
 from bench.model import load_model
@@ -61,7 +62,7 @@ def missing(analysis: Analysis) -> Section | None:
         _legs(answer),
         _places(answer),
         _unseen(answer),
-        _notes(answer),
+        *(paragraph(f"{_capital(note)}.") for note in _notes(answer)),
     )
     return Section("missing", TITLE, Markup().join(parts))
 
@@ -282,11 +283,8 @@ def _limit(limit: Detectable) -> tuple[object, ...]:
     return (limit.effect, number(limit.rms_dph), number(limit.amplitude), in_print(limit.unit), at or "–")
 
 
-def _notes(answer: Diagnosis) -> Markup:
-    return Markup().join(paragraph(f"{_capital(note)}.") for note in _all_notes(answer))
-
-
-def _all_notes(answer: Diagnosis) -> Iterator[str]:
+def _notes(answer: Diagnosis) -> Iterator[str]:
+    yield made_from(answer)
     if answer.noise_finding and answer.verdict != "adequate":
         yield answer.noise_finding
     yield from answer.notes

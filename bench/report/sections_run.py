@@ -97,9 +97,10 @@ def noise(analysis: Analysis) -> Section | None:
         low, high = found.intervals.get(name, (float("nan"), float("nan")))
         value = f"below {number(high, 2)}" if name in found.undetermined else number(getattr(found, name))
         rows.append((letter, meaning, value, f"{number(low)} to {number(high)}", unit))
+    spans = f"{len(floor.stretches)} isothermal spans{f' of the run {floor.static}' if floor.static else ''}"
     words = (
         f"Means over {analysis.interval_s:g} s of a run this long scatter by {number(floor.floor_dph)} deg/h from "
-        f"noise alone. No model can do better: that is the floor, read from {len(floor.stretches)} isothermal spans."
+        f"noise alone. No model can do better: that is the floor, read from {spans}."
     )
     alt = "Allan deviation over averaging time. " + "; ".join(f"{row[0]}: {row[2]} {row[4]}" for row in rows)
     caption = (

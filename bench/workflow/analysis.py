@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 DEFAULT_MODELS = ("polynomial", "regression", "spline")
 
 
-def report(path: Path, models: Sequence[str], check: Sequence[Path] = ()) -> Answer:
+def report(path: Path, models: Sequence[str], check: Sequence[Path] = (), static: Path | None = None) -> Answer:
     """`bench report`: analyse a run again; a killed run is recovered from its journals first."""
     from bench.model import load_model
 
     folder = recover(path)
     files = sorted(folder.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
     chosen = [load_model(model) for model in models or files or DEFAULT_MODELS]
-    return report_on(folder, chosen, None, check)
+    return report_on(folder, chosen, None, check, static)
 
 
 def resume(path: Path) -> Answer:
@@ -52,13 +52,17 @@ def recover(path: Path) -> RunFolder:
 
 
 def report_on(
-    folder: RunFolder, models: Sequence[Model], error: BenchError | None, check: Sequence[Path] = ()
+    folder: RunFolder,
+    models: Sequence[Model],
+    error: BenchError | None,
+    check: Sequence[Path] = (),
+    static: Path | None = None,
 ) -> Answer:
     """Analyse a run, write its report, and say how it ended."""
     from bench.report.analysis import analyse
     from bench.report.html import write_report
 
-    analysis = analyse(folder.path, models, check)
+    analysis = analyse(folder.path, models, check, static=static)
     write_report(analysis)
     content = {**analysis.to_json(), "report": str(folder.report), "state": analysis.manifest["state"]}
     if error is not None:
