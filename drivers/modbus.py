@@ -5,13 +5,18 @@ request. So nothing is retried inside pymodbus; here every answer is checked aga
 doubtful the link is brought back in step before the next request:
 
 * Modbus TCP numbers its requests, so a fresh connection is enough;
-* RTU has no numbers, so what still arrives is read and thrown away until the line was silent for one whole timeout.
-  The timeout therefore has to be longer than the controller's slowest answer.
+* RTU has no numbers, so the slowest possible answer is waited out, and what arrives is thrown away until the line was
+  silent for one whole timeout. What arrives between two requests is thrown away before the second one is sent.
+
+What this cannot tell: an RTU answer that comes after the slowest possible time, in the middle of the next exchange, and
+has the right function and length. Hence `slowest_s`, and polled blocks of one fixed shape in the register maps.
 """
 
 from __future__ import annotations
 
 import logging
+import select
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from urllib.parse import parse_qsl, urlsplit
@@ -21,6 +26,7 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerType
 from pymodbus.pdu import ModbusPDU
 
+from drivers.backoff import BackOff
 from drivers.errors import ConfigError, LinkError, RefusedError
 from drivers.registers import Register, Value, block_of
 
@@ -40,6 +46,7 @@ EXCEPTIONS = {
 }
 _TRANSIENT = {5, 6, 11}
 _MOST_DRAINS = 20
+_BUSY_PAUSE_S = 0.05
 _SERIAL_KEYS = {"baudrate": int, "bytesize": int, "parity": str, "stopbits": int}
 
 _Client = ModbusTcpClient | ModbusSerialClient
@@ -58,23 +65,38 @@ class LinkCounters:
 class ModbusLink:
     """Checked requests to one Modbus device. Not for use by several threads.
 
-    Raises LinkError when no trustworthy answer came within the attempts, RefusedError for exception responses.
+    Raises LinkError when no trustworthy answer came within the attempts, RefusedError for exception responses. Each
+    request connects if need be; whoever calls again after an error waits `back_off.wait_s(failures)` in between.
     """
 
-    def __init__(self, url: str, *, device_id: int = 1, timeout_s: float = 1.5, attempts: int = 3) -> None:
+    def __init__(
+        self,
+        url: str,
+        *,
+        device_id: int = 1,
+        timeout_s: float = 1.5,
+        attempts: int = 3,
+        slowest_s: float | None = None,
+        back_off: BackOff | None = None,
+    ) -> None:
         """Prepare a link; the connection is made by the first request.
 
         `url` is `tcp://host:port` (Modbus TCP), `rtu+tcp://host:port` (RTU frames through a serial gateway) or
-        `rtu:///dev/ttyUSB0?baudrate=9600&parity=N&stopbits=1`. Raises ConfigError.
+        `rtu:///dev/ttyUSB0?baudrate=9600&parity=N&stopbits=1`. `slowest_s` [s] is the time after which an answer
+        cannot come any more, twice the timeout unless given; only RTU needs it. Raises ConfigError.
         """
         if not 0 < timeout_s <= 60 or attempts < 1 or not 0 <= device_id <= 247:
             raise ConfigError(
                 f"{url}: timeout {timeout_s} s (0 to 60), {attempts} attempts (1..), id {device_id} (..247)"
             )
         self.url = url
+        self.back_off = back_off or BackOff()
         self.counters = LinkCounters()
         self._device_id = device_id
         self._attempts = attempts
+        self._slowest_s = max(2 * timeout_s if slowest_s is None else slowest_s, timeout_s)
+        self._drains = _MOST_DRAINS + round(self._slowest_s / timeout_s)
+        self._sent_s = 0.0
         self._client, self._numbered = _client(url, timeout_s)
 
     def close(self) -> None:
@@ -107,8 +129,13 @@ class ModbusLink:
             try:
                 return self._exchange(code, address, count, words)
             except RefusedError as error:
-                if error.code not in _TRANSIENT or attempt == self._attempts:
+                if error.code not in _TRANSIENT:
                     raise RefusedError(f"{where}: {error}", error.code) from None
+                if not self._numbered:  # a gateway gives up (11) before the device does, whose answer still comes
+                    self._resynchronise()
+                if attempt == self._attempts:
+                    raise RefusedError(f"{where}: {error} ({attempt} attempts)", error.code) from None
+                time.sleep(_BUSY_PAUSE_S * attempt)
             except LinkError as error:
                 self.counters.faults += 1
                 self._resynchronise()
@@ -121,6 +148,8 @@ class ModbusLink:
             if not self._client.connect():
                 raise LinkError("no connection")
             self.counters.connections += 1
+        self._discard_waiting()
+        self._sent_s = time.monotonic()
         try:
             answer = self._send(code, address, count, words)
         except (ModbusException, OSError) as error:
@@ -155,12 +184,25 @@ class ModbusLink:
             self.close()
             return
         try:
-            for _ in range(_MOST_DRAINS):
-                if not self._client.recv(None):
+            for _ in range(self._drains):
+                heard = self._client.recv(None)  # up to one timeout
+                if not heard and time.monotonic() >= self._sent_s + self._slowest_s:
                     return
         except (ModbusException, OSError):
             pass
         self.close()
+
+    def _discard_waiting(self) -> None:
+        """Throw away what an RTU gateway sent without being asked; on a serial line pymodbus does it."""
+        client = self._client
+        if self._numbered or isinstance(client, ModbusSerialClient) or client.socket is None:
+            return
+        try:
+            while select.select([client.socket], [], [], 0)[0]:
+                if not client.socket.recv(4096):
+                    raise LinkError("the gateway closed the connection")
+        except (OSError, ValueError) as error:
+            raise LinkError(f"connection lost: {error}") from error
 
 
 def _client(url: str, timeout_s: float) -> tuple[_Client, bool]:
