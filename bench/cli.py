@@ -32,6 +32,7 @@ model_option = click.option(
     "--model", "models", multiple=True, help="Model file or name; may be repeated. Default: the three of the papers."
 )
 model_argument = click.option("--model", required=True, help="Model file or name.")
+live_argument = click.argument("run_folder", metavar="[RUN]", required=False, type=click.Path(path_type=Path))
 runs_argument = click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
 check_option = click.option(
     "--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable."
@@ -151,14 +152,63 @@ def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ..
 
 
 @main.command()
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@live_argument
+@out_option
 @json_option
 @_answer
-def resume(run_folder: Path) -> Answer:
-    """Recover what a killed RUN captured from its journals. Moves no equipment and starts nothing again."""
-    from bench.workflow import analysis
+def status(run_folder: Path | None, out: Path) -> Answer:
+    """What a live RUN does just now; without RUN: all of them."""
+    from bench.workflow import live
 
-    return analysis.resume(run_folder)
+    return live.status(run_folder, out)
+
+
+@main.command()
+@live_argument
+@out_option
+@json_option
+@_answer
+def hold(run_folder: Path | None, out: Path) -> Answer:
+    """Hold a live RUN at once, where its chamber is; without RUN: the only one."""
+    from bench.workflow import live
+
+    return live.act("hold", run_folder, out)
+
+
+@main.command()
+@live_argument
+@out_option
+@json_option
+@_answer
+def pause(run_folder: Path | None, out: Path) -> Answer:
+    """Hold a live RUN after its present segment; without RUN: the only one."""
+    from bench.workflow import live
+
+    return live.act("pause", run_folder, out)
+
+
+@main.command()
+@live_argument
+@out_option
+@json_option
+@_answer
+def resume(run_folder: Path | None, out: Path) -> Answer:
+    """Go on: with a live RUN that holds, or with one whose bench was killed, from what its journals hold."""
+    from bench.workflow import live
+
+    return live.resume(run_folder, out)
+
+
+@main.command()
+@live_argument
+@out_option
+@json_option
+@_answer
+def abort(run_folder: Path | None, out: Path) -> Answer:
+    """End a live RUN and say what the safe state reached; asks nothing. Without RUN: the only one."""
+    from bench.workflow import live
+
+    return live.abort(run_folder, out)
 
 
 @main.command("import")

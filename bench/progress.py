@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,8 @@ PLAIN_LINE_WALL_S = 15.0
 class Progress:
     """Context manager; call it with (station, status) at every tick."""
 
-    def __init__(self, profile: Profile, quiet: bool = False) -> None:
+    def __init__(self, profile: Profile, quiet: bool = False, notice: Callable[[], str] = str) -> None:
+        self._notice = notice
         self._nominal_s = profile.duration_s
         self._console = Console(stderr=True)
         self._quiet = quiet
@@ -92,6 +94,8 @@ class Progress:
         )
         if status.holding:
             grid.add_row("HOLD", ", ".join(status.holding))
+        if notice := self._notice():
+            grid.add_row("keys", notice)
         return grid
 
 

@@ -1,0 +1,246 @@
+"""Control of a live run: one desk for keyboard, command line and page; and its server on 127.0.0.1.
+
+The desk keeps the newest picture of the run, made by the run's own loop at every tick, and passes requests on to the
+sequencer, whose `request_*` may be called from any thread; the sequencer makes each an event with who asked and when.
+The server is a thread that answers lines of JSON (see `bench.remote`). The run never depends on it: without a port,
+with a client that talks nonsense or none at all, the run goes its way.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hmac
+import json
+import math
+import os
+import secrets
+import socket
+import socketserver
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, Protocol, get_args
+
+from bench.remote import HOST, LIVE, LiveFile, read_line
+from bench.sequencer import Status
+from bench.station import LiveUnit, Station
+
+Action = Literal["hold", "pause", "resume", "abort"]
+ACTIONS: tuple[Action, ...] = get_args(Action)
+
+Onlooker = Callable[[Station, Status], None]
+
+PATIENCE_S = 2.0
+"""A client has this long for its request."""
+CLIENTS = 8
+"""So many at once; further ones are turned away."""
+_NAME_LENGTH = 120
+_POLL_S = 0.1
+
+
+class Requests(Protocol):
+    """What a sequencer can be asked for, from any thread; it does so at its next tick."""
+
+    def request_stop(self, cause: str) -> None:
+        """End the run through the safe state."""
+
+    def request_hold(self, cause: str) -> None:
+        """Stop where the chamber is."""
+
+    def request_pause(self, cause: str) -> None:
+        """Hold after the present segment."""
+
+    def request_resume(self, cause: str) -> None:
+        """Go on."""
+
+
+class Desk:
+    """Where onlookers see a live run and operators ask it for something; safe to use from any thread."""
+
+    def __init__(self) -> None:
+        self._sequencer: Requests | None = None
+        self._nominal_s = 0.0
+        self._picture: dict[str, Any] = {"state": "starting"}
+        self._seen_wall_s = time.monotonic()
+        self._ending = ""
+
+    def attach(self, sequencer: Requests, nominal_s: float) -> None:
+        """Requests go to this sequencer from now on; its legs take `nominal_s` [s]."""
+        self._sequencer, self._nominal_s = sequencer, nominal_s
+
+    def look(self, station: Station, status: Status) -> None:
+        """Take in one tick; called by the loop of the run, which alone may read the station."""
+        self._picture = picture(station, status, self._nominal_s)
+        self._seen_wall_s = time.monotonic()
+
+    def watched(self, onlooker: Onlooker) -> Onlooker:
+        """An onlooker that lets this desk see each tick too."""
+
+        def look(station: Station, status: Status) -> None:
+            self.look(station, status)
+            onlooker(station, status)
+
+        return look
+
+    def status(self) -> dict[str, Any]:
+        """The newest picture; `age_s` is how old it is [s of wall time]."""
+        state = {"state": "ending", "ending": self._ending} if self._ending else {}
+        return {**self._picture, **state, "age_s": round(time.monotonic() - self._seen_wall_s, 3)}
+
+    def ask(self, action: Action, who: str) -> None:
+        """Ask the run for something; RuntimeError before there is a sequencer to ask."""
+        sequencer = self._sequencer
+        if sequencer is None:
+            raise RuntimeError("the run is only just starting; ask again in a moment")
+        cause = f"operator {_printable(who)}"
+        if action == "abort":
+            self._ending = cause
+            sequencer.request_stop(cause)
+        else:
+            {"hold": sequencer.request_hold, "pause": sequencer.request_pause, "resume": sequencer.request_resume}[
+                action
+            ](cause)
+
+
+def picture(station: Station, status: Status, nominal_s: float) -> dict[str, Any]:
+    """A tick as an object for JSON: temperatures [degC], times [s]; what is not known is null."""
+    leg, reading = status.leg, status.reading
+    segment_left_s, left_s = time_left(status, nominal_s)
+    return {
+        "state": getattr(status, "state", "running"),
+        "t_s": round(status.t_s, 3),
+        "left_s": left_s,
+        "segment": {
+            "index": leg.index,
+            "of": status.legs,
+            "name": leg.name,
+            "kind": leg.kind,
+            "target_degc": leg.target_degc,
+            "rate_degc_per_min": leg.rate_degc_per_min,
+            "from_s": round(status.leg_from_s, 3),
+            "left_s": segment_left_s,
+        },
+        "chamber": {
+            "temperature_degc": _known(reading.temperature),
+            "setpoint_degc": _known(reading.setpoint),
+            "working_setpoint_degc": _known(reading.working_setpoint),
+            "on": reading.on,
+            "alarm": list(reading.alarm),
+        },
+        "units": [
+            *(_unit(unit, None) for unit in station.units),
+            *(_unit(gone.unit, gone.reason) for gone in station.dropped),
+        ],
+        "holding": list(status.holding),
+    }
+
+
+def _unit(unit: LiveUnit, dropped: str | None) -> dict[str, Any]:
+    return {
+        "serial": unit.serial,
+        "temperature_degc": None if unit.temperature is None else _known(unit.temperature.value),
+        "losses": unit.decoder.losses.as_dict(),
+        "dropped": dropped,
+    }
+
+
+def time_left(status: Status, nominal_s: float) -> tuple[float, float]:
+    """Bench time left [s] of this segment and of the run: nominal, late by as much as the segment already is."""
+    segment_s = max(status.leg.nominal_s - (status.t_s - status.leg_from_s), 0.0)
+    return round(segment_s, 1), round(segment_s + max(nominal_s - status.leg.nominal_end_s, 0.0), 1)
+
+
+@contextmanager
+def serve(desk: Desk, folders: Sequence[Path], journal: Path) -> Iterator[str]:
+    """Serve the desk, with `live.json` in each run folder while it lasts; yields what is wrong, empty when nothing."""
+    with contextlib.ExitStack() as stack:
+        try:
+            server = stack.enter_context(_Server(desk))
+            start = datetime.now(UTC).isoformat(timespec="milliseconds")
+            live = LiveFile(os.getpid(), server.server_address[1], start, str(journal.resolve()), server.token)
+            for folder in folders:
+                stack.callback(_remove, folder / LIVE)
+                live.write(folder)
+            thread = threading.Thread(target=server.serve_forever, args=(_POLL_S,), name="control", daemon=True)
+            thread.start()
+            stack.callback(server.shutdown)
+            trouble = ""
+        except OSError as error:
+            trouble = f"no control from other processes: {error.strerror or error}"
+        yield trouble
+
+
+class _Server(socketserver.ThreadingTCPServer):
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, desk: Desk) -> None:
+        super().__init__((HOST, 0), _Client)
+        self.desk = desk
+        self.token = secrets.token_urlsafe(24)
+        self._places = threading.BoundedSemaphore(CLIENTS)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if self._places.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._places.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that went away or talked nonsense is no news for the operator's terminal."""
+
+
+class _Client(socketserver.BaseRequestHandler):
+    server: _Server
+    request: socket.socket
+
+    def handle(self) -> None:
+        answer = {"pid": os.getpid(), **self._answer(read_line(self.request, PATIENCE_S))}
+        self.request.settimeout(PATIENCE_S)
+        self.request.sendall(json.dumps(answer, allow_nan=False).encode() + b"\n")
+
+    def _answer(self, line: bytes) -> dict[str, Any]:
+        try:
+            request = json.loads(line)
+        except (ValueError, RecursionError):
+            request = None
+        if not isinstance(request, dict):
+            return _refused("not a JSON object")
+        if not hmac.compare_digest(str(request.get("token")).encode(errors="replace"), self.server.token.encode()):
+            return _refused("wrong token: not the process that its live.json speaks of")
+        action = request.get("do")
+        if action in ACTIONS:
+            try:
+                self.server.desk.ask(action, str(request.get("who", "unknown")))
+            except RuntimeError as error:
+                return _refused(str(error))
+        elif action != "status":
+            return _refused(f"do is {str(action)[:40]!r}, must be one of status, {', '.join(ACTIONS)}")
+        return {"ok": True, **self.server.desk.status()}
+
+
+def _refused(error: str) -> dict[str, Any]:
+    return {"ok": False, "error": error}
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()
+
+
+def _known(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else round(value, 4)
+
+
+def _printable(text: str) -> str:
+    """A name as one bounded line: it goes into events, reports and terminals."""
+    return "".join(char if char.isprintable() else "?" for char in text[:_NAME_LENGTH]) or "unknown"

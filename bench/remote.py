@@ -1,0 +1,187 @@
+"""Finds live runs on this machine and asks them for something: the client of `bench.control`.
+
+A live run keeps `live.json` in each of its run folders: process, port on 127.0.0.1 and a secret token, readable by the
+user who started it (mode 0600) and gone with the run. A file that outlived its process is recognised by asking: only
+the process that wrote it knows its token. One request and one answer a connection, each a line of JSON.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import getpass
+import json
+import os
+import socket
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from bench.errors import EquipmentError, InputError
+from drivers.journal import Kind, read_blocks
+
+LIVE = "live.json"
+HOST = "127.0.0.1"
+LIMIT_BYTES = 1 << 16
+"""Longest line; requests are a hundredth of it, answers of many units a tenth."""
+PATIENCE_S = 5.0
+"""A live run answers from a thread of its own, in milliseconds."""
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True)
+class LiveFile:
+    """What `live.json` says."""
+
+    pid: int
+    port: int
+    start: str
+    """UTC of the start, ISO 8601."""
+    journal: str
+    """The bench's own journal, whose events say how the run ended."""
+    token: str = field(repr=False)
+
+    def write(self, folder: Path) -> None:
+        """Put it into a run folder, whole, and for its owner's eyes only."""
+        handle, temporary = tempfile.mkstemp(dir=folder, prefix=f".{LIVE}.")  # mode 0600
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            json.dump(asdict(self), file)
+        Path(temporary).replace(folder / LIVE)
+
+
+@dataclass(frozen=True)
+class LiveRun:
+    """A run whose process may be reached: one folder a unit."""
+
+    folders: tuple[Path, ...]
+    file: LiveFile
+
+    @property
+    def path(self) -> Path:
+        """The folder that names the run."""
+        return self.folders[0]
+
+    def condition(self) -> Literal["live", "silent", "gone"]:
+        """Silent: something holds the port and does not answer; it may be the run, stopped or hung."""
+        try:
+            return "live" if ask(self, "status").get("pid") == self.file.pid else "gone"
+        except EquipmentError as error:
+            return "silent" if isinstance(error.__cause__, TimeoutError) else "gone"
+
+
+def at(folder: Path) -> LiveRun | None:
+    """The run that `live.json` in a run folder speaks of, its process alive or not; None without a readable one."""
+    try:
+        file = LiveFile(**json.loads((folder / LIVE).read_bytes()))
+    except (OSError, ValueError, TypeError):
+        return None
+    sound = all(isinstance(value, int if name in {"pid", "port"} else str) for name, value in asdict(file).items())
+    return LiveRun((folder,), file) if sound and 0 < file.port < 1 << 16 else None
+
+
+def below(root: Path) -> list[LiveRun]:
+    """All runs with a `live.json` in `root/<unit>/<run>`, oldest first, whatever their condition."""
+    runs: dict[str, LiveRun] = {}
+    for file in sorted(root.glob(f"*/*/{LIVE}")):
+        if found := at(file.parent):
+            known = runs.get(found.file.token)
+            folders = (*known.folders, file.parent) if known else found.folders
+            runs[found.file.token] = replace(found, folders=folders)
+    return sorted(runs.values(), key=lambda run: run.file.start)
+
+
+def the_run(folder: Path | None, root: Path) -> LiveRun:
+    """The live run in `folder`, or the only one below `root`; InputError that says what there is instead."""
+    if folder is not None:
+        return _named(folder)
+    runs = [run for run in below(root) if run.condition() != "gone"]
+    if len(runs) == 1:
+        return runs[0]
+    listed = ", ".join(str(run.path) for run in runs)
+    text = (
+        f"{len(runs)} live runs here; name one of {listed}" if runs else "no live run here; --out names another place"
+    )
+    raise InputError(text, root)
+
+
+def _named(folder: Path) -> LiveRun:
+    if not folder.is_dir():
+        raise InputError("no such run folder; `bench status` lists the live runs", folder)
+    found = at(folder)
+    if found is None:
+        raise InputError("this run is not live; `bench status` lists those that are", folder)
+    if found.condition() == "gone":
+        text = f"this run is not live: its process {found.file.pid} is gone; `bench resume {folder}` goes on with it"
+        raise InputError(text, folder)
+    return found
+
+
+def ask(run: LiveRun, action: str, patience_s: float = PATIENCE_S) -> dict[str, Any]:
+    """Send one request; the answer. EquipmentError when the process is gone, hangs, or refuses."""
+    request = {"token": run.file.token, "do": action, "who": whoami()}
+    try:
+        with socket.create_connection((HOST, run.file.port), patience_s) as connection:
+            connection.sendall(json.dumps(request).encode() + b"\n")
+            answer = json.loads(read_line(connection, patience_s))
+    except (OSError, ValueError) as error:
+        text = f"{run.path}: process {run.file.pid} does not answer on {HOST}:{run.file.port}: {error}"
+        raise EquipmentError(f"{text}; look at the chamber") from error
+    if not isinstance(answer, dict) or not answer.get("ok"):
+        refused = answer.get("error") if isinstance(answer, dict) else answer
+        raise EquipmentError(f"{run.path}: {refused}")
+    return answer
+
+
+def wait(run: LiveRun, reached: Callable[[dict[str, Any]], bool], limit_s: float) -> dict[str, Any]:
+    """The first answer to `status` for which `reached` holds, or the last one within `limit_s` of wall time."""
+    until_s = time.monotonic() + limit_s
+    while True:
+        answer = ask(run, "status")
+        if reached(answer) or time.monotonic() >= until_s:
+            return answer
+        time.sleep(_POLL_S)
+
+
+def events(run: LiveRun) -> Iterator[dict[str, Any]]:
+    """Events in the journal of a run, as far as it has got."""
+    with contextlib.suppress(FileNotFoundError):
+        for block in read_blocks(Path(run.file.journal)):
+            if block.kind is Kind.EVENT:
+                yield json.loads(block.payload)
+
+
+def ending(run: LiveRun, limit_s: float) -> list[dict[str, Any]]:
+    """Wait until the run has written its end, and return all its events; those so far when it does not in `limit_s`."""
+    until_s = time.monotonic() + limit_s
+    while True:
+        gone = run.condition() == "gone"  # asked first: what a run writes before it goes is then seen
+        found = list(events(run))
+        if any(event["kind"] == "end" for event in found) or gone or time.monotonic() >= until_s:
+            return found
+        time.sleep(4 * _POLL_S)
+
+
+def read_line(connection: socket.socket, patience_s: float) -> bytes:
+    """One line without its end; ValueError when it is too long or cut off, OSError (TimeoutError) when it is late."""
+    until_s = time.monotonic() + patience_s
+    line = b""
+    while not line.endswith(b"\n"):
+        connection.settimeout(max(until_s - time.monotonic(), 1e-3))
+        part = connection.recv(4096)
+        if not part:
+            raise ValueError("the connection was closed in the middle of a line")
+        line += part
+        if len(line) > LIMIT_BYTES:
+            raise ValueError(f"a line longer than {LIMIT_BYTES} bytes")
+    return line[:-1]
+
+
+def whoami() -> str:
+    """Who asks: user, host and process."""
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError, ImportError):  # a container without a name for its user
+        user = "unknown"
+    return f"{user}@{socket.gethostname()} (process {os.getpid()})"

@@ -1,0 +1,128 @@
+"""Commands that meet a live run: status, hold, pause, resume, abort."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bench import remote
+from bench.errors import EquipmentError
+from bench.remote import LiveRun
+from bench.workflow.answer import Answer
+
+REACTION_S = 10.0
+"""A run does what it is asked at its next tick, a second; a slow controller may take a few more."""
+ENDING_S = 180.0
+"""The safe state is reached and read back within this time, or the operator is told that it is not known."""
+
+_DONE = {
+    "hold": ({"holding"}, "holding"),
+    "pause": ({"pausing", "holding"}, "will hold after this segment"),
+    "resume": ({"running"}, "goes on"),
+}
+
+
+def status(folder: Path | None, out: Path) -> Answer:
+    """`bench status`: one live run, or all of them."""
+    runs = remote.below(out) if folder is None else [remote.the_run(folder, out)]
+    answers = [_state(run) for run in runs]
+    text = "\n\n".join(_text(answer) for answer in answers) or f"no live run below {out}"
+    silent = any(answer["state"] == "silent" for answer in answers)
+    return Answer({"runs": answers}, text, 4 if silent else 0)
+
+
+def act(action: str, folder: Path | None, out: Path) -> Answer:
+    """`bench hold`, `pause` and `resume` of a live run: ask, and see it done."""
+    run = remote.the_run(folder, out)
+    remote.ask(run, action)
+    states, words = _DONE[action]
+    answer = remote.wait(run, lambda answer: answer["state"] in states, REACTION_S)
+    content = _describe(run, answer)
+    if answer["state"] in states:
+        return Answer(content, f"{words}\n{_text(content)}")
+    guards = f": {'; '.join(answer['holding'])}" if answer.get("holding") else ""
+    return Answer(content, f"asked to {action}, but the run is {answer['state']}{guards}\n{_text(content)}", 1)
+
+
+def resume(folder: Path | None, out: Path) -> Answer:
+    """`bench resume`: go on with a live run that holds, or with one whose bench was killed."""
+    from bench.workflow import analysis
+
+    if folder is None or ((found := remote.at(folder)) is not None and found.condition() != "gone"):
+        return act("resume", folder, out)
+    return analysis.resume(folder)
+
+
+def abort(folder: Path | None, out: Path) -> Answer:
+    """`bench abort`: end a live run, and say what the safe state reached."""
+    run = remote.the_run(folder, out)
+    remote.ask(run, "abort")
+    events = remote.ending(run, ENDING_S)
+    steps = [event for event in events if event["kind"] == "safe_state"]
+    end = next((event for event in events if event["kind"] == "end"), None)
+    if end is None:
+        raise EquipmentError(f"{run.path}: told to abort, but how it ended is not known; LOOK AT THE CHAMBER")
+    lines = [f"{'ok  ' if step['ok'] else 'FAIL'}  {step['text']}" for step in steps]
+    safe = all(step["ok"] for step in steps)
+    lines = lines or ["nothing had moved: the chamber is as it was found"]
+    content = {
+        "run": str(run.path),
+        "state": end["state"],
+        "cause": end["text"],
+        "safe": safe,
+        "safe_state": [{"text": step["text"], "ok": step["ok"]} for step in steps],
+    }
+    if not safe:
+        lines += ["SAFE STATE NOT VERIFIED: switch the chamber off by hand"]
+    return Answer(content, "\n".join([end["text"], *lines, f"run     {run.path}"]), 0 if safe else 4)
+
+
+def _state(run: LiveRun) -> dict[str, Any]:
+    try:
+        return _describe(run, remote.ask(run, "status"))
+    except EquipmentError as error:
+        gone = run.condition() == "gone"
+        return {
+            "run": str(run.path),
+            "pid": run.file.pid,
+            "state": "gone" if gone else "silent",
+            "error": f"its process is gone; `bench resume {run.path}` goes on with it" if gone else str(error),
+        }
+
+
+def _describe(run: LiveRun, answer: dict[str, Any]) -> dict[str, Any]:
+    known = {key: value for key, value in answer.items() if key != "ok"}
+    return {"run": str(run.path), "folders": [str(folder) for folder in run.folders], **known}
+
+
+def _text(run: dict[str, Any]) -> str:
+    lines = [f"{run['run']}  {run['state']}"]
+    if "error" in run:
+        lines.append(f"  {run['error']}")
+    if "segment" in run:
+        segment, chamber = run["segment"], run["chamber"]
+        lines += [
+            f"  segment  {segment['index'] + 1}/{segment['of']} {segment['name']}, {_clock(segment['left_s'])} left",
+            f"  time     {_clock(run['t_s'])}, {_clock(run['left_s'])} left",
+            f"  chamber  {_number(chamber['temperature_degc'])} degC, "
+            f"set point {_number(chamber['setpoint_degc'])} degC",
+        ]
+        lines += [
+            f"  unit     {unit['serial']}: {_number(unit['temperature_degc'])} degC, "
+            f"{unit['losses']['received']} frames, {unit['losses']['lost']} lost"
+            + (f", dropped: {unit['dropped']}" if unit["dropped"] else "")
+            for unit in run["units"]
+        ]
+        lines += [f"  HOLD     {cause}" for cause in run["holding"]]
+    if run.get("age_s", 0.0) > remote.PATIENCE_S:
+        lines.append(f"  the loop of this run has not ticked for {run['age_s']:.0f} s")
+    return "\n".join(lines)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"

@@ -1,0 +1,247 @@
+"""A live run seen and steered from outside: the desk, its server, and what happens to clients that talk nonsense."""
+
+import json
+import os
+import socket
+import stat
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+from bench import control, remote
+from bench.control import Desk
+from bench.errors import EquipmentError, InputError
+from bench.profile import from_text
+from bench.sequencer import Status
+from drivers.chamber import ChamberReading
+
+PROFILE = from_text(
+    "name: p\nsegments:\n  - {kind: ramp, to_degc: 33, rate_degc_per_min: 2}\n  - {kind: soak, duration_min: 10}\n"
+)
+LOSSES = SimpleNamespace(as_dict=lambda: {"received": 6010, "lost": 3})
+UNIT = SimpleNamespace(
+    serial="G-1", temperature=SimpleNamespace(value=float("nan")), decoder=SimpleNamespace(losses=LOSSES)
+)
+STATION = SimpleNamespace(units=[UNIT], dropped=[])
+
+
+class Sequencer:
+    """Remembers what it was asked for."""
+
+    def __init__(self):
+        self.asked = []
+
+    def __getattr__(self, name):
+        return lambda cause: self.asked.append((name, cause))
+
+
+def status(t_s=100.0, holding=()):
+    reading = ChamberReading(t_s, 25.04, 33.0, 25.1, 10.0, True, (), False)
+    return Status(t_s, PROFILE.legs()[0], 0.0, 2, reading, 24.567, holding)
+
+
+@pytest.fixture
+def sequencer():
+    return Sequencer()
+
+
+@pytest.fixture
+def desk(sequencer):
+    desk = Desk()
+    desk.attach(sequencer, PROFILE.duration_s)
+    return desk
+
+
+@pytest.fixture
+def folder(tmp_path):
+    path = tmp_path / "G-1" / "run"
+    path.mkdir(parents=True)
+    return path
+
+
+@pytest.fixture
+def live(desk, folder):
+    with control.serve(desk, [folder], folder / "bench.gtbj") as trouble:
+        assert trouble == ""
+        yield remote.at(folder)
+
+
+def say(run, data, patience_s=5.0):
+    """What the server answers to these bytes; nothing when it closes the connection."""
+    with socket.create_connection((remote.HOST, run.file.port), patience_s) as connection:
+        connection.sendall(data)
+        connection.shutdown(socket.SHUT_WR)
+        answer = b""
+        while part := connection.recv(4096):
+            answer += part
+        return answer
+
+
+def test_status_is_the_newest_tick(desk, live):
+    assert remote.ask(live, "status")["state"] == "starting"
+    desk.look(STATION, status(100.0, holding=("too hot: unit_temperature = 90 is above 85",)))
+    answer = remote.ask(live, "status")
+    assert answer["t_s"] == 100.0
+    assert answer["segment"]["name"] == "ramp to 33 at 2"
+    assert (answer["segment"]["left_s"], answer["left_s"]) == (200.0, 800.0)
+    assert answer["chamber"]["temperature_degc"] == 25.04
+    assert answer["units"] == [
+        {"serial": "G-1", "temperature_degc": None, "losses": {"received": 6010, "lost": 3}, "dropped": None}
+    ]
+    assert answer["holding"] == ["too hot: unit_temperature = 90 is above 85"]
+    assert 0 <= answer["age_s"] < 5
+
+
+@pytest.mark.parametrize(
+    ("action", "request_"),
+    [("hold", "request_hold"), ("pause", "request_pause"), ("resume", "request_resume"), ("abort", "request_stop")],
+)
+def test_each_action_reaches_the_sequencer_with_who_asked(live, sequencer, action, request_):
+    remote.ask(live, action)
+    assert sequencer.asked == [(request_, f"operator {remote.whoami()}")]
+
+
+def test_an_aborted_run_says_that_it_is_ending(desk, live):
+    desk.look(STATION, status())
+    remote.ask(live, "abort")
+    desk.look(STATION, status(101.0))
+    assert remote.ask(live, "status")["state"] == "ending"
+
+
+def test_nothing_can_be_asked_before_there_is_a_sequencer(folder):
+    with control.serve(Desk(), [folder], folder / "bench.gtbj"):
+        with pytest.raises(EquipmentError, match="only just starting"):
+            remote.ask(remote.at(folder), "hold")
+
+
+def test_the_file_is_for_its_owner_alone_and_goes_with_the_run(desk, folder):
+    with control.serve(desk, [folder], folder / "bench.gtbj"):
+        file = folder / remote.LIVE
+        assert stat.S_IMODE(file.stat().st_mode) == 0o600
+        assert json.loads(file.read_text())["pid"] == os.getpid()
+        assert remote.at(folder).file.token not in repr(remote.at(folder))
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("token", ["", "wrong", None, 5, ["x"], "ü\ud800"])
+def test_a_wrong_token_is_refused_and_nothing_is_done(live, sequencer, token):
+    answer = json.loads(say(live, json.dumps({"token": token, "do": "abort"}).encode() + b"\n"))
+    assert answer["ok"] is False
+    assert "wrong token" in answer["error"]
+    assert "state" not in answer
+    assert sequencer.asked == []
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"\n", b"\x00\xff\xfe\n", b"GET / HTTP/1.1\r\nHost: x\r\n\r\n", b"[" * 5000 + b"\n", b"1e999\n", b'"x"\n',
+     b"{" * 100_000, b'{"token": ', b"null\n"],
+)  # fmt: skip
+def test_garbage_changes_nothing(live, sequencer, capfd, data):
+    answer = say(live, data) if len(data) < remote.LIMIT_BYTES else shout(live, data)
+    assert answer == b"" or json.loads(answer)["ok"] is False
+    assert remote.ask(live, "status")["ok"]
+    assert sequencer.asked == []
+    assert capfd.readouterr() == ("", "")
+
+
+def shout(run, data):
+    try:
+        return say(run, data)
+    except ConnectionError:  # closed on us in the middle of it
+        return b""
+
+
+def test_an_action_that_does_not_exist_is_answered_with_those_that_do(live):
+    with pytest.raises(EquipmentError, match="must be one of status, hold, pause, resume, abort"):
+        remote.ask(live, "explode")
+
+
+def test_a_name_cannot_forge_a_line_of_the_record(live, sequencer):
+    request = {"token": live.file.token, "do": "hold", "who": "eve\n{}\x1b[2J" + "x" * 5000}
+    say(live, json.dumps(request).encode() + b"\n")
+    ((_, cause),) = sequencer.asked
+    assert cause.isprintable()
+    assert len(cause) < 200
+
+
+def test_clients_that_say_nothing_are_turned_away_and_keep_nobody_out_for_long(live, monkeypatch):
+    idle = [socket.create_connection((remote.HOST, live.file.port)) for _ in range(2 * control.CLIENTS)]
+    try:
+        threads = {thread.name for thread in threading.enumerate() if "process_request" in thread.name}
+        assert len(threads) <= control.CLIENTS
+    finally:
+        for connection in idle:
+            connection.close()
+    answer = {}
+    while not answer.get("ok"):  # the places of those that have left become free
+        try:
+            answer = remote.ask(live, "status")
+        except EquipmentError:
+            continue
+    assert answer["ok"]
+
+
+def test_a_file_of_a_dead_process_is_recognised(desk, folder, tmp_path):
+    with control.serve(desk, [folder], folder / "bench.gtbj"):
+        text = (folder / remote.LIVE).read_text()
+    (folder / remote.LIVE).write_text(text)
+    assert remote.at(folder).condition() == "gone"
+    with pytest.raises(InputError, match=r"its process \d+ is gone; `bench resume"):
+        remote.the_run(folder, tmp_path)
+    with pytest.raises(InputError, match="no live run here"):
+        remote.the_run(None, tmp_path)
+
+
+def test_a_port_that_somebody_else_has_now_is_no_live_run(desk, live, tmp_path):
+    other = tmp_path / "G-1" / "older"
+    other.mkdir()
+    content = json.loads((live.path / remote.LIVE).read_text()) | {"token": "of another time"}
+    (other / remote.LIVE).write_text(json.dumps(content))
+    assert remote.at(other).condition() == "gone"
+    assert remote.the_run(None, tmp_path).path == live.path
+
+
+def test_a_process_that_does_not_answer_is_not_taken_for_dead(live, monkeypatch):
+    monkeypatch.setattr(remote, "PATIENCE_S", 0.1)
+    monkeypatch.setattr(remote.ask, "__defaults__", (0.1,))
+    with socket.create_server((remote.HOST, 0)) as deaf:
+        run = remote.LiveRun(live.folders, remote.LiveFile(1, deaf.getsockname()[1], "", "", "t"))
+        assert run.condition() == "silent"
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", '{"pid": "x"}', "\x00"])
+def test_a_spoilt_file_is_no_live_run(folder, tmp_path, text):
+    (folder / remote.LIVE).write_text(text)
+    assert remote.at(folder) is None
+    assert remote.below(tmp_path) == []
+
+
+def test_two_live_runs_are_listed_and_one_must_be_named(desk, live, tmp_path):
+    other = tmp_path / "G-2" / "run"
+    other.mkdir(parents=True)
+    with control.serve(Desk(), [other], other / "bench.gtbj"):
+        with pytest.raises(InputError, match=r"2 live runs here; name one of .*G-1/run, .*G-2/run"):
+            remote.the_run(None, tmp_path)
+        assert remote.the_run(other, tmp_path).path == other
+
+
+def test_folders_of_several_units_are_one_run(desk, tmp_path):
+    folders = [tmp_path / unit / "run" for unit in ("G-1", "G-2")]
+    for folder in folders:
+        folder.mkdir(parents=True)
+    with control.serve(desk, folders, folders[0] / "bench.gtbj"):
+        (run,) = remote.below(tmp_path)
+        assert run.folders == tuple(folders)
+        assert remote.the_run(folders[1], tmp_path).file == run.file
+
+
+def test_a_run_without_a_port_goes_on_and_says_so(desk, folder, monkeypatch):
+    def taken(*args):
+        raise OSError(98, "Address already in use")
+
+    monkeypatch.setattr(control._Server, "server_bind", taken)
+    with control.serve(desk, [folder], folder / "bench.gtbj") as trouble:
+        assert trouble == "no control from other processes: Address already in use"
+    assert list(folder.iterdir()) == []
