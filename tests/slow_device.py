@@ -80,7 +80,10 @@ def behind_a_gateway(share: float = 0.25) -> Iterator[tuple[int, SlowDevice]]:
                 connection.append(listener.accept()[0])
             return connection[0].recv(300)
 
-        box = SlowDevice(read, lambda data: connection[0].sendall(data), share)
+        def write(data: bytes) -> None:
+            connection[0].sendall(data)
+
+        box = SlowDevice(read, write, share)
         try:
             yield listener.getsockname()[1], box
         finally:
