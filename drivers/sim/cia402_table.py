@@ -1,0 +1,200 @@
+"""Simulated rate table: a CiA 402 drive on a CAN bus with an axis behind it, stepped by the simulated clock.
+
+The axis follows its target with limited acceleration, wobbles a little, and is read by an encoder with lines and noise;
+the drive reports what the encoder says, on a transmit PDO by its event timer. Requests are answered by the
+thread of the CANopen network; nothing else happens between two steps, so a run is deterministic.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import can
+import canopen
+import numpy as np
+import numpy.typing as npt
+
+from drivers import cia402
+from drivers.sim.truth.base import OrnsteinUhlenbeck
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+NODE_S = 0.02
+"""The drive's encoder is read this often [s]; between two readings the rate is a straight line."""
+_MASTER = 0x77F
+_QUICK = {cia402.STOPPING, cia402.FAULT}
+
+
+@dataclass(frozen=True)
+class TableSettings:
+    """The axis and its encoder."""
+
+    counts_per_degree: float = 2**22 / 360
+    wobble_dps: float = 0.0003
+    """Standard deviation of the rate about its target."""
+    encoder_noise_counts: float = 0.5
+    scale_error_ppm: float = 0.0
+    """Encoder's counts per degree over what the station file says: what no measurement on this table can show."""
+
+
+class SimulatedTable:
+    """Node `node_id` on an open python-can bus; `advance` gives what the unit on the table feels."""
+
+    def __init__(self, bus: can.BusABC, node_id: int, settings: TableSettings = TableSettings(), seed: int = 1) -> None:
+        self.settings = settings
+        self.state = "switch on disabled"
+        self.rate_dps = self.angle_deg = 0.0
+        self._bus = bus
+        self._network = canopen.Network(bus)
+        self._network.NOTIFIER_CYCLE = 0.05
+        self._network.connect()
+        self._node = self._network.create_node(node_id, cia402.dictionary())
+        self._node.remove_network()
+        self._node._write_callbacks.clear()  # its own heartbeat would run on wall time
+        self._node.associate_network(self._network)
+        self._node.add_write_callback(self._written)
+        self._node.add_read_callback(self._read)
+        self._master_heard = False
+        self._network.subscribe(_MASTER, self._hear_master)
+        self._master_s: float | None = None
+        self._rng = np.random.default_rng([seed, 402])
+        self._wobble = OrnsteinUhlenbeck(np.array([0.5]), np.array([1.0]), NODE_S, np.random.default_rng([seed, 403]))
+        self._profile_dps = 0.0
+        self._counts = 0
+        self._velocity = 0
+        self._beat_due_s = self._pdo_due_s = 0.0
+        self._error_code = 0
+        self._is_cut = False
+
+    def advance(self, t0_s: float, t1_s: float) -> FloatArray:
+        """Live from `t0_s` to `t1_s`; the rate [deg/s] at their equally spaced nodes, (n + 1,) with n of 20 ms."""
+        n = max(round((t1_s - t0_s) / NODE_S), 1)
+        self._supervise(t0_s)
+        step_s = (t1_s - t0_s) / n
+        rates = self._rates(n, step_s)
+        angles = self.angle_deg + np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) * (0.5 * step_s))])
+        true_counts = angles[1:] * self.settings.counts_per_degree * (1.0 + 1e-6 * self.settings.scale_error_ppm)
+        noise = self.settings.encoder_noise_counts * self._rng.standard_normal(n)
+        counts = np.round(true_counts + noise).astype(np.int64)
+        velocity = np.round(np.diff(counts, prepend=self._counts) / step_s).astype(np.int64)
+        self._report(t0_s + step_s * np.arange(1, n + 1, dtype=np.float64), counts, velocity)
+        self._counts, self._velocity = int(counts[-1]), int(velocity[-1])
+        self.rate_dps, self.angle_deg = float(rates[-1]), float(angles[-1])
+        return rates
+
+    def fail(self, error_code: int) -> None:
+        """A fault of the drive: it brakes by itself and says so until it is reset."""
+        self.state, self._error_code = cia402.FAULT, error_code
+
+    def cut(self) -> None:
+        """Cut the cable: nothing is sent or answered any more; the axis lives on."""
+        self._is_cut = True
+        self.close()
+
+    def reset(self) -> None:
+        """Power off and on: the axis runs out, every setting is that of the start, boot-up is announced."""
+        self.state, self._error_code, self._master_s = "switch on disabled", 0, None
+        self._node.data_store.clear()
+        self._send(0x700 + self._node.id, b"\0", 0.0)
+
+    def close(self) -> None:
+        """Leave the bus, which belongs to whoever opened it."""
+        if self._network.notifier is not None:
+            self._network.notifier.stop()
+            self._network.notifier = None
+
+    # ---- axis -------------------------------------------------------------------------------------------------------
+
+    def _rates(self, n: int, step_s: float) -> FloatArray:
+        """Rate at the nodes [deg/s]: the profile with its acceleration limit, and the servo's wobble."""
+        powered = self.state == cia402.ENABLED or self.state in _QUICK
+        target = self._raw(cia402.TARGET_VELOCITY) / self.settings.counts_per_degree
+        if self.state != cia402.ENABLED or self._raw(cia402.MODE) != cia402.PROFILE_VELOCITY:
+            target = 0.0
+        change = target - self._profile_dps
+        which = cia402.ACCELERATION if abs(target) > abs(self._profile_dps) else cia402.DECELERATION
+        if self.state in _QUICK:
+            which = cia402.QUICK_STOP_DECELERATION
+        accel = self._raw(which) / self.settings.counts_per_degree if powered else 5.0  # friction
+        reach = np.minimum(accel * step_s * np.arange(n + 1), abs(change))
+        profile = self._profile_dps + np.copysign(reach, change)
+        self._profile_dps = float(profile[-1])
+        wobble = self._wobble(n + 1) * self.settings.wobble_dps
+        moving = np.abs(profile) > 0
+        rates: FloatArray = profile + np.where(moving, wobble, 0.0)
+        rates[0] = self.rate_dps
+        return rates
+
+    def _supervise(self, t_s: float) -> None:
+        """Heartbeat of the master, where the drive was told to watch it."""
+        if self._master_heard:
+            self._master_s, self._master_heard = t_s, False
+        limit_s = (self._raw(cia402.CONSUMER_HEARTBEAT, 1) & 0xFFFF) / 1000
+        if self._master_s is None or limit_s == 0 or t_s - self._master_s <= limit_s:
+            return
+        if self.state == cia402.ENABLED and self._raw(cia402.ABORT_OPTION) == cia402.ON_ABORT_QUICK_STOP:
+            self.state = cia402.STOPPING
+
+    # ---- wire -------------------------------------------------------------------------------------------------------
+
+    def _report(self, times: FloatArray, counts: IntArray, velocity: IntArray) -> None:
+        """Heartbeats and encoder readings (n,) that fall due."""
+        beat_s, pdo_s = self._raw(cia402.PRODUCER_HEARTBEAT) / 1000, self._raw(cia402.TPDO1, 5) / 1000
+        mapped = self._raw(cia402.TPDO1_MAP, 0) == 2 and not self._raw(cia402.TPDO1, 1) & 1 << 31
+        reports = bool(pdo_s) and mapped and self._node.nmt.state == "OPERATIONAL"
+        for t_s, count, speed in zip(times.tolist(), _wrapped(counts).tolist(), velocity.tolist(), strict=True):
+            if reports and t_s >= self._pdo_due_s - 1e-9:
+                self._send(0x180 + self._node.id, struct.pack("<ii", count, speed), t_s)
+                self._pdo_due_s = t_s + pdo_s
+            if beat_s and t_s >= self._beat_due_s - 1e-9:
+                self._send(0x700 + self._node.id, bytes([self._node.nmt._state]), t_s)
+                self._beat_due_s = t_s + beat_s
+
+    def _send(self, cob_id: int, data: bytes, t_s: float) -> None:
+        if not self._is_cut:
+            self._bus.send(can.Message(arbitration_id=cob_id, is_extended_id=False, data=data, timestamp=t_s))
+
+    def _raw(self, index: int, sub: int = 0) -> int:
+        stored = self._node.data_store.get(index, {}).get(sub)
+        entry = self._node.object_dictionary[index]
+        variable = entry[sub] if index in cia402.RECORDS else entry
+        return int(variable.default if stored is None else variable.decode_raw(stored))
+
+    def _hear_master(self, cob_id: int, data: bytearray, t_s: float) -> None:
+        self._master_heard = True
+
+    def _read(self, index: int, subindex: int, **_: object) -> int | None:
+        answers = {
+            cia402.STATUS: cia402.STATUS_OF[self.state] | 0x0200,
+            cia402.MODE_DISPLAY: self._raw(cia402.MODE),
+            cia402.POSITION: int(_wrapped(np.array(self._counts))),
+            cia402.VELOCITY: self._velocity,
+            cia402.ERROR_CODE: self._error_code,
+        }
+        return answers.get(index)
+
+    def _written(self, index: int, subindex: int, data: bytes, **_: object) -> None:
+        if index == cia402.CONTROL and self.state != cia402.FAULT:
+            self.state = _next_state(self.state, int.from_bytes(data, "little"))
+
+
+def _wrapped(counts: IntArray) -> IntArray:
+    """As the drive's 32-bit register has them."""
+    return (counts + 2**31) % 2**32 - 2**31
+
+
+def _next_state(state: str, control: int) -> str:
+    """Transitions of the state machine (CiA 402-2, figure 3) that a controlword asks for."""
+    command = control & 0x0F
+    if not command & 0x02:
+        return "switch on disabled"  # disable voltage
+    if not command & 0x04:
+        return cia402.STOPPING if state in {cia402.ENABLED, cia402.STOPPING} else "switch on disabled"
+    if command & 0x07 == cia402.SHUTDOWN:
+        return state if state == cia402.STOPPING else "ready to switch on"
+    if command == cia402.SWITCH_ON:
+        return state if state in {"switch on disabled", cia402.STOPPING} else "switched on"
+    allowed = {"ready to switch on", "switched on", cia402.ENABLED, cia402.STOPPING}
+    return cia402.ENABLED if state in allowed else state
