@@ -17,66 +17,18 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.channels import CHANNELS, FloatArray, IntArray
-from bench.errors import InputError
+from bench.journals import Readings, bus_blocks, fetch, read_bench
 from bench.means import write_means
-from bench.recorder import BENCH_JOURNAL, READING
 from bench.store import RunFolder
 from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
-from drivers.journal import Damage, FrameArray, Kind, read_blocks
+from drivers.journal import Damage, FrameArray
 
 ROWS_PER_GROUP = 1 << 19
 FRAMES_AT_ONCE = 1 << 15
 HOLD_BACK = 2000
 """Newest samples that wait for their slow frames before a row group is written."""
 
-Readings = np.ndarray[Any, np.dtype[np.void]]
-
 _CHAMBER = {"chamber_temperature": "temperature", "chamber_setpoint": "working_setpoint", "compressor": "compressor"}
-
-
-@dataclass(frozen=True)
-class _Bench:
-    """What the bench's own journal says."""
-
-    meta: dict[str, Any]
-    events: list[dict[str, Any]]
-    readings: Readings
-
-    def outcome(self) -> dict[str, Any]:
-        """How the run ended; a bench that was killed could not say."""
-        for event in reversed(self.events):
-            if event["kind"] == "end":
-                return {"state": event["state"], "cause": event["text"]}
-        return {"state": "aborted", "cause": "the bench was killed; recovered from its journals"}
-
-    def segments(self) -> list[dict[str, Any]]:
-        """Executed segments; one that was cut off by a kill ends with the last reading."""
-        done = [event for event in self.events if event["kind"] == "segment" and event["phase"] == "end"]
-        started = [event for event in self.events if event["kind"] == "segment" and event["phase"] == "start"]
-        segments = [dict(event["segment"]) for event in done]
-        if len(started) > len(done):
-            to_s = float(self.readings["t_s"][-1]) if len(self.readings) else started[-1]["t_s"]
-            cut = {"to_s": to_s, "outcome": "interrupted", "reason": "the bench was killed"}
-            segments.append({**started[-1]["segment"], **cut})
-        return [{**segment, "settled": segment["outcome"] == "done"} for segment in segments]
-
-
-def _read_bench(path: Path, damage: Damage) -> _Bench:
-    """Meta, events and readings; InputError when the journal is missing or holds no meta block."""
-    meta: dict[str, Any] = {}
-    events: list[dict[str, Any]] = []
-    rows: list[bytes] = []
-    if path.exists():
-        for block in read_blocks(path, damage):
-            if block.kind is Kind.META:
-                meta = json.loads(block.payload)
-            elif block.kind is Kind.EVENT:
-                events.append(json.loads(block.payload))
-            elif block.kind is Kind.READING:
-                rows.append(block.payload)
-    if not meta:
-        raise InputError("not a run folder: no manifest and no readable journal", path.parent.parent)
-    return _Bench(meta, events, np.frombuffer(b"".join(rows), READING))
 
 
 @dataclass(frozen=True)
@@ -94,18 +46,20 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
     from, OSError when the disk does not take the tables.
     """
     damage = Damage()
-    bench = _read_bench(run.journal / BENCH_JOURNAL, damage)
+    bench = read_bench(run, damage)
     gyro = bench.meta["gyro"]
     source = run.journal / f"{gyro['bus']}.gtbj"
-    seen = live or _decode_all(source, gyro)
+    fetch(run, bench.meta, source.relative_to(run.path))
+    until_ns = bench.sound_until_ns()
+    seen = live or _decode_all(source, gyro, until_ns)
     segments = bench.segments()
     bus_events: list[dict[str, Any]] = []
     decoder = GyroDecoder(gyro["layout"], gyro["number"])
-    blocks = (decoder.decode(frames) for frames in _joined(_blocks(source, damage, bus_events)))
+    blocks = (decoder.decode(frames) for frames in _joined(bus_blocks(source, damage, bus_events, until_ns)))
     readings = bench.readings if seen.decoder.samples else bench.readings[:0]  # no sample, no clock to place them on
     rows = _write_data(run.data, blocks, _Grid(readings, segments, seen.clock))
     write_means(run.data, run.means)
-    events = sorted((*bench.events, *bus_events), key=lambda event: float(event["t_s"]))
+    events = sorted((*bench.events, *bus_events, *bench.watchdog), key=lambda event: float(event["t_s"]))
     lines = (json.dumps(event, allow_nan=False) for event in events)
     (run.path / "events.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     manifest = {
@@ -125,11 +79,11 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
     return manifest
 
 
-def _decode_all(source: Path, gyro: Mapping[str, Any]) -> Decoded:
+def _decode_all(source: Path, gyro: Mapping[str, Any], until_ns: int | None) -> Decoded:
     """A first pass over the frames: their losses and the unit's clock."""
     decoder = GyroDecoder(gyro["layout"], gyro["number"])
     clock = SampleClock(decoder.interval_s)
-    for frames in _joined(_blocks(source, Damage(), [])):
+    for frames in _joined(bus_blocks(source, Damage(), [], until_ns)):
         decoded = decoder.decode(frames)
         clock.add(decoded.index, decoded.t_ns)
     return Decoded(decoder, clock)
@@ -145,15 +99,6 @@ def _joined(blocks: Iterable[FrameArray]) -> Iterator[FrameArray]:
             waiting = []
     if waiting:
         yield np.concatenate(waiting)
-
-
-def _blocks(source: Path, damage: Damage, events: list[dict[str, Any]]) -> Iterator[FrameArray]:
-    """Frames of a bus in blocks; what its capture had to say goes into `events`."""
-    for block in read_blocks(source, damage) if source.exists() else ():
-        if block.kind is Kind.FRAMES:
-            yield block.frames()
-        elif block.kind is Kind.EVENT:
-            events.append({"t_s": round(block.t_s, 3), **json.loads(block.payload)})
 
 
 class _Grid:

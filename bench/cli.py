@@ -87,7 +87,7 @@ def main() -> None:
 @main.command()
 @click.argument("profile", type=click.Path(path_type=Path))
 @station_option
-@click.option("--unit", "serial", help="Serial number, where the station has several units.")
+@click.option("--unit", "serials", multiple=True, help="Serial number; may be repeated. Default: all of the station.")
 @model_option
 @effect_option
 @out_option
@@ -95,12 +95,12 @@ def main() -> None:
 @json_option
 @_answer
 def run(
-    profile: Path, station: Path | None, serial: str | None, models: tuple[str, ...], out: Path, quiet: bool
+    profile: Path, station: Path | None, serials: tuple[str, ...], models: tuple[str, ...], out: Path, quiet: bool
 ) -> Answer:
-    """Run PROFILE: drive the chamber, capture the unit, fit the models, write the report."""
+    """Run PROFILE: drive the chamber, capture the units, fit the models, write the reports."""
     from bench.workflow import acquisition
 
-    return acquisition.run(profile, station, serial, models, out, quiet)
+    return acquisition.run(profile, station, serials, models, out, quiet)
 
 
 @main.command()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import zlib
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, PositiveFloat, model_validator
 
@@ -36,6 +37,54 @@ class Connection(BaseModel):
     """Longer than the controller's slowest answer."""
 
 
+class LinkSettings(BaseModel):
+    """What silence of a device means, and what to do when it answers again."""
+
+    model_config = STRICT
+
+    degraded_after_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
+    """Silent for this long: degraded; the run goes on, what it did not say is missing in the data."""
+    lost_after_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
+    """Silent for this long: lost; the run ends, through the safe state."""
+    retry_most_s: Annotated[float, Field(ge=1, le=600)] = 10.0
+    """Longest time between two attempts to reach it; the first come after 1, 2, 4, … s."""
+    on_return: Literal["continue", "abort"] = "continue"
+    """When a degraded device answers again, is the one described and does what we told it: go on, or end the run."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LinkSettings:
+        if self.degraded_after_s >= self.lost_after_s:
+            text = f"degraded_after_s ({self.degraded_after_s:g}) must be below lost_after_s ({self.lost_after_s:g})"
+            raise ValueError(text)
+        return self
+
+
+class SafeStateSettings(BaseModel):
+    """How the safe state is reached: set point to ambient, warmed up where it is cold, then off."""
+
+    model_config = STRICT
+
+    near_degc: Annotated[float, Field(gt=0, le=50)] = 5.0
+    """Colder than ambient by more than this: warmed up before it is switched off, so that nothing frosts."""
+    warm_up_min: Annotated[float, Field(ge=0, le=600)] = 60.0
+    """Longest time for that; 0: never wait."""
+    step_s: Annotated[float, Field(gt=0, le=600)] = 10.0
+    """Longest time of each step."""
+    retry_min: Annotated[float, Field(ge=0, le=600)] = 2.0
+    """A chamber that does not answer is tried again for this long."""
+
+
+class WatchdogSettings(BaseModel):
+    """The process that makes a real station safe when the bench is killed or hangs."""
+
+    model_config = STRICT
+
+    silent_s: Annotated[float, Field(ge=1, le=3600)] = 60.0
+    """A bench that is silent for longer hangs: it is killed, and the equipment made safe without it."""
+    retry_min: Annotated[float, Field(ge=0, le=1440)] = 30.0
+    """A chamber that does not answer is tried again for this long."""
+
+
 class ChamberSettings(BaseModel):
     """The chamber: which register map, where, and what it may be asked for."""
 
@@ -53,6 +102,8 @@ class ChamberSettings(BaseModel):
     """Fastest ramp that the chamber follows when heating: a number, or a list of [degC, rate] pairs."""
     cooling_degc_per_min: Speed
     """The same when cooling; small chambers are slow near their lowest temperature."""
+    link: LinkSettings = LinkSettings()
+    """What its silence means."""
 
     @model_validator(mode="after")
     def _ordered(self) -> ChamberSettings:
@@ -74,6 +125,8 @@ class Bus(BaseModel):
     """Bit rate [bit/s]; left out where the operating system sets it."""
     options: dict[str, Any] = Field(default_factory=dict)
     """Further options of the interface."""
+    link: LinkSettings = LinkSettings(degraded_after_s=1.0, lost_after_s=4.0)
+    """What a failure of its capture means; units on a bus that is lost leave the run, where others are left."""
 
     def to_driver(self) -> BusSettings:
         """The same for the driver."""
@@ -119,7 +172,13 @@ class StationSettings(BaseModel):
     units: Annotated[tuple[UnitSettings, ...], Field(min_length=1)]
     """Gyros that may be tested here."""
     guards: tuple[GuardSettings, ...] = ()
-    """Interlocks, beside those of every run."""
+    """Interlocks, beside those of every run; one with the name of one of those takes its place."""
+    safe_state: SafeStateSettings = SafeStateSettings()
+    """How the safe state is reached."""
+    watchdog: WatchdogSettings = WatchdogSettings()
+    """When a real station is made safe without the bench."""
+    unit_silent_s: Annotated[float, Field(gt=0, le=3600)] = 5.0
+    """A unit that sends nothing sound for this long leaves a run of several units [s]."""
 
     @model_validator(mode="after")
     def _consistent(self) -> StationSettings:
@@ -135,6 +194,10 @@ class StationSettings(BaseModel):
                 text = f"a simulated station runs on {local}, a real one never does; this one is on {bus.interface!r}"
                 raise PlacedError(text, ("buses", name, "interface"))
         self._check_units()
+        for guard in self.guards:
+            if guard.name == "unit silent" and guard.above is not None and guard.above < self.unit_silent_s:
+                text = f"unit_silent_s is {self.unit_silent_s:g}: the guard `unit silent` ends the run of all units"
+                raise PlacedError(f"{text} before, at {guard.above:g} s", ("unit_silent_s",))
         return self
 
     def _check_units(self) -> None:
@@ -149,15 +212,14 @@ class StationSettings(BaseModel):
                     text = f"{unit.serial} and {other.serial} are both number {unit.number} on {unit.bus}"
                     raise PlacedError(text, ("units", i))
 
-    def unit(self, serial: str | None) -> UnitSettings:
-        """The unit with this serial number, or the only one; InputError that lists them otherwise."""
-        if serial is None and len(self.units) == 1:
-            return self.units[0]
-        known = [unit.serial for unit in self.units]
-        for unit in self.units:
-            if unit.serial == serial:
-                return unit
-        raise InputError(f"unit {serial!r} is not in station {self.name!r}; choose one of {known} with --unit")
+    def chosen(self, serials: Sequence[str] = ()) -> tuple[UnitSettings, ...]:
+        """The units with these serial numbers, or all; InputError that lists them where one is not known."""
+        known = {unit.serial: unit for unit in self.units}
+        for serial in serials:
+            if serial not in known:
+                text = f"unit {serial!r} is not in station {self.name!r}; choose from {[*known]} with --unit"
+                raise InputError(text)
+        return tuple(known[serial] for serial in dict.fromkeys(serials)) or self.units
 
     def limits(self) -> Limits:
         """What the station allows and its chamber can do."""

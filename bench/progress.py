@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -70,7 +70,7 @@ class Progress:
         losses = station.losses()
         return (
             f"[{_clock(status.t_s)}] {status.leg.index + 1}/{status.legs} {status.leg.name}: "
-            f"chamber {status.reading.temperature:.1f} degC, unit {status.unit_degc:.2f} degC, "
+            f"chamber {status.reading.temperature:.1f} degC, {_units_text(station, status)}, "
             f"{losses['received']} frames, {losses['lost']} lost, {_clock(self.left_s(status))} left"
         )
 
@@ -86,7 +86,8 @@ class Progress:
         grid.add_row(
             "chamber", f"{status.reading.temperature:7.2f} degC   set point {status.reading.setpoint:7.2f} degC"
         )
-        grid.add_row("unit", f"{status.unit_degc:7.2f} degC")
+        for name, text in _unit_rows(station, status):
+            grid.add_row(name, text)
         grid.add_row(
             "frames",
             f"{losses['received']} received, {losses['lost']} lost, {losses['corrupt']} corrupt, "
@@ -97,6 +98,29 @@ class Progress:
         if notice := self._notice():
             grid.add_row("keys", notice)
         return grid
+
+
+def _units_text(station: Station, status: Status) -> str:
+    """Temperature of the unit, or the span of several, and how many have left."""
+    if len(station.everyone) == 1:
+        return f"unit {status.unit_degc:.2f} degC"
+    degc = [unit.temperature.value for unit in station.units if unit.temperature is not None]
+    span = f"{min(degc):.2f} to {max(degc):.2f} degC" if degc else "of unknown temperature"
+    gone = f" ({', '.join(gone.unit.serial for gone in station.dropped)} left)" if station.dropped else ""
+    return f"{len(station.units)} units {span}{gone}"
+
+
+def _unit_rows(station: Station, status: Status) -> Iterator[tuple[str, str]]:
+    """A row for each unit: its temperature and losses, or why it has left."""
+    if len(station.everyone) == 1:
+        yield "unit", f"{status.unit_degc:7.2f} degC"
+        return
+    reasons = {gone.unit.serial: gone.reason for gone in station.dropped}
+    for unit in station.everyone:
+        degc = "      -" if unit.temperature is None else f"{unit.temperature.value:7.2f}"
+        losses = unit.decoder.losses
+        text = f"{degc} degC   {losses.received} frames, {losses.lost} lost"
+        yield unit.serial, f"left: {reasons[unit.serial]}" if unit.serial in reasons else text
 
 
 def _clock(seconds: float) -> str:

@@ -10,7 +10,7 @@ import contextlib
 import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -36,27 +36,41 @@ SYNC_INTERVAL_S = 1.0
 class Recorder:
     """Writes the bench's own journal and keeps all journals of the run on the disk, once a second of wall time.
 
-    Everything but `close` raises OSError when the disk does not take it.
+    A run with several units has a run folder, and a journal in it, for each: `others` are those after the first, each
+    with its meta. Everything goes into all of them until a unit leaves. Everything but `close` raises OSError when the
+    disk does not take it.
     """
 
-    def __init__(self, run: RunFolder, clock: Clock, meta: Mapping[str, Any]) -> None:
+    def __init__(
+        self, run: RunFolder, clock: Clock, meta: Mapping[str, Any], *others: tuple[RunFolder, Mapping[str, Any]]
+    ) -> None:
+        folders = ((run, meta), *others)
         self.run = run
+        self.runs = tuple(folder for folder, _ in folders)
         self._clock = clock
-        self._journal = JournalWriter(run.journal / BENCH_JOURNAL)
-        self._others: list[JournalWriter] = []
+        self._journals = {folder: JournalWriter(folder.journal / BENCH_JOURNAL) for folder in self.runs}
+        self._shared: list[JournalWriter] = []
         self._synced_wall_s = time.monotonic()
-        self._append_json(Kind.META, meta)
+        for folder, content in folders:
+            self._append_json(Kind.META, content, folder)
         self.sync()
 
     def keep_synced(self, writer: JournalWriter) -> None:
         """Sync this journal together with our own."""
-        self._others.append(writer)
+        self._shared.append(writer)
 
     def event(self, kind: str, text: str, **facts: Any) -> None:
         """Record something that happened, with its numbers."""
-        now_s = self._clock.now()
+        self._append_json(Kind.EVENT, self._event(kind, text, facts))
+
+    def leave(self, run: RunFolder, text: str, **facts: Any) -> None:
+        """The last event of a run folder whose unit leaves; nothing more is recorded there."""
+        self._append_json(Kind.EVENT, self._event("end", text, facts), run)
+        self._journals.pop(run).close()
+
+    def _event(self, kind: str, text: str, facts: Mapping[str, Any]) -> dict[str, Any]:
         utc = self._clock.utc().isoformat(timespec="milliseconds")
-        self._append_json(Kind.EVENT, {"t_s": round(now_s, 3), "utc": utc, "kind": kind, "text": text, **facts})
+        return {"t_s": round(self._clock.now(), 3), "utc": utc, "kind": kind, "text": text, **facts}
 
     def reading(self, reading: ChamberReading) -> None:
         """Record what the chamber said."""
@@ -64,7 +78,7 @@ class Recorder:
         for name in READING.names or ():
             value = getattr(reading, name)
             row[name] = math.nan if value is None else float(bool(value) if name == "alarm" else value)
-        self._journal.append(Kind.READING, row.tobytes(), 1, reading.t_s, time.time_ns())
+        self._append(Kind.READING, row.tobytes(), reading.t_s)
 
     def write(self, write: Write) -> None:
         """Record a register of the chamber that was written, and what it reads back."""
@@ -79,18 +93,26 @@ class Recorder:
     def sync(self) -> None:
         """Force all journals to the disk now."""
         self._synced_wall_s = time.monotonic()
-        for writer in (self._journal, *self._others):
+        for writer in self._writers():
             writer.sync()
 
     def close(self) -> None:
         """Sync and close all journals; a disk that refuses has been told by `sync` before."""
-        for writer in (self._journal, *self._others):
+        for writer in self._writers():
             with contextlib.suppress(OSError):
                 writer.close()
 
-    def _append_json(self, kind: Kind, content: Mapping[str, Any]) -> None:
-        payload = json.dumps(content, allow_nan=False).encode()
-        self._journal.append(kind, payload, 1, self._clock.now(), time.time_ns())
+    def _writers(self) -> Iterator[JournalWriter]:
+        yield from self._journals.values()
+        yield from self._shared
+
+    def _append_json(self, kind: Kind, content: Mapping[str, Any], run: RunFolder | None = None) -> None:
+        self._append(kind, json.dumps(content, allow_nan=False).encode(), self._clock.now(), run)
+
+    def _append(self, kind: Kind, payload: bytes, t_s: float, run: RunFolder | None = None) -> None:
+        wall_ns = time.time_ns()
+        for journal in self._journals.values() if run is None else (self._journals[run],):
+            journal.append(kind, payload, 1, t_s, wall_ns)
 
 
 def _text(value: Value) -> str:

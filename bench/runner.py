@@ -6,25 +6,28 @@ back, and what was captured becomes a run folder.
 
 from __future__ import annotations
 
+import os
 import platform
 import shutil
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from bench import __version__
 from bench.assemble import assemble
-from bench.equipment import UnitSettings
+from bench.control import Desk, serve
 from bench.errors import BenchError, EquipmentError, InputError, RunAborted
 from bench.guards import DEFAULT_GUARDS, Guards, Signal
 from bench.profile import Profile
-from bench.recorder import Recorder
+from bench.recorder import BENCH_JOURNAL, Recorder
 from bench.sequencer import Sequencer, Status
-from bench.station import Station, StationSettings, open_station
+from bench.station import Dropped, LiveUnit, Station, StationSettings, open_station
 from bench.store import RunFolder, create_run
 from drivers.chamber import Write
 from drivers.errors import DriverError
@@ -42,59 +45,112 @@ class Job:
     station: StationSettings
     station_text: str
     model_texts: Mapping[str, str]
-    serial: str | None = None
+    serials: Sequence[str] = ()
+    """Units to run with; none: all units of the station."""
     out: Path = Path("reports")
 
 
 @dataclass(frozen=True)
-class RunResult:
-    """How a run ended; `error` is None when it went to its end."""
+class UnitResult:
+    """How a run ended for one unit; `error` is None when the unit went with it to its end."""
 
+    serial: str
     run: RunFolder
     error: BenchError | None
 
 
-def run_job(job: Job, onlooker: Callable[[Station, Status], None] = lambda station, status: None) -> RunResult:
-    """Execute the job and leave a finished run folder; InputError before anything moves.
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended, for each of its units."""
+
+    units: tuple[UnitResult, ...]
+
+    @property
+    def run(self) -> RunFolder:
+        """The run folder of the first unit."""
+        return self.units[0].run
+
+    @property
+    def error(self) -> BenchError | None:
+        """The worst that happened to a unit; None when all went to the end."""
+        errors = [unit.error for unit in self.units if unit.error is not None]
+        return max(errors, key=lambda error: error.exit_code, default=None)
+
+
+def run_job(
+    job: Job,
+    onlooker: Callable[[Station, Status], None] = lambda station, status: None,
+    desk: Desk | None = None,
+) -> RunResult:
+    """Execute the job and leave a finished run folder for each unit; InputError before anything moves.
 
     An aborted or failed run is returned with its error, not raised: its data are kept. What is our own bug (or an
-    interrupt that nobody handled) is raised again, after the safe state and with the run folder finished.
+    interrupt that nobody handled) is raised again, after the safe state and with the run folders finished.
     """
-    unit = job.station.unit(job.serial)
-    with open_station(job.station, [unit], job.profile.name) as station:
-        recorder = _open_recorder(job, unit, station)
+    chosen = job.station.chosen(job.serials)
+    with open_station(job.station, chosen, job.profile.name) as station:
+        recorder = _open_recorder(job, station)
+        station.on_event = recorder.event
+        station.on_drop = partial(_drop, station, recorder)
+        failures: tuple[BenchError | None, ...] = ()
         try:
-            error = _conduct(job, station, recorder, onlooker)
+            with _control(desk, recorder):
+                error = _conduct(job, station, recorder, onlooker, desk or Desk())
         finally:
             recorder.close()
-            failure = _assemble(recorder.run, station)
-    return RunResult(recorder.run, error or failure)
+            failures = tuple(map(_assemble, recorder.runs, station.everyone))
+    reasons = {gone.unit.serial: EquipmentError(f"dropped: {gone.reason}") for gone in station.dropped}
+    ended = zip(chosen, recorder.runs, failures, strict=True)
+    return RunResult(
+        tuple(UnitResult(unit.serial, run, reasons.get(unit.serial) or error or failed) for unit, run, failed in ended)
+    )
 
 
-def _open_recorder(job: Job, unit: UnitSettings, station: Station) -> Recorder:
+def _open_recorder(job: Job, station: Station) -> Recorder:
+    """A run folder for each unit; each knows where its companions in the chamber have theirs."""
     texts = {"profile.yaml": job.profile_text, "station.yaml": job.station_text, **job.model_texts}
-    folder = create_run(job.out, unit.serial, job.profile.name, station.clock.utc(), texts)
-    meta = {
+    created = station.clock.utc()
+    serials = [unit.serial for unit in station.everyone]
+    folders = [create_run(job.out, serial, job.profile.name, created, texts) for serial in serials]
+    metas = [_meta(job, unit, folder, created) for unit, folder in zip(station.everyone, folders, strict=True)]
+    for meta, folder in zip(metas, folders, strict=True):
+        meta["companions"] = [
+            {"unit": serial, "run": os.path.relpath(other.path, folder.path)}
+            for serial, other in zip(serials, folders, strict=True)
+            if other is not folder
+        ]
+    try:
+        return Recorder(folders[0], station.clock, metas[0], *zip(folders[1:], metas[1:], strict=True))
+    except OSError as error:
+        raise InputError(_cannot_record(error), folders[0].path) from None
+
+
+def _meta(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime) -> dict[str, Any]:
+    settings = unit.settings
+    return {
         "run": folder.path.name,
         "unit": unit.serial,
-        "created": station.clock.utc().isoformat(timespec="seconds"),
+        "created": created.isoformat(timespec="seconds"),
         "profile": job.profile.name,
         "station": job.station.name,
         "simulated": job.station.simulated,
-        "gyro": {"layout": unit.gyro, "number": unit.number, "bus": unit.bus},
+        "gyro": {"layout": settings.gyro, "number": settings.number, "bus": settings.bus},
         "seeds": job.station.seeds(job.profile.name),
         "versions": versions(),
     }
-    try:
-        return Recorder(folder, station.clock, meta)
-    except OSError as error:
-        raise InputError(_cannot_record(error), folder.path) from None
 
 
-def _assemble(folder: RunFolder, station: Station) -> EquipmentError | None:
-    """Finish the run folder; a disk that does not take the tables leaves the journals to make them from later."""
+def _drop(station: Station, recorder: Recorder, gone: Dropped) -> None:
+    """A unit leaves: its own run folder ends here with the reason, those of the others go on."""
+    folder = recorder.runs[station.everyone.index(gone.unit)]
+    recorder.leave(folder, gone.reason, state="failed", sound_until_s=gone.sound_until_s)
+    recorder.event("dropped", f"unit {gone.unit.serial} left the run: {gone.reason}", unit=gone.unit.serial)
+
+
+def _assemble(folder: RunFolder, unit: LiveUnit) -> BenchError | None:
+    """Finish a run folder; a disk that does not take the tables leaves the journals to make them from later."""
     try:
-        assemble(folder, station.units[0].decoded())
+        assemble(folder, unit.decoded())
     except OSError as error:
         text = f"the journals are complete; then `bench report {folder.path}` makes the tables"
         return EquipmentError(f"{_cannot_record(error)}; {text}")
@@ -108,11 +164,13 @@ def _state(error: BenchError | None) -> str:
 
 
 def _conduct(
-    job: Job, station: Station, recorder: Recorder, onlooker: Callable[[Station, Status], None]
+    job: Job, station: Station, recorder: Recorder, onlooker: Callable[[Station, Status], None], desk: Desk
 ) -> BenchError | None:
     """Run the sequence and make the equipment safe; the error that ended it, if any."""
     guards = Guards((*DEFAULT_GUARDS, *job.station.guards, *job.profile.guards))
-    sequencer = Sequencer(station, guards, recorder, lambda status: onlooker(station, status))
+    look = desk.watched(onlooker)
+    sequencer = Sequencer(station, guards, recorder, lambda status: look(station, status))
+    desk.attach(sequencer, job.profile.duration_s)
     sequencer.extra_signals = lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)}
     station.on_write = recorder.write
     error: BenchError | None = None
@@ -131,6 +189,18 @@ def _conduct(
         finally:
             error = _make_safe(station, recorder, error, sequencer.moved)
     return error
+
+
+@contextmanager
+def _control(desk: Desk | None, recorder: Recorder) -> Iterator[None]:
+    """Serve the desk to other processes of this machine; without a port the run goes its way."""
+    if desk is None:
+        yield
+        return
+    with serve(desk, [run.path for run in recorder.runs], recorder.run.journal / BENCH_JOURNAL) as trouble:
+        if trouble:
+            recorder.event("control", trouble)
+        yield
 
 
 def _as_bench_error(caught: BenchError | DriverError | OSError, moved: bool) -> BenchError:

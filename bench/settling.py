@@ -24,7 +24,12 @@ class Settling:
     _inside: deque[tuple[float, Sequence[float]]] = field(default_factory=deque, init=False)
 
     def feed(self, t_s: float, air_degc: float, units_degc: Sequence[float]) -> bool:
-        """Take one reading (NaN where unknown, which never settles); True when settled."""
+        """Take one reading (NaN where unknown, which never settles); True when settled.
+
+        When a unit has left, the dwell time starts anew for the others.
+        """
+        if self._inside and len(units_degc) != len(self._inside[-1][1]):
+            self._inside.clear()
         self.reason = self._outside(air_degc, units_degc)
         if self.reason is not None:
             self._inside.clear()

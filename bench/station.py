@@ -8,83 +8,48 @@ from __future__ import annotations
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 
 import can
 
-from bench.assemble import Decoded
+from bench.captured import LiveUnit, Trouble
 from bench.equipment import LOCAL_INTERFACES, Bus, Connection, StationSettings, UnitSettings
-from bench.errors import EquipmentError, InputError
-from bench.guards import Signal
+from bench.errors import EquipmentError
+from bench.links import Link
 from bench.recorder import Recorder
+from bench.store import share
 from drivers.canbus import Capture, InProcessCapture, ProcessCapture, open_bus
 from drivers.chamber import Chamber, Write
 from drivers.clock import Clock, SimClock, WallClock
-from drivers.gyro import GyroDecoder
 from drivers.journal import FrameArray, JournalWriter
 from drivers.modbus import ModbusLink
 from drivers.registers import RegisterMap, load_map
-from drivers.samples import SampleClock
 from drivers.sim.can_gyro import CanGyro
 from drivers.sim.plant import Plant, PlantParameters
 from drivers.sim.resonator import Resonator, default_unit
 from drivers.sim.resonator import UnitSettings as GyroPhysics
 from drivers.sim.station import SimulatedStation, SimulatedUnit
 
-__all__ = ["Bus", "LiveUnit", "Station", "StationSettings", "open_station", "simulate"]
+__all__ = ["Bus", "Dropped", "LiveUnit", "Station", "StationSettings", "open_station", "simulate"]
 
 
-class LiveUnit:
-    """A unit while it is being captured: newest values for guards, settling and the display."""
+@dataclass(frozen=True)
+class Dropped:
+    """A unit that had to leave a run which went on without it."""
 
-    def __init__(self, settings: UnitSettings, clock: Clock) -> None:
-        self.settings = settings
-        self.decoder = GyroDecoder(settings.gyro, settings.number)
-        self.sample_clock = SampleClock(self.decoder.interval_s)
-        self.temperature: Signal | None = None
-        self.newest_frame_s: float | None = None
-        self._clock = clock
-
-    @property
-    def serial(self) -> str:
-        """Serial number in the station file."""
-        return self.settings.serial
-
-    def take(self, frames: FrameArray) -> None:
-        """Decode newly captured frames of this unit's bus."""
-        block = self.decoder.decode(frames)
-        self.sample_clock.add(block.index, block.t_ns)
-        if len(block.t_ns):
-            self.newest_frame_s = float(block.t_ns[-1]) * 1e-9
-        if "temperature" in block.slow and len(block.slow["temperature"].value):
-            at_s = self.newest_frame_s if self.newest_frame_s is not None else self._clock.now()
-            self.temperature = Signal(float(block.slow["temperature"].value[-1]), at_s)
-
-    def missing(self) -> str | None:
-        """What was not heard of the unit yet; None when it is there."""
-        if self.newest_frame_s is None:
-            return "no sound rate frame"
-        if self.temperature is None:
-            return "no temperature"
-        if self.settings.identity is not None and self.decoder.identity is None:
-            return "no heartbeat with its serial number"
-        return None
-
-    def check_identity(self) -> None:
-        """InputError when the unit on the bus is not the one that the station file names."""
-        found, wanted = self.decoder.identity, self.settings.identity
-        if found is not None and wanted is not None and found.serial != wanted:
-            raise InputError(
-                f"unit {self.serial}: {found.serial} answers as number {self.settings.number}, the station file says"
-                f" identity {wanted}; connect the right unit or name the one that is there with --unit"
-            )
-
-    def decoded(self) -> Decoded:
-        """What live decoding found, for `assemble`."""
-        return Decoded(self.decoder, self.sample_clock)
+    unit: LiveUnit
+    reason: str
+    sound_until_s: float
+    """Bench time up to which its data are its own [s]."""
 
 
 class Station:
-    """Everything that is open: one clock, one chamber, the buses and the units on them."""
+    """Everything that is open: one clock, one chamber, the buses and the units on them.
+
+    `units` are those alive, `dropped` those that had to leave: a unit that fails alone does not end the run of the
+    others. When it is the last one, or when all fail together, nobody leaves and the guards of the run decide.
+    """
 
     def __init__(
         self,
@@ -97,35 +62,85 @@ class Station:
         limits = settings.chamber.lowest_degc, settings.chamber.highest_degc
         self.settings, self.clock = settings, clock
         self.chamber = Chamber(link, registers, limits, clock, journal=self._written)
-        self.units = [LiveUnit(unit, clock) for unit in units]
+        self.everyone = tuple(LiveUnit(unit, clock) for unit in units)
+        self.units = list(self.everyone)
+        self.dropped: list[Dropped] = []
         self.on_write: Callable[[Write], None] = lambda write: None
         """Sees every register of the chamber that is written."""
+        self.on_drop: Callable[[Dropped], None] = lambda dropped: None
+        """Sees every unit that leaves."""
+        self.on_event: Callable[..., None] = lambda kind, text, **facts: None
+        """Hears what happens to the buses: kind, text and numbers of an event."""
         self.local_buses: dict[str, can.BusABC] = {}
         self._captures: dict[str, Capture] = {}
+        self._links: dict[str, Link] = {}
+        self._complete = False
 
     def start_capture(self, recorder: Recorder) -> None:
-        """Capture every bus that a unit is on into a journal of the run."""
-        for name in sorted({unit.settings.bus for unit in self.units}):
-            path = recorder.run.journal / f"{name}.gtbj"
-            if name in self.local_buses:
-                writer = JournalWriter(path)
-                recorder.keep_synced(writer)
-                self._captures[name] = InProcessCapture(self.local_buses[name], writer)
-            else:
-                started_ns = self.clock.started_monotonic_ns if isinstance(self.clock, WallClock) else 0
-                self._captures[name] = ProcessCapture(self.settings.buses[name].to_driver(), path, started_ns)
+        """Capture every bus that a unit is on into one journal, which the run folders of all units on it share."""
+        folders = list(zip(self.everyone, recorder.runs, strict=True))
+        for name in sorted({unit.settings.bus for unit in self.everyone}):
+            path, *others = (run.journal / f"{name}.gtbj" for unit, run in folders if unit.settings.bus == name)
+            path.touch()
+            for other in others:
+                share(path, other)
+            self._captures[name] = self._capture(name, path, recorder)
+            self._links[name] = Link(f"bus {name}", self.settings.buses[name].link, self.on_event)
+
+    def _capture(self, name: str, path: Path, recorder: Recorder) -> Capture:
+        if name in self.local_buses:
+            writer = JournalWriter(path)
+            recorder.keep_synced(writer)
+            return InProcessCapture(self.local_buses[name], writer)
+        started_ns = self.clock.started_monotonic_ns if isinstance(self.clock, WallClock) else 0
+        return ProcessCapture(self.settings.buses[name].to_driver(), path, started_ns)
 
     def poll(self) -> None:
-        """Take in what was captured since the last call.
+        """Take in what was captured since the last call; drop units that fail alone.
 
-        Raises EquipmentError when a capture fails, InputError when another unit than the described one answers.
+        Raises EquipmentError when no unit is left on a bus that works, InputError when another unit than the
+        described one answers before all were heard, or in the place of the last one.
         """
         for name, capture in self._captures.items():
             self._take(name, capture.poll())
-            if error := capture.health().error:
-                raise EquipmentError(f"capture of bus {name} failed: {error}")
+        lost = self._lost_buses()
+        if self._complete:
+            self._drop(lost)
+        if left := {unit.settings.bus for unit in self.units} & lost.keys():
+            raise EquipmentError("; ".join(lost[name] for name in sorted(left)))
         for unit in self.units:
             unit.check_identity()
+        self._complete = self._complete or not any(unit.missing() for unit in self.units)
+
+    def _lost_buses(self) -> dict[str, str]:
+        """Buses whose capture has failed for too long, each with what is wrong."""
+        now_s, lost = self.clock.now(), {}
+        for name, capture in self._captures.items():
+            link, error = self._links[name], capture.health().error
+            try:
+                if error is None:
+                    link.answered(now_s)
+                else:
+                    link.failed(now_s, error)
+            except EquipmentError as trouble:
+                lost[name] = str(trouble)
+        return lost
+
+    def _drop(self, lost: Mapping[str, str]) -> None:
+        """Let units leave that cannot go on, unless nobody would be left."""
+        troubles: list[tuple[LiveUnit, Trouble]] = []
+        for unit in self.units:
+            trouble = unit.trouble(self.settings.unit_silent_s)
+            if failed := lost.get(unit.settings.bus):
+                trouble = Trouble(failed, self.clock.now())
+            if trouble is not None:
+                troubles.append((unit, trouble))
+        if len(troubles) == len(self.units):
+            return
+        for unit, trouble in troubles:
+            self.units.remove(unit)
+            self.dropped.append(Dropped(unit, trouble.reason, trouble.sound_until_s))
+            self.on_drop(self.dropped[-1])
 
     def missing_units(self) -> list[str]:
         """Units that were not heard yet, each with what is missing and what to look at."""
@@ -151,8 +166,8 @@ class Station:
             self._take(name, capture.poll())  # what a process still journalled at its end
 
     def losses(self) -> dict[str, int]:
-        """Frame counts of all units together."""
-        counts = [unit.decoder.losses.as_dict() for unit in self.units]
+        """Frame counts of all units together, those that have left included."""
+        counts = [unit.decoder.losses.as_dict() for unit in self.everyone]
         return {name: sum(count[name] for count in counts) for name in counts[0]}
 
     def _written(self, write: Write) -> None:
@@ -208,11 +223,13 @@ def simulate(
     seed = settings.seeds(occasion)["run"]
     plant = Plant(PlantParameters(ambient_degc=settings.ambient_degc), seed=seed)
     simulated = []
+    wires: dict[str, can.BusABC] = {}  # one connection a bus: one that only sends would collect what the others send
     for unit in units:
         physics = default_unit() if unit.simulation is None else GyroPhysics.parse(unit.simulation)
-        bus = open_bus(buses[unit.bus].to_driver())
-        stack.callback(bus.shutdown)
-        wire = CanGyro(bus, unit.number, unit.identity or unit.number + 1, layout=unit.gyro)
+        if unit.bus not in wires:
+            wires[unit.bus] = open_bus(buses[unit.bus].to_driver())
+            stack.callback(wires[unit.bus].shutdown)
+        wire = CanGyro(wires[unit.bus], unit.number, unit.identity or unit.number + 1, layout=unit.gyro)
         simulated.append(SimulatedUnit(Resonator(physics, seed=seed + settings.units.index(unit)), wire))
     return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port)
 

@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -45,6 +46,22 @@ def write_atomically(path: Path, data: bytes) -> None:
         os.fsync(folder)  # the new name, too, survives a power cut
     finally:
         os.close(folder)
+
+
+def share(source: Path, target: Path) -> bool:
+    """Make `target` another name of the file `source`; False where the file system has no hard links."""
+    try:
+        target.hardlink_to(source)
+    except OSError:
+        return False
+    return True
+
+
+def copy_whole(source: Path, target: Path) -> None:
+    """Copy a file so that `target` is never seen in part."""
+    partial = target.with_name(f".{target.name}.part")
+    shutil.copyfile(source, partial)
+    partial.replace(target)
 
 
 def sha256(path: Path) -> str:

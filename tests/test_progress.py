@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 from bench import progress
+from bench.guards import Signal
 from bench.profile import from_text
 from bench.progress import Progress
 from bench.sequencer import Status
@@ -15,7 +16,8 @@ from drivers.chamber import ChamberReading
 PROFILE = from_text(
     "name: p\nsegments:\n  - {kind: ramp, to_degc: 33, rate_degc_per_min: 2}\n  - {kind: soak, duration_min: 10}\n"
 )
-STATION = SimpleNamespace(losses=lambda: {"received": 6010, "lost": 3, "corrupt": 1})
+LOSSES = {"received": 6010, "lost": 3, "corrupt": 1}
+STATION = SimpleNamespace(losses=lambda: LOSSES, everyone=[None])
 
 
 def status(t_s, leg=0, leg_from_s=0.0, holding=()):
@@ -52,6 +54,31 @@ def test_a_terminal_gets_a_table(terminal):
         assert part in text
     assert "HOLD" in text
     assert "too hot: unit_temperature = 90 is above 85" in text
+
+
+def several():
+    """Three units, the second of which has left."""
+    losses = SimpleNamespace(received=601, lost=2)
+    units = [
+        SimpleNamespace(serial=f"G{n}", temperature=Signal(24.0 + n, 0.0), decoder=SimpleNamespace(losses=losses))
+        for n in (1, 2, 3)
+    ]
+    gone = [SimpleNamespace(unit=units[1], reason="no sound rate frame for 5.1 s")]
+    return SimpleNamespace(losses=lambda: LOSSES, everyone=units, units=[units[0], units[2]], dropped=gone)
+
+
+def test_each_of_several_units_has_its_row_or_its_reason(terminal):
+    with Progress(PROFILE) as show:
+        show(several(), status(10.0))
+    text = terminal.getvalue()
+    for part in ("G1", "25.00 degC   601 frames, 2 lost", "left: no sound rate frame for 5.1 s", "27.00 degC"):
+        assert part in text
+
+
+def test_a_plain_line_names_those_of_several_units_that_have_left(capsys):
+    with Progress(PROFILE) as show:
+        show(several(), status(10.0))
+    assert "chamber 25.0 degC, 2 units 25.00 to 27.00 degC (G2 left), 6010 frames" in capsys.readouterr().err
 
 
 def test_a_terminal_is_left_as_it_was(terminal):

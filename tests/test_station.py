@@ -41,20 +41,22 @@ def test_a_real_station_is_read():
     station = load(REAL)
     assert not station.simulated
     assert station.seeds("") == {}
-    assert station.unit("G2").number == 1
+    assert [unit.number for unit in station.chosen(["G2"])] == [1]
     assert station.limits().low_degc == -40.0
 
 
 def test_the_embedded_station_has_one_unit_that_needs_no_naming():
     station = acquisition.station()
-    assert station.unit(None).serial == "SIM-0001"
+    assert [unit.serial for unit in station.chosen()] == ["SIM-0001"]
     assert station.seeds("")["station"] == 1
 
 
-def test_a_unit_has_to_be_named_where_there_are_several_and_known_where_it_is_named():
-    for serial in (None, "G3"):
-        with pytest.raises(InputError, match=r"choose one of \['G1', 'G2'\] with --unit"):
-            load(REAL).unit(serial)
+def test_all_units_run_where_none_is_named_and_a_name_has_to_be_known():
+    station = load(REAL)
+    assert [unit.serial for unit in station.chosen()] == ["G1", "G2"]
+    assert [unit.serial for unit in station.chosen(["G2", "G1", "G2"])] == ["G2", "G1"]
+    with pytest.raises(InputError, match=r"unit 'G3' is not in station 'bench 3'; choose from \['G1', 'G2'\] with --un"):
+        station.chosen(["G1", "G3"])
 
 
 @pytest.mark.parametrize(
@@ -69,6 +71,10 @@ def test_a_unit_has_to_be_named_where_there_are_several_and_known_where_it_is_na
         ({"units": [{"serial": "G1", "bus": "can0"}] * 2}, "serial number G1 stands twice"),
         ({"units": [{"serial": s, "bus": "can0"} for s in "AB"]}, "B and A are both number 0 on can0"),
         ({"guards": [{"name": "g", "signal": "alarm"}]}, "at least one of above, below, rate_per_min"),
+        (
+            {"unit_silent_s": 9.0, "guards": [{"name": "unit silent", "signal": "frame_age", "above": 7.0}]},
+            "unit_silent_s is 9: the guard `unit silent` ends the run of all units before, at 7 s",
+        ),
         ({"untis": []}, "unknown key 'untis'; did you mean 'units'"),
     ],
 )
@@ -145,7 +151,7 @@ def test_a_capture_that_dies_is_a_failure_of_the_equipment(real):
     _, station = real
     (capture,) = station._captures.values()
     os.kill(capture.pid, signal.SIGKILL)
-    with pytest.raises(EquipmentError, match="capture of bus can0 failed: capture process ended"):
+    with pytest.raises(EquipmentError, match="bus can0 link lost for 4 s: capture process ended"):
         poll_until(station, lambda: False)
 
 

@@ -13,6 +13,7 @@ from bench import config
 from bench.errors import InputError
 from bench.workflow.analysis import DEFAULT_MODELS, report_on
 from bench.workflow.answer import Answer
+from bench.workflow.several import report_on_all
 
 if TYPE_CHECKING:
     from bench.station import StationSettings
@@ -40,11 +41,13 @@ def _station_path(path: Path | None) -> Path:
 
 
 def run(
-    profile_path: Path, station_path: Path | None, serial: str | None, models: Sequence[str], out: Path, quiet: bool
+    profile_path: Path, station_path: Path | None, serials: Sequence[str], models: Sequence[str], out: Path, quiet: bool
 ) -> Answer:
     """`bench run`: check everything, run, capture, fit, report."""
     from bench import preflight
     from bench import profile as profiles
+    from bench.control import Desk
+    from bench.keyboard import Keyboard
     from bench.model import load_model
     from bench.progress import Progress
     from bench.runner import Job, run_job
@@ -59,11 +62,14 @@ def run(
         station=station,
         station_text=config.read_text(_station_path(station_path)),
         model_texts={_model_file(i): model.to_yaml() for i, model in enumerate(chosen)},
-        serial=serial,
+        serials=serials,
         out=out,
     )
-    with Progress(profile, quiet=quiet) as progress:
-        result = run_job(job, progress)
+    desk = Desk()
+    with Keyboard(desk) as keyboard, Progress(profile, quiet, lambda: keyboard.notice) as progress:
+        result = run_job(job, progress, desk)
+    if len(result.units) > 1:
+        return report_on_all(result.units, chosen)
     return report_on(result.run, chosen, result.error)
 
 

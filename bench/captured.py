@@ -1,0 +1,115 @@
+"""A unit while it is being captured: its newest values, and whether it can go on."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from bench.assemble import Decoded
+from bench.equipment import UnitSettings
+from bench.errors import InputError
+from bench.guards import Signal
+from drivers.clock import Clock
+from drivers.gyro import GyroDecoder
+from drivers.journal import FrameArray
+from drivers.samples import SampleClock
+
+RESETS_S, MOST_RESETS = 60.0, 5
+"""A unit that starts anew this often within this time has a counter that means nothing."""
+CORRUPT_S, MOST_CORRUPT = 10.0, 0.5
+"""So has one of whose frames more than this share are corrupt over this time."""
+IDENTITY_DOUBT_S = 2.0
+"""Heartbeats come once a second: frames this long before a wrong one may be another unit's already."""
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Why a unit cannot go on, and up to which bench time its data are its own."""
+
+    reason: str
+    sound_until_s: float
+
+
+class LiveUnit:
+    """A unit while it is being captured: newest values for guards, settling and the display."""
+
+    def __init__(self, settings: UnitSettings, clock: Clock) -> None:
+        self.settings = settings
+        self.decoder = GyroDecoder(settings.gyro, settings.number)
+        self.sample_clock = SampleClock(self.decoder.interval_s)
+        self.temperature: Signal | None = None
+        self.newest_frame_s: float | None = None
+        self._clock = clock
+        self._counts: deque[tuple[float, int, int, int]] = deque()  # bench time [s], resets, corrupt, received
+
+    @property
+    def serial(self) -> str:
+        """Serial number in the station file."""
+        return self.settings.serial
+
+    def take(self, frames: FrameArray) -> None:
+        """Decode newly captured frames of this unit's bus."""
+        block = self.decoder.decode(frames)
+        self.sample_clock.add(block.index, block.t_ns)
+        if len(block.t_ns):
+            self.newest_frame_s = float(block.t_ns[-1]) * 1e-9
+        if "temperature" in block.slow and len(block.slow["temperature"].value):
+            at_s = self.newest_frame_s if self.newest_frame_s is not None else self._clock.now()
+            self.temperature = Signal(float(block.slow["temperature"].value[-1]), at_s)
+
+    def missing(self) -> str | None:
+        """What was not heard of the unit yet; None when it is there."""
+        if self.newest_frame_s is None:
+            return "no sound rate frame"
+        if self.temperature is None:
+            return "no temperature"
+        if self.settings.identity is not None and self.decoder.identity is None:
+            return "no heartbeat with its serial number"
+        return None
+
+    def check_identity(self) -> None:
+        """InputError when the unit on the bus is not the one that the station file names."""
+        if text := self._stranger():
+            raise InputError(f"{text}; connect the right unit or name the one that is there with --unit")
+
+    def trouble(self, silent_s: float) -> Trouble | None:
+        """Why this unit cannot go on with the run; None when it can. Call it once a tick."""
+        now_s = self._clock.now()
+        if text := self._stranger():
+            return Trouble(text, now_s - IDENTITY_DOUBT_S)
+        for what, heard_s in (
+            ("sound rate frame", self.newest_frame_s),
+            ("temperature", self.temperature.t_s if self.temperature is not None else None),
+        ):
+            if heard_s is not None and now_s - heard_s > silent_s:
+                return Trouble(f"no {what} for {now_s - heard_s:.1f} s, {silent_s:g} s allowed", now_s)
+        if text := self._wild(now_s):
+            return Trouble(text, now_s)
+        return None
+
+    def _stranger(self) -> str | None:
+        found, wanted = self.decoder.identity, self.settings.identity
+        if found is None or wanted is None or found.serial == wanted:
+            return None
+        return (
+            f"unit {self.serial}: {found.serial} answers as number {self.settings.number}, the station file says"
+            f" identity {wanted}"
+        )
+
+    def _wild(self, now_s: float) -> str | None:
+        """Whether the sample counter has lost its meaning: it starts anew all the time, or fits nothing."""
+        losses, counts = self.decoder.losses, self._counts
+        counts.append((now_s, losses.resets, losses.corrupt, losses.received))
+        while len(counts) > 1 and counts[1][0] <= now_s - RESETS_S:
+            counts.popleft()
+        if losses.resets - counts[0][1] >= MOST_RESETS:
+            return f"sample counter gone wild: started anew {losses.resets - counts[0][1]} times within a minute"
+        before = next((count for count in reversed(counts) if count[0] <= now_s - CORRUPT_S), None)
+        if before is None or losses.received == before[3]:
+            return None
+        share = (losses.corrupt - before[2]) / (losses.received - before[3])
+        return None if share <= MOST_CORRUPT else f"{share:.0%} of its frames in {CORRUPT_S:g} s are corrupt"
+
+    def decoded(self) -> Decoded:
+        """What live decoding found, for `assemble`."""
+        return Decoded(self.decoder, self.sample_clock)
