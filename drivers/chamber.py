@@ -8,16 +8,19 @@ chamber keeps its own limit controller.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.clock import Clock
+from drivers.controller import ILLEGAL_ADDRESS, Controller, Identity, Write
 from drivers.errors import ConfigError, DriverError, IdentityError, LimitError, ReadBackError, RefusedError
 from drivers.modbus import ModbusLink
 from drivers.registers import Register, RegisterMap, Value
 
-_ILLEGAL_ADDRESS = 2
+__all__ = ["Chamber", "ChamberReading", "Identity", "SafeStep", "Write"]
+
+SAFE_STEP_S = 30.0
+"""Longest time [s] for one step to the safe state."""
 _STATE_READINGS = 5
 
 
@@ -39,28 +42,10 @@ class ChamberReading:
     """Active alarms as `register: value`; empty: none. Refreshed with the slower registers."""
     compressor: bool | None
     """None: the controller does not tell."""
-
-
-@dataclass(frozen=True)
-class Identity:
-    """What the controller said about itself."""
-
-    model: str
-    answers: tuple[tuple[str, str], ...]
-    """Register and value of every rule that it satisfied."""
-    limits: tuple[float, float]
-    """Set points that station and controller both allow [degC]."""
-
-
-@dataclass(frozen=True)
-class Write:
-    """One write for the journal."""
-
-    t_s: float
-    register: str
-    old: Value
-    new: Value
-    read_back: Value
+    door: bool | None = None
+    """Whether the door is open. None: the controller does not tell."""
+    sensor_break: bool | None = None
+    """Whether the controller has lost its sensor. None: it does not tell."""
 
 
 @dataclass(frozen=True)
@@ -88,20 +73,15 @@ class Chamber:
         """`limits` [degC] are the station's; `journal` sees every write; alarms are read every `secondary_s` [s]."""
         if not (limits[0] < limits[1] and all(map(math.isfinite, limits))):
             raise ConfigError(f"chamber limits {limits[0]} to {limits[1]} degC are no range")
-        self._link = link
-        self._map = registers
-        self._station_limits = limits
+        self._controller = Controller(link, registers, limits, clock, journal)
         self._clock = clock
-        self._journal = journal
         self._secondary_s = secondary_s
         self._secondary_due_s = -math.inf
-        self._slow = [registers[name] for name in registers.secondary]
-        self._alarm: tuple[str, ...] = ()
-        self._compressor: bool | None = None
-        self._whole_block = True
-        self._identity: Identity | None = None
-        self._identified_at = -1
+        self._missing: set[str] = set()
+        self._slow: dict[str, Value] = {}
         self._commanded: float | None = None
+        self._on: bool | None = None
+        self._switched_s = -math.inf
 
     @property
     def native_ramp(self) -> bool:
@@ -111,21 +91,26 @@ class Chamber:
     @property
     def limits(self) -> tuple[float, float]:
         """Set points [degC] that station and controller both allow; the station's before `identify`."""
-        return self._identity.limits if self._identity else self._station_limits
+        return self._controller.limits
 
     @property
     def commanded(self) -> float | None:
         """Last set point [degC] that this driver wrote and read back; another one in force is an operator's."""
         return self._commanded
 
+    @property
+    def writes(self) -> int:
+        """Registers written since this object was made; some controllers survive a limited number."""
+        return self._controller.writes
+
     # ---- reading ----------------------------------------------------------------------------------------------------
 
     def identify(self) -> Identity:
-        """Read model, unit, set point limits and a plausible temperature; writes nothing.
+        """Read model, unit, decimals, set point limits and a plausible temperature; writes nothing.
 
         Raises IdentityError when this is not the controller that the map describes, or not in degC.
         """
-        identity = self._recognise()
+        identity = self._controller.recognise()
         try:
             self.poll()
         except LimitError as error:
@@ -140,26 +125,47 @@ class Chamber:
         values = self._poll_block()
         t_s = self._clock.now()
         if t_s >= self._secondary_due_s:
-            self._poll_secondary()
+            self._slow = self._poll_secondary()
             self._secondary_due_s = t_s + self._secondary_s
-        working, power = values.get("working_setpoint"), values.get("power")
+        values |= self._slow
         return ChamberReading(
             t_s=t_s,
             temperature=float(values["temperature"]),
             setpoint=float(values["setpoint"]),
-            working_setpoint=None if working is None else float(working),
-            power=None if power is None else float(power),
+            working_setpoint=_number(values.get("working_setpoint")),
+            power=_number(values.get("power")),
             on=values[self._map.run.state] != self._map.run.off,
-            alarm=self._alarm,
-            compressor=self._compressor,
+            alarm=tuple(f"{name}: {value}" for name, value in values.items() if self._map[name].is_alarm(value)),
+            compressor=_flag(values.get("compressor"), "on"),
+            door=_flag(values.get("door"), "open"),
+            sensor_break=_flag(values.get("sensor_break"), "broken"),
         )
+
+    def deviations(self) -> list[str]:
+        """Every difference between what the controller holds and what we commanded; empty: it is still ours.
+
+        For after a reconnection: a chamber that lost its power may go on alone, or with another set point.
+        """
+        found = []
+        if self._commanded is not None:
+            for name in ("setpoint", *self._map.setpoint_copies):
+                held = self._held(name)
+                if not self._map[name].agrees(self._commanded, held):
+                    text = f"{held:g} degC" if isinstance(held, float) else held
+                    found.append(f"{name} is {text}, the bench commanded {self._commanded:g} degC")
+        if self._on is not None:
+            run = self._map.run
+            ours, held = run.on if self._on else run.off, self._held(run.state)
+            if held != ours:
+                found.append(f"{run.state} is {held}, the bench commanded {ours}")
+        return found
 
     # ---- commanding -------------------------------------------------------------------------------------------------
 
     def set_point(self, target: float) -> None:
         """Go to `target` [degC] as fast as the chamber can."""
-        self._check_target(target)
-        self._write("setpoint", target)  # before the ramp goes off, or the chamber would jump to the old target
+        self._controller.check_target(target)
+        self._controller.write_target(target)  # before the ramp goes off, or the chamber would jump to the old target
         self._ramp_off()
         self._commanded = target
 
@@ -168,12 +174,14 @@ class Chamber:
         ramp = self._map.ramp
         if ramp is None:
             raise ConfigError(f"{self._map.model} has no ramp of its own: step the set point from the host")
-        self._check_target(target)
+        self._controller.check_target(target)
+        if not rate > 0:
+            raise LimitError(f"a ramp of {rate:g} degC/min is none; nothing was sent")
         self._map[ramp.rate].encode(rate)
-        self._write(ramp.rate, rate)
+        self._controller.write(ramp.rate, rate)
         for name, value in ramp.on.items():
-            self._write(name, value)
-        self._write("setpoint", target)
+            self._controller.write(name, value)
+        self._controller.write_target(target)
         self._commanded = target
 
     def hold(self) -> float:
@@ -184,96 +192,87 @@ class Chamber:
         return here
 
     def start(self) -> None:
-        """Switch the chamber on; refused before a set point was written, since the old one may be anybody's."""
+        """Switch the chamber on; refused before a set point was written, since the old one may be anybody's.
+
+        Waits until the compressor was off long enough.
+        """
         if self._commanded is None:
             raise LimitError(f"{self._map.model}: start refused, no set point was commanded yet")
-        self._write(self._map.run.register, self._map.run.on)
+        if self._on is False:
+            self._clock.sleep_until(self._switched_s + self._map.run.least_off_s)
+        self._controller.write(self._map.run.register, self._map.run.on)
+        self._switched(on=True)
 
     def stop(self) -> None:
-        """Switch the chamber off and wait until it says so. Raises ReadBackError when it does not."""
-        self._write(self._map.run.register, self._map.run.off)
-        state = self._map[self._map.run.state]
-        for reading in range(_STATE_READINGS):
-            if self._link.read(state) == self._map.run.off:
-                return
-            if reading < _STATE_READINGS - 1:
-                self._clock.sleep_until(self._clock.now() + 1.0)
-        raise ReadBackError(f"{state.name} is not {self._map.run.off} {_STATE_READINGS - 1} s after it was commanded")
+        """Switch the chamber off and wait until it says so. Raises ReadBackError when it does not.
 
-    def safe(self, ambient: float) -> list[SafeStep]:
+        Waits until the compressor was on long enough; the safe state does not.
+        """
+        if self._on:
+            self._clock.sleep_until(self._switched_s + self._map.run.least_on_s)
+        self._off()
+
+    def safe(self, ambient: float, limit_s: float = SAFE_STEP_S) -> list[SafeStep]:
         """Set point to `ambient` [degC] first, ramp off, then chamber off; each step read back; never raises.
 
-        A later step is tried even when an earlier one failed.
+        A later step is tried even when an earlier one failed. Each step has `limit_s` [s]; only a request that is on
+        its way then still gets its answer or its timeout.
         """
         steps = [
             (f"set point to {ambient:g} degC", lambda: self._safe_setpoint(ambient)),
             ("ramp off", self._ramp_off),
-            ("chamber off", self.stop),
+            ("chamber off", self._off),
         ]  # ambient first: should off fail, the chamber is driven to where it does no harm
-        return [self._attempt(what, action) for what, action in steps]
+        return [self._attempt(what, action, limit_s) for what, action in steps]
 
     # ---- inside -----------------------------------------------------------------------------------------------------
 
-    def _recognise(self) -> Identity:
-        """Identity rules and limits; what a write needs. A sensor break does not keep us from switching off."""
-        answers = []
-        for rule in self._map.identify:
-            value = str(self._link.read(self._map[rule.register]))
-            if not re.search(rule.pattern, value):
-                raise IdentityError(f"{self._map.model}: {rule.register} reads {value!r}; {rule.why}")
-            answers.append((rule.register, value))
-        low, high = self._station_limits
-        if "setpoint_low" in self._map:
-            low = max(low, float(self._link.read(self._map["setpoint_low"])))
-        if "setpoint_high" in self._map:
-            high = min(high, float(self._link.read(self._map["setpoint_high"])))
-        if low >= high:
-            raise IdentityError(
-                f"{self._map.model}: station and controller allow no common set point ({low:g}, {high:g})"
-            )
-        self._identity = Identity(self._map.model, tuple(answers), (low, high))
-        self._identified_at = self._link.counters.connections
-        return self._identity
+    @property
+    def _map(self) -> RegisterMap:
+        return self._controller.map
+
+    def _held(self, name: str) -> Value:
+        try:
+            return self._controller.read(self._map[name])
+        except LimitError as error:
+            return str(error)
 
     def _poll_block(self) -> dict[str, Value]:
-        if self._whole_block:
-            try:
-                return {name: v for block in self._map.blocks for name, v in self._link.read_block(block).items()}
-            except RefusedError as error:
-                if error.code != _ILLEGAL_ADDRESS:
-                    raise
-                self._whole_block = False  # this firmware does not read across its gaps
-        return {name: self._link.read(self._map[name]) for name in self._map.poll}
-
-    def _poll_secondary(self) -> None:
-        alarms = []
-        for register in list(self._slow):
-            try:
-                value = self._link.read(register)
-            except RefusedError as error:
-                if error.code != _ILLEGAL_ADDRESS or not register.optional:
-                    raise
-                self._slow.remove(register)  # this controller does not have it
-                continue
-            if register.is_alarm(value):
-                alarms.append(f"{register.name}: {value}")
-            if register.name == "compressor":
-                self._compressor = value == "on"
-        self._alarm = tuple(alarms)
-
-    def _check_target(self, target: float) -> None:
-        self._map["setpoint"].encode(target)
-        low, high = self.limits
-        if not low <= target <= high:
-            raise LimitError(
-                f"set point {target:g} degC is outside the limits {low:g} to {high:g} degC; nothing was sent"
-            )
-
-    def _attempt(self, what: str, action: Callable[[], None]) -> SafeStep:
         try:
-            if self._identity is None:
-                self._recognise()
-            action()
+            return self._controller.read_poll()
+        except LimitError as error:
+            if "sensor_break" in self._map and self._held("sensor_break") == "broken":
+                raise LimitError(f"{self._map.model} says that its sensor is broken: {error}") from error
+            raise
+
+    def _poll_secondary(self) -> dict[str, Value]:
+        values = {}
+        for name in self._map.secondary:
+            if name not in self._missing:
+                value = self._read_slow(self._map[name])
+                if value is not None:
+                    values[name] = value
+        return values
+
+    def _read_slow(self, register: Register) -> Value | None:
+        """Value of a slow register; None: this controller does not have it, or it is not what its weak source says."""
+        try:
+            return self._controller.read(register)
+        except RefusedError as error:
+            if error.code != ILLEGAL_ADDRESS or not register.optional:
+                raise
+        except LimitError:
+            if not register.uncertain:
+                raise
+        self._missing.add(register.name)
+        return None
+
+    def _attempt(self, what: str, action: Callable[[], None], limit_s: float) -> SafeStep:
+        try:
+            with self._controller.within(limit_s):
+                if self._controller.identity is None:
+                    self._controller.recognise()  # a sensor break does not keep us from switching off
+                action()
         except DriverError as error:
             return SafeStep(what, False, str(error))
         except Exception as error:  # the way to the safe state goes on whatever happens
@@ -281,41 +280,33 @@ class Chamber:
         return SafeStep(what, True, "read back")
 
     def _safe_setpoint(self, ambient: float) -> None:
-        self._check_target(ambient)
-        self._write("setpoint", ambient)
+        self._controller.check_target(ambient)
+        self._controller.write_target(ambient)
         self._commanded = ambient
 
     def _ramp_off(self) -> None:
         for name, value in self._map.ramp.off.items() if self._map.ramp else ():
-            self._write(name, value)
+            self._controller.write(name, value)
 
-    def _write(self, name: str, value: Value) -> None:
-        """Write when it changes something, and read back; the only place that writes."""
-        register = self._map[name]
-        words = register.encode(value)
-        if self._identity is None:
-            raise IdentityError(f"{self._map.model}: nothing is written before identify()")
-        old, old_words = self._old(register)
-        if self._identified_at != self._link.counters.connections:
-            self._recognise()  # after a reconnection the equipment, or its limits, may be others
-            if name == "setpoint":
-                self._check_target(float(value))
-        if words == old_words:
-            return
-        self._link.write(register, value)
-        read_back = self._link.read(register)
-        if self._journal:
-            self._journal(Write(self._clock.now(), name, old, value, read_back))
-        if not register.agrees(value, read_back):
-            raise ReadBackError(f"{name}: wrote {value} {register.unit}, reads back {read_back} {register.unit}")
+    def _off(self) -> None:
+        self._controller.write(self._map.run.register, self._map.run.off)
+        state = self._map[self._map.run.state]
+        for reading in range(_STATE_READINGS):
+            if self._controller.read(state) == self._map.run.off:
+                self._switched(on=False)
+                return
+            if reading < _STATE_READINGS - 1:
+                self._clock.sleep_until(self._clock.now() + 1.0)
+        raise ReadBackError(f"{state.name} is not {self._map.run.off} {_STATE_READINGS - 1} s after it was commanded")
 
-    def _old(self, register: Register) -> tuple[Value, tuple[int, ...] | None]:
-        """What the register holds before a write, with its words; None: nothing that we would have written."""
-        try:
-            old = self._link.read(register)
-        except LimitError as error:
-            return str(error), None
-        try:
-            return old, register.encode(old)
-        except LimitError:
-            return old, None
+    def _switched(self, *, on: bool) -> None:
+        if self._on is not on:
+            self._on, self._switched_s = on, self._clock.now()
+
+
+def _number(value: Value | None) -> float | None:
+    return None if value is None else float(value)
+
+
+def _flag(value: Value | None, yes: str) -> bool | None:
+    return None if value is None else value == yes

@@ -1,0 +1,207 @@
+"""One register of a controller: where it is, what it means, and how its values become words on the wire.
+
+Decoding is as strict as encoding: a value that cannot be right (NaN, infinite, outside the register's limits) raises
+instead of becoming data.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import field, replace
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, FiniteFloat
+from pydantic.dataclasses import dataclass
+
+from drivers.errors import ConfigError, LimitError
+
+Value = float | str
+"""A decoded register: a number in the register's unit, or the name of an enumerated value, or a text."""
+
+MAX_BLOCK_WORDS = 125
+_TINY = 1e-30
+_FORMATS = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}
+STRICT = ConfigDict(extra="forbid")
+Text = Annotated[str, Field(min_length=1)]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Register:
+    """One quantity of a controller: where it is, how it is coded, and what may be read from or written to it."""
+
+    name: str
+    address: Annotated[int, Field(ge=0, le=0xFFFF)]
+    """0-based, as sent on the wire."""
+    type: Literal["int16", "uint16", "int32", "uint32", "float32", "ascii"]
+    meaning: Text
+    source: Text
+    read: Literal[3, 4] = 3
+    write: Literal[6, 16] | None = None
+    """Function code that writes it; None: the driver never writes it."""
+    words: Annotated[int, Field(ge=0, le=MAX_BLOCK_WORDS)] = 0
+    """Length of a text (one character a register); numbers know their own."""
+    word_order: Literal["high_first", "low_first"] = "high_first"
+    scale: FiniteFloat = 1.0
+    """Value = raw number x scale."""
+    decimals: str = ""
+    """Register that holds how many decimals the controller implies; read at identify. Empty: none are implied."""
+    mask: Annotated[int, Field(ge=1, le=0xFFFF)] | None = None
+    """The only bits of the word that belong to this register; a write leaves the others as they are."""
+    unit: str = ""
+    values: Mapping[str, int] = field(default_factory=dict)
+    """Names of an enumeration."""
+    low: FiniteFloat | None = None
+    """Limits of what is ever written; for a register that is only read, of what can be true."""
+    high: FiniteFloat | None = None
+    tolerance: Annotated[FiniteFloat, Field(ge=0)] | None = None
+    """Largest difference between written and read back; default half a count, or a float32 rounding."""
+    normal: tuple[str, ...] = ()
+    """Names that mean nothing is wrong; when given, any other value is an alarm."""
+    alarming: tuple[str, ...] = ()
+    """Names that are an alarm; any other value is not."""
+    optional: bool = False
+    """Not every controller of this model has it."""
+    uncertain: bool = False
+    """The source is weak: confirm on the first real controller."""
+
+    def __post_init__(self) -> None:
+        if (self.type == "ascii") != (self.words > 0):
+            raise ValueError("words is the length of an ascii register and of no other")
+        if self.scale == 0 or (self.type in ("ascii", "float32") and self.scale != 1):
+            raise ValueError("scale belongs to integers and is not 0")
+        if self.values and self.type != "uint16":
+            raise ValueError("an enumeration is a uint16")
+        if self.write == 6 and self.count != 1:
+            raise ValueError("function code 6 writes one word; use 16")
+        if self.decimals and "int" not in self.type:
+            raise ValueError("decimals belong to integers")
+        if self.mask is not None:
+            self._check_mask(self.mask)
+        if unknown := {*self.normal, *self.alarming} - set(self.values):
+            raise ValueError(f"{', '.join(sorted(unknown))} not among the values")
+
+    def _check_mask(self, mask: int) -> None:
+        if self.type != "uint16" or not self.values:
+            raise ValueError("a mask belongs to an enumeration")
+        if outside := [name for name, code in self.values.items() if code & ~mask]:
+            raise ValueError(f"{', '.join(outside)} has bits outside the mask {mask:#x}")
+
+    @property
+    def count(self) -> int:
+        """Length [words]."""
+        return self.words or struct.calcsize(_FORMATS[self.type]) // 2
+
+    @property
+    def end(self) -> int:
+        """First address behind the register."""
+        return self.address + self.count
+
+    def with_decimals(self, places: int) -> Register:
+        """The same register once the controller has said how many decimals it implies."""
+        return replace(self, scale=self.scale * 10.0**-places, decimals="")
+
+    @property
+    def whole_word(self) -> Register:
+        """The word that a masked register is a part of."""
+        return replace(self, mask=None, values={}, normal=(), alarming=())
+
+    def decode(self, words: Sequence[int]) -> Value:
+        """Value of `words` as read from the wire.
+
+        Raises LimitError when no healthy controller could have meant it: NaN, infinite, outside low..high.
+        """
+        self._check_scale()
+        if len(words) != self.count:
+            raise LimitError(f"{self.name}: {len(words)} words, {self.count} needed")
+        if self.type == "ascii":
+            text = "".join(chr(word & 0xFF) for word in words).rstrip("\0 ")
+            if not text.isprintable():
+                raise LimitError(f"{self.name} reads {text!r}, which is no text")
+            return text
+        ordered = words if self.word_order == "high_first" else tuple(reversed(words))
+        (raw,) = struct.unpack(">" + _FORMATS[self.type], struct.pack(f">{self.count}H", *ordered))
+        if self.values:
+            raw &= 0xFFFF if self.mask is None else self.mask
+            return next((name for name, code in self.values.items() if code == raw), f"code {raw}")
+        value = float(raw * self.scale)
+        # A target that somebody left outside what we would write is legal; a measurement outside its range is not.
+        if not (self._within(value) if self.write is None else _possible(value)):
+            raise self._refusal(value, "reads", "; a sensor break, or wrong word order, scale or unit")
+        return value
+
+    def encode(self, value: Value) -> tuple[int, ...]:
+        """Words on the wire for `value`; raises LimitError when it is outside the limits or cannot be coded."""
+        self._check_scale()
+        if self.type == "ascii":
+            if not isinstance(value, str) or len(value) > self.words or not value.isascii():
+                raise LimitError(f"{self.name}: {value!r} is no ASCII text of at most {self.words} characters")
+            return tuple(ord(char) for char in value.ljust(self.words, "\0"))
+        number = self._number(value)
+        if self.type != "float32":
+            number = round(number / self.scale)
+        try:
+            packed = struct.pack(">" + _FORMATS[self.type], number)
+        except (struct.error, OverflowError):
+            raise LimitError(f"{self.name}: {value} {self.unit} does not fit {self.type} x {self.scale:g}") from None
+        words = struct.unpack(f">{self.count}H", packed)
+        return words if self.word_order == "high_first" else tuple(reversed(words))
+
+    def agrees(self, written: Value, read: Value) -> bool:
+        """Whether `read` is what a healthy controller gives back for `written`."""
+        if isinstance(written, str) or isinstance(read, str):
+            return written == read
+        tolerance = self.tolerance
+        if tolerance is None:
+            tolerance = abs(written) * 2**-23 if self.type == "float32" else abs(self.scale) / 2
+        return abs(written - read) <= tolerance * (1 + 1e-9)
+
+    def is_alarm(self, value: Value) -> bool:
+        """Whether `value` of this register is an alarm by the map."""
+        return value in self.alarming or (bool(self.normal) and value not in self.normal)
+
+    def _check_scale(self) -> None:
+        if self.decimals:
+            raise ConfigError(f"{self.name}: its decimals stand in {self.decimals}, which was not read yet: identify")
+
+    def _number(self, value: Value) -> float:
+        if self.values:
+            if value not in self.values:
+                raise LimitError(f"{self.name}: {value!r} is none of {', '.join(self.values)}")
+            return self.values[str(value)]
+        if isinstance(value, str | bool):
+            raise LimitError(f"{self.name}: {value!r} is not a number")
+        if not self._within(value):
+            raise self._refusal(value, "cannot be set to", "")
+        return value
+
+    def _within(self, value: float) -> bool:
+        low = -math.inf if self.low is None else self.low
+        high = math.inf if self.high is None else self.high
+        return _possible(value) and low <= value <= high
+
+    def _refusal(self, value: float, what: str, hint: str) -> LimitError:
+        low, high = ("none" if limit is None else f"{limit:g}" for limit in (self.low, self.high))
+        return LimitError(f"{self.name} {what} {value:g} {self.unit}; limits {low} to {high}{hint}")
+
+
+def _possible(value: float) -> bool:
+    """Finite, and not what a round float32 looks like with its two words swapped."""
+    return math.isfinite(value) and not 0 < abs(value) < _TINY
+
+
+def block_of(registers: Iterable[Register]) -> tuple[int, int, int]:
+    """Function code, address and length [words] of the one request that reads all `registers`.
+
+    Raises ValueError when there is none.
+    """
+    members = tuple(registers)
+    codes = {register.read for register in members}
+    if len(codes) != 1:
+        raise ValueError(f"a block is read with one function code, not {sorted(codes)}")
+    start = min(register.address for register in members)
+    count = max(register.end for register in members) - start
+    if count > MAX_BLOCK_WORDS:
+        raise ValueError(f"a block of {count} words; Modbus reads at most {MAX_BLOCK_WORDS}")
+    return codes.pop(), start, count

@@ -1,0 +1,214 @@
+"""Register maps: everything that a driver knows about one controller model, as data.
+
+A map is a YAML file in `drivers/chambers/`, or anywhere (`drivers/registers.py` reads it). Nothing here talks to
+equipment; the driver and the simulator share this description of the wire and nothing else.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import field, replace
+from typing import Annotated, Literal
+
+from pydantic import Field, FiniteFloat
+from pydantic.dataclasses import dataclass
+
+from drivers.errors import ConfigError, LimitError
+from drivers.register import MAX_BLOCK_WORDS, STRICT, Register, Text, Value
+
+Seconds = Annotated[FiniteFloat, Field(ge=0, le=3600)]
+
+_STATES = {"door": {"open", "closed"}, "sensor_break": {"ok", "broken"}, "compressor": {"off", "on"}}
+"""Registers that the driver knows by name, and the values that they need to have."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class Rule:
+    """What a register must read before anything is written: a pattern for names and texts, a range for numbers."""
+
+    register: str
+    why: Text
+    pattern: Text | None = None
+    low: FiniteFloat | None = None
+    high: FiniteFloat | None = None
+    example: str | None = None
+    """A text that satisfies the pattern, for the simulated controller."""
+
+    def __post_init__(self) -> None:
+        ranged = self.low is not None and self.high is not None and self.low <= self.high
+        if ranged == (self.pattern is not None):
+            raise ValueError("a rule has a pattern, or low and high")
+        if self.example is not None and not self.accepts(self.example):
+            raise ValueError(f"the example {self.example!r} does not satisfy the rule")
+
+    def accepts(self, value: Value) -> bool:
+        """Whether the controller may be the described one."""
+        if self.pattern is not None:
+            return isinstance(value, str) and re.search(self.pattern, value) is not None
+        if isinstance(value, str) or self.low is None or self.high is None:
+            return False
+        return self.low <= value <= self.high
+
+    def example_of(self, register: Register) -> Value:
+        """A value of its register that satisfies it; ConfigError when the map has none."""
+        if self.low is not None:
+            return self.low
+        for candidate in (self.example, *register.values):
+            if candidate is not None and self.accepts(candidate):
+                return candidate
+        raise ConfigError(f"identify: {self.register}: give the rule an `example` that satisfies {self.pattern}")
+
+
+@dataclass(frozen=True, config=STRICT)
+class Run:
+    """How the controller is started and stopped, and where it says that it is."""
+
+    register: str
+    on: str
+    off: str
+    state: str
+    least_on_s: Seconds = 0.0
+    """Shortest time on [s] before we switch it off; the safe state does not wait."""
+    least_off_s: Seconds = 0.0
+    """Shortest time off [s] before we switch it on again, for the compressor's sake."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class Ramp:
+    """Native ramp: register of the rate [degC/min], settings that switch it on and off, in this order."""
+
+    rate: str
+    on: Mapping[str, str | FiniteFloat]
+    off: Mapping[str, str | FiniteFloat]
+
+
+@dataclass(frozen=True, config=STRICT)
+class RegisterMap:
+    """Everything that the driver knows about one controller model.
+
+    The driver looks for registers by name: `temperature` and `setpoint` always; `working_setpoint`, `power`,
+    `setpoint_low`, `setpoint_high`, `compressor` (off, on), `door` (open, closed) and `sensor_break` (ok, broken) where
+    the controller has them.
+    """
+
+    model: Text
+    registers: Mapping[str, Register]
+    poll: tuple[str, ...]
+    """Read at every poll, in as few requests as `block_words` allows."""
+    run: Run
+    identify: tuple[Rule, ...]
+    connection: str = ""
+    """How the controller is reached, for people."""
+    sources: Mapping[str, Text] = field(default_factory=dict)
+    """What the abbreviations in the registers' `source` stand for; given, every source has to name one."""
+    notes: tuple[str, ...] = ()
+    """What one has to know at the controller, for people."""
+    unit_register: str | None = None
+    """Register of an identify rule that refuses degF; None: the controller does not tell its unit."""
+    setpoint_copies: tuple[str, ...] = ()
+    """Further set points that are always written together with `setpoint`."""
+    secondary: tuple[str, ...] = ()
+    """Read one by one, less often: alarms, limit controller, compressor."""
+    ramp: Ramp | None = None
+    """None: the host steps the set point."""
+    word_order: Literal["high_first", "low_first"] = "high_first"
+    """Default of the registers."""
+    block_words: Annotated[int, Field(ge=2, le=MAX_BLOCK_WORDS)] = MAX_BLOCK_WORDS
+    """Longest block [words] that the controller reads."""
+    unreadable: tuple[tuple[int, int], ...] = ()
+    """First and last address of holes that no block may touch."""
+    eeprom_writes: Annotated[int, Field(gt=0)] | None = None
+    """Writes that the controller's memory survives; given, the host never steps its set point. None: no such limit."""
+    exceptions: Mapping[int, str] = field(default_factory=dict)
+    """What this controller means by an exception code, where it departs from the Modbus specification."""
+
+    def __post_init__(self) -> None:
+        self._check_names()
+        self._check_writable()
+        self._check_states()
+        if self.eeprom_writes is not None and self.ramp is None:
+            raise ValueError("eeprom_writes needs a native ramp: stepping the set point would wear the memory out")
+        if unknown := {name for name in self.decimals if self[name].decimals or "int" not in self[name].type}:
+            raise ValueError(f"decimals stand in plain integers, not in {', '.join(sorted(unknown))}")
+        try:
+            for name in (self.run.register, self.run.state):
+                self[name].encode(self.run.on)
+                self[name].encode(self.run.off)
+            if self.ramp:
+                for name, setting in [*self.ramp.on.items(), *self.ramp.off.items()]:
+                    if not self[name].decimals:
+                        self[name].encode(setting)
+        except LimitError as error:
+            raise ValueError(str(error)) from None
+
+    def _check_names(self) -> None:
+        rules = {rule.register for rule in self.identify}
+        named = {"temperature", "setpoint", *self.setpoint_copies, *self.poll, *self.secondary, *rules, *self.decimals}
+        named |= {self.run.register, self.run.state, *self._ramp_settings()}
+        if missing := named - set(self.registers):
+            raise ValueError(f"no register {', '.join(sorted(missing))}")
+        if self.unit_register is not None and self.unit_register not in rules:
+            raise ValueError(f"unit_register {self.unit_register} has no identify rule")
+        needed = {"temperature", "setpoint", self.run.state}
+        if not needed <= set(self.poll):
+            raise ValueError(f"poll has to hold {', '.join(sorted(needed))}")
+        for register in self.registers.values():
+            if self.sources and not any(re.search(rf"\b{re.escape(c)}\b", register.source) for c in self.sources):
+                raise ValueError(f"{register.name}: source {register.source!r} names none of {', '.join(self.sources)}")
+
+    def _check_writable(self) -> None:
+        for name in ("setpoint", *self.setpoint_copies, self.run.register, *self._ramp_settings()):
+            if self[name].write is None:
+                raise ValueError(f"register {name} has to be writable")
+
+    def _check_states(self) -> None:
+        for name, values in _STATES.items():
+            if name in self and set(self[name].values) != values:
+                raise ValueError(f"register {name} needs the values {' and '.join(sorted(values))}")
+
+    def __getitem__(self, name: str) -> Register:
+        return self.registers[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.registers
+
+    @property
+    def blocks(self) -> tuple[tuple[Register, ...], ...]:
+        """The polled registers, grouped into one request each."""
+        groups: list[list[Register]] = []
+        for register in sorted((self[name] for name in self.poll), key=lambda r: (r.read, r.address)):
+            last = groups[-1] if groups else None
+            if last and self._one_block(last[0], register):
+                last.append(register)
+            else:
+                groups.append([register])
+        return tuple(map(tuple, groups))
+
+    def _one_block(self, first: Register, last: Register) -> bool:
+        if first.read != last.read or last.end - first.address > self.block_words:
+            return False
+        return not any(low < last.end and first.address <= high for low, high in self.unreadable)
+
+    @property
+    def decimals(self) -> tuple[str, ...]:
+        """Registers that hold how many decimals others imply."""
+        return tuple(sorted({r.decimals for r in self.registers.values() if r.decimals}))
+
+    def with_decimals(self, places: Mapping[str, int]) -> RegisterMap:
+        """The map once the controller has said how many decimals it implies, by the register that says so."""
+        known = {n: r.with_decimals(places[r.decimals]) if r.decimals else r for n, r in self.registers.items()}
+        return replace(self, registers=known)
+
+    @property
+    def native_ramp(self) -> bool:
+        """Whether the controller moves its own set point at a rate."""
+        return self.ramp is not None
+
+    @property
+    def writable(self) -> tuple[Register, ...]:
+        """The whitelist: the only registers that the driver ever writes."""
+        return tuple(register for register in self.registers.values() if register.write)
+
+    def _ramp_settings(self) -> tuple[str, ...]:
+        return (self.ramp.rate, *self.ramp.on, *self.ramp.off) if self.ramp else ()
