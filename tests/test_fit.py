@@ -326,6 +326,16 @@ def test_a_start_replaces_the_grid():
     np.testing.assert_allclose(again.theta["warming.tau_s"], 1800.0, rtol=1e-3)
 
 
+def test_a_parameter_that_ends_on_its_bound_is_said_to_be_not_determined():
+    record = thermal_cycle()
+    both = Model("m", (effects.make("polynomial"), Warming()))
+    fast, slow = (fit(both, with_bias(record, 4.0 * np.exp(-record.time / tau_s))) for tau_s in (20.0, 1800.0))
+    assert (fast.on_bound, slow.on_bound) == (("warming.tau_s",), ())
+    assert fast.to_json()["parameters"][0]["at_bound"] is True
+    assert slow.to_json()["parameters"][0]["at_bound"] is False
+    assert "warming.tau_s = 60 is on its bound: not determined" in fast.warnings
+
+
 def test_memory_sees_the_whole_record_and_rows_are_masked_afterwards():
     """With rows dropped first, the delay would read a straight line across the corner that the hole hides."""
     record = thermal_cycle()

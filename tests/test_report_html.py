@@ -18,12 +18,14 @@ from plotly.offline import get_plotlyjs_version
 from report_runs import clean, disturbed, looped, quick
 from run_folders import make_run, ramp_run
 
+from bench.diagnosis.digits import number, with_uncertainty
+from bench.diagnosis.sentences import sentence
 from bench.model import load_model
 from bench.report import plotting
 from bench.report.analysis import Analysis, analyse
 from bench.report.diagnosed import Diagnosed
 from bench.report.html import render, write_report
-from bench.report.markup import figure, in_print, moment, number, with_uncertainty
+from bench.report.markup import figure, in_print, moment
 
 FIGURES = {
     "profile", "loop", "channels", "ladder", "compensation", "spline", "residual-temperature", "residual-time", "allan",
@@ -182,6 +184,19 @@ def test_an_unknown_effect_is_drawn_and_not_advised_as_something_else(tmp_path_f
     assert "no effect of the catalogue explains" in text
     assert "period 1080 s" in text or "period 1" in text
     assert "bench add" not in text
+
+
+def test_a_parameter_on_its_bound_has_no_uncertainty_but_is_called_not_determined(whole: Analysis) -> None:
+    answer = whole.diagnosed.answer
+    assert answer is not None
+    suspect = answer.found[0]
+    stuck = replace(suspect.parameters["width_degc"], value=40.0, at_bound=True)
+    changed = replace(suspect, parameters={**suspect.parameters, "width_degc": stuck})
+    found = replace(answer, suspects=(changed, *answer.suspects[1:]))
+    shown = render(replace(whole, diagnosed=replace(whole.diagnosed, answer=found)))
+    assert "width = 40.0 °C (on its bound: not determined)" in shown
+    assert changed.to_json()["parameters"]["width_degc"]["at_bound"] is True
+    assert "hysteresis (width_degc 40.0 degC on its bound: not determined, a" in sentence(found, drifts=False)
 
 
 def test_a_diagnosis_that_was_refused_is_a_sentence(whole: Analysis) -> None:

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-import numpy as np
-
 from bench.channels import FloatArray
 from bench.diagnosis.candidates import Theta
+from bench.diagnosis.digits import finite
 from bench.model import Model
 
 VerdictWord = Literal["adequate", "missing_effect", "unknown_effect"]
@@ -35,11 +34,11 @@ class Place:
         """An entry of `where`."""
         return {
             "channel": self.channel,
-            "from": number(self.low),
-            "to": number(self.high),
-            "rms_dph": number(self.rms_dph),
-            "floor_ratio": number(self.floor_ratio),
-            "misfit_dph": number(self.misfit_dph),
+            "from": finite(self.low),
+            "to": finite(self.high),
+            "rms_dph": finite(self.rms_dph),
+            "floor_ratio": finite(self.floor_ratio),
+            "misfit_dph": finite(self.misfit_dph),
             "p": self.p,
             "note": self.note,
         }
@@ -53,11 +52,15 @@ class Value:
     unit: str
     std: float
     interval: tuple[float, float] | None = None
+    at_bound: bool = False
+    """The search ended at an end of its range: the data do not determine the value."""
 
     def to_json(self) -> dict[str, Any]:
         """An entry of `parameters`."""
-        entry = {"value": number(self.value), "unit": self.unit, "std": number(self.std)}
-        return entry | ({"interval": [number(end) for end in self.interval]} if self.interval else {})
+        entry = {"value": finite(self.value), "unit": self.unit, "std": finite(self.std)}
+        if self.interval is None:
+            return entry
+        return entry | {"interval": [finite(end) for end in self.interval], "at_bound": self.at_bound}
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +96,14 @@ class SuspectedEffect:
             "effect": self.effect,
             "options": dict(self.options),
             "found": self.found,
-            "held_out_before_dph": number(self.held_out_before_dph),
-            "held_out_rms_dph": number(self.held_out_rms_dph),
-            "removes": number(self.removes),
-            "evidence": number(self.evidence),
-            "chance": number(self.chance),
+            "held_out_before_dph": finite(self.held_out_before_dph),
+            "held_out_rms_dph": finite(self.held_out_rms_dph),
+            "removes": finite(self.removes),
+            "evidence": finite(self.evidence),
+            "chance": finite(self.chance),
             "parameters": {name: value.to_json() for name, value in self.parameters.items()},
             "look_alikes": list(self.look_alikes),
-            "legs": [{"segment": name, "gain": number(gain)} for name, gain in self.legs],
+            "legs": [{"segment": name, "gain": finite(gain)} for name, gain in self.legs],
             "reason": self.reason,
         }
 
@@ -119,8 +122,8 @@ class Detectable:
         """An entry of `smallest_detectable`."""
         return {
             "effect": self.effect,
-            "rms_dph": number(self.rms_dph),
-            "amplitude": number(self.amplitude),
+            "rms_dph": finite(self.rms_dph),
+            "amplitude": finite(self.amplitude),
             "unit": self.unit,
             "parameters": dict(self.parameters),
         }
@@ -171,22 +174,17 @@ class Diagnosis:
             "check": list(self.check),
             "static": self.static or None,
             "model": self.model.name,
-            "floor_dph": number(self.floor_dph),
-            "rms_dph": number(self.rms_dph),
-            "held_out_rms_dph": number(self.held_out_rms_dph),
+            "floor_dph": finite(self.floor_dph),
+            "rms_dph": finite(self.rms_dph),
+            "held_out_rms_dph": finite(self.held_out_rms_dph),
             "held_out_by": self.held_out_by,
             "where": [place.to_json() for place in self.where],
             "suspects": [suspect.to_json() for suspect in self.suspects],
             "next_experiment": None if self.next_experiment is None else dict(self.next_experiment),
             "unexplained": [place.to_json() for place in self.unexplained],
-            "threshold": number(self.threshold),
+            "threshold": finite(self.threshold),
             "not_excited": [{"effect": name, "reason": why} for name, why in self.not_excited.items()],
             "smallest_detectable": [limit.to_json() for limit in self.smallest_detectable],
             "noise_finding": self.noise_finding or None,
             "notes": list(self.notes),
         }
-
-
-def number(value: float) -> float | None:
-    """The number for JSON; None where it does not exist."""
-    return float(value) if np.isfinite(value) else None

@@ -15,6 +15,7 @@ import numpy as np
 from bench import effects
 from bench.channels import BoolArray, FloatArray, IntArray
 from bench.dataset import Dataset
+from bench.diagnosis.digits import finite
 from bench.errors import InputError
 from bench.fit import Fit, fit
 from bench.fit.solve import one_blas_thread
@@ -80,7 +81,7 @@ class Comparison:
         return {
             "runs": list(self.runs),
             "check": list(self.check),
-            "floor_dph": _number(self.floor_dph),
+            "floor_dph": finite(self.floor_dph),
             "interval_s": self.interval_s,
             "models": [_score_json(score) for score in self.scores],
             "refused": [{"name": name, "reason": reason} for name, reason in self.refused],
@@ -236,16 +237,17 @@ def _score_json(score: Score) -> dict[str, Any]:
         "name": score.model.name,
         "effects": [effect.name for effect in score.model.effects],
         "rows": score.model.rows,
-        "rms_dph": _number(score.rms_dph),
-        "fitted_rms_dph": _number(score.fit.rms_dph),
-        "rms_interval_dph": [_number(end) for end in score.interval_dph],
-        "held_out_rms_dph": _number(score.held_out.rms_dph),
+        "rms_dph": finite(score.rms_dph),
+        "fitted_rms_dph": finite(score.fit.rms_dph),
+        "rms_interval_dph": [finite(end) for end in score.interval_dph],
+        "held_out_rms_dph": finite(score.held_out.rms_dph),
         "held_out_by": score.held_out.by,
         "held_out": [_held_out_json(part) for part in _distinct(score)],
         "segments": [
-            {"name": s.name, "run": s.run, "rms_dph": _number(s.rms_dph), "floor_ratio": _number(s.floor_ratio)}
+            {"name": s.name, "run": s.run, "rms_dph": finite(s.rms_dph), "floor_ratio": finite(s.floor_ratio)}
             for s in score.segments
         ],
+        "parameters": score.fit.to_json()["parameters"],
         "warnings": list(score.fit.warnings),
     }
 
@@ -258,12 +260,8 @@ def _distinct(score: Score) -> list[HeldOut]:
 def _held_out_json(part: HeldOut) -> dict[str, Any]:
     return {
         "by": part.by,
-        "rms_dph": _number(part.rms_dph),
-        "interval_dph": [_number(end) for end in part.interval_dph],
+        "rms_dph": finite(part.rms_dph),
+        "interval_dph": [finite(end) for end in part.interval_dph],
         "out_of_range": part.out_of_range,
         "reason": part.reason,
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

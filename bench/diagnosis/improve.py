@@ -8,8 +8,9 @@ from typing import Any, Literal
 
 from bench import effects
 from bench.dataset import Dataset
-from bench.diagnosis.answer import Diagnosis, SuspectedEffect, number
+from bench.diagnosis.answer import Diagnosis, SuspectedEffect
 from bench.diagnosis.diagnose import diagnose
+from bench.diagnosis.digits import finite
 from bench.effects.base import Effect
 from bench.errors import InputError
 from bench.model import Model
@@ -41,8 +42,8 @@ class Step:
             "action": self.action,
             "effect": self.effect or None,
             "model": self.model.name,
-            "before_dph": number(self.before_dph),
-            "after_dph": number(self.after_dph),
+            "before_dph": finite(self.before_dph),
+            "after_dph": finite(self.after_dph),
             "sentence": self.sentence,
             "verdict": self.diagnosis.verdict,
         }

@@ -87,8 +87,9 @@ def _each_once(evidence: Evidence) -> list[Suspect]:
 
 def _values(layout: Layout, effect: Effect, suspect: Suspect) -> dict[str, Value]:
     """Nonlinear parameters and amplitudes in their units."""
+    searched = {p.name: p for p in effect.parameters}
     values = {
-        name: Value(p.value, p.unit, (p.high - p.low) / _WITHIN, (p.low, p.high))
+        name: Value(p.value, p.unit, (p.high - p.low) / _WITHIN, (p.low, p.high), searched[name].on_bound(p.value))
         for name, p in suspect.parameters.items()
     }
     form = layout.prepared(effect).physical()

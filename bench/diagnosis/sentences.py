@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.diagnosis.answer import Diagnosis, Place, SuspectedEffect
+from bench.diagnosis.answer import Diagnosis, Place, SuspectedEffect, Value
+from bench.diagnosis.digits import number, with_uncertainty
 
 
 def sentence(answer: Diagnosis, drifts: bool) -> str:
@@ -73,8 +74,15 @@ def _unknown(answer: Diagnosis, drifts: bool) -> str:
 
 
 def _named(suspect: SuspectedEffect) -> str:
-    values = [f"{name} {v.value:.3g} +- {v.std:.2g} {v.unit}" for name, v in suspect.parameters.items()]
+    values = [_measured(name, value) for name, value in suspect.parameters.items()]
     return f"{suspect.effect} ({', '.join(values)})" if values else suspect.effect
+
+
+def _measured(name: str, value: Value) -> str:
+    size, deviation = with_uncertainty(value.value, value.std)
+    if value.at_bound:
+        return f"{name} {number(value.value)} {value.unit} on its bound: not determined"
+    return f"{name} {size} +- {deviation} {value.unit}"
 
 
 def _where(place: Place) -> str:

@@ -30,6 +30,9 @@ Theta = Mapping[str, float]
 """Nonlinear parameters of one effect by name, in their units."""
 
 
+_ON_BOUND = 1e-3
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One nonlinear parameter: searched between `low` and `high`, on a logarithmic scale where `log`."""
@@ -43,6 +46,11 @@ class Parameter:
     meaning: str = ""
     change_point: bool = False
     """A place in time or temperature where something begins: chance finds one easily, so rankings charge one more."""
+
+    def on_bound(self, value: float) -> bool:
+        """Whether a search ended at an end of the range, to a thousandth of it: the data do not determine the value."""
+        low, high, at = np.log([self.low, self.high, value]) if self.log else (self.low, self.high, value)
+        return bool(min(at - low, high - at) <= _ON_BOUND * (high - low))
 
 
 @dataclass(frozen=True)

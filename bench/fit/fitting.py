@@ -87,6 +87,13 @@ class Fit:
         std = np.sqrt(np.diag(self.covariance))[self.beta.size :]
         return dict(zip(self.theta, std.tolist(), strict=True))
 
+    @property
+    def on_bound(self) -> tuple[str, ...]:
+        """Nonlinear parameters that ended on an end of their range: the rows do not determine them."""
+        pairs = zip(self.model.keys, self.model.effects, strict=True)
+        found = [(f"{key}.{p.name}", p) for key, effect in pairs for p in effect.parameters]
+        return tuple(key for key, parameter in found if parameter.on_bound(self.theta[key]))
+
     @cached_property
     def coefficients(self) -> tuple[Coefficient, ...]:
         """Physical coefficients with units; the one constant is in the first effect that has a place for it."""
@@ -127,7 +134,7 @@ class Fit:
                 for c in self.coefficients
             ],
             "parameters": [
-                {"key": key, "value": value, "std": _number(std)}
+                {"key": key, "value": value, "std": _number(std), "at_bound": key in self.on_bound}
                 for (key, value), std in zip(self.theta.items(), self.theta_std.values(), strict=True)
             ],
             "scaled": self.beta.tolist(),
@@ -171,7 +178,8 @@ def fit(
         cov, noise = estimate_covariance(problem, bound, columns, solution, covariance)
         result = _result(problem, bound, solution, cov, noise)
         steps = coarse_temperature(bound, solution.beta, result.rms_dph, records, quantisation_limit_dph)
-        return replace(result, warnings=steps)
+        stuck = (f"{key} = {result.theta[key]:g} is on its bound: not determined" for key in result.on_bound)
+        return replace(result, warnings=(*steps, *stuck))
 
 
 def _choose(problem: Problem) -> Problem:

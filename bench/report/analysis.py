@@ -13,6 +13,7 @@ import numpy as np
 from bench.channels import FloatArray
 from bench.dataset import DEFAULT_INTERVAL_S, Dataset, load
 from bench.diagnosis.compare import Comparison, Score, compare, ladder
+from bench.diagnosis.digits import finite
 from bench.diagnosis.floor import Floor, noise_floor
 from bench.errors import InputError
 from bench.model import Model
@@ -85,12 +86,12 @@ class Analysis:
             "sentence": self.verdict.sentence,
             "complete": self.done.ended,
             "model": best.model.name if best else None,
-            "rms_dph": _finite(best.rms_dph) if best else None,
-            "held_out_rms_dph": _finite(best.held_out.rms_dph) if best else None,
+            "rms_dph": finite(best.rms_dph) if best else None,
+            "held_out_rms_dph": finite(best.held_out.rms_dph) if best else None,
             "held_out_by": best.held_out.by if best else None,
-            "floor_dph": _finite(self.floor.floor_dph),
-            "bias_span_dph": _finite(self.bias_span_dph),
-            "uncompensated_rms_dph": _finite(self.uncompensated_dph),
+            "floor_dph": finite(self.floor.floor_dph),
+            "bias_span_dph": finite(self.bias_span_dph),
+            "uncompensated_rms_dph": finite(self.uncompensated_dph),
             "samples": self.done.samples,
             "missing_samples": self.done.missing,
             "losses": dict(self.done.losses),
@@ -219,7 +220,3 @@ def _write(result: Analysis) -> None:
 
 def _dump(path: Path, content: dict[str, Any]) -> None:
     write_atomically(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -17,6 +17,7 @@ import numpy as np
 from bench import __version__
 from bench.channels import FloatArray
 from bench.diagnosis.compare import Score
+from bench.diagnosis.digits import finite
 from bench.diagnosis.floor import Floor
 
 FORMAT = 1
@@ -64,13 +65,13 @@ def _residual(best: Score | None) -> dict[str, Any] | None:
     parts = (best.held_out, best.by_blocks, best.by_segments)
     distinct = {part.by: part for part in parts}
     return {
-        "rms_dph": _finite(best.rms_dph),
-        "interval_dph": [_finite(end) for end in best.interval_dph],
+        "rms_dph": finite(best.rms_dph),
+        "interval_dph": [finite(end) for end in best.interval_dph],
         "held_out": [
             {
                 "by": part.by,
-                "rms_dph": _finite(part.rms_dph),
-                "interval_dph": [_finite(end) for end in part.interval_dph],
+                "rms_dph": finite(part.rms_dph),
+                "interval_dph": [finite(end) for end in part.interval_dph],
                 "reason": part.reason,
             }
             for part in distinct.values()
@@ -82,7 +83,7 @@ def _noise(floor: Floor) -> dict[str, Any]:
     noise = floor.noise
     coefficients = (("white", "deg/sqrt(h)"), ("flicker", "deg/h"), ("walk", "deg/h/sqrt(h)"))
     return {
-        "floor_dph": _finite(floor.floor_dph),
+        "floor_dph": finite(floor.floor_dph),
         "reason": floor.reason,
         "stretches": [{"name": name, "from_s": a, "to_s": b} for name, a, b in floor.stretches],
         "coefficients": [
@@ -90,7 +91,7 @@ def _noise(floor: Floor) -> dict[str, Any]:
                 "name": name,
                 "unit": unit,
                 "value": getattr(noise, name),
-                "interval": [_finite(end) for end in noise.intervals.get(name, (np.nan, np.nan))],
+                "interval": [finite(end) for end in noise.intervals.get(name, (np.nan, np.nan))],
                 "determined": name not in noise.undetermined,
             }
             for name, unit in coefficients
@@ -100,8 +101,4 @@ def _noise(floor: Floor) -> dict[str, Any]:
 
 
 def _nested(matrix: FloatArray) -> list[list[float | None]]:
-    return [[_finite(value) for value in row] for row in matrix.tolist()]
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return [[finite(value) for value in row] for row in matrix.tolist()]

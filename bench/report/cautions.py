@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from bench.diagnosis.compare import Comparison, Score, ladder
+from bench.diagnosis.digits import number
 from bench.diagnosis.floor import Floor
 from bench.report.completeness import DAMAGED_BYTES, LOST, Completeness
-from bench.report.markup import clock, number
+from bench.report.markup import clock
 
 _OVERFIT = 2.0
 _EXTRAPOLATED = 0.05

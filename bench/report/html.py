@@ -12,9 +12,10 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from bench import __version__
+from bench.diagnosis.digits import number
 from bench.report import sections_diagnosis, sections_model, sections_run
 from bench.report.analysis import Analysis
-from bench.report.markup import Section, clock, moment, number
+from bench.report.markup import Section, clock, moment
 from bench.store import write_atomically
 
 _ASSETS = files("bench.report") / "assets"

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from math import floor, isfinite, log10
+from math import isfinite
 from typing import Any
 
 from markupsafe import Markup, escape
@@ -29,30 +29,6 @@ class Row:
 
     cells: tuple[object, ...]
     tone: str = ""
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """A measured value to significant digits, a dash where there is none."""
-    if value is None or not isfinite(value):
-        return "–"
-    if value == 0:
-        return "0"
-    exponent = floor(log10(abs(value)))
-    if not -4 <= exponent < 7:
-        return f"{value:.{digits - 1}e}"
-    return f"{value:.{max(0, digits - 1 - exponent)}f}"
-
-
-def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
-    """Value and standard uncertainty [same unit], both to the last of two significant digits of the uncertainty."""
-    if not (isfinite(value) and isfinite(uncertainty) and uncertainty > 0):
-        return number(value, 6), number(uncertainty, 2)
-    last = floor(log10(uncertainty)) - 1
-    size = floor(log10(abs(value))) if value else last
-    if max(size, last) < 6 and last >= -6:
-        decimals = max(0, -last)
-        return f"{value:.{decimals}f}", f"{uncertainty:.{decimals}f}"
-    return f"{value:.{max(0, size - last)}e}", f"{uncertainty:.1e}"
 
 
 _IN_PRINT = (("degC", "°C"), ("sqrt(h)", "√h"), ("^2", "²"), ("^3", "³"), ("^4", "⁴"), ("^5", "⁵"))

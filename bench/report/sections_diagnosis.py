@@ -12,6 +12,7 @@ from bench import effects
 from bench.channels import CHANNELS
 from bench.dataset import Dataset
 from bench.diagnosis.answer import Detectable, Diagnosis, Place, SuspectedEffect, Value
+from bench.diagnosis.digits import finite, number, with_uncertainty
 from bench.diagnosis.evidence import TIE
 from bench.diagnosis.sentences import made_from
 from bench.effects.catalogue import entry
@@ -29,11 +30,9 @@ from bench.report.markup import (
     heading,
     in_print,
     lead,
-    number,
     paragraph,
     table,
     wide,
-    with_uncertainty,
 )
 
 TITLE = "What is missing"
@@ -134,9 +133,10 @@ def _suspect(suspect: SuspectedEffect) -> Row:
 
 def _parameter(name: str, value: Value) -> str:
     size, deviation = with_uncertainty(value.value, value.std)
-    unit = in_print(value.unit)
     label = re.sub(r"_[^_]+$", "", name) if "_" in name else name
-    return f"{label} = {size} ± {deviation} {unit}".rstrip()
+    if value.at_bound:
+        return f"{label} = {number(value.value)} {in_print(value.unit)} (on its bound: not determined)"
+    return f"{label} = {size} ± {deviation} {in_print(value.unit)}".rstrip()
 
 
 def _summary(effect: str) -> str:
@@ -160,7 +160,7 @@ def _ladder(answer: Diagnosis, rungs: tuple[Rung, ...]) -> Markup:
     """How the error falls with what was found."""
     if len(rungs) < 2:
         return Markup()
-    plot = figures_diagnosis.ladder(rungs, _known(answer.floor_dph))
+    plot = figures_diagnosis.ladder(rungs, finite(answer.floor_dph))
     unseen = "check runs" if answer.check else "blocks left out in turn"
     caption = (
         f"Error when what is missing is added; filled: on data that the fit did not see ({unseen}). A rival that falls "
@@ -178,7 +178,7 @@ def _map(data: Dataset, answer: Diagnosis) -> Markup:
     if not answer.residuals:
         return Markup()
     after = answer.unexplained_residuals[0] if answer.found and answer.unexplained_residuals else None
-    plot = figures_diagnosis.residual_map(data, answer.residuals[0], after, _known(answer.floor_dph))
+    plot = figures_diagnosis.residual_map(data, answer.residuals[0], after, finite(answer.floor_dph))
     names = " and ".join(suspect.effect for suspect in answer.found)
     where = f"left {answer.model.name}, right with {names} added" if after is not None else answer.model.name
     words = (
@@ -263,7 +263,7 @@ def _unseen(answer: Diagnosis) -> Markup:
     seen = [limit for limit in listed if np.isfinite(limit.rms_dph)]
     parts = heading("What this run could not have shown")
     if seen:
-        plot = figures_diagnosis.detectable(seen, _known(answer.floor_dph))
+        plot = figures_diagnosis.detectable(seen, finite(answer.floor_dph))
         words = "Smallest effect that this run would have found (RMS over the run); anything smaller stays unseen."
         alt = "; ".join(f"{limit.effect}: {number(limit.rms_dph)} deg/h" for limit in seen)
         parts += figure("fig-missing-detectable", plot, words, f"Smallest detectable effects. {alt}")
@@ -288,10 +288,6 @@ def _notes(answer: Diagnosis) -> Iterator[str]:
     if answer.noise_finding and answer.verdict != "adequate":
         yield answer.noise_finding
     yield from answer.notes
-
-
-def _known(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def _capital(text: str) -> str:

@@ -7,21 +7,12 @@ from markupsafe import Markup
 
 from bench.channels import CHANNELS, FloatArray
 from bench.diagnosis.compare import Score
+from bench.diagnosis.digits import finite, number, with_uncertainty
+from bench.fit import Fit
 from bench.report import figures_model
 from bench.report.analysis import Analysis
 from bench.report.cautions import refusals
-from bench.report.markup import (
-    Row,
-    Section,
-    figure,
-    glossary,
-    heading,
-    in_print,
-    number,
-    paragraph,
-    table,
-    with_uncertainty,
-)
+from bench.report.markup import Row, Section, figure, glossary, heading, in_print, paragraph, table
 
 _ROWS = {
     "all": "all rows",
@@ -57,7 +48,7 @@ def ladder(analysis: Analysis) -> Section | None:
     lost = table("Models that this data cannot determine", ("model", "why"), refused) if refused else Markup()
     if best is None:
         return Section("ladder", "Ladder of models", paragraph("No model could be fitted.") + lost)
-    scores, floor_dph = comparison.scores, _known(comparison.floor_dph)
+    scores, floor_dph = comparison.scores, finite(comparison.floor_dph)
     names = ["no compensation", *(score.model.name for score in scores)]
     in_sample = np.array([analysis.uncompensated_dph, *(score.rms_dph for score in scores)])
     held_out = np.array([np.nan, *(score.held_out.rms_dph for score in scores)])
@@ -106,7 +97,7 @@ def compensation(analysis: Analysis) -> Section | None:
     if data is None or best is None:
         return None
     model = data.bias - analysis.residual()
-    plot = figures_model.compensation(data, model, best.model.name, _known(analysis.floor.floor_dph))
+    plot = figures_model.compensation(data, model, best.model.name, finite(analysis.floor.floor_dph))
     words = (
         f"{best.model.name}: {number(analysis.uncompensated_dph)} deg/h RMS before, {number(best.rms_dph)} deg/h after "
         "compensation, on the data it was fitted to."
@@ -156,7 +147,7 @@ def residual(analysis: Analysis) -> Section | None:
     data, best = analysis.dataset, analysis.best
     if data is None or best is None:
         return None
-    left, floor_dph = analysis.residual(), _known(analysis.floor.floor_dph)
+    left, floor_dph = analysis.residual(), finite(analysis.floor.floor_dph)
     words = f"What '{best.model.name}' leaves: {number(best.rms_dph)} deg/h RMS in-sample."
     worst = max(best.segments, key=lambda s: s.rms_dph, default=None)
     if worst is not None:
@@ -183,8 +174,7 @@ def coefficients(analysis: Analysis) -> Section | None:
         return None
     fit = best.fit
     rows = [(c.key, *with_uncertainty(c.value, c.std), in_print(c.unit)) for c in fit.coefficients]
-    std = fit.theta_std
-    rows += [(key, *with_uncertainty(value, std[key]), "") for key, value in fit.theta.items()]
+    rows += [_searched(fit, key) for key in fit.theta]
     words = (
         f"{best.model.name}, fitted to {fit.rows:,} means over {fit.interval_s:g} s; condition of the scaled columns "
         f"{number(fit.condition, 2)}. Full precision, covariance and scaling: calibration.json in the run folder."
@@ -197,13 +187,15 @@ def coefficients(analysis: Analysis) -> Section | None:
     return Section("coefficients", "Coefficients", html)
 
 
+def _searched(fit: Fit, key: str) -> tuple[str, str, str, str]:
+    """Row of a nonlinear parameter."""
+    value, deviation = with_uncertainty(fit.theta[key], fit.theta_std[key])
+    return (key, value, "on its bound: not determined" if key in fit.on_bound else deviation, "")
+
+
 def terms(analysis: Analysis) -> Section:
     """The words of this report."""
     return Section("terms", "Terms", glossary(_TERMS))
-
-
-def _known(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def _ratio(value: float, floor_dph: float | None) -> str:

@@ -7,24 +7,12 @@ from typing import Any
 
 from markupsafe import Markup
 
+from bench.diagnosis.digits import number
 from bench.report import figures_run
 from bench.report.analysis import Analysis
 from bench.report.branches import branch_gap
 from bench.report.completeness import LOST
-from bench.report.markup import (
-    Row,
-    Section,
-    clock,
-    facts,
-    figure,
-    heading,
-    moment,
-    mono,
-    number,
-    paragraph,
-    table,
-    text_of,
-)
+from bench.report.markup import Row, Section, clock, facts, figure, heading, moment, mono, paragraph, table, text_of
 
 _LOSS_WORDS: Mapping[str, str] = {
     "received": "received",

@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 
 from bench.diagnosis.compare import Score
+from bench.diagnosis.digits import number
 from bench.report.completeness import Completeness
 from bench.report.diagnosed import Diagnosed
-from bench.report.markup import clock, number
+from bench.report.markup import clock
 
 ADEQUATE_RATIO = 1.5
 """Held-out error over noise floor up to which nothing worth the effort is left to model."""
