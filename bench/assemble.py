@@ -16,9 +16,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bench import parts as parted
 from bench.channels import CHANNELS, FloatArray, IntArray
-from bench.journals import Readings, bus_blocks, fetch, read_bench
+from bench.journals import BenchJournal, Readings, bus_blocks, fetch, read_bench
 from bench.means import write_means
+from bench.parts import Counted
 from bench.store import RunFolder
 from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
 from drivers.journal import Damage, FrameArray
@@ -39,44 +41,79 @@ class Decoded:
     clock: SampleClock
 
 
-def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
-    """Make the tables and the manifest of a run from its journals; returns the manifest.
+@dataclass
+class _Part:
+    """One part of a run, ready to be written; `decoder` counts what it hands out."""
 
-    `live` saves a pass over the frames when they were decoded already. InputError when there is nothing to make a run
-    from, OSError when the disk does not take the tables.
+    journal: BenchJournal
+    seen: Decoded
+    decoder: GyroDecoder
+    blocks: Iterator[GyroBlock]
+
+    @property
+    def readings(self) -> Readings:
+        """Chamber readings that can be placed: no sample, no clock to place them on."""
+        return self.journal.readings if self.seen.decoder.samples else self.journal.readings[:0]
+
+    def counted(self) -> Counted:
+        """What it tells of the unit's counter."""
+        decoder = self.seen.decoder
+        return Counted(decoder.samples, decoder.losses.resets, self.seen.clock, decoder.counter_bits)
+
+
+def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
+    """Make the tables and the manifest of a run from the journals of all its parts; returns the manifest.
+
+    `live` saves a pass over the frames of the last part when they were decoded already. InputError when there is
+    nothing to make a run from, OSError when the disk does not take the tables.
     """
     damage = Damage()
-    bench = read_bench(run, damage)
-    gyro = bench.meta["gyro"]
-    source = run.journal / f"{gyro['bus']}.gtbj"
-    fetch(run, bench.meta, source.relative_to(run.path))
-    until_ns = bench.sound_until_ns()
-    seen = live or _decode_all(source, gyro, until_ns)
-    segments = bench.segments()
     bus_events: list[dict[str, Any]] = []
-    decoder = GyroDecoder(gyro["layout"], gyro["number"])
-    blocks = (decoder.decode(frames) for frames in _joined(bus_blocks(source, damage, bus_events, until_ns)))
-    readings = bench.readings if seen.decoder.samples else bench.readings[:0]  # no sample, no clock to place them on
-    rows = _write_data(run.data, blocks, _Grid(readings, segments, seen.clock))
+    folders = run.parts()
+    parts = [_part(part, live if part == folders[-1] else None, damage, bus_events) for part in folders]
+    journals = [part.journal for part in parts]
+    first, last = journals[0], journals[-1]
+    segments = parted.segments(journals)
+    grids = [_Grid(part.readings, segments, part.seen.clock) for part in parts]
+    rows = _write_data(run.data, [(part.blocks, grid) for part, grid in zip(parts, grids, strict=True)])
     write_means(run.data, run.means)
-    events = sorted((*bench.events, *bus_events, *bench.watchdog), key=lambda event: float(event["t_s"]))
+    events = [event for journal in journals for event in (*journal.events, *journal.watchdog)]
+    events = sorted((*events, *bus_events), key=lambda event: float(event["t_s"]))
     lines = (json.dumps(event, allow_nan=False) for event in events)
     (run.path / "events.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    seen = max((part.seen for part in parts), key=lambda seen: seen.decoder.samples)
+    losses = [part.decoder.losses.as_dict() for part in parts]
+    readings = np.concatenate([journal.readings for journal in journals])
     manifest = {
-        **bench.meta,
-        **bench.outcome(),
+        **first.meta,
+        **last.outcome(),
         "sample_rate_hz": round(1 / seen.decoder.interval_s),
         "rate_step_dph": seen.decoder.rate_step_dph,
         "unit_clock_drift_ppm": seen.clock.drift_ppm if seen.decoder.samples else None,
         "unit_identity": asdict(seen.decoder.identity) if seen.decoder.identity is not None else None,
         "rows": rows,
-        "duration_s": float(bench.readings["t_s"][-1]) if len(bench.readings) else 0.0,
+        "duration_s": float(readings["t_s"][-1]) if len(readings) else 0.0,
         "segments": segments,
-        "losses": {**decoder.losses.as_dict(), "journal_damaged_bytes": damage.skipped_bytes + damage.torn_bytes},
+        "losses": {
+            **{name: sum(loss[name] for loss in losses) for name in losses[0]},
+            "journal_damaged_bytes": damage.skipped_bytes + damage.torn_bytes,
+        },
+        **({"parts": parted.describe(journals, [part.counted() for part in parts])} if len(parts) > 1 else {}),
         "files": run.hashes(),
     }
     run.write_manifest(manifest)
     return manifest
+
+
+def _part(run: RunFolder, live: Decoded | None, damage: Damage, bus_events: list[dict[str, Any]]) -> _Part:
+    bench = read_bench(run, damage)
+    gyro = bench.meta["gyro"]
+    source = run.journal / f"{gyro['bus']}.gtbj"
+    fetch(run, bench.meta, source.relative_to(run.path))
+    until_ns = bench.sound_until_ns()
+    decoder = GyroDecoder(gyro["layout"], gyro["number"])
+    blocks = (decoder.decode(frames) for frames in _joined(bus_blocks(source, damage, bus_events, until_ns)))
+    return _Part(bench, live or _decode_all(source, gyro, until_ns), decoder, blocks)
 
 
 def _decode_all(source: Path, gyro: Mapping[str, Any], until_ns: int | None) -> Decoded:
@@ -164,23 +201,26 @@ class _Pending:
         return taken
 
 
-def _write_data(path: Path, blocks: Iterator[GyroBlock], grid: _Grid) -> int:
+def _write_data(path: Path, parts: Sequence[tuple[Iterator[GyroBlock], _Grid]]) -> int:
     """Write `data.parquet` in row groups, in constant memory; returns the number of rows."""
-    pending = _Pending()
-    rows, first = 0, None
     options = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": ["segment"]}
     floats = [name for name in CHANNELS if name != "applied_rate"]
     splits = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
     schema = pa.schema([*(pa.field(name, pa.float64()) for name in floats), pa.field("segment", pa.int16())])
     with pq.ParquetWriter(path, schema, column_encoding=splits, **options) as writer:
-        for block in blocks:
-            pending.add(block)
-            if pending.count >= ROWS_PER_GROUP + HOLD_BACK:
-                end = pending.newest - HOLD_BACK
-                rows += _write_group(writer, pending.take(end), grid, first, end)
-                first = end
-        rows += _write_group(writer, pending.take(None), grid, first, None)
-    return rows
+        return sum(_write_part(writer, blocks, grid) for blocks, grid in parts)
+
+
+def _write_part(writer: pq.ParquetWriter, blocks: Iterator[GyroBlock], grid: _Grid) -> int:
+    pending = _Pending()
+    rows, first = 0, None
+    for block in blocks:
+        pending.add(block)
+        if pending.count >= ROWS_PER_GROUP + HOLD_BACK:
+            end = pending.newest - HOLD_BACK
+            rows += _write_group(writer, pending.take(end), grid, first, end)
+            first = end
+    return rows + _write_group(writer, pending.take(None), grid, first, None)
 
 
 def _write_group(

@@ -68,3 +68,10 @@ def test_nan_never_settles(air, unit):
 
 def test_the_reason_says_how_long_it_has_been_in_band():
     assert first_settled_s(steady, steady, 61) == "in band for 60 s, dwell time is 120 s"
+
+
+def test_when_a_unit_leaves_the_dwell_time_starts_anew_for_the_others():
+    settling = Settling(RULE, 50.0)
+    assert not any(settling.feed(float(t), 50.0, [50.0, 50.0]) for t in range(100))
+    settled_s = next(t for t in range(100, 400) if settling.feed(float(t), 50.0, [50.0]))
+    assert settled_s == 220
