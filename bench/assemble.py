@@ -50,10 +50,10 @@ class _Part:
     decoder: GyroDecoder
     blocks: Iterator[GyroBlock]
 
-    @property
-    def readings(self) -> Readings:
-        """Chamber readings that can be placed: no sample, no clock to place them on."""
-        return self.journal.readings if self.seen.decoder.samples else self.journal.readings[:0]
+    def grid(self, segments: Sequence[Mapping[str, Any]]) -> _Grid:
+        """Where readings of chamber and table can be placed: no sample, no clock to place them on."""
+        kept = None if self.seen.decoder.samples else 0
+        return _Grid(self.journal.readings[:kept], self.journal.table[:kept], segments, self.seen.clock)
 
     def counted(self) -> Counted:
         """What it tells of the unit's counter."""
@@ -71,10 +71,10 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
     bus_events: list[dict[str, Any]] = []
     folders = run.parts()
     parts = [_part(part, live if part == folders[-1] else None, damage, bus_events) for part in folders]
-    journals = [part.journal for part in parts]
+    journals = parted.apart([part.journal for part in parts])
     first, last = journals[0], journals[-1]
     segments = parted.segments(journals)
-    grids = [_Grid(part.readings, segments, part.seen.clock) for part in parts]
+    grids = [part.grid(segments) for part in parts]
     rows = _write_data(run.data, [(part.blocks, grid) for part, grid in zip(parts, grids, strict=True)])
     write_means(run.data, run.means)
     events = [event for journal in journals for event in (*journal.events, *journal.watchdog)]
@@ -139,13 +139,20 @@ def _joined(blocks: Iterable[FrameArray]) -> Iterator[FrameArray]:
 
 
 class _Grid:
-    """Chamber readings and segments on the sample grid of the unit."""
+    """Readings of chamber and rate table, and segments, on the sample grid of the unit."""
 
-    def __init__(self, readings: Readings, segments: Sequence[Mapping[str, Any]], clock: SampleClock) -> None:
+    def __init__(
+        self, readings: Readings, table: Readings, segments: Sequence[Mapping[str, Any]], clock: SampleClock
+    ) -> None:
         self.clock = clock
+        self.turns = len(table) > 0
         self._segments = segments
-        self._readings = readings
-        self._index = self._nearest(readings["t_s"]) if len(readings) else np.zeros(0, dtype=np.int64)
+        chamber = {name: readings[field] for name, field in _CHAMBER.items()}
+        self._sources = [(self._nearest(readings["t_s"]), chamber)]
+        if self.turns:
+            index = self._nearest(table["t_s"])
+            new = np.diff(index, prepend=-1) > 0  # two readings at one tick: stamps of a host that was late
+            self._sources.append((index[new], {"applied_rate": table["rate_dps"][new]}))
 
     def _nearest(self, t_s: FloatArray) -> IntArray:
         """Tick nearest to each bench time (r,)."""
@@ -153,13 +160,14 @@ class _Grid:
         error = self.clock.time(nominal) - t_s
         return nominal - np.rint(error / self.clock.interval_s).astype(np.int64)
 
-    def between(self, first: int | None, end: int | None) -> tuple[IntArray, dict[str, FloatArray]]:
-        """Ticks and values of the readings in [first, end); None: no bound."""
-        index = self._index
-        start = 0 if first is None else int(np.searchsorted(index, first))
-        stop = len(index) if end is None else int(np.searchsorted(index, end))
-        values = {name: self._readings[field][start:stop] for name, field in _CHAMBER.items()}
-        return index[start:stop], values
+    def between(self, first: int | None, end: int | None) -> dict[str, tuple[IntArray, FloatArray]]:
+        """Ticks and values of the readings in [first, end), by channel; None: no bound."""
+        found = {}
+        for index, channels in self._sources:
+            start = 0 if first is None else int(np.searchsorted(index, first))
+            stop = len(index) if end is None else int(np.searchsorted(index, end))
+            found |= {name: (index[start:stop], value[start:stop]) for name, value in channels.items()}
+        return found
 
     def segment(self, time: FloatArray) -> IntArray:
         """Segment in force at each bench time (n,), -1 between segments."""
@@ -204,7 +212,8 @@ class _Pending:
 def _write_data(path: Path, parts: Sequence[tuple[Iterator[GyroBlock], _Grid]]) -> int:
     """Write `data.parquet` in row groups, in constant memory; returns the number of rows."""
     options = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": ["segment"]}
-    floats = [name for name in CHANNELS if name != "applied_rate"]
+    turns = any(grid.turns for _, grid in parts)
+    floats = [name for name in CHANNELS if name != "applied_rate" or turns]
     splits = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
     schema = pa.schema([*(pa.field(name, pa.float64()) for name in floats), pa.field("segment", pa.int16())])
     with pq.ParquetWriter(path, schema, column_encoding=splits, **options) as writer:
@@ -230,8 +239,7 @@ def _write_group(
     first: int | None,
     end: int | None,
 ) -> int:
-    at, chamber = grid.between(first, end)
-    parts = {**parts, **{name: (at, value) for name, value in chamber.items()}}
+    parts = {**parts, **grid.between(first, end)}
     index = _union([part[0] for part in parts.values()])
     if not len(index):
         return 0

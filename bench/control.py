@@ -154,13 +154,17 @@ def time_left(status: Status, nominal_s: float) -> tuple[float, float]:
 
 
 @contextmanager
-def serve(desk: Desk, folders: Sequence[Path], journal: Path) -> Iterator[str]:
-    """Serve the desk, with `live.json` in each run folder while it lasts; yields what is wrong, empty when nothing."""
+def serve(desk: Desk, folders: Sequence[Path], journals: Sequence[Path] = ()) -> Iterator[str]:
+    """Serve the desk, with `live.json` in each run folder while it lasts; yields what is wrong, empty when nothing.
+
+    `journals` are those in which the end of the run will stand.
+    """
     with contextlib.ExitStack() as stack:
         try:
             server = stack.enter_context(_Server(desk))
             start = datetime.now(UTC).isoformat(timespec="milliseconds")
-            live = LiveFile(os.getpid(), server.server_address[1], start, str(journal.resolve()), server.token)
+            paths = [str(journal.resolve()) for journal in journals]
+            live = LiveFile(os.getpid(), server.server_address[1], start, paths, server.token)
             for folder in folders:
                 stack.callback(_remove, folder / LIVE)
                 live.write(folder)

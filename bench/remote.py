@@ -39,8 +39,8 @@ class LiveFile:
     port: int
     start: str
     """UTC of the start, ISO 8601."""
-    journal: str
-    """The bench's own journal, whose events say how the run ended."""
+    journals: list[str]
+    """The bench's own journals, whose events say how the run ended."""
     token: str = field(repr=False)
 
     def write(self, folder: Path) -> None:
@@ -77,7 +77,8 @@ def at(folder: Path) -> LiveRun | None:
         file = LiveFile(**json.loads((folder / LIVE).read_bytes()))
     except (OSError, ValueError, TypeError):
         return None
-    sound = all(isinstance(value, int if name in {"pid", "port"} else str) for name, value in asdict(file).items())
+    kinds = {"pid": int, "port": int, "journals": list}
+    sound = all(isinstance(value, kinds.get(name, str)) for name, value in asdict(file).items())
     return LiveRun((folder,), file) if sound and 0 < file.port < 1 << 16 else None
 
 
@@ -144,22 +145,28 @@ def wait(run: LiveRun, reached: Callable[[dict[str, Any]], bool], limit_s: float
         time.sleep(_POLL_S)
 
 
-def events(run: LiveRun) -> Iterator[dict[str, Any]]:
-    """Events in the journal of a run, as far as it has got."""
+def _events(journal: Path) -> Iterator[dict[str, Any]]:
+    """Events in a journal, as far as it has got."""
     with contextlib.suppress(FileNotFoundError):
-        for block in read_blocks(Path(run.file.journal)):
+        for block in read_blocks(journal):
             if block.kind is Kind.EVENT:
                 yield json.loads(block.payload)
 
 
 def ending(run: LiveRun, limit_s: float) -> list[dict[str, Any]]:
-    """Wait until the run has written its end, and return all its events; those so far when it does not in `limit_s`."""
+    """Wait until the run has written its end, and return all its events; none when it does not in `limit_s`.
+
+    A unit that left the run has a journal that ended before.
+    """
     until_s = time.monotonic() + limit_s
     while True:
         gone = run.condition() == "gone"  # asked first: what a run writes before it goes is then seen
-        found = list(events(run))
-        if any(event["kind"] == "end" for event in found) or gone or time.monotonic() >= until_s:
-            return found
+        for journal in run.file.journals:
+            found = list(_events(Path(journal)))
+            if any(event["kind"] == "end" and "sound_until_s" not in event for event in found):
+                return found
+        if gone or time.monotonic() >= until_s:
+            return []
         time.sleep(4 * _POLL_S)
 
 

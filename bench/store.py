@@ -14,7 +14,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from bench.errors import InputError
 
 MANIFEST = "manifest.json"
 FORMAT = 1
-HASHED_PATTERNS = ("*.parquet", "*.yaml", "*.jsonl", "journal/*")
+HASHED_PATTERNS = ("*.parquet", "*.yaml", "*.jsonl", "journal/*", "journal-*/*")
 
 Manifest = dict[str, Any]
 
@@ -72,14 +72,22 @@ def sha256(path: Path) -> str:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """One run on disk; `path` is the folder."""
+    """One run on disk; `path` is the folder, `part` counts how often its bench was started for it."""
 
     path: Path
+    part: int = 1
 
     @property
     def journal(self) -> Path:
-        """Folder of the raw journals."""
-        return self.path / "journal"
+        """Folder of the raw journals of this part."""
+        return self.path / ("journal" if self.part == 1 else f"journal-{self.part}")
+
+    def parts(self) -> list[RunFolder]:
+        """Every part that has journals, in order of time; a run that was never cut off has one."""
+        found = [replace(self, part=1)]
+        while (following := replace(self, part=len(found) + 1)).journal.is_dir():
+            found.append(following)
+        return found
 
     @property
     def data(self) -> Path:

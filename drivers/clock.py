@@ -1,6 +1,7 @@
 """Bench time: wall time on real equipment, lock-step simulated time otherwise.
 
-Everything that waits, waits on a `Clock`; nothing else in the bench sleeps. Bench time starts at 0 s.
+Everything that waits, waits on a `Clock`; nothing else in the bench sleeps. Bench time starts at 0 s, or later where a
+run goes on that was cut off.
 """
 
 from __future__ import annotations
@@ -30,9 +31,10 @@ class Clock(Protocol):
 class WallClock:
     """Bench time that follows the computer's monotonic clock."""
 
-    def __init__(self) -> None:
-        self.started_monotonic_ns = time.monotonic_ns()
-        self._started_utc = datetime.now(UTC)
+    def __init__(self, start_s: float = 0.0) -> None:
+        self.started_monotonic_ns = time.monotonic_ns() - round(start_s * 1e9)
+        """Monotonic time [ns] at bench time 0."""
+        self._started_utc = datetime.now(UTC) - timedelta(seconds=start_s)
 
     def now(self) -> float:
         """Bench time [s]."""
@@ -58,9 +60,9 @@ class SimClock:
 
     PIECE_S = 1.0
 
-    def __init__(self, epoch: datetime | None = None) -> None:
-        self._now_s = 0.0
-        self._epoch = epoch or datetime.now(UTC)
+    def __init__(self, epoch: datetime | None = None, start_s: float = 0.0) -> None:
+        self._now_s = start_s
+        self._epoch = epoch or datetime.now(UTC) - timedelta(seconds=start_s)
         self._steps: list[Step] = []
 
     def attach(self, step: Step) -> None:

@@ -121,7 +121,8 @@ class GyroDecoder:
         self._flag_mask = np.uint64(sum(flag.bits(-1) for flag in flags))
         self._flags_good = np.uint64(sum(flag.bits(_GOOD[flag.name]) for flag in flags))
         self._slow = [_SlowMessage(message, self.interval_s) for message in messages.values() if _is_slow(message)]
-        self._track = CounterTrack(self._rate.signals["SampleCounter"].length, self._interval_ns, late_s)
+        self.counter_bits = self._rate.signals["SampleCounter"].length
+        self._track = CounterTrack(self.counter_bits, self._interval_ns, late_s)
         self._reference: Reference | None = None  # the last sound rate frame
         self._said = b""  # the last heartbeats, as long as they are no news
         self._booted = False  # a boot-up heartbeat arrived and no rate frame since

@@ -62,7 +62,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def live(desk, folder):
-    with control.serve(desk, [folder], folder / "bench.gtbj") as trouble:
+    with control.serve(desk, [folder]) as trouble:
         assert trouble == ""
         yield remote.at(folder)
 
@@ -110,13 +110,13 @@ def test_an_aborted_run_says_that_it_is_ending(desk, live):
 
 
 def test_nothing_can_be_asked_before_there_is_a_sequencer(folder):
-    with control.serve(Desk(), [folder], folder / "bench.gtbj"):
+    with control.serve(Desk(), [folder]):
         with pytest.raises(EquipmentError, match="only just starting"):
             remote.ask(remote.at(folder), "hold")
 
 
 def test_the_file_is_for_its_owner_alone_and_goes_with_the_run(desk, folder):
-    with control.serve(desk, [folder], folder / "bench.gtbj"):
+    with control.serve(desk, [folder]):
         file = folder / remote.LIVE
         assert stat.S_IMODE(file.stat().st_mode) == 0o600
         assert json.loads(file.read_text())["pid"] == os.getpid()
@@ -184,7 +184,7 @@ def test_clients_that_say_nothing_are_turned_away_and_keep_nobody_out_for_long(l
 
 
 def test_a_file_of_a_dead_process_is_recognised(desk, folder, tmp_path):
-    with control.serve(desk, [folder], folder / "bench.gtbj"):
+    with control.serve(desk, [folder]):
         text = (folder / remote.LIVE).read_text()
     (folder / remote.LIVE).write_text(text)
     assert remote.at(folder).condition() == "gone"
@@ -207,7 +207,7 @@ def test_a_process_that_does_not_answer_is_not_taken_for_dead(live, monkeypatch)
     monkeypatch.setattr(remote, "PATIENCE_S", 0.1)
     monkeypatch.setattr(remote.ask, "__defaults__", (0.1,))
     with socket.create_server((remote.HOST, 0)) as deaf:
-        run = remote.LiveRun(live.folders, remote.LiveFile(1, deaf.getsockname()[1], "", "", "t"))
+        run = remote.LiveRun(live.folders, remote.LiveFile(1, deaf.getsockname()[1], "", [], "t"))
         assert run.condition() == "silent"
 
 
@@ -221,7 +221,7 @@ def test_a_spoilt_file_is_no_live_run(folder, tmp_path, text):
 def test_two_live_runs_are_listed_and_one_must_be_named(desk, live, tmp_path):
     other = tmp_path / "G-2" / "run"
     other.mkdir(parents=True)
-    with control.serve(Desk(), [other], other / "bench.gtbj"):
+    with control.serve(Desk(), [other]):
         with pytest.raises(InputError, match=r"2 live runs here; name one of .*G-1/run, .*G-2/run"):
             remote.the_run(None, tmp_path)
         assert remote.the_run(other, tmp_path).path == other
@@ -231,7 +231,7 @@ def test_folders_of_several_units_are_one_run(desk, tmp_path):
     folders = [tmp_path / unit / "run" for unit in ("G-1", "G-2")]
     for folder in folders:
         folder.mkdir(parents=True)
-    with control.serve(desk, folders, folders[0] / "bench.gtbj"):
+    with control.serve(desk, folders):
         (run,) = remote.below(tmp_path)
         assert run.folders == tuple(folders)
         assert remote.the_run(folders[1], tmp_path).file == run.file
@@ -242,6 +242,6 @@ def test_a_run_without_a_port_goes_on_and_says_so(desk, folder, monkeypatch):
         raise OSError(98, "Address already in use")
 
     monkeypatch.setattr(control._Server, "server_bind", taken)
-    with control.serve(desk, [folder], folder / "bench.gtbj") as trouble:
+    with control.serve(desk, [folder]) as trouble:
         assert trouble == "no control from other processes: Address already in use"
     assert list(folder.iterdir()) == []
