@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from drivers.doubt import PROOF_NS, Behind, Doubt
+
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
 
@@ -39,6 +41,10 @@ class CounterTrack:
     A frame is late when it arrives more than `late_s` [s] after its place among the fastest frames of the last ten
     seconds. A counter that disagrees with host time by more than `jump_s` [s], and goes on from there, means that
     the unit started anew: the index then follows host time. A single frame that disagrees is a rogue and dropped.
+
+    A new start whose counter happens to lie near host time is told too: ahead, because no frame arrives before its
+    sample was taken; behind, because a stall catches up and a new start does not. Within 50 ms it cannot be told
+    unless the unit announces it, and changes nothing but the length of the gap.
     """
 
     WINDOW_NS = 10_000_000_000
@@ -52,6 +58,7 @@ class CounterTrack:
         self._delivered = -1
         self._recent = np.zeros(0, dtype=np.int64)
         self._delays: deque[tuple[int, int]] = deque()  # host time, least delay [ns] of each recent block
+        self._behind: Behind | None = None
 
     def unwrap(self, counter: IntArray, t_ns: IntArray, boot: IntArray) -> Unwrapped:
         """Place frames (n,) in the order of arrival; `boot` are the rows before which the unit announced a start."""
@@ -60,7 +67,9 @@ class CounterTrack:
         if self._last is None:
             self._last = (int(counter[0]) - 1, int(counter[0]) - 1, int(t_ns[0]) - self._interval_ns)
             self._delivered, boot = self._last[0], boot[boot > 0]
+        late_reset = self._catch_up(int(t_ns[0]))
         index, rows, resets = self._count(counter, t_ns, boot)
+        resets += late_reset
         if not len(rows):
             return Unwrapped(index, rows, rogue=len(counter))
         last = rows[-1]
@@ -72,22 +81,65 @@ class CounterTrack:
         """Indices (n,), the rows that fit, and the number of resets."""
         assert self._last is not None
         index, rows = np.zeros(len(counter), dtype=np.int64), np.arange(len(counter))
+        starts = boot
         while len(rows):
             step = np.diff(counter[rows], prepend=self._last[1]) & self._mask
-            if not len(boot) and (step == 1).all():
+            if not len(starts) and (step == 1).all():
                 index[rows] = np.arange(self._last[0] + 1, self._last[0] + 1 + len(rows))
+                self._watch(index[rows], t_ns[rows])
                 return index, rows, 0
+            started = np.isin(rows, starts)
             elapsed = self._elapsed(t_ns[rows], self._last[2])
-            booted = np.isin(rows, boot)
-            jumped = np.flatnonzero(self._jumps(step, elapsed) | booted).tolist()
-            rogue = [at for at in jumped if not booted[at] and self._returns(at, counter[rows], t_ns[rows])]
-            if not rogue:
-                step = self._steps(step, elapsed)
-                step[jumped] = np.maximum(elapsed[jumped], 1)
-                index[rows] = self._last[0] + np.cumsum(step)
-                return index, rows, len(jumped)
-            rows = np.delete(rows, rogue[0])
+            steps = np.where(started, np.maximum(elapsed, 1), self._steps(step, elapsed))
+            place = self._last[0] + np.cumsum(steps)
+            least_ns = min((least for _, least in self._delays), default=None)
+            delay = t_ns[rows] - place * self._interval_ns
+            last_delay = self._last[2] - self._last[0] * self._interval_ns
+            doubt = Doubt(
+                step, steps, t_ns[rows], delay, last_delay if least_ns is None else least_ns, self._interval_ns
+            )
+            moved = ~started & doubt.moved()
+            jumped = ~started & (self._jumps(step, elapsed) | doubt.early()) & ~moved
+            rogue = self._rogues(np.flatnonzero(jumped), counter[rows], t_ns[rows], doubt)
+            if len(rogue):
+                rows = np.delete(rows, rogue)
+            elif jumped.any() or moved.any():
+                starts = np.append(starts, rows[np.flatnonzero(jumped | moved)[0]])
+            else:
+                index[rows] = place
+                self._behind = doubt.unproven() or self._behind
+                self._watch(place, t_ns[rows])
+                return index, rows, len(starts)
         return index, rows, 0
+
+    def _rogues(self, jumped: IntArray, counter: IntArray, t_ns: IntArray, doubt: Doubt) -> list[int]:
+        """Rows that fit nothing while their neighbours fit each other; no two of them are neighbours."""
+        found: list[int] = []
+        for at in jumped.tolist():
+            if not (found and found[-1] == at - 1) and self._returns(at, counter, t_ns, doubt):
+                found.append(at)
+            elif not found:
+                break  # the first one is no rogue: what follows is judged after it
+        return found
+
+    def _watch(self, index: IntArray, t_ns: IntArray) -> None:
+        """Whether a counter that fell behind host time has caught up; only a stall does."""
+        if self._behind is not None:
+            since = t_ns >= self._behind.since_ns
+            delay = (t_ns - index * self._interval_ns)[since]
+            self._behind = self._behind.seen(delay) if len(delay) else self._behind
+
+    def _catch_up(self, now_ns: int) -> int:
+        """Follow host time again after a new start that only time could prove; 1 when there was one."""
+        behind = self._behind
+        if behind is None or now_ns < behind.since_ns + PROOF_NS:
+            return 0
+        assert self._last is not None
+        samples = round((behind.least_ns - behind.floor_ns) / self._interval_ns)
+        self._last = (self._last[0] + samples, *self._last[1:])
+        self._behind = None
+        self._delays.clear()
+        return 1
 
     def _elapsed(self, t_ns: IntArray, before_ns: int) -> IntArray:
         """Samples between frames by host time."""
@@ -105,14 +157,16 @@ class CounterTrack:
         wrong: npt.NDArray[np.bool_] = (step > 1) & ((np.abs(steps - elapsed) > self._jump) | (steps < -REORDER))
         return wrong
 
-    def _returns(self, at: int, counter: IntArray, t_ns: IntArray) -> bool:
+    def _returns(self, at: int, counter: IntArray, t_ns: IntArray, doubt: Doubt) -> bool:
         """Whether the frame after `at` goes on from the one before it (or has not arrived yet)."""
         assert self._last is not None
         if at + 1 == len(counter):
             return True
-        before = (int(counter[at - 1]), int(t_ns[at - 1])) if at else self._last[1:]
-        step = np.diff(counter[at + 1 : at + 2], prepend=before[0]) & self._mask
-        return not self._jumps(step, self._elapsed(t_ns[at + 1 : at + 2], before[1]))[0]
+        before = (doubt.place(at - 1), int(counter[at - 1]), int(t_ns[at - 1])) if at else self._last
+        step = np.diff(counter[at + 1 : at + 2], prepend=before[1]) & self._mask
+        elapsed = self._elapsed(t_ns[at + 1 : at + 2], before[2])
+        place = before[0] + int(self._steps(step, elapsed)[0])
+        return not self._jumps(step, elapsed)[0] and not doubt.comes_early(at, int(t_ns[at + 1]), place)
 
     def _delay_ns(self, index: IntArray, t_ns: IntArray) -> IntArray:
         """How much later than the fastest recent frames each frame arrived [ns]."""
