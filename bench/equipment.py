@@ -152,6 +152,44 @@ class UnitSettings(BaseModel):
     """Truth, noise and channels of a simulated unit; left out: the default unit."""
 
 
+class RateTableSettings(BaseModel):
+    """The rate table that the units are mounted on."""
+
+    model_config = STRICT
+
+    driver: Literal["cia402", "aerosmith"] = "cia402"
+    """A CiA 402 drive in profile velocity mode on CAN, or an Ideal Aerosmith on a serial line."""
+    bus: Text | None = None
+    """CiA 402: name of the bus that the drive is on; no unit may be on it."""
+    node: Annotated[int, Field(ge=1, le=126)] = 1
+    """CiA 402: node number of the drive."""
+    counts_per_degree: PositiveFloat | None = None
+    """CiA 402: units of position in one degree of the table, gear included; velocity is in the same per second."""
+    sample_ms: Annotated[int, Field(ge=5, le=1000)] = 20
+    """CiA 402: interval of the encoder's readings."""
+    latency_ms: Annotated[float, Field(ge=0, le=1000)] = 0.0
+    """CiA 402: by how much a reading of the velocity lags behind the motion."""
+    heartbeat_s: Annotated[float, Field(ge=2, le=60)] = 3.0
+    """CiA 402: longest silence of bench or drive before the axis is stopped."""
+    port: Text | None = None
+    """Aerosmith: serial port, such as /dev/ttyUSB0."""
+    jog_unit: Literal["deg/s", "deg/min"] = "deg/s"
+    """Aerosmith: unit of its JOG command; verified by position over time before anything turns."""
+    highest_dps: PositiveFloat
+    """Fastest rate that is ever commanded, either way [deg/s]."""
+    accel_dps2: PositiveFloat
+    """Acceleration [deg/s^2]; what table, fixture and cables bear."""
+    tolerance_dps: PositiveFloat = 0.05
+    """How far the mean over a second may be off its rate, beside 0.2 % of it."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> RateTableSettings:
+        needs = ("bus", "counts_per_degree") if self.driver == "cia402" else ("port",)
+        if missing := [name for name in needs if getattr(self, name) is None]:
+            raise ValueError(f"a table with driver {self.driver} needs {' and '.join(missing)}")
+        return self
+
+
 class StationSettings(BaseModel):
     """A station: the equipment of a bench."""
 
@@ -169,6 +207,8 @@ class StationSettings(BaseModel):
     """The thermal chamber."""
     buses: dict[str, Bus]
     """CAN buses by a name of your own."""
+    rate_table: RateTableSettings | None = None
+    """The rate table, where there is one."""
     units: Annotated[tuple[UnitSettings, ...], Field(min_length=1)]
     """Gyros that may be tested here."""
     guards: tuple[GuardSettings, ...] = ()
@@ -194,11 +234,26 @@ class StationSettings(BaseModel):
                 text = f"a simulated station runs on {local}, a real one never does; this one is on {bus.interface!r}"
                 raise PlacedError(text, ("buses", name, "interface"))
         self._check_units()
+        self._check_table()
         for guard in self.guards:
             if guard.name == "unit silent" and guard.above is not None and guard.above < self.unit_silent_s:
                 text = f"unit_silent_s is {self.unit_silent_s:g}: the guard `unit silent` ends the run of all units"
                 raise PlacedError(f"{text} before, at {guard.above:g} s", ("unit_silent_s",))
         return self
+
+    def _check_table(self) -> None:
+        table = self.rate_table
+        if table is None:
+            return
+        if self.simulated and table.driver != "cia402":
+            raise PlacedError("a simulated station has a table with driver cia402", ("rate_table", "driver"))
+        if table.bus is not None and table.bus not in self.buses:
+            text = f"bus {table.bus!r} is not in this station; known: {', '.join(self.buses)}"
+            raise PlacedError(text, ("rate_table", "bus"))
+        for i, unit in enumerate(self.units):
+            if unit.bus == table.bus:
+                text = f"{unit.serial} is on {unit.bus}, the bus of the rate table, whose frames may have the same"
+                raise PlacedError(f"{text} identifiers; give the table a bus of its own", ("units", i, "bus"))
 
     def _check_units(self) -> None:
         for i, unit in enumerate(self.units):
@@ -230,6 +285,7 @@ class StationSettings(BaseModel):
             chamber.heating_degc_per_min,
             chamber.cooling_degc_per_min,
             self.ambient_degc,
+            None if self.rate_table is None else self.rate_table.highest_dps,
         )
 
     def seeds(self, occasion: str) -> dict[str, int]:

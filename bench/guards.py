@@ -4,21 +4,47 @@ A guard watches one signal. It trips when the signal is beyond its threshold, or
 at once when the signal is missing or older than `max_age_s`: silence is never taken for good news. It releases when
 the signal has been back inside the release thresholds for `release_delay_s`. Guards are evaluated before anything
 starts and at every tick. Software is never the safety device: an independent limit controller is.
+
+What a tripped guard does:
+
+* `hold`: the chamber stays where it is until the guard releases, then the leg goes on; everything is recorded.
+* `safe`: the profile ends there. The chamber is driven to ambient while everything goes on being recorded, as a
+  segment of its own, and is then switched off. For trouble that the equipment itself does not share.
+* `abort`: the run ends at this tick, recording with it. The set point goes to ambient and the chamber off; where it is
+  cold inside and can still be trusted, it is warmed up first, so that nothing frosts.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import BaseModel, Field, model_validator
 
 from bench.config import STRICT
+from bench.errors import InputError
 
-Action = Literal["hold", "abort"]
+Action = Literal["hold", "safe", "abort"]
+Name = Literal[
+    "chamber_temperature",
+    "unit_temperature",
+    "sensor_disagreement",
+    "frame_age",
+    "disk_free_mb",
+    "alarm",
+    "power",
+    "frozen_s",
+    "door",
+    "sensor_break",
+    "override",
+    "chamber_silent_s",
+    "bus_failed_s",
+]
+OPTIONAL: frozenset[str] = frozenset({"power", "frozen_s", "door", "sensor_break"})
+"""Signals that not every controller tells."""
 Seconds = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -30,11 +56,12 @@ class GuardSettings(BaseModel):
 
     name: Annotated[str, Field(min_length=1)]
     """What the guard is called in events and messages."""
-    signal: Literal[
-        "chamber_temperature", "unit_temperature", "sensor_disagreement", "frame_age", "disk_free_mb", "alarm"
-    ]
+    signal: Name
     """Chamber air [degC], the unit's own sensor [degC], the absolute difference of the two, age of the unit's newest
-    frame [s], free space where the run is written [MB], 1 while the chamber reports an alarm."""
+    frame [s], free space where the run is written [MB], 1 while the chamber reports an alarm, its output [%] (heating
+    positive), how long its temperature has not changed by a bit although its output is not 0 [s], 1 while its door is
+    open, 1 while its sensor is broken, 1 while set point or mode are not ours, how long the chamber has not answered
+    [s], how long the capture of a bus has failed [s]."""
     above: float | None = None
     """Trips above this value."""
     below: float | None = None
@@ -54,7 +81,7 @@ class GuardSettings(BaseModel):
     max_age_s: Positive = 10.0
     """A signal older than this trips at once."""
     action: Action = "abort"
-    """End the run, or hold it until the guard releases."""
+    """`hold` until the guard releases; `safe`: end the profile, record on the way to ambient; `abort`: end the run."""
 
     @model_validator(mode="after")
     def _watches_something(self) -> GuardSettings:
@@ -72,9 +99,44 @@ class GuardSettings(BaseModel):
 DEFAULT_GUARDS = (
     GuardSettings(name="unit silent", signal="frame_age", above=5.0),
     GuardSettings(name="chamber alarm", signal="alarm", above=0.5, delay_s=2.0, max_age_s=30.0),
+    GuardSettings(name="operator override", signal="override", above=0.5, delay_s=3.0, max_age_s=30.0),
     GuardSettings(name="disk nearly full", signal="disk_free_mb", below=100.0, max_age_s=120.0),
+    GuardSettings(name="frozen sensor", signal="frozen_s", above=1800.0, max_age_s=30.0),
+    GuardSettings(name="sensor break", signal="sensor_break", above=0.5, max_age_s=30.0),
+    GuardSettings(name="door open", signal="door", above=0.5, delay_s=2.0, max_age_s=30.0, action="hold"),
 )
-"""Guards of every run, whatever the station file says."""
+"""Guards of every run, those left out whose signal the controller does not tell. A guard of the station that bears the
+name of one takes its place.
+"""
+
+
+def guards_of(
+    station: Sequence[GuardSettings],
+    profile: Sequence[GuardSettings],
+    told: Collection[str],
+    patience_s: float = 0.0,
+) -> tuple[GuardSettings, ...]:
+    """The guards of a run; `told` are the optional signals that this station delivers.
+
+    A chamber that does not answer is judged by its link: the guards of every run wait at least `patience_s` for what it
+    tells. Raises InputError for a guard that would watch a signal which never comes.
+    """
+    own = {guard.name for guard in station}
+    default = [
+        rule.model_copy(update={"max_age_s": max(rule.max_age_s, patience_s)})
+        for rule in DEFAULT_GUARDS
+        if rule.name not in own and _is_told(rule, told)
+    ]
+    for rule in (*station, *profile):
+        if not _is_told(rule, told):
+            known = ", ".join(sorted({*get_args(Name)} - OPTIONAL | {*told}))
+            text = f"guard {rule.name!r} watches {rule.signal}, which the controller of this station does not tell"
+            raise InputError(f"{text}; remove the guard or watch one of {known}")
+    return (*default, *station, *profile)
+
+
+def _is_told(rule: GuardSettings, told: Collection[str]) -> bool:
+    return rule.signal not in OPTIONAL or rule.signal in told
 
 
 @dataclass(frozen=True)
@@ -83,6 +145,8 @@ class Signal:
 
     value: float
     t_s: float
+    detail: str = ""
+    """What stands behind the number, for events and messages."""
 
 
 @dataclass(frozen=True)
@@ -141,9 +205,9 @@ class _Guard:
         below = rule.release_above if self.tripped and rule.release_above is not None else rule.below
         rate = self._rate_per_min(signal) if rule.rate_per_min is not None else 0.0
         if above is not None and signal.value > above:
-            return f"{rule.signal} = {signal.value:.6g} is above {above:g}"
+            return f"{rule.signal} = {signal.value:.6g} is above {above:g}{_because(signal)}"
         if below is not None and signal.value < below:
-            return f"{rule.signal} = {signal.value:.6g} is below {below:g}"
+            return f"{rule.signal} = {signal.value:.6g} is below {below:g}{_because(signal)}"
         if rule.rate_per_min is not None and rate > rule.rate_per_min:
             return f"{rule.signal} changes by {rate:.6g} per minute, {rule.rate_per_min:g} allowed"
         return None
@@ -156,6 +220,10 @@ class _Guard:
         while len(history) > 2 and history[1].t_s <= signal.t_s - over_s:
             history.popleft()
         return 60.0 * abs(signal.value - history[0].value) / max(signal.t_s - history[0].t_s, over_s)
+
+
+def _because(signal: Signal) -> str:
+    return f": {signal.detail}" if signal.detail else ""
 
 
 @dataclass

@@ -110,7 +110,7 @@ class ChamberLink:
         try:
             found = self._recognise() if self.link.failing else ""
             if self.deviations:
-                self.deviations = _deviations(self._chamber)
+                self.deviations = tuple(self._chamber.deviations())
             reading = self._chamber.poll()
         except (LinkError, RefusedError) as error:
             self._failed(error)
@@ -145,14 +145,10 @@ class ChamberLink:
         if sent is not None and abs(self._chamber.poll().setpoint - sent) <= SAME_DEGC:
             self._chamber.set_point(sent)  # our last command arrived, only its confirmation did not: it is ours
         self._unconfirmed = None
-        self.deviations = _deviations(self._chamber)
+        self.deviations = tuple(self._chamber.deviations())
         return f"{identity.model}, {'; '.join(self.deviations) or 'set point and mode are ours'}"
 
     def _failed(self, error: LinkError | RefusedError) -> None:
         if isinstance(error, RefusedError) and error.code not in TRANSIENT:
             raise error
         self.link.failed(self._clock.now(), str(error))
-
-
-def _deviations(chamber: Chamber) -> tuple[str, ...]:
-    return tuple(getattr(chamber, "deviations", list)())

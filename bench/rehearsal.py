@@ -68,6 +68,7 @@ class _Bench:
     """What the sequencer sees of a station."""
 
     def __init__(self, settings: StationSettings) -> None:
+        self.settings = settings
         self.clock = SimClock()
         self.chamber = _Chamber(settings, self.clock)
         self.units = [_Unit(self.chamber, self.clock)]

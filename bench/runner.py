@@ -11,7 +11,7 @@ import platform
 import shutil
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -19,17 +19,19 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from bench import __version__
+from bench import __version__, signals
 from bench.assemble import assemble
 from bench.control import Desk, serve
 from bench.errors import BenchError, EquipmentError, InputError, RunAborted
-from bench.guards import DEFAULT_GUARDS, Guards, Signal
+from bench.guards import Guards, Signal, guards_of
 from bench.profile import Profile
 from bench.recorder import BENCH_JOURNAL, Recorder
+from bench.safety import SafeState, failures
 from bench.sequencer import Sequencer, Status
 from bench.station import Dropped, LiveUnit, Station, StationSettings, open_station
 from bench.store import RunFolder, create_run
-from drivers.chamber import Write
+from bench.watchdog import Watchdog
+from drivers.clock import WallClock
 from drivers.errors import DriverError
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -89,13 +91,14 @@ def run_job(
     """
     chosen = job.station.chosen(job.serials)
     with open_station(job.station, chosen, job.profile.name) as station:
+        guards = _guards(job, station)
         recorder = _open_recorder(job, station)
         station.on_event = recorder.event
         station.on_drop = partial(_drop, station, recorder)
         failures: tuple[BenchError | None, ...] = ()
         try:
             with _control(desk, recorder):
-                error = _conduct(job, station, recorder, onlooker, desk or Desk())
+                error = _conduct(job, station, guards, recorder, onlooker, desk or Desk())
         finally:
             recorder.close()
             failures = tuple(map(_assemble, recorder.runs, station.everyone))
@@ -163,22 +166,37 @@ def _state(error: BenchError | None) -> str:
     return "aborted" if isinstance(error, RunAborted) else "failed"
 
 
+def _guards(job: Job, station: Station) -> Guards:
+    """The guards of the run. InputError when one watches what this controller, asked now, does not tell."""
+    told = signals.told(station.chamber.poll())
+    patience_s = job.station.chamber.link.lost_after_s + 30.0
+    return Guards(guards_of(job.station.guards, job.profile.guards, told, patience_s))
+
+
 def _conduct(
-    job: Job, station: Station, recorder: Recorder, onlooker: Callable[[Station, Status], None], desk: Desk
+    job: Job,
+    station: Station,
+    guards: Guards,
+    recorder: Recorder,
+    onlooker: Callable[[Station, Status], None],
+    desk: Desk,
 ) -> BenchError | None:
     """Run the sequence and make the equipment safe; the error that ended it, if any."""
-    guards = Guards((*DEFAULT_GUARDS, *job.station.guards, *job.profile.guards))
     look = desk.watched(onlooker)
     sequencer = Sequencer(station, guards, recorder, lambda status: look(station, status))
+    if station.turntable is not None:
+        sequencer.turning = station.turntable.begin
     desk.attach(sequencer, job.profile.duration_s)
-    sequencer.extra_signals = lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)}
+    sequencer.signals.extra = lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)}
     station.on_write = recorder.write
     error: BenchError | None = None
+    watchdog: Watchdog | None = None
     with _stop_signals(sequencer):
         try:
             station.start_capture(recorder)
             recorder.event("run", "start")
             sequencer.check_before_start()
+            watchdog = _watch(station, recorder, sequencer)
             sequencer.start_chamber()
             sequencer.run(job.profile.legs())
         except (BenchError, DriverError, OSError) as caught:
@@ -187,8 +205,20 @@ def _conduct(
             error = EquipmentError(f"internal error: {type(bug).__name__}: {bug}")
             raise
         finally:
-            error = _make_safe(station, recorder, error, sequencer.moved)
+            error = _make_safe(station, recorder, error, sequencer, watchdog)
     return error
+
+
+def _watch(station: Station, recorder: Recorder, sequencer: Sequencer) -> Watchdog | None:
+    """Let a process of its own watch over real equipment from here on; a simulated chamber dies with this process."""
+    if not isinstance(station.clock, WallClock):
+        return None
+    folders = [run.path for run in recorder.runs]
+    watchdog = Watchdog(station.settings, folders, station.clock.started_monotonic_ns)
+    sequencer.beat = watchdog.beat
+    watchdog.arm()
+    recorder.event("watchdog", f"process {watchdog.pid} watches over this run", pid=watchdog.pid)
+    return watchdog
 
 
 @contextmanager
@@ -197,7 +227,8 @@ def _control(desk: Desk | None, recorder: Recorder) -> Iterator[None]:
     if desk is None:
         yield
         return
-    with serve(desk, [run.path for run in recorder.runs], recorder.run.journal / BENCH_JOURNAL) as trouble:
+    journals = [run.journal / BENCH_JOURNAL for run in recorder.runs]
+    with serve(desk, [run.path for run in recorder.runs], journals) as trouble:
         if trouble:
             recorder.event("control", trouble)
         yield
@@ -212,28 +243,64 @@ def _as_bench_error(caught: BenchError | DriverError | OSError, moved: bool) -> 
     return error
 
 
-def _make_safe(station: Station, recorder: Recorder, error: BenchError | None, moved: bool) -> BenchError | None:
-    """Set point to ambient, then off, each read back; says loudly what could not be verified.
+def _make_safe(
+    station: Station, recorder: Recorder, error: BenchError | None, sequencer: Sequencer, watchdog: Watchdog | None
+) -> BenchError | None:
+    """The safe state, read back; says loudly what could not be verified, and leaves that to the watchdog.
 
     Equipment that was not commanded yet is left as it was found. The disk may be full: equipment first, records then.
     """
-    writes: list[Write] = []
-    station.on_write = writes.append
-    steps = station.chamber.safe(station.settings.ambient_degc) if moved else []
-    if failed := [f"{step.what}: {step.detail}" for step in steps if not step.ok]:
+    records: list[Callable[[], None]] = []
+    table_trouble = _stop_table(station, records)  # at once; the chamber takes its time
+    trouble = ""
+    if sequencer.moved:
+        station.on_write = lambda write: records.append(partial(recorder.write, write))
+        settings = station.settings
+        way = SafeState(
+            station.chamber,
+            station.clock,
+            settings.safe_state,
+            settings.ambient_degc,
+            60.0 * settings.safe_state.retry_min,
+            beat=partial(_still_alive, watchdog, 60.0 + 4.0 * settings.safe_state.step_s),
+            hurry=lambda: sequencer.asked_to_stop,
+            report=lambda kind, text, **facts: records.append(partial(recorder.event, kind, text, **facts)),
+        )
+        trouble = failures(way.make())
+    if watchdog is not None:
+        (watchdog.take_over if trouble else watchdog.done)()
+    if trouble:
+        further = "; the watchdog goes on trying" if watchdog is not None else ""
         cause = f" (run ended by: {error})" if error is not None else ""
-        error = EquipmentError(f"SAFE STATE NOT VERIFIED: {'; '.join(failed)}; switch the chamber off by hand{cause}")
+        error = EquipmentError(f"{trouble}{further}{cause}")
+    if table_trouble:
+        error = EquipmentError(f"{table_trouble}; {error}" if error is not None else table_trouble)
     try:
-        for write in writes:
-            recorder.write(write)
-        for step in steps:
-            recorder.event("safe_state", f"{step.what}: {step.detail}", ok=step.ok)
+        for record in records:
+            record()
         station.stop_capture()
         recorder.event("end", str(error or "end of profile"), state=_state(error))
         recorder.sync()
     except OSError as caught:
         error = error or EquipmentError(_cannot_record(caught))
     return error
+
+
+def _stop_table(station: Station, records: list[Callable[[], None]]) -> str:
+    """Quick stop of the rate table, verified; what could not be verified, or nothing."""
+    steps = [] if station.turntable is None else station.turntable.safe()
+    for step in steps:
+        text = f"{step.what}: {step.detail}"
+        records.append(partial(station.on_event, "safe_state", text, ok=step.ok))
+    failed = [f"{step.what}: {step.detail}" for step in steps if not step.ok]
+    return f"RATE TABLE NOT VERIFIED TO STAND: {'; '.join(failed)}; press its emergency stop" if failed else ""
+
+
+def _still_alive(watchdog: Watchdog | None, allow_s: float) -> None:
+    """A heartbeat that may be the last one for a while; a watchdog that died does not keep us from being safe."""
+    if watchdog is not None:
+        with suppress(EquipmentError):
+            watchdog.beat(allow_s)
 
 
 def _cannot_record(error: OSError) -> str:

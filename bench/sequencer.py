@@ -1,39 +1,39 @@
 """Executes a profile: one loop, one tick a second of bench time, on one clock.
 
 Each tick waits, reads the chamber, drains the captures, evaluates the guards and moves the leg on. A ramp is never
-rewound: when a guard holds the run, the leg ends as `held`, the chamber stays where it is, and the leg is continued
-as a new, marked segment. A leg that does not get where it should in its time is a failed segment, never a silent
-pass. The sequencer never sleeps, never writes files and never decides what is safe: it raises, and the runner makes
-the equipment safe.
+rewound: when a guard or an operator holds the run, the leg ends as `held`, the chamber stays where it is, and the leg
+is continued as a new, marked segment. A leg that does not get where it should in its time is a failed segment, never a
+silent pass. A run that ends cold returns to ambient first, so that nothing frosts. The chamber is switched on once and
+never off: the sequencer never sleeps, never writes files and never decides what is safe. It raises, and the runner
+makes the equipment safe.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 from bench.errors import EquipmentError, RunAborted
-from bench.guards import Guards, Signal
+from bench.guards import Guards
+from bench.links import ChamberLink
+from bench.operating import Operating
 from bench.profile import Leg
 from bench.recorder import Recorder
 from bench.settling import Settling
+from bench.signals import Signals
 from bench.station import Station
 from drivers.chamber import ChamberReading
-from drivers.errors import LinkError
 
 TICK_S = 1.0
 APPEAR_S = 10.0
 """Every unit has to be heard within this time, or nothing starts."""
 ARRIVED_DEGC = 0.05
 """A working set point this near to the target has arrived; controllers display tenths."""
-LINK_LOST_S = 10.0
-OFF_S = 10.0
-"""A chamber that says that it is off for longer than this while a leg runs has left us."""
-OVERRIDE_S = 3.0
-OVERRIDE_DEGC = 0.2
-"""A set point that is this far from ours for longer than that is somebody else's."""
+MOST_STEP_S = 5.0
+"""A ramp that is stepped from here moves by no more than this much time at once: after an outage it does not jump."""
+HOME = "return to ambient"
 
 Outcome = Literal["done", "timeout", "held", "interrupted"]
 
@@ -65,6 +65,23 @@ class Status:
     reading: ChamberReading
     unit_degc: float
     holding: tuple[str, ...]
+    """The guards and operators that hold the run."""
+    state: Literal["running", "holding", "pausing"] = "running"
+    """`pausing`: will hold after the present segment."""
+
+
+class Turning(Protocol):
+    """Turns the units during a leg; see `bench.turning`."""
+
+    def tick(self, now_s: float, settled: bool) -> bool:
+        """Called at every tick with bench time [s] and whether the leg has settled; True when all rates are done."""
+
+    def stop(self) -> None:
+        """The leg is over, however it ended."""
+
+
+class _SafeStop(RunAborted):
+    """A guard ends the profile but not the recording."""
 
 
 class Sequencer:
@@ -79,19 +96,41 @@ class Sequencer:
     ) -> None:
         self._station, self._clock, self._chamber = station, station.clock, station.chamber
         self._guards, self._recorder, self._onlooker = guards, recorder, onlooker
-        self.extra_signals: Callable[[], Mapping[str, Signal]] = dict
+        self._link = ChamberLink(station.chamber, station.clock, station.settings.chamber.link, recorder.event)
+        self._operating = Operating(recorder.event)
+        self.signals = Signals(station, self._link)
+        self.beat: Callable[[], None] = lambda: None
+        """Called at every tick: the heartbeat that a watchdog listens to."""
+        self.turning: Callable[[Leg], Turning | None] = lambda leg: None
+        """What turns the units during a leg; None: nothing."""
         self.results: list[SegmentResult] = []
         self.moved = False
         """Whether the chamber was commanded; if not, it is still as it was found."""
         self._reading: ChamberReading | None = None
-        self._stop: str | None = None
         self._next_s = station.clock.now()
         self._legs = 0
-        self._since: dict[str, float] = {}
+        self._homeward = False
+
+    @property
+    def asked_to_stop(self) -> bool:
+        """Whether a stop was asked for that is not in force yet; once the run is over, somebody is in a hurry."""
+        return self._operating.asked_to_stop
 
     def request_stop(self, cause: str) -> None:
-        """Ask the run to end at the next tick (safe to call from a signal handler)."""
-        self._stop = cause
+        """Ask the run to end at the next tick. Like all requests from any thread or signal handler; `cause`: who."""
+        self._operating.ask("stop", cause)
+
+    def request_hold(self, cause: str) -> None:
+        """Hold at the next tick, the chamber where it is; the segment is continued later as a marked one."""
+        self._operating.ask("hold", cause)
+
+    def request_pause(self, cause: str) -> None:
+        """Hold after the present segment."""
+        self._operating.ask("pause", cause)
+
+    def request_resume(self, cause: str) -> None:
+        """Go on after a hold or a pause; guards that hold the run go on holding it."""
+        self._operating.ask("resume", cause)
 
     def check_before_start(self) -> None:
         """Hear every unit, read everything, evaluate the guards; nothing has moved yet.
@@ -105,6 +144,8 @@ class Sequencer:
             self._sleep()
             self._station.poll()
         self._tick()
+        if self._reading is None:
+            raise EquipmentError("not started: the chamber does not answer")
         if troubles := self._guards.troubles():
             raise RunAborted(f"not started: {'; '.join(troubles)}")
 
@@ -117,12 +158,51 @@ class Sequencer:
     def run(self, legs: Sequence[Leg]) -> list[SegmentResult]:
         """Execute the legs in order; RunAborted or EquipmentError ends the run early, `results` keeps what was."""
         self._legs = len(legs)
-        for leg in legs:
-            part = leg
-            while self._run_leg(part) == "held":
-                self._wait_for_release(leg)
-                part = replace(leg, name=f"{leg.name} (resumed)")
+        try:
+            for leg in legs:
+                self._execute(leg)
+        except _SafeStop as stop:
+            self._go_home(legs)
+            raise RunAborted(f"{stop}; the chamber is back at ambient") from None
+        safe, ambient_degc = self._station.settings.safe_state, self._station.settings.ambient_degc
+        if self._air() < ambient_degc - safe.near_degc:
+            self._go_home(legs)
         return self.results
+
+    def _execute(self, leg: Leg) -> None:
+        """Run a leg to its end, through as many holds as there are; hold after it when that was asked for."""
+        part = leg
+        while self._run_leg(part) == "held":
+            self._wait_for_release(leg, leg.target_degc if leg.kind == "soak" else self._here())
+            part = replace(leg, name=f"{leg.name} (resumed)")
+        self._operating.segment_is_over()
+        if self._operating.hold:
+            self._wait_for_release(leg, leg.target_degc)
+
+    def _go_home(self, legs: Sequence[Leg]) -> None:
+        """Take the chamber to ambient, recording, no faster than the profile moves it; nothing holds this up."""
+        settings = self._station.settings
+        if settings.safe_state.warm_up_min == 0.0:
+            return
+        from_degc, to_degc = self._air(), settings.ambient_degc
+        direction = "heating" if to_degc > from_degc else "cooling"
+        rates = [leg.rate_degc_per_min for leg in legs if leg.direction == direction and leg.rate_degc_per_min]
+        self._homeward, self._legs = True, len(legs) + 1
+        limit_s = 60.0 * settings.safe_state.warm_up_min
+        self._run_leg(
+            Leg(
+                index=len(legs),
+                name=HOME,
+                kind="ramp",
+                from_degc=from_degc,
+                target_degc=to_degc,
+                timeout_s=limit_s,
+                nominal_start_s=legs[-1].nominal_end_s,
+                nominal_s=0.0,
+                rate_degc_per_min=max(rates, default=None),
+                arrival_band_degc=settings.safe_state.near_degc,
+            )
+        )
 
     def _run_leg(self, leg: Leg) -> Outcome:
         from_s = self._clock.now()
@@ -145,46 +225,65 @@ class Sequencer:
 
     def _follow(self, leg: Leg, from_s: float) -> tuple[Outcome, str]:
         """Command the leg and tick until it is over; how it ended, and why if not as planned."""
-        command = self._commands(leg, from_s)
+        drive, driven = self._driver(leg), False
+        turning, turned = self.turning(leg), True
         settling = Settling(leg.settle, leg.target_degc) if leg.settle is not None else None
         settled_s: float | None = None if settling is not None else from_s
-        while True:
-            command()
-            self._tick(leg, from_s)
-            now_s = self._clock.now()
-            if holding := self._guards.in_force("hold"):
-                return "held", "; ".join(holding)
-            if settling is not None and settled_s is None and settling.feed(now_s, self._air(), self._unit_degc()):
-                settled_s = now_s
-                self._recorder.event("settled", f"{leg.name}: settled at {leg.target_degc:g} degC")
-            if settled_s is not None and self._complete(leg, now_s, from_s, settled_s):
-                return "done", ""
-            if now_s - from_s > leg.timeout_s:
-                text = None if settling is None else settling.reason
-                text = text or f"chamber air is {self._air():.2f} degC, target {leg.target_degc:g}"
-                return "timeout", f"{text} after {now_s - from_s:.0f} s"
+        try:
+            while True:
+                driven = driven or drive()
+                self._tick(leg, from_s)
+                now_s = self._clock.now()
+                if holding := self._holding():
+                    return "held", "; ".join(holding)
+                if settling is not None and settled_s is None and self._settles(settling, now_s):
+                    settled_s = now_s
+                    self._recorder.event("settled", f"{leg.name}: settled at {leg.target_degc:g} degC")
+                if turning is not None:
+                    turned = turning.tick(now_s, settled_s is not None)
+                if settled_s is not None and driven and turned and self._complete(leg, now_s, from_s, settled_s):
+                    return "done", ""
+                if now_s - from_s > leg.timeout_s:
+                    text = None if settling is None else settling.reason
+                    text = text or f"chamber air is {self._air():.2f} degC, target {leg.target_degc:g}"
+                    return "timeout", f"{text} after {now_s - from_s:.0f} s"
+        finally:
+            if turning is not None:
+                turning.stop()
 
-    def _commands(self, leg: Leg, from_s: float) -> Callable[[], None]:
-        """What to command before each tick of a leg; the controller's own ramp and a jump are commanded once, now."""
+    def _driver(self, leg: Leg) -> Callable[[], bool]:
+        """What to command before each tick of a leg until it returns True: nothing is left to be commanded.
+
+        The controller's own ramp and a jump are commanded once; a link that fails then makes it try again.
+        """
         rate = leg.rate_degc_per_min
         if leg.kind != "ramp" or rate is None:
-            self._chamber.set_point(leg.target_degc)
-        elif self._chamber.native_ramp:
-            self._chamber.ramp_to(leg.target_degc, rate)
-        else:
-            start_degc = self._here() if self._chamber.commanded is None else self._chamber.commanded
-            return lambda: self._host_step(leg, start_degc, rate * (self._clock.now() + TICK_S - from_s) / 60.0)
-        return lambda: None
+            return lambda: self._link.set_point(leg.target_degc)
+        if self._chamber.native_ramp:
+            return lambda: self._link.ramp_to(leg.target_degc, rate)
+        return self._host_ramp(leg.target_degc, rate)
 
-    def _host_step(self, leg: Leg, start_degc: float, reach_degc: float) -> None:
-        """Ramps of a controller without one of its own: a new set point every tick."""
-        distance = leg.target_degc - start_degc
-        arrived = reach_degc >= abs(distance)
-        self._chamber.set_point(leg.target_degc if arrived else start_degc + math.copysign(reach_degc, distance))
+    def _host_ramp(self, target_degc: float, rate_degc_per_min: float) -> Callable[[], bool]:
+        """Ramp of a controller without one of its own: a new set point every tick."""
+        at_degc = self._here() if self._chamber.commanded is None else self._chamber.commanded
+        at_s = self._clock.now() - TICK_S
+
+        def step() -> bool:
+            nonlocal at_degc, at_s
+            now_s = self._clock.now()
+            reach = rate_degc_per_min / 60.0 * min(now_s - at_s, MOST_STEP_S)
+            distance = target_degc - at_degc
+            next_degc = target_degc if reach >= abs(distance) else at_degc + math.copysign(reach, distance)
+            if not self._link.set_point(next_degc):
+                return False
+            at_degc, at_s = next_degc, now_s
+            return at_degc == target_degc
+
+        return step
 
     def _complete(self, leg: Leg, now_s: float, from_s: float, settled_s: float) -> bool:
         if leg.kind == "ramp":
-            return self._commanded_all(leg) and abs(self._air() - leg.target_degc) <= leg.arrival_band_degc
+            return self._commanded_all(leg) and abs(self._fresh_air() - leg.target_degc) <= leg.arrival_band_degc
         since_s = settled_s if leg.kind == "step" else from_s
         return now_s - since_s >= leg.duration_s
 
@@ -194,88 +293,65 @@ class Sequencer:
         in_force = self._chamber.commanded if in_force is None else in_force
         return in_force is not None and abs(in_force - leg.target_degc) < ARRIVED_DEGC
 
-    def _wait_for_release(self, leg: Leg) -> None:
-        here = replace(leg, name="hold", kind="soak", rate_degc_per_min=None, settle=None, target_degc=self._here())
-        self._chamber.set_point(here.target_degc)
-        from_s = self._clock.now()
-        while self._guards.in_force("hold"):
+    def _wait_for_release(self, leg: Leg, at_degc: float) -> None:
+        """Keep the chamber at `at_degc` [degC] and record until nothing holds the run any more."""
+        here = replace(leg, name="hold", kind="soak", rate_degc_per_min=None, settle=None, target_degc=at_degc)
+        self._recorder.event("hold", f"held at {at_degc:g} degC: {'; '.join(self._holding())}", phase="start")
+        from_s, commanded = self._clock.now(), False
+        while self._holding():
+            commanded = commanded or self._link.set_point(at_degc)
             self._tick(here, from_s)
-        self._recorder.event("hold", f"released after {self._clock.now() - from_s:.0f} s")
+        self._recorder.event("hold", f"released after {self._clock.now() - from_s:.0f} s", phase="end")
+
+    def _holding(self) -> tuple[str, ...]:
+        """What holds the run; on the way to ambient nothing does."""
+        return () if self._homeward else (*self._guards.in_force("hold"), *self._operating.holding)
 
     def _sleep(self) -> None:
         """Wait for the next tick; one that was missed is not made up for."""
         self._next_s = max(self._next_s + TICK_S, self._clock.now())
         self._clock.sleep_until(self._next_s)
-        if self._stop is not None:
-            raise RunAborted(f"aborted by {self._stop}")
+        self.beat()
+        self._operating.take()
 
     def _tick(self, leg: Leg | None = None, leg_from_s: float = 0.0) -> None:
         self._sleep()
-        self._read_chamber()
+        if (reading := self._link.poll()) is not None:
+            self._reading = reading
+            self._recorder.reading(reading)
+            self.signals.take(reading, ours_on=self.moved)
         self._station.poll()
         self._recorder.tick()
-        for trip in self._guards.evaluate(self._signals(), self._clock.now()):
-            self._recorder.event("guard", trip.text, tripped=trip.tripped, action=trip.guard.action)
-        if self.moved and (tripped := self._guards.in_force("abort")):
-            raise RunAborted(f"aborted by guard: {'; '.join(tripped)}")
+        self._guard()
         if leg is not None and self._reading is not None:
             unit_degc = min(self._unit_degc(), default=math.nan)
-            holding = tuple(self._guards.in_force("hold"))
-            self._onlooker(Status(self._clock.now(), leg, leg_from_s, self._legs, self._reading, unit_degc, holding))
+            holding = self._holding()
+            state: Literal["running", "holding", "pausing"] = "pausing" if self._operating.pause else "running"
+            state = "holding" if holding else state
+            now_s = self._clock.now()
+            self._onlooker(Status(now_s, leg, leg_from_s, self._legs, self._reading, unit_degc, holding, state))
 
-    def _read_chamber(self) -> None:
-        try:
-            reading = self._chamber.poll()
-        except LinkError as error:
-            if "link" not in self._since:
-                self._recorder.event("link", f"chamber does not answer: {error}")
-            if self._lasts("link", True) >= LINK_LOST_S or self._reading is None:
-                raise EquipmentError(f"chamber link lost for {self._lasts('link', True):.0f} s: {error}") from error
+    def _guard(self) -> None:
+        """Evaluate the guards; RunAborted when one of them ends the run."""
+        for trip in self._guards.evaluate(self.signals.collect(), self._clock.now()):
+            self._recorder.event("guard", trip.text, tripped=trip.tripped, action=trip.guard.action)
+        if not self.moved:
             return
-        self._reading = reading
-        self._recorder.reading(reading)
-        self._lasts("link", False)
-        if self._lasts("off", self.moved and not reading.on) > OFF_S:
-            raise EquipmentError(f"the chamber has been off for {OFF_S:.0f} s although the run is on")
-        self._check_override(reading)
+        if tripped := self._guards.in_force("abort"):
+            raise RunAborted(f"aborted by guard: {'; '.join(tripped)}")
+        if not self._homeward and (tripped := self._guards.in_force("safe")):
+            raise _SafeStop(f"profile ended by guard: {'; '.join(tripped)}")
 
-    def _check_override(self, reading: ChamberReading) -> None:
-        """Two masters: what the chamber does is no longer what the profile says."""
-        ours = self._chamber.commanded
-        foreign = ours is not None and abs(reading.setpoint - ours) > OVERRIDE_DEGC
-        text = f"set point is {reading.setpoint:g} degC, the bench commanded {ours}: somebody else commands the chamber"
-        if foreign and "override" not in self._since:
-            self._recorder.event("override", text)
-        if self._lasts("override", foreign) > OVERRIDE_S:
-            raise EquipmentError(text)
-
-    def _lasts(self, trouble: str, present: bool) -> float:
-        """How long a trouble has lasted without a break [s]."""
-        if not present:
-            self._since.pop(trouble, None)
-            return 0.0
-        return self._clock.now() - self._since.setdefault(trouble, self._clock.now())
-
-    def _signals(self) -> dict[str, Signal]:
-        signals: dict[str, Signal] = dict(self.extra_signals())
-        reading, units = self._reading, self._station.units
-        if reading is not None:
-            signals["chamber_temperature"] = Signal(reading.temperature, reading.t_s)
-            signals["alarm"] = Signal(float(bool(reading.alarm)), reading.t_s)
-        frames = [unit.newest_frame_s for unit in units if unit.newest_frame_s is not None]
-        if frames and len(frames) == len(units):
-            signals["frame_age"] = Signal(self._clock.now() - min(frames), self._clock.now())
-        known = [unit.temperature for unit in units if unit.temperature is not None]
-        if known and len(known) == len(units):
-            oldest_s = min(signal.t_s for signal in known)
-            signals["unit_temperature"] = Signal(max(signal.value for signal in known), oldest_s)
-            if reading is not None:
-                apart = max(abs(signal.value - reading.temperature) for signal in known)
-                signals["sensor_disagreement"] = Signal(apart, min(oldest_s, reading.t_s))
-        return signals
+    def _settles(self, settling: Settling, now_s: float) -> bool:
+        return settling.feed(now_s, self._fresh_air(), self._unit_degc())
 
     def _air(self) -> float:
+        """Chamber air as it was read last [degC]."""
         return math.nan if self._reading is None else self._reading.temperature
+
+    def _fresh_air(self) -> float:
+        """The same; NaN while the chamber does not answer: an old value has neither arrived nor settled."""
+        return math.nan if self._link.link.failing else self._air()
 
     def _here(self) -> float:
         """The set point that keeps the chamber where it is: its air, or the limit that is nearest to it [degC]."""

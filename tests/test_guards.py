@@ -5,7 +5,8 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from bench.guards import DEFAULT_GUARDS, Guards, GuardSettings, Signal
+from bench.errors import InputError
+from bench.guards import OPTIONAL, Guards, GuardSettings, Signal, guards_of
 
 
 def guard(**settings):
@@ -90,9 +91,51 @@ def test_guards_in_force_are_listed_by_action():
     assert [text.split(":")[0] for text in guards.in_force("abort")] == ["h"]
 
 
-def test_every_run_is_guarded_against_a_silent_unit_an_alarm_and_a_full_disk():
-    assert {rule.signal for rule in DEFAULT_GUARDS} == {"frame_age", "alarm", "disk_free_mb"}
-    assert {rule.action for rule in DEFAULT_GUARDS} == {"abort"}
+ALL_TOLD = {"power", "frozen_s", "door", "sensor_break"}
+
+
+def test_every_run_is_guarded_against_what_would_spoil_it():
+    always = {rule.signal: rule.action for rule in guards_of((), (), ())}
+    assert always == dict.fromkeys(["frame_age", "alarm", "override", "disk_free_mb"], "abort")
+    told = {rule.signal: rule.action for rule in guards_of((), (), ALL_TOLD)}
+    assert told == always | {"frozen_s": "abort", "sensor_break": "abort", "door": "hold"}
+
+
+def test_a_guard_of_the_station_takes_the_place_of_the_one_with_its_name():
+    mine = GuardSettings(name="unit silent", signal="frame_age", above=2.0, action="hold")
+    assert [rule for rule in guards_of((mine,), (), ()) if rule.signal == "frame_age"] == [mine]
+    assert len([rule for rule in guards_of((), (mine,), ()) if rule.signal == "frame_age"]) == 2  # a profile adds
+
+
+@pytest.mark.parametrize("signal", sorted(OPTIONAL))
+@pytest.mark.parametrize("where", ["station", "profile"])
+def test_a_guard_on_what_the_controller_never_tells_is_refused(signal, where):
+    rule = GuardSettings(name="mine", signal=signal, above=0.5)
+    groups = {"station": ((rule,), ()), "profile": ((), (rule,))}
+    with pytest.raises(
+        InputError, match=f"guard 'mine' watches {signal}, which the controller .* does not tell; remove"
+    ):
+        guards_of(*groups[where], ALL_TOLD - {signal})
+    assert rule in guards_of(*groups[where], {signal})
+
+
+def test_the_guards_of_every_run_leave_a_silent_chamber_to_its_link():
+    waits = {rule.signal: rule.max_age_s for rule in guards_of((), (), (), patience_s=300.0)}
+    assert (waits["alarm"], waits["override"]) == (300.0, 300.0)
+
+
+def test_what_stands_behind_a_number_is_said():
+    guards = Guards([guard(above=0.5, signal="alarm")])
+    (trip,) = guards.evaluate({"alarm": Signal(1.0, 0.0, "alarm_1: latched")}, 0.0)
+    assert trip.text == "g: alarm = 1 is above 0.5: alarm_1: latched"
+
+
+def test_guards_in_force_are_listed_for_each_action():
+    rules = [guard(name=action, above=1.0, action=action) for action in ("hold", "safe", "abort")]
+    guards = Guards(rules)
+    guards.evaluate({"chamber_temperature": Signal(3.0, 0.0)}, 0.0)
+    for action in ("hold", "safe", "abort"):
+        assert guards.in_force(action) == [f"{action}: chamber_temperature = 3 is above 1"]
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,6 @@ def test_it_predicts_the_segments_of_the_run(short_run):
 
 def test_it_says_which_segment_would_time_out():
     text = "name: p\nsegments:\n  - {kind: ramp, to_degc: -40, rate_degc_per_min: 20, timeout_min: 1}\n"
-    (ramp,) = rehearse(from_text(text), acquisition.station())
+    ramp, _ = rehearse(from_text(text), acquisition.station())
     assert ramp.outcome == "timeout"
     assert "chamber air is" in ramp.reason

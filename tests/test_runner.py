@@ -182,11 +182,12 @@ def test_a_lost_chamber_is_said_loudly_and_the_data_are_kept(world, tmp_path):
     assert result.error.exit_code == 4
     assert str(result.error).startswith("SAFE STATE NOT VERIFIED: set point to 23 degC")
     assert "switch the chamber off by hand" in str(result.error)
-    assert "chamber link lost for 10 s" in str(result.error)
+    assert "chamber link lost for 60 s" in str(result.error)
     manifest = result.run.manifest()
     assert manifest["state"] == "failed"
     assert manifest["rows"] >= 30 * 500
-    assert [event["ok"] for event in result.run.events() if event["kind"] == "safe_state"] == [False] * 3
+    steps = [event for event in result.run.events() if event["kind"] == "safe_state"]
+    assert [event["ok"] for event in steps if "ok" in event] == [False] * 3
 
 
 def test_a_silent_unit_trips_its_guard_and_ends_safe(world, tmp_path):

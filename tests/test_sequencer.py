@@ -1,11 +1,13 @@
 """The sequencer on a fake station in simulated time: ramps, holds, timeouts, lost links, two masters."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import pytest
 
+from bench.equipment import LinkSettings, SafeStateSettings
 from bench.errors import EquipmentError, RunAborted
-from bench.guards import Guards, GuardSettings, Signal
+from bench.guards import DEFAULT_GUARDS, Guards, GuardSettings, Signal
 from bench.profile import from_text
 from bench.sequencer import Sequencer
 from drivers.chamber import ChamberReading
@@ -22,7 +24,8 @@ class FakeChamber:
 
     def __init__(self, clock, native_ramp):
         self.native_ramp, self.commanded, self.faults = native_ramp, None, {}
-        self.commands = []
+        self.commands, self.identified, self.odd = [], [], []
+        self.deaf, self.unconfirmed = None, False
         self.air = self.working = self.panel = 23.0
         self.on, self.rate, self.tau_s = False, None, TAU_S
         self._clock = clock
@@ -42,16 +45,32 @@ class FakeChamber:
         self._command(target, rate)
 
     def _command(self, target, rate):
-        self.commands.append((self._clock.now(), target, rate))
-        self.commanded = self.panel = target
-        self.rate = rate
+        now_s = self._clock.now()
+        if self.deaf and self.deaf[0] <= now_s < self.deaf[1]:
+            raise LinkError("no answer")
+        self.commands.append((now_s, target, rate))
+        self.panel, self.rate = target, rate
+        if self.unconfirmed and target == 33.0:
+            self.unconfirmed = False
+            raise LinkError("no confirmation")
+        self.commanded = target
 
     def start(self):
         self.commands.append((self._clock.now(), "start", None))
         self.on = True
 
+    def identify(self):
+        self.poll()
+        self.identified.append(self._clock.now())
+        return SimpleNamespace(model="fake")
+
+    def deviations(self):
+        return list(self.odd)
+
     def poll(self):
         now_s = self._clock.now()
+        if self.deaf and self.deaf[0] <= now_s < self.deaf[1]:
+            raise LinkError("no answer")
         for (from_s, to_s), error in self.faults.items():
             if from_s <= now_s < to_s:
                 raise error
@@ -61,15 +80,20 @@ class FakeChamber:
 class FakeBench:
     """Station, recorder and sequencer; the unit's sensor is the air."""
 
-    def __init__(self, *guards, native_ramp=True, hooks=None):
+    def __init__(self, *guards, native_ramp=True, hooks=None, link=None):
         self.clock = SimClock()
         self.chamber = FakeChamber(self.clock, native_ramp)
         self.unit = SimpleNamespace(newest_frame_s=None, temperature=None)
         self.units, self.missing, self.polled = [self.unit], 2, 0
+        self.settings = SimpleNamespace(
+            ambient_degc=23.0,
+            safe_state=SafeStateSettings(),
+            chamber=SimpleNamespace(link=link or LinkSettings(degraded_after_s=5.0, lost_after_s=10.0)),
+        )
         self.events, self.readings, self.seen, self.disk_mb = [], 0, [], 1e6
         self.hooks = hooks or {}
         self.sequencer = Sequencer(self, Guards(guards), self, self.seen.append)
-        self.sequencer.extra_signals = lambda: {"disk_free_mb": Signal(self.disk_mb, self.clock.now())}
+        self.sequencer.signals.extra = lambda: {"disk_free_mb": Signal(self.disk_mb, self.clock.now())}
 
     # station
     def missing_units(self):
@@ -104,6 +128,9 @@ class FakeBench:
 
 
 RAMP = "kind: ramp, to_degc: 33, rate_degc_per_min: 2"
+
+
+OVERRIDE = next(guard for guard in DEFAULT_GUARDS if guard.signal == "override")
 
 
 def hold_guard(**settings):
@@ -239,20 +266,94 @@ def test_a_stop_request_is_heard_while_the_units_are_awaited():
     assert bench.clock.now() == 3.0
 
 
-def test_a_short_outage_of_the_chamber_is_an_event_and_no_more():
-    bench = FakeBench()
-    bench.chamber.faults[50, 58] = LinkError("no answer")
+LINK = LinkSettings(degraded_after_s=5.0, lost_after_s=30.0, retry_most_s=8.0)
+
+
+def link_events(bench):
+    return [(t_s, text) for t_s, kind, text in bench.events if kind == "link"]
+
+
+def test_a_short_outage_of_the_chamber_is_two_events_and_no_more():
+    bench = FakeBench(link=LINK)
+    bench.chamber.faults[50, 52] = LinkError("no answer")
     (ramp,) = bench.go(RAMP)
     assert ramp.outcome == "done"
-    assert bench.kinds().count("link") == 1
+    assert link_events(bench) == [
+        (50.0, "chamber does not answer: no answer"),
+        (53.0, "chamber answers again after 3.0 s and 2 attempts; fake, set point and mode are ours"),
+    ]
+    assert bench.chamber.identified == [53.0]
 
 
-def test_a_lost_link_is_a_failure_of_the_equipment():
-    bench = FakeBench()
+def test_a_longer_outage_degrades_the_link_is_probed_more_and_more_seldom_and_the_run_goes_on():
+    bench = FakeBench(link=LINK)
+    bench.chamber.faults[50, 66] = LinkError("no answer")
+    probes = []
+    poll = bench.chamber.poll
+    bench.chamber.poll = lambda: probes.append(bench.clock.now()) or poll()
+    (ramp,) = bench.go(RAMP)
+    assert ramp.outcome == "done"
+    assert [t_s for t_s in probes if 49 < t_s < 73] == [50, 51, 53, 57, 65]
+    assert [text.split(":")[0] for _, text in link_events(bench)][1] == "chamber degraded"
+    assert "after 23.0 s and 5 attempts" in link_events(bench)[-1][1]
+
+
+def test_a_lost_link_is_a_failure_of_the_equipment_but_not_before_it_was_asked_once_more():
+    bench = FakeBench(link=LINK)
     bench.chamber.faults[50, 1e9] = LinkError("no answer")
-    with pytest.raises(EquipmentError, match="chamber link lost for 10 s: no answer"):
+    with pytest.raises(EquipmentError, match="chamber link lost for 30 s: no answer"):
         bench.go(RAMP)
-    assert bench.clock.now() == 60.0
+    assert bench.clock.now() == 80.0
+    assert [text.split(":")[0] for _, text in link_events(bench)] == [
+        "chamber does not answer",
+        "chamber degraded",
+        "chamber lost",
+    ]
+
+
+def test_a_return_ends_the_run_where_the_station_says_so():
+    bench = FakeBench(link=LINK.model_copy(update={"on_return": "abort"}))
+    bench.chamber.faults[50, 60] = LinkError("no answer")
+    with pytest.raises(EquipmentError, match=r"answers again after 15\.0 s .* on_return: abort"):
+        bench.go(RAMP)
+
+
+def test_a_chamber_that_changed_while_it_was_away_is_an_override():
+    bench = FakeBench(OVERRIDE, link=LINK)
+    bench.chamber.faults[50, 52] = LinkError("no answer")
+    bench.chamber.odd = ["mode is manual, the bench commanded auto"]
+    with pytest.raises(RunAborted, match=r"operator override: override = 1 is above 0\.5: mode is manual"):
+        bench.go(RAMP)
+
+
+def test_a_stepped_ramp_does_not_jump_after_an_outage():
+    bench = FakeBench(native_ramp=False, link=LINK)
+    bench.chamber.deaf = (50.0, 66.0)
+    (ramp,) = bench.go(RAMP)
+    assert ramp.outcome == "done"
+    targets = [target for _, target, _ in bench.chamber.commands[2:]]
+    steps = [after - before for before, after in pairwise(targets)]
+    assert max(steps) <= 5 * 2 / 60 + 1e-9
+    assert min(steps) >= 0
+
+
+def test_a_command_whose_confirmation_was_lost_is_ours_all_the_same():
+    bench = FakeBench(OVERRIDE, link=LINK)
+    bench.chamber.unconfirmed = True
+    (ramp, soak) = bench.go(RAMP, "kind: soak, duration_min: 1")
+    assert (ramp.outcome, soak.outcome) == ("done", "done")
+    assert "guard" not in bench.kinds()
+
+
+def test_old_readings_neither_arrive_nor_settle():
+    bench = FakeBench(link=LINK)
+    bench.chamber.faults[100, 126] = LinkError("no answer")
+    settle = "settle: {dwell_min: 0.1, band_degc: 20, unit_band_degc: 20, slope_degc_per_min: 50}"
+    step = f"kind: step, temperatures_degc: [25], average_min: 1, {settle}"
+    _, move, _ = bench.go("kind: soak, duration_min: 1.6", step)
+    assert move.outcome == "done"
+    settled_s = next(t_s for t_s, kind, _ in bench.events if kind == "settled")
+    assert settled_s > 126.0
 
 
 def test_a_reading_that_cannot_be_true_reaches_the_runner():
@@ -263,18 +364,118 @@ def test_a_reading_that_cannot_be_true_reaches_the_runner():
     assert bench.sequencer.results[-1].outcome == "interrupted"
 
 
-def test_a_set_point_of_somebody_else_is_an_event_and_then_a_failure():
-    bench = FakeBench(hooks={50: lambda bench: setattr(bench.chamber, "panel", 60.0)})
-    with pytest.raises(EquipmentError, match="set point is 60 degC, the bench commanded 33"):
+def test_a_set_point_of_somebody_else_trips_a_guard():
+    bench = FakeBench(OVERRIDE, hooks={50: lambda bench: setattr(bench.chamber, "panel", 60.0)})
+    with pytest.raises(RunAborted, match=r"override = 1 .*: set point is 60 degC, the bench commanded 33"):
         bench.go(RAMP)
-    assert bench.kinds().count("override") == 1
-    assert bench.clock.now() == 55.0
+    assert bench.clock.now() == 54.0
 
 
-def test_a_chamber_that_somebody_switched_off_is_a_failure():
-    bench = FakeBench(hooks={50: lambda bench: setattr(bench.chamber, "on", False)})
-    with pytest.raises(EquipmentError, match="the chamber has been off for 10 s"):
+def test_a_chamber_that_somebody_switched_off_trips_it_too():
+    bench = FakeBench(OVERRIDE, hooks={50: lambda bench: setattr(bench.chamber, "on", False)})
+    with pytest.raises(RunAborted, match="the chamber has been off for 14 s although the run is on"):
         bench.go(RAMP)
+
+
+def test_an_operator_holds_a_ramp_where_it_is_and_resumes_it_without_rewinding():
+    hold = lambda bench: bench.sequencer.request_hold("operator ada")  # noqa: E731
+    resume = lambda bench: bench.sequencer.request_resume("operator ben")  # noqa: E731
+    bench = FakeBench(hooks={100: hold, 160: resume})
+    held, resumed = bench.go(RAMP)
+    assert (held.outcome, held.to_s) == ("held", 101.0)
+    assert held.reason == "operator: hold by operator ada"
+    assert (resumed.name, resumed.from_s, resumed.outcome) == (f"{held.name} (resumed)", 161.0, "done")
+    asked = [text for _, kind, text in bench.events if kind == "request"]
+    assert asked == ["hold by operator ada", "resume by operator ben"]
+    states = [status.state for status in bench.seen if 101 <= status.t_s <= 161]
+    assert set(states[:-1]) == {"holding"}
+    targets = [target for _, target, _ in bench.chamber.commands[2:]]
+    assert targets == [33.0, pytest.approx(26, abs=1), 33.0]
+    assert bench.readings == len(bench.seen) + 1  # every second of the hold is recorded
+
+
+def test_a_pause_waits_for_the_end_of_the_segment_and_holds_its_target():
+    bench = FakeBench(
+        hooks={
+            50: lambda bench: bench.sequencer.request_pause("operator"),
+            500: lambda bench: bench.sequencer.request_resume("operator"),
+        }
+    )
+    ramp, soak = bench.go(RAMP, "kind: soak, duration_min: 1")
+    assert ramp.outcome == "done"
+    assert soak.from_s == pytest.approx(501.0, abs=1)
+    assert {status.state for status in bench.seen if 52 < status.t_s < ramp.to_s} == {"pausing"}
+    assert {target for t_s, target, _ in bench.chamber.commands if t_s > ramp.from_s} == {33.0}
+
+
+def test_resume_does_not_release_what_a_guard_holds():
+    low, fine = (lambda bench: setattr(bench, "disk_mb", 1.0)), (lambda bench: setattr(bench, "disk_mb", 1e6))
+    resume = lambda bench: bench.sequencer.request_resume("operator")  # noqa: E731
+    bench = FakeBench(hold_guard(below=10.0), hooks={100: low, 120: resume, 160: fine})
+    _, resumed = bench.go(RAMP)
+    assert resumed.from_s > 160.0
+
+
+def test_stop_ends_a_hold():
+    bench = FakeBench(
+        hooks={
+            50: lambda bench: bench.sequencer.request_hold("operator"),
+            90: lambda bench: bench.sequencer.request_stop("operator"),
+        }
+    )
+    with pytest.raises(RunAborted, match="aborted by operator"):
+        bench.go(RAMP)
+    assert bench.clock.now() == 91.0
+
+
+COLD = "kind: ramp, to_degc: -10, rate_degc_per_min: 5"
+
+
+def test_a_profile_that_ends_cold_returns_to_ambient_and_records_the_way():
+    bench = FakeBench()
+    cold, home = bench.go(COLD)
+    assert (home.name, home.kind, home.outcome, home.target_degc) == ("return to ambient", "ramp", "done", 23.0)
+    assert 18.0 <= bench.chamber.air < 18.5
+    assert bench.seen[-1].legs == 2
+    assert home.from_s == cold.to_s
+
+
+def test_a_profile_that_ends_warm_is_over():
+    assert len(FakeBench().go(RAMP)) == 1
+
+
+def test_the_way_back_has_a_time_limit():
+    bench = FakeBench(hooks={600: lambda bench: setattr(bench.chamber, "tau_s", 1e9)})
+    _, home = bench.go(COLD, "kind: soak, duration_min: 5")[-2:]
+    assert (home.outcome, home.to_s - home.from_s) == ("timeout", pytest.approx(3600, abs=2))
+
+
+def test_a_safe_guard_ends_the_profile_and_records_the_way_to_ambient():
+    guard = GuardSettings(name="disk", signal="disk_free_mb", below=10.0, action="safe")
+    bench = FakeBench(guard, hooks={400: lambda bench: setattr(bench, "disk_mb", 1.0)})
+    with pytest.raises(RunAborted, match=r"profile ended by guard: disk: .*; the chamber is back at ambient"):
+        bench.go("kind: ramp, to_degc: 80, rate_degc_per_min: 5", "kind: soak, duration_min: 5")
+    up, home = bench.sequencer.results
+    assert (up.outcome, home.outcome, home.target_degc) == ("interrupted", "done", 23.0)
+    assert bench.chamber.air < 28.0
+
+
+def test_rates_are_turned_once_settled_and_the_table_stops_with_the_leg():
+    told = []
+
+    class Turning:
+        def tick(self, now_s, settled):
+            told.append(settled)
+            return len(told) >= 100
+
+        def stop(self):
+            told.append("stop")
+
+    bench = FakeBench()
+    bench.sequencer.turning = lambda leg: Turning() if leg.kind == "soak" else None
+    _, soak = bench.go(RAMP, "kind: soak, duration_min: 1")
+    assert soak.to_s - soak.from_s == 100.0
+    assert told == [*[True] * 100, "stop"]
 
 
 def test_the_onlooker_sees_every_tick_of_every_leg():
