@@ -145,6 +145,32 @@ def test_compare_answers_with_the_keys_that_others_rely_on(run_folder):
     assert content["models"][1]["rms_dph"] < content["models"][0]["rms_dph"]
 
 
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory):
+    """Ramps only, and no channel beside rate and temperature: what a log of somebody else often is."""
+    run = ramp_run([("up", "ramp", 85.0, 2.0), ("down", "ramp", -20.0, 2.0), ("up again", "ramp", 30.0, 2.0)])
+    columns = {name: run["columns"][name] for name in ("time", "rate", "temperature")}
+    return make_run(tmp_path_factory.mktemp("foreign") / "r", columns)
+
+
+def test_compare_shows_the_models_that_a_run_allows_and_says_why_not_the_others(foreign):
+    answer = bench("compare", foreign)
+    assert answer.exit_code == 0
+    assert "\nspline " in answer.stdout
+    assert "not fitted: regression: r: channel 'frequency' [Hz] is missing" in answer.stdout
+    asked = bench("compare", foreign, "--model", "regression")
+    assert asked.exit_code == 2
+    assert "channel 'frequency' [Hz] is missing" in asked.stderr
+
+
+def test_a_diagnosis_of_a_run_without_a_soak_says_what_to_record_and_shows_no_nan(foreign):
+    answer = bench("diagnose", foreign, "--model", "polynomial")
+    assert "noise floor - deg/h RMS" in answer.stdout
+    assert " nan" not in answer.stdout
+    assert "Not testable here: drive_amplitude: no channel 'drive'" in answer.stdout
+    assert "(--static)" in answer.stdout
+
+
 def test_every_command_reads_the_same_noise_floor_from_a_run(run_folder):
     commands = ("compare", "diagnose", "report")
     answers = [json.loads(bench(name, run_folder, "--model", "polynomial", "--json").stdout) for name in commands]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any, Literal
 
-from bench.channels import FloatArray
+from bench.channels import CHANNELS, FloatArray
 from bench.diagnosis.candidates import Theta
 from bench.diagnosis.digits import finite
 from bench.model import Model
@@ -29,6 +30,11 @@ class Place:
     misfit_dph: float
     p: float
     note: str = ""
+
+    @property
+    def unit(self) -> str:
+        """Of the range's ends."""
+        return "degC/min" if self.channel == "dT_dt" else CHANNELS[self.channel].unit
 
     def to_json(self) -> dict[str, Any]:
         """An entry of `where`."""
@@ -89,6 +95,11 @@ class SuspectedEffect:
     shape: tuple[FloatArray, ...] = field(default=(), repr=False)
     """What it adds to the fitted bias of each run (n,) [deg/h]; NaN in rows that were not fitted."""
     reason: str = ""
+
+    @property
+    def scored(self) -> bool:
+        """Whether there is an error on unseen data without it and with it."""
+        return isfinite(self.held_out_before_dph) and isfinite(self.held_out_rms_dph)
 
     def to_json(self) -> dict[str, Any]:
         """An entry of `suspects`."""

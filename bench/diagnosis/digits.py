@@ -1,7 +1,8 @@
-"""Numbers as people read them: significant digits, a value to the digits that its uncertainty leaves it."""
+"""Numbers and lists as people read them: a value to the digits that its uncertainty leaves it; a, b and c."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import floor, isfinite, log10
 
 
@@ -32,3 +33,8 @@ def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
         decimals = max(0, -last)
         return f"{value:.{decimals}f}", f"{uncertainty:.{decimals}f}"
     return f"{value:.{max(0, size - last)}e}", f"{uncertainty:.1e}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names as a sentence lists them."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))

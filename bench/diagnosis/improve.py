@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, Literal
 
 from bench import effects
@@ -132,9 +133,12 @@ def _tried(answer: Diagnosis) -> list[Step]:
 def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Step:
     before, after = suspect.held_out_before_dph, suspect.held_out_rms_dph
     pays = after < before * (1.0 - _PAYS)
-    fall = f"the error on unseen data goes from {before:.4f} to {after:.4f} deg/h (noise floor {answer.floor_dph:.4f})"
+    floor = f" (noise floor {answer.floor_dph:.4f})" if isfinite(answer.floor_dph) else ""
+    fall = f"the error on unseen data goes from {before:.4f} to {after:.4f} deg/h{floor}"
     if suspect.reason:
         text = f"{suspect.effect} refused: {suspect.reason}"
+    elif not suspect.scored:
+        text = f"{suspect.effect} refused: no data is left to prove it on, record a second run and give it as --check"
     elif pays:
         text = f"{suspect.effect} added: evidence {suspect.evidence:.0f}, {fall}"
     else:

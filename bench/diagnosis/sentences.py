@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from bench.diagnosis.answer import Diagnosis, Place, SuspectedEffect, Value
-from bench.diagnosis.digits import number, with_uncertainty
+from bench.diagnosis.digits import listed, number, with_uncertainty
 
 
 def sentence(answer: Diagnosis, drifts: bool) -> str:
     """What an engineer reads first."""
     if answer.verdict == "adequate":
         noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
-        return (
-            f"Nothing is missing that this data could show: what remains ({answer.rms_dph:.3f} deg/h RMS, noise floor "
-            f"{_floor(answer)}) is noise.{noise}"
-        )
+        return f"Nothing is missing that this data could show: what remains {_remains(answer)}.{noise}"
     if answer.verdict == "missing_effect":
         return _missing(answer)
     return _unknown(answer, drifts)
@@ -26,17 +21,20 @@ def sentence(answer: Diagnosis, drifts: bool) -> str:
 def made_from(answer: Diagnosis) -> str:
     """Which runs a diagnosis knew: the same run may look different beside others."""
     static = f"the isothermal run {answer.static}" if answer.static else "no isothermal run"
-    proof = f"proved on {_and(answer.check)}" if answer.check else "proved on blocks left out"
-    return f"made from {_and(answer.runs)} with {static}, {proof}"
+    proof = f"checked on {listed(answer.check)}" if answer.check else "checked on blocks left out"
+    return f"made from {listed(answer.runs)} with {static}, {proof}"
 
 
 def _missing(answer: Diagnosis) -> str:
     found = answer.found
-    parts = [f"Missing: {' and '.join(_named(suspect) for suspect in found)}."]
+    parts = [f"Missing: {listed([_named(suspect) for suspect in found])}."]
+    bare = [suspect.effect for suspect in found if not suspect.reason and not suspect.scored]
     for suspect in found:
-        parts.append(_proof(suspect, answer))
+        parts += [] if suspect.effect in bare else [_proof(suspect, answer)]
         if suspect.look_alikes:
             parts.append(f"This data cannot tell {suspect.effect} from {' or '.join(suspect.look_alikes)}.")
+    if bare:
+        parts.append(f"No data is left to prove {listed(bare)} on: record a second run and give it as --check.")
     if len(found) > 1:
         parts.append("More than one effect at once is found reliably in about four cases of five: prove each.")
     if answer.unexplained:
@@ -49,16 +47,16 @@ def _proof(suspect: SuspectedEffect, answer: Diagnosis) -> str:
     before, after = suspect.held_out_before_dph, suspect.held_out_rms_dph
     if suspect.reason:
         return f"Adding {suspect.effect} was not possible: {suspect.reason}."
-    if not (np.isfinite(before) and np.isfinite(after)):
-        return f"No data is left to prove {suspect.effect} on: record a second run and give it as --check."
     unseen = "the check run" if answer.held_out_by == "check" else "blocks left out"
     if after >= before:
         return (
-            f"It is not proved: with {suspect.effect} the error on {unseen} goes from {before:.3f} to {after:.3f} "
-            f"deg/h; record another run before adding it."
+            f"It is not proved: with {suspect.effect} the error on {unseen} goes from {number(before)} to "
+            f"{number(after)} deg/h; record another run before adding it."
         )
     share = f", {100 * suspect.removes:.0f} % of the excess variance" if np.isfinite(suspect.removes) else ""
-    return f"Adding {suspect.effect} lowers the error on {unseen} from {before:.3f} to {after:.3f} deg/h{share}."
+    return (
+        f"Adding {suspect.effect} lowers the error on {unseen} from {number(before)} to {number(after)} deg/h{share}."
+    )
 
 
 def _unknown(answer: Diagnosis, drifts: bool) -> str:
@@ -88,18 +86,19 @@ def _measured(name: str, value: Value) -> str:
 def _where(place: Place) -> str:
     note = f", {place.note}" if place.note else ""
     return (
-        f"over {place.channel} from {place.low:.4g} to {place.high:.4g} ({place.misfit_dph:.3f} deg/h, "
-        f"p {place.p:.1g}{note})"
+        f"over {place.channel} from {place.low:.4g} to {place.high:.4g} {place.unit} ({number(place.misfit_dph)} "
+        f"deg/h, p {place.p:.1g}{note})"
     )
 
 
-def _floor(answer: Diagnosis) -> str:
-    return f"{answer.floor_dph:.3f}" if np.isfinite(answer.floor_dph) else "unknown"
-
-
-def _and(names: Sequence[str]) -> str:
-    """Names as a sentence lists them."""
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+def _remains(answer: Diagnosis) -> str:
+    rms = f"({number(answer.rms_dph)} deg/h RMS"
+    if np.isfinite(answer.floor_dph):
+        return f"{rms}, noise floor {number(answer.floor_dph)}) is noise"
+    return (
+        f"{rms}) behaves like noise, but nothing stands still here to say how large the unit's own noise is: record an "
+        "isothermal run and give it as --static"
+    )
 
 
 def _capital(text: str) -> str:

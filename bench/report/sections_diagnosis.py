@@ -12,7 +12,7 @@ from bench import effects
 from bench.channels import CHANNELS
 from bench.dataset import Dataset
 from bench.diagnosis.answer import Detectable, Diagnosis, Place, SuspectedEffect, Value
-from bench.diagnosis.digits import finite, number, with_uncertainty
+from bench.diagnosis.digits import finite, listed, number, with_uncertainty
 from bench.diagnosis.evidence import TIE
 from bench.diagnosis.sentences import made_from
 from bench.effects.catalogue import entry
@@ -179,7 +179,7 @@ def _map(data: Dataset, answer: Diagnosis) -> Markup:
         return Markup()
     after = answer.unexplained_residuals[0] if answer.found and answer.unexplained_residuals else None
     plot = figures_diagnosis.residual_map(data, answer.residuals[0], after, finite(answer.floor_dph))
-    names = " and ".join(suspect.effect for suspect in answer.found)
+    names = listed([suspect.effect for suspect in answer.found])
     where = f"left {answer.model.name}, right with {names} added" if after is not None else answer.model.name
     words = (
         f"Mean residual by temperature and its rate of change: {where}. Colour that changes sign between heating and "
@@ -227,12 +227,12 @@ def _places(answer: Diagnosis) -> Markup:
     """Where the model fails, and where it still does."""
     head = ("where", "from", "to", "systematic [deg/h]", "RMS × floor", "by chance", "")
     parts = Markup()
-    for caption, listed in (
+    for caption, shown in (
         (f"Where {answer.model.name} fails", answer.where),
         ("What remains beside what was found", answer.unexplained if answer.found else ()),
     ):
-        if listed:
-            parts += table(caption, head, [_place(place) for place in listed], (1, 2, 3, 4))
+        if shown:
+            parts += table(caption, head, [_place(place) for place in shown], (1, 2, 3, 4))
     return heading("Where it fails") + parts if parts else parts
 
 
@@ -259,8 +259,8 @@ def _channel(name: str) -> tuple[str, str]:
 
 def _unseen(answer: Diagnosis) -> Markup:
     """What this run would have shown, and what it could not."""
-    listed = sorted(answer.smallest_detectable, key=lambda limit: limit.rms_dph)
-    seen = [limit for limit in listed if np.isfinite(limit.rms_dph)]
+    limits = sorted(answer.smallest_detectable, key=lambda limit: limit.rms_dph)
+    seen = [limit for limit in limits if np.isfinite(limit.rms_dph)]
     parts = heading("What this run could not have shown")
     if seen:
         plot = figures_diagnosis.detectable(seen, finite(answer.floor_dph))
@@ -272,7 +272,7 @@ def _unseen(answer: Diagnosis) -> Markup:
             table("Smallest detectable amplitudes", head, map(_limit, seen), (1, 2))
         )
     blind = [(name, _capital(why)) for name, why in answer.not_excited.items()]
-    blind += [(limit.effect, "No size of it would have shown") for limit in listed if limit not in seen]
+    blind += [(limit.effect, "No size of it would have shown") for limit in limits if limit not in seen]
     if blind:
         parts += table("Not tested by this run", ("effect", "why"), [(name, why) for name, why in dict(blind).items()])
     return parts if seen or blind else Markup()

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from bench.diagnosis.compare import Score
-from bench.diagnosis.digits import number
+from bench.diagnosis.digits import listed, number
 from bench.report.completeness import Completeness
 from bench.report.diagnosed import Diagnosed
 from bench.report.markup import clock
@@ -52,7 +52,7 @@ class Verdict:
     def headline(self) -> str:
         """A few words."""
         if self.word == "missing_effect" and self.missing:
-            return f"Missing: {' and '.join(self.missing)}"
+            return f"Missing: {listed(self.missing)}"
         return _HEADLINES[self.word]
 
     @property
@@ -90,7 +90,7 @@ def with_diagnosis(verdict: Verdict, found: Diagnosed, floor_dph: float) -> Verd
         ratio = [rung for rung in found.rungs if not rung.rival][-1].held_out_dph / floor_dph
         them = "it" if len(missing) == 1 else "them"
         leaves = f", with {them} {number(ratio, 2)} × would be left" if np.isfinite(ratio) else ""
-        finding = f"{name} lacks {' and '.join(missing)}{leaves}"
+        finding = f"{name} lacks {listed(missing)}{leaves}"
     kept = verdict.word in {"partial", "no_data"} or (verdict.word == "unproven" and answer.verdict == "adequate")
     sentence = f"{verdict.sentence.removesuffix('.')}; {finding}."
     return replace(verdict, word=verdict.word if kept else answer.verdict, sentence=sentence, missing=missing)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.errors import BenchError
+from bench.errors import BenchError, InputError
 from bench.store import MANIFEST, RunFolder, open_run
 from bench.workflow.answer import Answer, ladder
 
@@ -94,8 +94,14 @@ def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], 
     chosen = [load_model(model) for model in models or DEFAULT_MODELS]
     datasets = [load(recover(path).path) for path in runs]
     checks = [load(recover(path).path) for path in check]
-    comparison = compare_models(datasets, chosen, floor_of(runs, datasets[0].interval_s, static), checks or None)
-    return Answer(comparison.to_json(), ladder(comparison.to_json()))
+    floor_dph = floor_of(runs, datasets[0].interval_s, static)
+    # A model that nobody asked for may lack its channels; one that was asked for is an error without them.
+    content = compare_models(datasets, chosen, floor_dph, checks or None, strict=bool(models)).to_json()
+    if not content["models"]:
+        raise InputError(content["refused"][0]["reason"], runs[0])
+    warned = [f"warning: {model['name']}: {text}" for model in content["models"] for text in model["warnings"]]
+    refused = [f"not fitted: {entry['name']}: {entry['reason']}" for entry in content["refused"]]
+    return Answer(content, "\n".join([ladder(content), *([""] if warned or refused else []), *refused, *warned]))
 
 
 def floor_of(runs: Sequence[Path], interval_s: float, static: Path | None) -> float:

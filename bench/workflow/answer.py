@@ -17,8 +17,8 @@ class Answer:
 
 def ladder(comparison: dict[str, Any]) -> str:
     """Models against the floor, as a table for a terminal."""
-    floor = comparison["floor_dph"]
-    rows = [f"{'model':<28} {'in-sample':>10} {'held-out':>10} {'over floor':>10}   [deg/h RMS, 30 s means]"]
+    floor, interval = comparison["floor_dph"], comparison["interval_s"]
+    rows = [f"{'model':<28} {'in-sample':>10} {'held-out':>10} {'over floor':>10}   [deg/h RMS, {interval:g} s means]"]
     for model in comparison["models"]:
         inside, outside = model["rms_dph"], model["held_out_rms_dph"]
         ratio = "-" if outside is None or not floor else f"{outside / floor:.2f} x"

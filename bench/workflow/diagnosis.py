@@ -6,13 +6,14 @@ import json
 import secrets
 from collections.abc import Sequence
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import InputError
 from bench.store import write_atomically
 from bench.workflow.analysis import floor_of, recover
-from bench.workflow.answer import Answer
+from bench.workflow.answer import Answer, number
 
 if TYPE_CHECKING:
     from bench.dataset import Dataset
@@ -173,15 +174,29 @@ def _next_experiment(
     return proposal.to_json(str(plan))
 
 
+def _by_reason(found: Diagnosis) -> dict[str, list[str]]:
+    """Effects that the runs cannot show, by the reason; the name of the run only where there are several."""
+    reasons: dict[str, list[str]] = {}
+    for name, why in found.not_excited.items():
+        short = why if len(found.runs) > 1 else why.removeprefix(f"{found.runs[0]} has ").removeprefix(found.runs[0])
+        reasons.setdefault(short.removeprefix(": "), []).append(name)
+    return reasons
+
+
 def _text(found: Diagnosis, content: dict[str, Any]) -> str:
+    from bench.diagnosis.digits import finite
+    from bench.diagnosis.sentences import made_from
+
     lines = [found.sentence, ""]
-    lines += [f"in-sample {found.rms_dph:.4f}, held-out {found.held_out_rms_dph:.4f} ({found.held_out_by}), "
-              f"floor {found.floor_dph:.4f} deg/h RMS", ""]  # fmt: skip
+    errors = (content[key] for key in ("rms_dph", "held_out_rms_dph", "floor_dph"))
+    inside, outside, floor = map(number, errors)
+    lines += [f"in-sample {inside}, held-out {outside} ({found.held_out_by}), noise floor {floor} deg/h RMS", ""]
     if found.where:
         lines += ["Where it fails"]
         for p in found.where:
-            place = f"{p.low:>10.4g} to {p.high:<10.4g}"
-            lines.append(f"  {p.channel:<22} {place} {p.floor_ratio:5.2f} x floor, p = {p.p:.1e}  {p.note}")
+            place = f"{p.low:>10.4g} to {f'{p.high:.4g} {p.unit}':<18}"
+            ratio = f"{p.floor_ratio:5.2f} x floor" if isfinite(p.floor_ratio) else f"{p.rms_dph:.4g} deg/h RMS"
+            lines.append(f"  {p.channel:<22} {place} {ratio}, p = {p.p:.1e}  {p.note}".rstrip())
         lines += [""]
     if found.suspects:
         lines += [f"{'Suspects':<26} {'evidence':>9} {'held-out':>9} {'removes':>8}  look-alikes"]
@@ -189,15 +204,15 @@ def _text(found: Diagnosis, content: dict[str, Any]) -> str:
             mark = "*" if suspect.found else " "
             removes = f"{100 * suspect.removes:.0f} %" if suspect.removes == suspect.removes else "-"
             lines.append(
-                f"{mark} {suspect.effect:<24} {suspect.evidence:>9.1f} {suspect.held_out_rms_dph:>9.4f} {removes:>8}  "
-                f"{', '.join(suspect.look_alikes)}"
+                f"{mark} {suspect.effect:<24} {suspect.evidence:>9.1f} {number(finite(suspect.held_out_rms_dph)):>9} "
+                f"{removes:>8}  {', '.join(suspect.look_alikes)}".rstrip()
             )
         lines += [f"  evidence above {found.threshold:.1f} is beyond chance; * belongs to the explanation", ""]
     if found.smallest_detectable:
         small = ", ".join(f"{item.effect} {item.rms_dph:.3f}" for item in found.smallest_detectable)
         lines += [f"This run would have shown [deg/h RMS]: {small}"]
-    lines += [f"Not testable here: {name} ({why})" for name, why in found.not_excited.items()]
-    lines += [f"note: {note}" for note in (found.noise_finding, *found.notes) if note]
+    lines += [f"Not testable here: {', '.join(names)}: {why}" for why, names in _by_reason(found).items()]
+    lines += [f"note: {note}" for note in (found.noise_finding, made_from(found), *found.notes) if note]
     if content["next_experiment"]:
         lines += ["", f"next: bench run {content['next_experiment']['profile']}", content["next_experiment"]["why"]]
     return "\n".join(lines)
