@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from pymodbus.constants import ExcCodes
@@ -48,14 +48,16 @@ class ModbusChamber:
         It boots as a controller that satisfies every identify rule, with `decimals` implied decimals where the map
         has such. `wire` as in `ModbusWire`. Raises LinkError when the port is taken.
         """
-        self._map = registers.with_decimals(dict.fromkeys(registers.decimals, decimals))
+        places = dict.fromkeys(registers.decimals, decimals)
+        self._described = registers
+        self._map = registers.with_decimals(places)
         self._lock = threading.Lock()
         everything = list(self._map.registers.values())
         self._words = [0] * max(register.end for register in everything)
         self._writable = {address: r for r in everything if r.write for address in range(r.address, r.end)}
         self._codes = {register.read for register in everything}
         self._limits = limits
-        self._boot(temperature, decimals)
+        self._boot(temperature, places)
         self._wire = ModbusWire(self._answer, self._spans(), wire=wire, port=port, device_id=device_id)
 
     def __enter__(self) -> ModbusChamber:
@@ -123,10 +125,17 @@ class ModbusChamber:
                 self._put(self._map["temperature"], _broken(self._map["temperature"]))
             self._publish_alarms(active)
 
+    def words(self, name: str) -> list[int]:
+        """Raw words of a register."""
+        with self._lock:
+            return self._words_of(name)
+
     def set_words(self, name: str, words: Iterable[int]) -> None:
         """Put raw words into a register, for faults that no healthy controller shows."""
         with self._lock:
             self._put(self._map[name], tuple(words))
+            if name in self._described.decimals:
+                self._map = self._described.with_decimals({n: self._words_of(n)[-1] for n in self._described.decimals})
 
     def set_value(self, name: str, value: Value) -> None:
         """Put a value into a register as somebody at the panel would."""
@@ -136,8 +145,10 @@ class ModbusChamber:
     # ---- registers; the lock is held by the caller ------------------------------------------------------------------
 
     def _get(self, name: str) -> Value:
-        register = self._map[name]
-        return register.decode(self._words[register.address : register.end])
+        return self._map[name].decode(self._words_of(name))
+
+    def _words_of(self, name: str) -> list[int]:
+        return self._words[self._map[name].address : self._map[name].end]
 
     def _set(self, register: Register, value: Value) -> None:
         if not isinstance(value, str) and register.type == "uint16":
@@ -165,7 +176,7 @@ class ModbusChamber:
             return None
         return float(self._get(ramp.rate))
 
-    def _boot(self, temperature: float, decimals: int) -> None:
+    def _boot(self, temperature: float, decimals: Mapping[str, int]) -> None:
         """Registers of a controller that was just switched on: off, set point at the air's temperature."""
         for register in self._map.registers.values():
             if register.normal or register.alarming:
@@ -179,7 +190,7 @@ class ModbusChamber:
             **dict.fromkeys(("temperature", "setpoint", "working_setpoint", *self._map.setpoint_copies), temperature),
             "setpoint_low": self._limits[0],
             "setpoint_high": self._limits[1],
-            **dict.fromkeys(self._map.decimals, float(decimals)),
+            **decimals,
             **{rule.register: rule.example_of(self._map[rule.register]) for rule in self._map.identify},
             **dict.fromkeys((run.register, run.state), run.off),
             **(self._map.ramp.off if self._map.ramp else {}),
