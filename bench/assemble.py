@@ -162,7 +162,7 @@ class _Grid:
 
     def between(self, first: int | None, end: int | None) -> dict[str, tuple[IntArray, FloatArray]]:
         """Ticks and values of the readings in [first, end), by channel; None: no bound."""
-        found = {}
+        found: dict[str, tuple[IntArray, FloatArray]] = {}
         for index, channels in self._sources:
             start = 0 if first is None else int(np.searchsorted(index, first))
             stop = len(index) if end is None else int(np.searchsorted(index, end))

@@ -22,6 +22,8 @@ DEFAULT_INTERVAL_S = 30.0
 STILL_DEGC_PER_MIN = 0.05
 """Slower than this the temperature counts as constant [degC/min]."""
 _SLOPE_WINDOW_S = 60.0
+_STEADY_DPS = 0.1
+"""A rate table whose rate differs by more than this from one second to the next accelerates [deg/s]."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +198,8 @@ class Dataset:
 def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
     """Dataset of a finished or recovered run from its `means.parquet` and `manifest.json`, averaged to `interval_s`.
 
-    Stretches of a segment shorter than half of `interval_s` are left out.
+    Stretches of a segment shorter than half of `interval_s` are left out, and seconds in which a rate table
+    accelerates: the milliseconds between its clock and the unit's would pass for hundreds of deg/h of bias.
 
     Raises InputError, one line, when the folder, the manifest or the means are missing, broken or without rows.
     """
@@ -217,7 +220,18 @@ def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S) -> Data
         if name not in table:
             raise InputError(f"required column '{name}' is missing; it has {', '.join(map(str, table.columns))}", path)
     base = _dataset(table, manifest, folder)
+    base = base.select(_steady(base))
     return base.select(_lasting(base, interval_s / 2)).average(interval_s)
+
+
+def _steady(base: Dataset) -> BoolArray:
+    """Rows (n,) in which the rate table keeps its rate, or has none; all of a record in which it hardly ever does."""
+    applied = base.channels.get("applied_rate")
+    if applied is None:
+        return np.ones(len(base), dtype=bool)
+    jumps = np.abs(np.diff(applied)) > _STEADY_DPS
+    steady: BoolArray = ~(np.append(jumps, False) | np.append(False, jumps))
+    return steady if np.mean(steady) > 0.5 else np.ones(len(base), dtype=bool)
 
 
 def _lasting(base: Dataset, least_s: float) -> BoolArray:

@@ -19,6 +19,7 @@ from bench.errors import InputError
 from bench.recorder import BENCH_JOURNAL, READING
 from bench.store import RunFolder, copy_whole
 from drivers.journal import Damage, FrameArray, Kind, read_blocks
+from drivers.rate_table import TABLE
 
 WATCHDOG = "watchdog.jsonl"
 """Events of the watchdog, one JSON object a line, in the run folder."""
@@ -34,6 +35,8 @@ class BenchJournal:
     meta: dict[str, Any]
     events: list[dict[str, Any]]
     readings: Readings
+    table: Readings
+    """Encoder of the rate table."""
     watchdog: list[dict[str, Any]]
     """What the watchdog did after the bench was killed."""
 
@@ -77,6 +80,7 @@ def read_bench(run: RunFolder, damage: Damage) -> BenchJournal:
     meta: dict[str, Any] = {}
     events: list[dict[str, Any]] = []
     rows: list[bytes] = []
+    turned: list[bytes] = []
     if path.exists():
         for block in read_blocks(path, damage):
             if block.kind is Kind.META:
@@ -85,10 +89,13 @@ def read_bench(run: RunFolder, damage: Damage) -> BenchJournal:
                 events.append(json.loads(block.payload))
             elif block.kind is Kind.READING:
                 rows.append(block.payload)
+            elif block.kind is Kind.TABLE:
+                turned.append(block.payload)
     if not meta:
         raise InputError("not a run folder: no manifest and no readable journal", run.path)
     fetch(run, meta, Path(WATCHDOG))
-    return BenchJournal(meta, events, np.frombuffer(b"".join(rows), READING), _read_watchdog(run.path / WATCHDOG))
+    readings, table = np.frombuffer(b"".join(rows), READING), np.frombuffer(b"".join(turned), TABLE)
+    return BenchJournal(meta, events, readings, table, _read_watchdog(run.path / WATCHDOG))
 
 
 def _read_watchdog(path: Path) -> list[dict[str, Any]]:

@@ -48,6 +48,8 @@ class Limits:
     heating: RateCurve | float
     cooling: RateCurve | float
     ambient_degc: float = 23.0
+    turn_dps: float | None = None
+    """Fastest rate of the rate table, either way [deg/s]; None: the station has no table."""
 
     def fastest(self, temperature_degc: FloatArray, heating: bool) -> FloatArray:
         """Fastest rate that the chamber can follow [degC/min], shape of the input."""
@@ -79,6 +81,7 @@ def check(
     rules: tuple[Iterator[Finding], ...] = (
         _outside(profile, limits),
         _too_fast(profile, limits),
+        _turns(profile, limits),
         _ends(profile, limits),
         _repeats(profile),
         _separates(profile),
@@ -129,7 +132,7 @@ def _once_a_line(legs: Sequence[Leg]) -> Iterator[Leg]:
 
 def _outside(profile: Profile, limits: Limits) -> Iterator[Finding]:
     for leg in _once_a_line(profile.legs()):
-        if leg.kind != "soak" and not limits.low_degc <= leg.target_degc <= limits.high_degc:
+        if leg.kind not in {"soak", "rate"} and not limits.low_degc <= leg.target_degc <= limits.high_degc:
             text = f"{leg.name}: {leg.target_degc:g} degC is outside the station's limits, "
             text += f"{limits.low_degc:g} to {limits.high_degc:g} degC; lower the target or name another station"
             yield _find(profile, "error", text, leg)
@@ -148,6 +151,25 @@ def _too_fast(profile: Profile, limits: Limits) -> Iterator[Finding]:
             text = f"{leg.name}: from {first:.0f} to {last:.0f} degC the chamber can only do "
             text += f"{np.min(fastest):.2g} degC/min; the leg waits for it, about {late_s / 60:.0f} min longer"
             yield _find(profile, "warning", text, leg)
+
+
+def _turns(profile: Profile, limits: Limits) -> Iterator[Finding]:
+    turning = [leg for leg in profile.legs() if leg.turn_dps]
+    if not turning:
+        return
+    if limits.turn_dps is None:
+        text = f"{turning[0].name}: turns a rate table, but the station has none; name a station with `rate_table`"
+        yield _find(profile, "error", text, turning[0])
+        return
+    for line in dict.fromkeys(leg.line for leg in turning):
+        fastest = max((leg for leg in turning if leg.line == line), key=lambda leg: abs(leg.turn_dps))
+        if abs(fastest.turn_dps) > limits.turn_dps:
+            text = f"{fastest.name}: {fastest.turn_dps:g} deg/s is outside the rate table's limits, "
+            yield _find(profile, "error", f"{text}+-{limits.turn_dps:g} deg/s; lower the rate", fastest)
+    for sign, missing in ((1, "negative"), (-1, "positive")):
+        if all(sign * leg.turn_dps >= 0 for leg in turning):
+            text = f"turns one way only, no {missing} rates: scale factor and bias cannot be told from each other there"
+            yield _find(profile, "warning", text, turning[-1])
 
 
 def _ends(profile: Profile, limits: Limits) -> Iterator[Finding]:

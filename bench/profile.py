@@ -1,7 +1,8 @@
 """Temperature profiles: a YAML file, and the legs that the sequencer executes.
 
 A ramp asks the chamber for a rate and ends when the chamber has arrived; a soak keeps the set point; a step jumps,
-settles and is averaged; a repeat repeats. Times are nominal: the chamber may need longer and the legs wait for it.
+settles and is averaged; a rate turns the rate table at a standing temperature; a repeat repeats. Times are nominal:
+the chamber may need longer and the legs wait for it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from pydantic import BaseModel, Field, PrivateAttr, model_validator
 from bench import config
 from bench.channels import FloatArray
 from bench.guards import GuardSettings
-from bench.segments import Name, Ramp, Rates, Repeat, Segment, SettleChange, SettleRule, Soak, Start, Step
+from bench.segments import Name, Ramp, Rates, RateSteps, Repeat, Segment, SettleChange, SettleRule, Soak, Start, Step
 
 __all__ = ["Leg", "Profile", "SettleRule", "from_document", "from_text", "load"]
 
@@ -32,7 +33,13 @@ STEP_DEGC_PER_MIN = 3.0
 UNIT_TAU_MIN = 8.0
 """Nominal time constant of a unit in its fixture [min]; only predicted durations depend on it."""
 
+ACCEL_DPS2 = 20.0
+"""Nominal acceleration of a rate table [deg/s^2]; only predicted durations depend on it."""
+
 _MAX_LEGS = 2000
+_LATEST_TURN_S = 300.0
+
+Kind = Literal["ramp", "soak", "step", "rate"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +48,7 @@ class Leg:
 
     index: int
     name: str
-    kind: Literal["ramp", "soak", "step"]
+    kind: Kind
     from_degc: float
     """Nominal: where the leg before ended."""
     target_degc: float
@@ -60,6 +67,8 @@ class Leg:
     move_s: float = 0.0
     """Nominal time in which the set point moves."""
     arrival_band_degc: float = 1.0
+    turn_dps: float = 0.0
+    """Rate of the rate table [deg/s]; `duration_s` of a rate counts from when the table has got there."""
     line: int | None = None
     """Line in the profile's file."""
 
@@ -77,7 +86,7 @@ class Leg:
 
 
 class Profile(BaseModel):
-    """A temperature profile: what the chamber does, in order."""
+    """A temperature profile: what the chamber and the rate table do, in order."""
 
     model_config = config.STRICT
 
@@ -161,6 +170,7 @@ class _Builder:
         self._legs: list[Leg] = []
         self._names: Counter[str] = Counter()
         self._degc = AMBIENT_DEGC
+        self._turn_dps = 0.0
         self._place: config.Place = ()
 
     def legs(self) -> tuple[Leg, ...]:
@@ -172,10 +182,13 @@ class _Builder:
                 self._stay("start soak", start.soak_min)
         for place, segment in _walk(self._profile.segments, ("segments",)):
             self._place = place
+            self._turn_dps = 0.0 if isinstance(segment, RateSteps) else segment.turn_dps
             if isinstance(segment, Ramp):
                 self._ramp(segment)
             elif isinstance(segment, Soak):
                 self._soak(segment)
+            elif isinstance(segment, RateSteps):
+                self._rates(segment)
             else:
                 self._step(segment)
             if len(self._legs) > _MAX_LEGS:
@@ -218,6 +231,23 @@ class _Builder:
             self._settle(f"{step.name or 'step'} to {target:g}", target, self._rule(step.settle), i)
             self._stay(f"{step.name or 'step'} at {target:g}", step.average_min)
 
+    def _rates(self, turning: RateSteps) -> None:
+        for i, target in enumerate(turning.temperatures_degc or (None,)):
+            self._turn_dps = 0.0
+            if target is not None:
+                self._settle(f"{turning.name or 'rates'}: to {target:g}", target, self._rule(turning.settle), i)
+            for turn in turning.turns():
+                reach_s = abs(turn - self._turn_dps) / ACCEL_DPS2
+                self._turn_dps = turn
+                self._add(
+                    f"{turning.name or 'rate'} {turn:+g} deg/s at {self._degc:g}",
+                    "rate",
+                    self._degc,
+                    duration_s=turning.dwell_s,
+                    nominal_s=reach_s + turning.dwell_s,
+                    timeout_s=reach_s + turning.dwell_s + _LATEST_TURN_S,
+                )
+
     def _settle(self, name: str, target_degc: float, rule: SettleRule, item: int | None = None) -> None:
         move_s = 60.0 * abs(target_degc - self._degc) / STEP_DEGC_PER_MIN
         place = self._place if item is None else (*self._place, "temperatures_degc", item)
@@ -236,7 +266,7 @@ class _Builder:
     def _rule(self, own: SettleChange | None) -> SettleRule:
         return self._profile.settle.model_copy(update={} if own is None else own.model_dump(exclude_none=True))
 
-    def _add(self, name: str, kind: Literal["ramp", "soak", "step"], target_degc: float, **values: Any) -> None:
+    def _add(self, name: str, kind: Kind, target_degc: float, **values: Any) -> None:
         self._names[name] += 1
         leg = Leg(
             index=len(self._legs),
@@ -245,6 +275,7 @@ class _Builder:
             from_degc=self._degc,
             target_degc=target_degc,
             nominal_start_s=self._legs[-1].nominal_end_s if self._legs else 0.0,
+            turn_dps=self._turn_dps,
             **{"line": self._lines(self._place), **values},
         )
         self._legs.append(leg)
@@ -258,7 +289,9 @@ def _settling_s(move_s: float, rule: SettleRule) -> float:
     return max(rule.dwell_s, tau_s * math.log(max(slope / rule.slope_degc_per_min, 1.0)))
 
 
-def _walk(segments: tuple[Segment, ...], place: config.Place) -> Iterator[tuple[config.Place, Ramp | Soak | Step]]:
+def _walk(
+    segments: tuple[Segment, ...], place: config.Place
+) -> Iterator[tuple[config.Place, Ramp | Soak | Step | RateSteps]]:
     """Every segment with its place in the file, repeats written out."""
     for i, segment in enumerate(segments):
         if isinstance(segment, Repeat):

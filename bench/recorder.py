@@ -19,6 +19,7 @@ from bench.store import RunFolder
 from drivers.chamber import ChamberReading, Write
 from drivers.clock import Clock
 from drivers.journal import JournalWriter, Kind
+from drivers.rate_table import TableArray
 from drivers.registers import Value
 
 READING = np.dtype(
@@ -79,6 +80,10 @@ class Recorder:
             value = getattr(reading, name)
             row[name] = math.nan if value is None else float(bool(value) if name == "alarm" else value)
         self._append(Kind.READING, row.tobytes(), reading.t_s)
+
+    def table(self, readings: TableArray) -> None:
+        """Record what the encoder of the rate table said, (n,)."""
+        self._append(Kind.TABLE, readings.tobytes(), float(readings["t_s"][-1]))
 
     def write(self, write: Write) -> None:
         """Record a register of the chamber that was written, and what it reads back."""

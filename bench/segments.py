@@ -1,4 +1,4 @@
-"""The segments of a profile's file: ramp, soak, step, repeat, and what settled means."""
+"""The segments of a profile's file: ramp, soak, step, rate, repeat, and what settled means."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ Degc = Annotated[float, Field(ge=-273.15, le=1000)]
 Rate = Annotated[float, Field(gt=0, le=100)]
 Minutes = Annotated[float, Field(ge=0, le=100_000)]
 Positive = Annotated[float, Field(gt=0, le=100_000)]
+Turn = Annotated[float, Field(ge=-10_000, le=10_000)]
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f]+$")]
 
 
@@ -64,6 +65,8 @@ class Ramp(BaseModel):
     """The ramp has arrived when the chamber air is this near."""
     timeout_min: Positive = 60.0
     """Time that the chamber may be late."""
+    turn_dps: Turn = 0.0
+    """Rate of the table meanwhile [deg/s]; the station needs one."""
 
 
 class Soak(BaseModel):
@@ -79,6 +82,8 @@ class Soak(BaseModel):
     """Wait also until the temperature has settled."""
     settle: SettleChange | None = None
     """Values that differ from the profile's `settle`."""
+    turn_dps: Turn = 0.0
+    """Rate of the table meanwhile [deg/s]; the station needs one."""
 
     @model_validator(mode="after")
     def _ends(self) -> Soak:
@@ -102,6 +107,39 @@ class Step(BaseModel):
     """Averaging time at each of them, after it has settled."""
     settle: SettleChange | None = None
     """Values that differ from the profile's `settle`."""
+    turn_dps: Turn = 0.0
+    """Rate of the table meanwhile, on the way and while averaging [deg/s]; the station needs one."""
+
+
+class RateSteps(BaseModel):
+    """Fixed temperature, several rates of the rate table, one after the other."""
+
+    model_config = config.STRICT
+
+    kind: Literal["rate"]
+    name: Name | None = None
+    rates_dps: Annotated[tuple[Turn, ...], Field(min_length=1, max_length=200)]
+    """Rates in their order [deg/s]; 0 is a stand."""
+    dwell_s: Positive
+    """Time at each of them, once the table has got there [s]."""
+    both_directions: bool = True
+    """Each rate is followed by the same one the other way; what it leaves of a cable's twist is undone."""
+    temperatures_degc: Annotated[tuple[Degc, ...], Field(min_length=1, max_length=200)] | None = None
+    """Go to each of these, settle with the table standing, and turn there; left out: where the chamber stands."""
+    settle: SettleChange | None = None
+    """Values that differ from the profile's `settle`."""
+
+    @model_validator(mode="after")
+    def _settles(self) -> RateSteps:
+        if self.settle is not None and self.temperatures_degc is None:
+            raise ValueError("`settle` has no effect without `temperatures_degc`; add them or remove `settle`")
+        return self
+
+    def turns(self) -> tuple[float, ...]:
+        """All rates in their order, both directions written out [deg/s]."""
+        if not self.both_directions:
+            return self.rates_dps
+        return tuple(turn for rate in self.rates_dps for turn in ((rate, -rate) if rate else (0.0,)))
 
 
 class Repeat(BaseModel):
@@ -116,7 +154,7 @@ class Repeat(BaseModel):
     """What."""
 
 
-Segment = Annotated[Ramp | Soak | Step | Repeat, Field(discriminator="kind")]
+Segment = Annotated[Ramp | Soak | Step | RateSteps | Repeat, Field(discriminator="kind")]
 Repeat.model_rebuild()
 
 

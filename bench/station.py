@@ -19,6 +19,8 @@ from bench.errors import EquipmentError
 from bench.links import Link
 from bench.recorder import Recorder
 from bench.store import share
+from bench.tables import open_table, simulate_table
+from bench.turning import Turntable
 from drivers.canbus import Capture, InProcessCapture, ProcessCapture, open_bus
 from drivers.chamber import Chamber, Write
 from drivers.clock import Clock, SimClock, WallClock
@@ -61,6 +63,8 @@ class Station:
     ) -> None:
         limits = settings.chamber.lowest_degc, settings.chamber.highest_degc
         self.settings, self.clock = settings, clock
+        self.started_s = clock.now()
+        """Bench time at which it was opened [s]."""
         self.chamber = Chamber(link, registers, limits, clock, journal=self._written)
         self.everyone = tuple(LiveUnit(unit, clock) for unit in units)
         self.units = list(self.everyone)
@@ -71,6 +75,8 @@ class Station:
         """Sees every unit that leaves."""
         self.on_event: Callable[..., None] = lambda kind, text, **facts: None
         """Hears what happens to the buses: kind, text and numbers of an event."""
+        self.turntable: Turntable | None = None
+        """The rate table that the units are on, where there is one."""
         self.local_buses: dict[str, can.BusABC] = {}
         self._captures: dict[str, Capture] = {}
         self._links: dict[str, Link] = {}
@@ -78,6 +84,8 @@ class Station:
 
     def start_capture(self, recorder: Recorder) -> None:
         """Capture every bus that a unit is on into one journal, which the run folders of all units on it share."""
+        if self.turntable is not None:
+            self.turntable.record, self.turntable.on_event = recorder.table, recorder.event
         folders = list(zip(self.everyone, recorder.runs, strict=True))
         for name in sorted({unit.settings.bus for unit in self.everyone}):
             path, *others = (run.journal / f"{name}.gtbj" for unit, run in folders if unit.settings.bus == name)
@@ -99,8 +107,11 @@ class Station:
         """Take in what was captured since the last call; drop units that fail alone.
 
         Raises EquipmentError when no unit is left on a bus that works, InputError when another unit than the
-        described one answers before all were heard, or in the place of the last one.
+        described one answers before all were heard, or in the place of the last one; DriverError or EquipmentError
+        when the rate table fails.
         """
+        if self.turntable is not None:
+            self.turntable.poll()
         for name, capture in self._captures.items():
             self._take(name, capture.poll())
         lost = self._lost_buses()
@@ -180,22 +191,24 @@ class Station:
 
 
 @contextmanager
-def open_station(settings: StationSettings, units: Sequence[UnitSettings], occasion: str = "") -> Iterator[Station]:
+def open_station(
+    settings: StationSettings, units: Sequence[UnitSettings], occasion: str = "", start_s: float = 0.0
+) -> Iterator[Station]:
     """Open what `units` need: the chamber, identified, and the buses; closed again in reverse order.
 
-    `occasion`, the name of what is run, makes the noise of a simulated station its own.
+    `occasion`, the name of what is run, makes the noise of a simulated station its own. Bench time begins at `start_s`.
     """
     registers = load_map(settings.chamber.map)
     with ExitStack() as stack:
         clock: Clock
         if settings.simulated:
-            clock = SimClock()
+            clock = SimClock(start_s=start_s)
             buses = _private_buses(settings)
             simulation = stack.enter_context(closing(simulate(settings, units, buses, stack, occasion)))
             clock.attach(simulation.advance)
             connection = Connection(url=f"tcp://127.0.0.1:{simulation.modbus_port}")
         else:
-            clock, buses = WallClock(), settings.buses
+            clock, buses = WallClock(start_s), settings.buses
             assert settings.chamber.connection is not None  # checked with the file
             connection = settings.chamber.connection
         link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
@@ -206,6 +219,7 @@ def open_station(settings: StationSettings, units: Sequence[UnitSettings], occas
                 bus = open_bus(buses[name].to_driver())
                 stack.callback(bus.shutdown)
                 station.local_buses[name] = bus
+        station.turntable = open_table(settings, clock, buses, stack)
         station.chamber.identify()
         stack.callback(station.stop_capture)
         yield station
@@ -231,7 +245,8 @@ def simulate(
             stack.callback(wires[unit.bus].shutdown)
         wire = CanGyro(wires[unit.bus], unit.number, unit.identity or unit.number + 1, layout=unit.gyro)
         simulated.append(SimulatedUnit(Resonator(physics, seed=seed + settings.units.index(unit)), wire))
-    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port)
+    table = simulate_table(settings, buses, stack, seed)
+    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table)
 
 
 def _private_buses(settings: StationSettings) -> dict[str, Bus]:

@@ -50,6 +50,7 @@ class Kind(IntEnum):
     READING = 2  # chamber readings, float64 rows
     EVENT = 3  # one JSON object
     META = 4  # one JSON object: what is needed to decode this file by itself
+    TABLE = 5  # encoder readings of the rate table, TABLE records
 
 
 _KINDS = frozenset(Kind)

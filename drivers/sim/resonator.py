@@ -8,7 +8,7 @@ the slow channels' rate (50 Hz), from where the sum is carried to the rate's sam
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import resources
@@ -75,7 +75,10 @@ def _explain(item: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """What acts on the unit during one step; pairs are (start, end) and linear between."""
+    """What acts on the unit during one step; pairs are (start, end) and linear between.
+
+    The applied rate may have more values, equally spaced from start to end.
+    """
 
     t0_s: float
     samples: int
@@ -85,7 +88,7 @@ class Environment:
     supply_v: float = 5.0
     compressor: float = 0.0
     heater: float = 0.0
-    applied_rate_dps: tuple[float, float] = (0.0, 0.0)
+    applied_rate_dps: Sequence[float] | FloatArray = (0.0, 0.0)
     humidity: float = 0.4
     powered: bool = True
     rate_hz: float = 500.0
@@ -204,14 +207,12 @@ class Resonator:
     def _scene(self, environment: Environment) -> Scene:
         n = environment.samples // DIVIDER
         share = np.arange(n + 1) / n
-        case, air, applied = (
+        case, air = (
             first + (last - first) * share
-            for first, last in (
-                environment.fixture_temperature,
-                environment.air_temperature,
-                environment.applied_rate_dps,
-            )
+            for first, last in (environment.fixture_temperature, environment.air_temperature)
         )
+        turned = np.asarray(environment.applied_rate_dps, dtype=np.float64)
+        applied = np.interp(share, np.linspace(0.0, 1.0, len(turned)), turned)
         paths = self._thermometry(case, self._node_s)
         elapsed = self._node_s * np.arange(n + 1, dtype=np.float64)
         on = self._on_s + elapsed if environment.powered else np.zeros(n + 1)

@@ -1,4 +1,4 @@
-"""The simulated station: chamber plant behind a Modbus server, gyros on a CAN bus, stepped together in lock-step.
+"""The simulated station: chamber plant behind a Modbus server, gyros and a rate table on CAN buses, in lock-step.
 
 `advance(t0, t1)` is what a `SimClock` calls: commands are taken from the chamber's registers, the plant and each gyro
 advance, the registers and the frames follow. Nothing here knows who reads them.
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from drivers.registers import RegisterMap
 from drivers.sim.can_gyro import CanGyro
+from drivers.sim.cia402_table import SimulatedTable
 from drivers.sim.modbus_chamber import ModbusChamber
 from drivers.sim.plant import Plant
 from drivers.sim.resonator import Environment, Resonator
@@ -30,9 +31,15 @@ class SimulatedStation:
     """A chamber and the units in it; `modbus_port` is where the chamber listens."""
 
     def __init__(
-        self, register_map: RegisterMap, plant: Plant, units: Sequence[SimulatedUnit], modbus_port: int = 0
+        self,
+        register_map: RegisterMap,
+        plant: Plant,
+        units: Sequence[SimulatedUnit],
+        modbus_port: int = 0,
+        table: SimulatedTable | None = None,
     ) -> None:
         self.plant = plant
+        self.table = table
         self.units = list(units)
         self.chamber = ModbusChamber(register_map, port=modbus_port, temperature=plant.state.process_value)
         self._samples_due = 0.0
@@ -50,6 +57,7 @@ class SimulatedStation:
         ramp = commands.ramp_rate_degc_per_min
         after = self.plant.step(t1_s - t0_s, commands.setpoint, on=commands.on, ramp_degc_per_min=ramp)
         self._publish()
+        turned = (0.0, 0.0) if self.table is None else self.table.advance(t0_s, t1_s)
         self._samples_due += (t1_s - t0_s) * SAMPLE_RATE_HZ
         samples = int(self._samples_due + 1e-6)
         self._samples_due -= samples
@@ -61,6 +69,7 @@ class SimulatedStation:
                 fixture_temperature=(before.case, after.case),
                 air_temperature=(before.air, after.air),
                 compressor=float(after.compressor),
+                applied_rate_dps=turned,
             )
             for unit in self.units:
                 unit.wire.send(t0_s, unit.physics.advance(environment))
@@ -78,3 +87,5 @@ class SimulatedStation:
     def close(self) -> None:
         """Stop the Modbus server; the buses belong to whoever opened them."""
         self.chamber.close()
+        if self.table is not None:
+            self.table.close()
