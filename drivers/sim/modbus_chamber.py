@@ -54,7 +54,7 @@ class ModbusChamber:
         self._lock = threading.Lock()
         everything = list(self._map.registers.values())
         self._words = [0] * max(register.end for register in everything)
-        self._writable = {address: r for r in everything if r.write for address in range(r.address, r.end)}
+        self._writable = {address: r.name for r in everything if r.write for address in range(r.address, r.end)}
         self._codes = {register.read for register in everything}
         self._limits = limits
         self._boot(temperature, places)
@@ -215,8 +215,11 @@ class ModbusChamber:
         """Take a write of whole registers, or refuse all of it: 2 not writable, 3 value not accepted."""
         accepted: list[tuple[Register, tuple[int, ...]]] = []
         while words:
-            register = self._writable.get(address)
-            if register is None or register.address != address or len(words) < register.count:
+            name = self._writable.get(address)
+            if name is None:
+                return ExcCodes.ILLEGAL_ADDRESS
+            register = self._map[name]
+            if register.address != address or len(words) < register.count:
                 return ExcCodes.ILLEGAL_ADDRESS
             if code == 6 and register.count != 1:
                 return ExcCodes.ILLEGAL_ADDRESS

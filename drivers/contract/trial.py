@@ -1,0 +1,98 @@
+"""One behaviour's fresh controller and the real driver on it, and what behaviours need to be told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Protocol
+
+from drivers.chamber import Chamber, Write
+from drivers.clock import SimClock
+from drivers.errors import DriverError
+from drivers.modbus import ModbusLink
+from drivers.register import Register, Value
+from drivers.register_map import RegisterMap
+
+LIMITS = (-40.0, 85.0)
+"""Station limits [degC] of the trial; every map has to allow them."""
+
+
+class Served(Protocol):
+    """A controller that serves a map: its address, and its registers from the inside."""
+
+    @property
+    def url(self) -> str:
+        """Address for a link."""
+
+    def words(self, name: str) -> list[int]:
+        """Raw words of a register."""
+
+    def set_words(self, name: str, words: Iterable[int]) -> None:
+        """Put raw words into a register; of a masked one only its bits."""
+
+    def close(self) -> None:
+        """End it."""
+
+
+class NotApplicable(Exception):  # noqa: N818 - an outcome, not an error
+    """The controller has nothing that this behaviour is about."""
+
+
+class Trial:
+    """One behaviour's fresh controller, and the driver on it."""
+
+    def __init__(self, registers: RegisterMap, served: Served) -> None:
+        self.described = registers
+        self.map = registers.with_decimals(dict.fromkeys(registers.decimals, 1))
+        self.served = served
+        self.link = ModbusLink(served.url, timeout_s=5.0, attempts=1)
+        self.writes: list[Write] = []
+        self.clock = SimClock()
+        self.chamber = Chamber(self.link, registers, LIMITS, self.clock, journal=self.writes.append, secondary_s=0.0)
+
+    def value(self, name: str) -> Value:
+        """What a register holds."""
+        return self.map[name].decode(self.served.words(name))
+
+    def put(self, name: str, value: Value) -> None:
+        """Change a register from the controller's side."""
+        self.served.set_words(name, self.map[name].encode(value))
+
+    def image(self) -> dict[str, list[int]]:
+        """All registers."""
+        return {name: self.served.words(name) for name in self.map.registers}
+
+    def refused(self, error: type[DriverError], call: Callable[[], object], what: str) -> str:
+        """The text of the refusal that has to come."""
+        try:
+            call()
+        except error as refusal:
+            return str(refusal)
+        raise AssertionError(f"{what} was not refused")
+
+
+def check(true: bool, text: str) -> None:
+    """AssertionError with `text` unless `true`; unlike assert it also stands with -O."""
+    if not true:
+        raise AssertionError(text)
+
+
+def impossible(register: Register) -> tuple[int, ...]:
+    """Words that no working sensor gives: NaN, or the end of the integer's range."""
+    words: tuple[int, ...] = (0x7FC0, 0) if register.type == "float32" else (0x7FFF,)
+    return words if register.word_order == "high_first" else tuple(reversed(words))
+
+
+def foreign(register: Register) -> tuple[int, ...]:
+    """Words that satisfy no sensible rule about a register."""
+    if register.type == "ascii":
+        return (ord("?"),) * register.count
+    return (0xFFFF if register.mask is None else register.mask,) * register.count
+
+
+def alarm(register: Register) -> tuple[int, ...]:
+    """Words of an alarm register that is one."""
+    for name, code in register.values.items():
+        if register.is_alarm(name):
+            return (code,)
+    bits = 0xFFFF if register.mask is None else register.mask
+    return (next(code for code in range(1, 0x10000) if code & bits == code and code not in register.values.values()),)
