@@ -1,4 +1,4 @@
-"""The only module that opens CAN buses, and the captures that put every frame of a bus into a journal.
+"""The captures that put every frame of a CAN bus into a journal.
 
 `InProcessCapture` serves a simulated bus in lock-step. `ProcessCapture` serves a real bus: an OS process of its own
 with a bare receive loop, because analysis in the same process holds the interpreter longer than a kernel buffers.
@@ -10,63 +10,23 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import socket
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import can
 import numpy as np
 
-from drivers.capture import Beat, CaptureHealth, Recorder, raise_priority, stop_when
-from drivers.errors import ConfigError, DriverError, LinkError
+from drivers.capture import Recorder, event, one_line, raise_priority, stop_when, summarise
+from drivers.errors import DriverError, LinkError
 from drivers.frames import NO_FRAMES, to_frames, to_record
+from drivers.health import Beat, CaptureHealth, Tally
+from drivers.interfaces import BusSettings, open_bus
 from drivers.journal import FLAG_ERROR, MAX_PAYLOAD, FrameArray, JournalTail, JournalWriter, Kind
 
 __all__ = ["BusSettings", "Capture", "CaptureHealth", "InProcessCapture", "ProcessCapture", "open_bus"]
-
-_RECEIVE_BUFFER = 8 << 20
-_SO_RCVBUFFORCE = 33
-
-
-@dataclass(frozen=True)
-class BusSettings:
-    """Which python-can interface to open; `options` are passed to it as they are."""
-
-    interface: str
-    channel: str
-    bitrate: int | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        return f"CAN bus {self.interface}:{self.channel}"
-
-
-def open_bus(settings: BusSettings) -> can.BusABC:
-    """Open a bus; ConfigError when the settings cannot work anywhere, LinkError when the bus is not there now."""
-    options = dict(settings.options)
-    if settings.bitrate is not None:
-        options["bitrate"] = settings.bitrate
-    try:
-        bus = can.Bus(interface=settings.interface, channel=settings.channel, ignore_config=True, **options)
-    except (NotImplementedError, ImportError, TypeError, ValueError) as error:
-        raise ConfigError(f"{settings}: {_one_line(error)}") from error
-    except (can.CanError, OSError) as error:
-        raise LinkError(f"{settings} does not open: {_one_line(error)}") from error
-    _enlarge_buffer(bus)
-    return bus
-
-
-def _enlarge_buffer(bus: can.BusABC) -> None:
-    """SocketCAN holds some 300 frames unless asked for more; where the system refuses, it stays as it is."""
-    link = getattr(bus, "socket", None)
-    if isinstance(link, socket.socket) and link.family == getattr(socket, "AF_CAN", None):
-        with contextlib.suppress(OSError):
-            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
-        with contextlib.suppress(OSError):
-            link.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
 
 
 class Capture(Protocol):
@@ -86,50 +46,93 @@ class InProcessCapture:
     """Drains a bus into a journal whenever it is polled. Bus and journal remain the caller's.
 
     `stamp` turns a `Message.timestamp` [s] into bench time [ns]; without it the bus carries bench time already, as
-    a simulated one does. OSError of the journal (a full disk) reaches the caller.
+    a simulated one does. `now` is bench time [s] for errors and events; without it they get that of the last frame.
+    A bus that fails is tried again at the next poll. OSError of the journal (a full disk) reaches the caller.
     """
 
-    def __init__(self, bus: can.BusABC, writer: JournalWriter, stamp: Callable[[float], int] | None = None) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        writer: JournalWriter,
+        stamp: Callable[[float], int] | None = None,
+        now: Callable[[], float] | None = None,
+    ) -> None:
         self._bus = bus
         self._writer = writer
         self._stamp = stamp
-        self._frames = self._error_frames = 0
-        self._last_frame_s: float | None = None
+        self._tally = Tally()
+        self._now = now or (lambda: max(self._tally.last_ns, 0) * 1e-9)
         self._error: str | None = None
 
     def poll(self) -> FrameArray:
         """Frames that have arrived since the last call, (n,)."""
-        frames = self._receive()
-        if not len(frames):
-            return frames
-        self._frames += len(frames)
-        self._error_frames += int(np.count_nonzero(frames["flags"] & FLAG_ERROR))
-        self._last_frame_s = float(frames["t_ns"][-1]) * 1e-9
-        most = MAX_PAYLOAD // frames.itemsize
-        for start in range(0, len(frames), most):
-            block = frames[start : start + most]
-            self._writer.append(Kind.FRAMES, block.tobytes(), len(block), self._last_frame_s)
+        error: str | None = None
+        frames = NO_FRAMES
+        try:
+            frames = self._receive()
+        except (can.CanError, OSError) as problem:
+            error = one_line(problem)
+        self._report(error)
+        if len(frames):
+            self._keep(frames)
         return frames
 
     def health(self) -> CaptureHealth:
-        """Counts so far and the last error of the bus."""
-        return CaptureHealth(self._frames, self._last_frame_s, self._error, self._error_frames)
+        """Counts so far and what is wrong with the bus."""
+        tally = self._tally
+        return CaptureHealth(
+            tally.frames,
+            tally.last_ns * 1e-9 if tally.last_ns >= 0 else None,
+            self._error,
+            tally.error_frames,
+            tally.since_ns * 1e-9 if self._error is not None else None,
+            tally.recoveries,
+            unreadable=tally.unreadable,
+            bus=str(self._bus.channel_info),
+        )
 
     def close(self) -> None:
         """Take what is left on the bus."""
         self.poll()
+        summarise(self._writer, self._tally, self._now())
+
+    def _keep(self, frames: FrameArray) -> None:
+        self._tally.frames += len(frames)
+        self._tally.error_frames += int(np.count_nonzero(frames["flags"] & FLAG_ERROR))
+        self._tally.last_ns = int(frames["t_ns"][-1])
+        most = MAX_PAYLOAD // frames.itemsize
+        for start in range(0, len(frames), most):
+            block = frames[start : start + most]
+            self._writer.append(Kind.FRAMES, block.tobytes(), len(block), self._tally.last_ns * 1e-9)
+
+    def _report(self, error: str | None) -> None:
+        """An event when the bus begins to fail, and one when it is back."""
+        if (error is None) == (self._error is None):
+            self._error = error
+            return
+        self._error, now_s = error, self._now()
+        if error is not None:
+            self._tally.since_ns = round(now_s * 1e9)
+            event(self._writer, f"bus failed: {error}", now_s)
+        else:
+            self._tally.recoveries += 1
+            event(self._writer, "bus open again", now_s)
 
     def _receive(self) -> FrameArray:
-        records: list[bytes] = []
         stamp = self._stamp or _bench_ns
+        if self._stamp is None and hasattr(self._bus, "recv_block"):
+            block: FrameArray = self._bus.recv_block(0.0)
+            return block
+        records: list[bytes] = []
         try:
-            if self._stamp is None and hasattr(self._bus, "recv_block"):
-                block: FrameArray = self._bus.recv_block(0.0)
-                return block
             while (message := self._bus.recv(0.0)) is not None:
-                records.append(to_record(message, stamp(message.timestamp)))
-        except (can.CanError, OSError, ValueError) as error:
-            self._error = _one_line(error)
+                try:
+                    records.append(to_record(message, stamp(message.timestamp)))
+                except ValueError:  # CAN FD with more than 8 bytes
+                    self._tally.unreadable += 1
+        except (can.CanError, OSError):
+            if not records:  # what came before the failure is kept; the next poll meets the failure again
+                raise
         return to_frames(records) if records else NO_FRAMES
 
 
@@ -149,7 +152,7 @@ class ProcessCapture:
         self._tail = JournalTail(journal_path)
         self._tail.poll()  # frames of an earlier capture into the same journal are not news
         context = multiprocessing.get_context("spawn")
-        self._beat = Beat(context)
+        self._beat = Beat(context, str(settings))
         self._control, child_end = context.Pipe()
         self._process = context.Process(
             target=_capture_process,
@@ -180,7 +183,7 @@ class ProcessCapture:
         health = self._beat.health()
         if not self._process.is_alive():
             code = self._process.exitcode
-            return replace(health, error=health.error or f"capture process ended (exit code {code})")
+            return replace(health, error=health.error or f"capture process ended (exit code {code})", ended=True)
         if self._beat.age_s() > self.STALE_S and health.error is None:
             return replace(health, error=f"capture process silent for {self._beat.age_s():.1f} s")
         return health
@@ -223,7 +226,7 @@ def _capture_process(
     except DriverError as error:  # the bus did not open; the parent raises it
         control.send(error)
     except (OSError, ValueError) as error:  # a full disk, or frames that the journal cannot hold
-        beat.fail(f"capture stopped: {_one_line(error)}")
+        beat.fail(f"capture stopped: {one_line(error)}", ended=True)
     finally:
         if writer is not None:
             with contextlib.suppress(OSError):
@@ -232,7 +235,3 @@ def _capture_process(
 
 def _bench_ns(timestamp_s: float) -> int:
     return round(timestamp_s * 1e9)
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

@@ -10,59 +10,23 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from multiprocessing.context import SpawnContext
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import can
 
+from drivers.backoff import BackOff
 from drivers.errors import DriverError
 from drivers.frames import to_record
+from drivers.health import Beat, Tally
 from drivers.journal import JournalWriter, Kind
 
 BATCH_FRAMES = 1024
 BATCH_NS = 100_000_000
 SYNC_S = 1.0
-RETRY_S = 0.5
-
-
-@dataclass(frozen=True)
-class CaptureHealth:
-    """State of a capture; `error` is None while frames can arrive."""
-
-    frames: int
-    last_frame_s: float | None
-    error: str | None = None
-    error_frames: int = 0
-
-
-class Beat:
-    """Heartbeat in memory that the capture process writes and its parent reads; carries no lock that could be lost."""
-
-    TEXT_BYTES = 400
-
-    def __init__(self, context: SpawnContext) -> None:
-        self._numbers = context.RawArray("q", [0, -1, 0, 0])  # frames, last frame [ns], beat [ns], error frames
-        self._text = context.RawArray("c", self.TEXT_BYTES)
-
-    def publish(self, frames: int, last_ns: int, error_frames: int) -> None:
-        """Say that the loop is alive."""
-        self._numbers[:] = [frames, last_ns, time.monotonic_ns(), error_frames]
-
-    def fail(self, text: str) -> None:
-        """Say what is wrong; an empty text says that it is right again."""
-        self._text.value = text.encode()[: self.TEXT_BYTES - 1]
-
-    def age_s(self) -> float:
-        """Time since the last sign of life [s]."""
-        return (time.monotonic_ns() - int(self._numbers[2])) * 1e-9
-
-    def health(self) -> CaptureHealth:
-        """What was published last."""
-        frames, last_ns, _, error_frames = self._numbers[:]
-        text = self._text.value.decode(errors="replace")
-        return CaptureHealth(frames, last_ns * 1e-9 if last_ns >= 0 else None, text or None, error_frames)
+POLL_S = 0.05
+BACK_OFF = BackOff(first_s=0.5, most_s=5.0)
+ERROR_BUS_OFF = 0x40
 
 
 class Recorder:
@@ -73,8 +37,8 @@ class Recorder:
         self._writer = writer
         self._beat = beat
         self._start_ns = start_ns
-        self._frames = self._error_frames = 0
-        self._last_ns = -1
+        self._tally = Tally()
+        self._off = False  # the controller says that it is off the bus
 
     def run(self, ready: Callable[[], None], stopped: Callable[[], bool]) -> None:
         """Record until `stopped()`; calls `ready()` once the bus is open.
@@ -82,19 +46,21 @@ class Recorder:
         DriverError when the bus does not open at first; OSError when the journal cannot be written (a full disk).
         """
         bus = self._open_bus()
-        self._beat.publish(0, -1, 0)  # whoever asks right after `ready` must not find us silent
+        self._beat.publish(self._tally)  # whoever asks right after `ready` must not find us silent
         ready()
         with self._synced():
             while True:
                 try:
                     self._receive(bus, stopped)
+                    self._summarise()
                     return
                 except can.CanError as error:
-                    self._report(f"bus failed: {_one_line(error)}")
+                    self._report(f"bus failed: {one_line(error)}")
                 finally:
-                    bus.shutdown()
+                    _shut(bus)
                 reopened = self._reopen(stopped)
                 if reopened is None:
+                    self._summarise()
                     return
                 bus = reopened
                 self._report("")
@@ -114,14 +80,23 @@ class Recorder:
                 left_ns = deadline_ns - time.monotonic_ns()
                 if left_ns <= 0 < within_ns:
                     break
-                message = bus.recv(max(left_ns, 0) * 1e-9)
-                if message is None:
+                try:
+                    message = bus.recv(max(left_ns, 0) * 1e-9)
+                    if message is None:
+                        break
+                    t_ns = self._stamp_ns(message)
+                    records.append(to_record(message, t_ns))
+                except ValueError:  # a long CAN FD frame, or a line that the interface cannot parse
+                    self._tally.unreadable += 1
+                    if within_ns:
+                        continue
                     break
-                self._last_ns = self._stamp_ns(message)
-                self._error_frames += message.is_error_frame
-                records.append(to_record(message, self._last_ns))
+                self._tally.last_ns = t_ns
+                if message.is_error_frame:
+                    self._tally.error_frames += 1
+                self._watch_controller(message)
         except OSError as error:  # some interfaces let the error of the operating system through
-            raise can.CanOperationError(_one_line(error)) from error
+            raise can.CanOperationError(one_line(error)) from error
         finally:
             self._flush(records)
         return len(records)
@@ -137,25 +112,54 @@ class Recorder:
 
     def _flush(self, records: list[bytes]) -> None:
         if records:
-            self._frames += len(records)
-            self._writer.append(Kind.FRAMES, b"".join(records), len(records), self._last_ns * 1e-9, time.time_ns())
-        self._beat.publish(self._frames, self._last_ns, self._error_frames)
+            self._tally.frames += len(records)
+            last_s = self._tally.last_ns * 1e-9
+            self._writer.append(Kind.FRAMES, b"".join(records), len(records), last_s, time.time_ns())
+        self._beat.publish(self._tally)
+
+    def _watch_controller(self, message: can.Message) -> None:
+        """SocketCAN raises nothing when its controller is off the bus; an error frame says so, a frame that it is over.
+
+        linux/can/error.h: class CAN_ERR_BUSOFF is bit 0x40 of the identifier.
+        """
+        if message.is_error_frame and message.arbitration_id & ERROR_BUS_OFF and not self._off:
+            self._off = True
+            self._report(
+                "bus off: too many errors on the wire; the driver starts the controller again if restart-ms is set"
+            )
+        elif self._off and not message.is_error_frame:
+            self._off = False
+            self._report("")
 
     def _reopen(self, stopped: Callable[[], bool]) -> can.BusABC | None:
+        failures = 0
         while not stopped():
             try:
                 return self._open_bus()
             except DriverError as error:
+                failures += 1
                 self._beat.fail(str(error))
-                self._beat.publish(self._frames, self._last_ns, self._error_frames)
-                time.sleep(RETRY_S)
+                again_ns = time.monotonic_ns() + round(BACK_OFF.wait_s(failures) * 1e9)
+            while time.monotonic_ns() < again_ns and not stopped():
+                self._beat.publish(self._tally)
+                time.sleep(POLL_S)
         return None
 
     def _report(self, text: str) -> None:
-        event = {"kind": "capture", "text": text or "bus open again"}
-        now_s = (time.monotonic_ns() - self._start_ns) * 1e-9
-        self._writer.append(Kind.EVENT, json.dumps(event).encode(), 1, now_s, time.time_ns())
+        now_ns = time.monotonic_ns() - self._start_ns
+        event(self._writer, text or self._recovered(now_ns), now_ns * 1e-9)
+        self._tally.recoveries += not text
+        self._tally.since_ns = now_ns if text else -1
+        self._beat.publish(self._tally)
         self._beat.fail(text)
+
+    def _recovered(self, now_ns: int) -> str:
+        return f"bus open again after {(now_ns - self._tally.since_ns) * 1e-9:.1f} s; no frames in between"
+
+    def _summarise(self) -> None:
+        """Leave the counts of what was wrong in the journal, for the report."""
+        now_s = (time.monotonic_ns() - self._start_ns) * 1e-9
+        summarise(self._writer, self._tally, now_s)
 
     @contextmanager
     def _synced(self) -> Iterator[None]:
@@ -167,7 +171,7 @@ class Recorder:
                 try:
                     self._writer.sync()
                 except OSError as error:
-                    self._beat.fail(f"journal not on disk: {_one_line(error)}")
+                    self._beat.fail(f"journal not on disk: {one_line(error)}", ended=True)
 
         thread = threading.Thread(target=sync, name="journal sync", daemon=True)
         thread.start()
@@ -186,8 +190,32 @@ def raise_priority() -> None:
         return
 
 
-def _one_line(error: BaseException) -> str:
+def event(writer: JournalWriter, text: str, t_s: float, **facts: int) -> None:
+    """What the capture of a bus has to say, in the journal of that bus."""
+    content = {"kind": "capture", "text": text, **facts}
+    writer.append(Kind.EVENT, json.dumps(content).encode(), 1, t_s, time.time_ns())
+
+
+def summarise(writer: JournalWriter, tally: Tally, t_s: float) -> None:
+    """Counts of what was wrong on a bus, as an event; nothing was wrong: no event."""
+    if tally.error_frames or tally.recoveries or tally.unreadable:
+        text = (
+            f"{tally.frames} frames, {tally.error_frames} error frames, {tally.unreadable} unreadable, "
+            f"{tally.recoveries} times open again"
+        )
+        counts = {"error_frames": tally.error_frames, "unreadable": tally.unreadable, "recoveries": tally.recoveries}
+        event(writer, text, t_s, **counts)
+
+
+def one_line(error: BaseException) -> str:
+    """Text of an error without line breaks; its type when it has none."""
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def _shut(bus: can.BusABC) -> None:
+    """Close a bus that may have failed already."""
+    with suppress(can.CanError, OSError):
+        bus.shutdown()
 
 
 def stop_when(control: Any, parent_pid: int) -> Callable[[], bool]:

@@ -17,9 +17,9 @@ _RECORD = struct.Struct("<qIBBBB8s")
 
 
 def to_record(message: can.Message, t_ns: int, channel: int = 0) -> bytes:
-    """One FRAME record, 24 bytes, received at `t_ns` [ns]; ValueError for CAN FD, which has no such record."""
-    if message.is_fd:
-        raise ValueError(f"CAN FD frame 0x{message.arbitration_id:X}: the bench speaks classical CAN")
+    """One FRAME record, 24 bytes, received at `t_ns` [ns]; ValueError for a CAN FD frame of more than 8 bytes."""
+    if message.dlc > 8:
+        raise ValueError(f"CAN FD frame 0x{message.arbitration_id:X}: {message.dlc} bytes, classical CAN has 8")
     flags = (
         FLAG_EXTENDED * message.is_extended_id
         | FLAG_REMOTE * message.is_remote_frame

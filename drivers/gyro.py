@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.errors import ConfigError
+from drivers.identity import Identity, Impostors
 from drivers.journal import FLAG_EXTENDED, FrameArray
 from drivers.samples import CounterTrack, FloatArray, IntArray, SampleClock
 from drivers.wire import ByteArray, Message, load_dbc
@@ -67,16 +68,6 @@ class Losses:
 
 
 @dataclass(frozen=True)
-class Identity:
-    """What the unit says about itself in its heartbeat."""
-
-    serial: int
-    firmware: int
-    coefficient_set: int
-    state: int
-
-
-@dataclass(frozen=True)
 class Series:
     """A slow channel: `value` (m,) in the unit of the channel, sampled with the rate samples `index` (m,)."""
 
@@ -98,8 +89,8 @@ class GyroBlock:
 class GyroDecoder:
     """Unit `number` of a gyro family: frames in, samples out. Stateful: feed it the blocks in the order of capture.
 
-    `losses` counts since the start, `identity` is what the last heartbeat said (None before the first),
-    `last` holds the latest value of each slow channel, `samples` the number of rate samples delivered.
+    `losses` counts since the start, `identity` is what the last heartbeat said (None before the first), `last` holds
+    the latest value of each slow channel, `samples` the number of rate samples delivered.
     """
 
     def __init__(self, dbc: str | Path, number: int, *, late_s: float = 0.5) -> None:
@@ -109,6 +100,7 @@ class GyroDecoder:
         self.last: dict[str, float] = {}
         self.samples = 0
         self._number = number
+        self._impostors = Impostors(number)
         self._rate = _one_with(messages, dbc, "Rate", "SampleCounter")
         if self._rate.cycle_ms is None:
             raise ConfigError(f"DBC {dbc}: {self._rate.name} has no cycle time (GenMsgCycleTime [ms])")
@@ -148,12 +140,19 @@ class GyroDecoder:
             invalid=len(valid) - int(np.count_nonzero(valid)),
         )
         self.samples += len(valid)
+        if len(counter):
+            self._impostors.counted(len(counter), placed.rogue + placed.repeated)
         return GyroBlock(placed.index[rows], t_ns[rows], rate_dph, valid, slow)
 
     @property
     def losses(self) -> Losses:
         """Counts since the start."""
         return Losses(**self._counts)
+
+    @property
+    def conflict(self) -> str | None:
+        """Two units under one number, or another one than before, in words; None when all is well."""
+        return self._impostors.conflict
 
     def _count(self, **more: int) -> None:
         for name, count in more.items():
@@ -183,10 +182,11 @@ class GyroDecoder:
         if said == self._said:  # the same once a second is no news
             return at[:0]
         raw = {name: signal.unpack(data) for name, signal in self._heartbeat.signals.items()}
+        one = self._impostors.heard(raw["Serial"].tolist())
         last = {name: int(values[-1]) for name, values in raw.items()}
         self.identity = Identity(last["Serial"], last.get("Firmware", 0), last.get("CoefficientSet", 0), last["State"])
         boot: IntArray = at[raw["State"] == BOOT_UP]
-        self._said = b"" if len(boot) else said
+        self._said = said if one and not len(boot) else b""
         return boot
 
     def _boot_rows(self, at: IntArray, boot: IntArray) -> IntArray:

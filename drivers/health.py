@@ -1,0 +1,100 @@
+"""How a capture is: what it has seen, what is wrong and since when; readable from another process."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from multiprocessing.context import SpawnContext
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class CaptureHealth:
+    """State of a capture; `error` is None while frames can arrive."""
+
+    frames: int
+    last_frame_s: float | None
+    error: str | None = None
+    error_frames: int = 0
+    since_s: float | None = None
+    """Bench time [s] at which `error` began."""
+    recoveries: int = 0
+    """How often frames could arrive again after an error."""
+    ended: bool = False
+    """Nobody will try again: the capture process has gone, or the disk refuses its journal."""
+    unreadable: int = 0
+    """What arrived and fits no record: CAN FD frames of more than 8 bytes, garbled lines of an adapter."""
+    bus: str = ""
+
+    @property
+    def state(self) -> Literal["ok", "degraded", "lost"]:
+        """`degraded`: nothing arrives, the bus is being opened again; `lost`: it will not come back by itself."""
+        if self.error is None:
+            return "ok"
+        return "lost" if self.ended else "degraded"
+
+    def __str__(self) -> str:
+        since = f" since {self.since_s:.1f} s" if self.since_s is not None else ""
+        return f"{self.bus or 'bus'}: {self.state}{since}{f' ({self.error})' if self.error else ''}"
+
+
+class Beat:
+    """Heartbeat in memory that the capture process writes and its parent reads; carries no lock that could be lost."""
+
+    TEXT_BYTES = 400
+
+    def __init__(self, context: SpawnContext, bus: str = "") -> None:
+        self.bus = bus
+        self._beat = context.RawValue("q", 0)
+        self._numbers = context.RawArray("q", [0, -1, -1, 0, 0, 0])  # as in `publish`, [ns]
+        self._text = context.RawArray("c", self.TEXT_BYTES)
+        self._ended = context.RawValue("b", 0)
+
+    def publish(self, tally: Tally) -> None:
+        """Say that the loop is alive, and what it has seen."""
+        self._numbers[:] = [
+            tally.frames,
+            tally.last_ns,
+            tally.since_ns,
+            tally.error_frames,
+            tally.recoveries,
+            tally.unreadable,
+        ]
+        self._beat.value = time.monotonic_ns()
+
+    def fail(self, text: str, *, ended: bool = False) -> None:
+        """Say what is wrong; an empty text says that it is right again."""
+        self._text.value = text.encode()[: self.TEXT_BYTES - 1]
+        self._ended.value = ended
+
+    def age_s(self) -> float:
+        """Time since the last sign of life [s]."""
+        return (time.monotonic_ns() - int(self._beat.value)) * 1e-9
+
+    def health(self) -> CaptureHealth:
+        """What was published last."""
+        frames, last_ns, since_ns, error_frames, recoveries, unreadable = self._numbers[:]
+        text = self._text.value.decode(errors="replace")
+        return CaptureHealth(
+            frames,
+            last_ns * 1e-9 if last_ns >= 0 else None,
+            text or None,
+            error_frames,
+            since_ns * 1e-9 if since_ns >= 0 and text else None,
+            recoveries,
+            bool(self._ended.value),
+            unreadable,
+            self.bus,
+        )
+
+
+@dataclass
+class Tally:
+    """What a capture has seen since its start; times are bench times [ns], -1 for never."""
+
+    frames: int = 0
+    last_ns: int = -1
+    since_ns: int = -1
+    error_frames: int = 0
+    recoveries: int = 0
+    unreadable: int = 0

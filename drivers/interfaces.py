@@ -1,0 +1,140 @@
+"""The only module that opens CAN buses: any python-can interface by its name, with its bit timing and its filters.
+
+What python-can says when the library of a vendor is not there differs from interface to interface (ImportError,
+OSError, NameError, an exception of its own); here it is one ConfigError that names what to install.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import can
+
+from drivers.capture import one_line
+from drivers.errors import ConfigError, LinkError
+
+_RECEIVE_BUFFER = 8 << 20
+_SO_RCVBUFFORCE = 33
+
+NEEDS = {
+    "socketcan": "a Linux kernel with SocketCAN (modprobe can_raw)",
+    "pcan": "PEAK's PCAN-Basic library (libpcanbasic.so, PCANBasic.dll)",
+    "kvaser": "Kvaser CANlib (libcanlib.so from the linuxcan package, canlib32.dll)",
+    "vector": "Vector's XL Driver Library (vxlapi64.dll; Windows only)",
+    "ixxat": "HMS Ixxat's VCI driver (vcinpl.dll; Windows only)",
+    "nixnet": "NI-XNET and the Python package nixnet (Windows only)",
+    "nican": "NI-CAN (nican.dll; 32-bit Windows only)",
+    "neovi": "the Python package python-ics",
+    "etas": "ETAS BOA (dll-csiBind.dll; Windows only)",
+    "systec": "SYS TEC's USB-CAN library (usbcan64.dll; Windows only)",
+    "usb2can": "8devices' usb2can.dll and the Python package pywin32 (Windows only)",
+    "iscan": "Thorsis isCAN's iscandrv library",
+    "neousys": "Neousys' WDT_DIO library",
+    "canalystii": "the Python package canalystii",
+    "cantact": "the Python package cantact",
+    "gs_usb": "the Python package gs-usb and libusb",
+    "slcan": "the Python package pyserial",
+    "robotell": "the Python package pyserial",
+    "seeedstudio": "the Python package pyserial",
+    "serial": "the Python package pyserial",
+    "udp_multicast": "the Python package msgpack",
+}
+"""What an interface of python-can 4.6 cannot do without (its documentation, and its error where it is not there)."""
+
+
+@dataclass(frozen=True)
+class BusSettings:
+    """Which python-can interface to open; `options` are passed to it as they are.
+
+    `timing` are the fields of `can.BitTiming`, or of `can.BitTimingFd` when `fd` is set; it replaces `bitrate` and
+    `data_bitrate`. `filters` are python-can filters; none: everything is received.
+    """
+
+    interface: str
+    channel: str
+    bitrate: int | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    fd: bool = False
+    data_bitrate: int | None = None
+    timing: Mapping[str, int] | None = None
+    filters: Sequence[Mapping[str, Any]] = ()
+
+    def __str__(self) -> str:
+        return f"CAN bus {self.interface}:{self.channel}"
+
+
+def open_bus(settings: BusSettings) -> can.BusABC:
+    """Open a bus; ConfigError when the settings cannot work here, LinkError when the bus is not there now.
+
+    Our own frames are never received: what was sent to a unit must not look as if the unit had sent it.
+    """
+    if settings.interface not in can.VALID_INTERFACES:
+        known = ", ".join(sorted(can.VALID_INTERFACES))
+        raise ConfigError(f"{settings}: python-can has no interface {settings.interface!r}; it has {known}")
+    options = _options(settings)
+    try:
+        bus = can.Bus(interface=settings.interface, channel=settings.channel, ignore_config=True, **options)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{settings}: {one_line(error)}; see `options` and the bit rate in the station file"
+        ) from error
+    except (NotImplementedError, ImportError, NameError, AttributeError) as error:
+        raise ConfigError(f"{settings}: {one_line(error)}{_needs(settings)}") from error
+    except (can.CanError, OSError) as error:
+        if _is_missing(error):
+            raise ConfigError(f"{settings}: {one_line(error)}{_needs(settings)}") from error
+        raise LinkError(f"{settings} does not open: {one_line(error)}") from error
+    _enlarge_buffer(bus)
+    return bus
+
+
+def _options(settings: BusSettings) -> dict[str, Any]:
+    options = dict(settings.options)
+    if options.get("receive_own_messages"):
+        raise ConfigError(f"{settings}: receive_own_messages must stay off, or our own frames are taken for a unit's")
+    if settings.bitrate is not None and settings.timing is None:
+        options["bitrate"] = settings.bitrate
+    if settings.fd:
+        options["fd"] = True
+        if settings.data_bitrate is not None and settings.timing is None:
+            options["data_bitrate"] = settings.data_bitrate
+    if settings.timing is not None:
+        options["timing"] = _timing(settings, settings.timing)
+    if settings.filters:
+        options["can_filters"] = [dict(rule) for rule in settings.filters]
+    return options
+
+
+def _timing(settings: BusSettings, given: Mapping[str, int]) -> can.BitTiming | can.BitTimingFd:
+    """Bit timing from its fields; from bit rate and sample point (`from_sample_point`) where the fields say so."""
+    kind = can.BitTimingFd if settings.fd else can.BitTiming
+    by_point = "sample_point" in given or "nom_sample_point" in given
+    try:
+        return kind.from_sample_point(**given) if by_point else kind(**given)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{settings}: timing: {one_line(error)}") from error
+
+
+def _is_missing(error: BaseException) -> bool:
+    """Whether an operating system error means that a driver is not installed, rather than a bus not plugged in."""
+    text = str(error).lower()
+    return isinstance(error, OSError) and ("library" in text or "shared object" in text or error.errno == 97)
+
+
+def _needs(settings: BusSettings) -> str:
+    needs = NEEDS.get(settings.interface)
+    return f"; {settings.interface} needs {needs}" if needs else ""
+
+
+def _enlarge_buffer(bus: can.BusABC) -> None:
+    """SocketCAN holds some 300 frames unless asked for more; where the system refuses, it stays as it is."""
+    link = getattr(bus, "socket", None)
+    if isinstance(link, socket.socket) and link.family == getattr(socket, "AF_CAN", None):
+        with contextlib.suppress(OSError):
+            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        with contextlib.suppress(OSError):
+            link.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
