@@ -155,7 +155,9 @@ class _Grid:
             self._sources.append((index[new], {"applied_rate": table["rate_dps"][new]}))
 
     def _nearest(self, t_s: FloatArray) -> IntArray:
-        """Tick nearest to each bench time (r,)."""
+        """Tick nearest to each bench time (r,); without a time no clock is needed."""
+        if not len(t_s):
+            return np.zeros(0, dtype=np.int64)
         nominal = np.rint(t_s / self.clock.interval_s).astype(np.int64)
         error = self.clock.time(nominal) - t_s
         return nominal - np.rint(error / self.clock.interval_s).astype(np.int64)

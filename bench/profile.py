@@ -240,7 +240,7 @@ class _Builder:
                 reach_s = abs(turn - self._turn_dps) / ACCEL_DPS2
                 self._turn_dps = turn
                 self._add(
-                    f"{turning.name or 'rate'} {turn:+g} deg/s at {self._degc:g}",
+                    f"{turning.name or 'rate'} {f'{turn:+g}' if turn else '0'} deg/s at {self._degc:g}",
                     "rate",
                     self._degc,
                     duration_s=turning.dwell_s,

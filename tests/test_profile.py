@@ -14,7 +14,7 @@ from bench.profile import Profile
 
 CALM = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 SHIPPED = sorted((Path(__file__).parent.parent / "profiles").glob("*.yaml"))
-CHAMBER = preflight.Limits(-42, 130, 5.0, preflight.TESTEQUITY_107_COOLING)
+CHAMBER = preflight.Limits(-42, 130, 5.0, preflight.TESTEQUITY_107_COOLING, turn_dps=200.0)
 
 RAMPS = """
 name: test
