@@ -7,6 +7,7 @@ compared with what it was told: the controller may have been switched off, or so
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -19,6 +20,10 @@ from drivers.errors import LinkError, RefusedError
 State = Literal["ok", "degraded", "lost"]
 TRANSIENT = frozenset({5, 6, 10, 11})
 """Modbus exceptions that mean a controller or a gateway which cannot answer now, and not a request that is wrong."""
+TICK_S = 1.0
+"""Bench time between two commands of a ramp that is stepped from here [s]."""
+MOST_STEP_S = 5.0
+"""Such a ramp moves by no more than this much time at once [s]: after an outage it does not jump."""
 SAME_DEGC = 0.2
 """Set points this near to each other are the same; controllers display tenths."""
 
@@ -125,6 +130,36 @@ class ChamberLink:
     def ramp_to(self, target: float, rate: float) -> bool:
         """Command a ramp of the controller's own to `target` [degC] at `rate` [degC/min]; False as above."""
         return self._command(lambda: self._chamber.ramp_to(target, rate), target)
+
+    def way_to(self, target: float, rate: float | None, here: float) -> Callable[[], bool]:
+        """What to call before each tick to get to `target` [degC], until it returns True: nothing is left to command.
+
+        `rate` [degC/min]; None: a jump. The controller's own ramp and a jump are commanded once; a link that fails
+        makes that be tried again. Without a ramp of its own the controller gets a new set point every tick, from the
+        one that was commanded last, or from `here` [degC].
+        """
+        if rate is None:
+            return lambda: self.set_point(target)
+        if self._chamber.native_ramp:
+            return lambda: self.ramp_to(target, rate)
+        start = self._chamber.commanded
+        return self._steps(target, rate, here if start is None else start)
+
+    def _steps(self, target: float, rate: float, at_degc: float) -> Callable[[], bool]:
+        at_s = self._clock.now() - TICK_S
+
+        def step() -> bool:
+            nonlocal at_degc, at_s
+            now_s = self._clock.now()
+            reach = rate / 60.0 * min(now_s - at_s, MOST_STEP_S)
+            distance = target - at_degc
+            following = target if reach >= abs(distance) else at_degc + math.copysign(reach, distance)
+            if not self.set_point(following):
+                return False
+            at_degc, at_s = following, now_s
+            return at_degc == target
+
+        return step
 
     def _command(self, action: Callable[[], None], target: float) -> bool:
         if self.link.failing:

@@ -6,11 +6,12 @@ time, read back, and tried again for a while where the chamber does not answer. 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from bench.equipment import SafeStateSettings
+from bench.equipment import SafeStateSettings, StationSettings
+from bench.profile import Leg
 from drivers.backoff import BackOff
 from drivers.chamber import Chamber, ChamberReading, SafeStep
 from drivers.clock import Clock
@@ -19,9 +20,32 @@ from drivers.errors import DriverError
 Event = tuple[str, str, dict[str, Any]]
 """Kind, text and numbers of an event."""
 
+HOME = "return to ambient"
+"""Name of the leg that takes a chamber there."""
 RETRY = BackOff(first_s=1.0, most_s=10.0)
 LOOK_S = 1.0
 """Time between two looks at a chamber that warms up [s]."""
+
+
+def home_leg(settings: StationSettings, legs: Sequence[Leg], from_degc: float) -> Leg | None:
+    """The way back to ambient, no faster than the profile moves the chamber in that direction; None: no time for it."""
+    safe, to_degc = settings.safe_state, settings.ambient_degc
+    if safe.warm_up_min == 0.0:
+        return None
+    direction = "heating" if to_degc > from_degc else "cooling"
+    rates = [leg.rate_degc_per_min for leg in legs if leg.direction == direction and leg.rate_degc_per_min]
+    return Leg(
+        index=len(legs),
+        name=HOME,
+        kind="ramp",
+        from_degc=from_degc,
+        target_degc=to_degc,
+        timeout_s=60.0 * safe.warm_up_min,
+        nominal_start_s=legs[-1].nominal_end_s,
+        nominal_s=0.0,
+        rate_degc_per_min=max(rates, default=None),
+        arrival_band_degc=safe.near_degc,
+    )
 
 
 @dataclass

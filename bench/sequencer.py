@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Literal
 
 from bench.errors import EquipmentError, RunAborted
 from bench.guards import Guards
@@ -21,19 +21,20 @@ from bench.links import ChamberLink
 from bench.operating import Operating
 from bench.profile import Leg
 from bench.recorder import Recorder
+from bench.safety import HOME, home_leg
 from bench.settling import Settling
 from bench.signals import Signals
 from bench.station import Station
+from bench.turning import Turning
 from drivers.chamber import ChamberReading
+
+__all__ = ["HOME", "SegmentResult", "Sequencer", "Status"]
 
 TICK_S = 1.0
 APPEAR_S = 10.0
 """Every unit has to be heard within this time, or nothing starts."""
 ARRIVED_DEGC = 0.05
 """A working set point this near to the target has arrived; controllers display tenths."""
-MOST_STEP_S = 5.0
-"""A ramp that is stepped from here moves by no more than this much time at once: after an outage it does not jump."""
-HOME = "return to ambient"
 
 Outcome = Literal["done", "timeout", "held", "interrupted"]
 
@@ -68,16 +69,6 @@ class Status:
     """The guards and operators that hold the run."""
     state: Literal["running", "holding", "pausing"] = "running"
     """`pausing`: will hold after the present segment."""
-
-
-class Turning(Protocol):
-    """Turns the units during a leg; see `bench.turning`."""
-
-    def tick(self, now_s: float, settled: bool) -> bool:
-        """Called at every tick with bench time [s] and whether the leg has settled; True when all rates are done."""
-
-    def stop(self) -> None:
-        """The leg is over, however it ended."""
 
 
 class _SafeStop(RunAborted):
@@ -173,7 +164,8 @@ class Sequencer:
         """Run a leg to its end, through as many holds as there are; hold after it when that was asked for."""
         part = leg
         while self._run_leg(part) == "held":
-            self._wait_for_release(leg, leg.target_degc if leg.kind == "soak" else self._here())
+            stays = leg.kind in ("soak", "rate")
+            self._wait_for_release(leg, leg.target_degc if stays else self._here())
             part = replace(leg, name=f"{leg.name} (resumed)")
         self._operating.segment_is_over()
         if self._operating.hold:
@@ -181,28 +173,9 @@ class Sequencer:
 
     def _go_home(self, legs: Sequence[Leg]) -> None:
         """Take the chamber to ambient, recording, no faster than the profile moves it; nothing holds this up."""
-        settings = self._station.settings
-        if settings.safe_state.warm_up_min == 0.0:
-            return
-        from_degc, to_degc = self._air(), settings.ambient_degc
-        direction = "heating" if to_degc > from_degc else "cooling"
-        rates = [leg.rate_degc_per_min for leg in legs if leg.direction == direction and leg.rate_degc_per_min]
-        self._homeward, self._legs = True, len(legs) + 1
-        limit_s = 60.0 * settings.safe_state.warm_up_min
-        self._run_leg(
-            Leg(
-                index=len(legs),
-                name=HOME,
-                kind="ramp",
-                from_degc=from_degc,
-                target_degc=to_degc,
-                timeout_s=limit_s,
-                nominal_start_s=legs[-1].nominal_end_s,
-                nominal_s=0.0,
-                rate_degc_per_min=max(rates, default=None),
-                arrival_band_degc=settings.safe_state.near_degc,
-            )
-        )
+        if (leg := home_leg(self._station.settings, legs, self._air())) is not None:
+            self._homeward, self._legs = True, len(legs) + 1
+            self._run_leg(leg)
 
     def _run_leg(self, leg: Leg) -> Outcome:
         from_s = self._clock.now()
@@ -225,7 +198,8 @@ class Sequencer:
 
     def _follow(self, leg: Leg, from_s: float) -> tuple[Outcome, str]:
         """Command the leg and tick until it is over; how it ended, and why if not as planned."""
-        drive, driven = self._driver(leg), False
+        rate = leg.rate_degc_per_min if leg.kind == "ramp" else None
+        drive, driven = self._link.way_to(leg.target_degc, rate, self._here()), False
         turning, turned = self.turning(leg), True
         settling = Settling(leg.settle, leg.target_degc) if leg.settle is not None else None
         settled_s: float | None = None if settling is not None else from_s
@@ -250,36 +224,6 @@ class Sequencer:
         finally:
             if turning is not None:
                 turning.stop()
-
-    def _driver(self, leg: Leg) -> Callable[[], bool]:
-        """What to command before each tick of a leg until it returns True: nothing is left to be commanded.
-
-        The controller's own ramp and a jump are commanded once; a link that fails then makes it try again.
-        """
-        rate = leg.rate_degc_per_min
-        if leg.kind != "ramp" or rate is None:
-            return lambda: self._link.set_point(leg.target_degc)
-        if self._chamber.native_ramp:
-            return lambda: self._link.ramp_to(leg.target_degc, rate)
-        return self._host_ramp(leg.target_degc, rate)
-
-    def _host_ramp(self, target_degc: float, rate_degc_per_min: float) -> Callable[[], bool]:
-        """Ramp of a controller without one of its own: a new set point every tick."""
-        at_degc = self._here() if self._chamber.commanded is None else self._chamber.commanded
-        at_s = self._clock.now() - TICK_S
-
-        def step() -> bool:
-            nonlocal at_degc, at_s
-            now_s = self._clock.now()
-            reach = rate_degc_per_min / 60.0 * min(now_s - at_s, MOST_STEP_S)
-            distance = target_degc - at_degc
-            next_degc = target_degc if reach >= abs(distance) else at_degc + math.copysign(reach, distance)
-            if not self._link.set_point(next_degc):
-                return False
-            at_degc, at_s = next_degc, now_s
-            return at_degc == target_degc
-
-        return step
 
     def _complete(self, leg: Leg, now_s: float, from_s: float, settled_s: float) -> bool:
         if leg.kind == "ramp":

@@ -5,7 +5,7 @@ kills what is left of the bench (gateways take one client at a time), opens a li
 state. It has a session of its own, so that neither Ctrl-C nor a closing terminal reaches it. It cannot outlive the
 computer: software is never the safety device.
 
-What it did stands in `watchdog.jsonl` of every run folder, one event a line as in `events.jsonl`.
+What it did stands in `watchdog.jsonl` of the run folder (of the first unit), one event a line as in `events.jsonl`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
@@ -38,18 +38,18 @@ READY_S = 60.0
 KILLED_S = 10.0
 UNVERIFIED = 4
 
-TABLE_STOPS: list[Callable[[StationSettings], list[SafeStep]]] = []
+TABLE_STOPS: list[Callable[[StationSettings], list[SafeStep]]] = [halt]
 """Quick stops of rate tables, from the station file alone."""
 
 
 class Watchdog:
     """The bench's end: started before anything moves, told at every tick that the bench is alive."""
 
-    def __init__(self, settings: StationSettings, folders: Sequence[Path], started_monotonic_ns: int) -> None:
+    def __init__(self, settings: StationSettings, folder: Path, started_monotonic_ns: int) -> None:
         """Start the process and wait until it is ready; EquipmentError when it is not."""
         task = {
             "station": settings.model_dump(mode="json"),
-            "folders": [str(folder.resolve()) for folder in folders],
+            "folder": str(folder.resolve()),
             "started_monotonic_ns": started_monotonic_ns,
         }
         self._process = subprocess.Popen(
@@ -172,10 +172,10 @@ class Listener:
 
 
 class Log:
-    """Events into every run folder and onto stderr; a disk or a terminal that is gone keeps nothing from being safe."""
+    """Events into the run folder and onto stderr; a disk or a terminal that is gone keeps nothing from being safe."""
 
-    def __init__(self, folders: Sequence[Path], started_monotonic_ns: int) -> None:
-        self._paths = [folder / EVENTS for folder in folders]
+    def __init__(self, folder: Path, started_monotonic_ns: int) -> None:
+        self._path = folder / EVENTS
         self._start_ns = started_monotonic_ns
 
     def event(self, kind: str, text: str, **facts: Any) -> None:
@@ -185,11 +185,10 @@ class Log:
         line = json.dumps({"t_s": t_s, "utc": utc, "kind": kind, "text": text, **facts})
         with contextlib.suppress(OSError):
             print(f"bench watchdog: {text}", file=sys.stderr, flush=True)
-        for path in self._paths:
-            with contextlib.suppress(OSError), path.open("a", encoding="utf-8") as file:
-                file.write(f"{line}\n")
-                file.flush()
-                os.fsync(file.fileno())
+        with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as file:
+            file.write(f"{line}\n")
+            file.flush()
+            os.fsync(file.fileno())
 
     def write(self, write: Write) -> None:
         """A register of the chamber that was written."""
@@ -208,7 +207,7 @@ def main() -> int:
     except EOFError:
         return 0
     settings = StationSettings.model_validate_json(json.dumps(task["station"]))
-    log = Log([Path(folder) for folder in task["folders"]], int(task["started_monotonic_ns"]))
+    log = Log(Path(task["folder"]), int(task["started_monotonic_ns"]))
     load_map(settings.chamber.map)  # what cannot be loaded now could not be when it is needed
     listener = Listener(sys.stdin.fileno(), settings.watchdog.silent_s)
     os.write(sys.stdout.fileno(), b"ready\n")
