@@ -189,14 +189,17 @@ def pause(run_folder: Path | None, out: Path) -> Answer:
 
 @main.command()
 @live_argument
+@click.option("--station", type=click.Path(path_type=Path), help="Station file, where the one of the run is outdated.")
+@effect_option
 @out_option
+@click.option("--quiet", is_flag=True, help="No progress display.")
 @json_option
 @_answer
-def resume(run_folder: Path | None, out: Path) -> Answer:
-    """Go on: with a live RUN that holds, or with one whose bench was killed, from what its journals hold."""
+def resume(run_folder: Path | None, station: Path | None, out: Path, quiet: bool) -> Answer:
+    """Go on: with a live RUN that holds, or with one whose bench was killed, from where its journals end."""
     from bench.workflow import live
 
-    return live.resume(run_folder, out)
+    return live.resume(run_folder, station, out, quiet)
 
 
 @main.command()

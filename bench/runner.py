@@ -21,10 +21,11 @@ from typing import Any
 
 from bench import __version__, signals
 from bench.assemble import assemble
+from bench.continuation import Continuation
 from bench.control import Desk, serve
 from bench.errors import BenchError, EquipmentError, InputError, RunAborted
 from bench.guards import Guards, Signal, guards_of
-from bench.profile import Profile
+from bench.profile import Leg, Profile
 from bench.recorder import BENCH_JOURNAL, Recorder
 from bench.safety import SafeState, failures
 from bench.sequencer import Sequencer, Status
@@ -50,6 +51,12 @@ class Job:
     serials: Sequence[str] = ()
     """Units to run with; none: all units of the station."""
     out: Path = Path("reports")
+    continuation: Continuation | None = None
+    """How to go on with a run whose bench was killed; none: a new run."""
+
+    def legs(self) -> tuple[Leg, ...]:
+        """What is to be run."""
+        return self.profile.legs() if self.continuation is None else self.continuation.legs
 
 
 @dataclass(frozen=True)
@@ -90,7 +97,8 @@ def run_job(
     interrupt that nobody handled) is raised again, after the safe state and with the run folders finished.
     """
     chosen = job.station.chosen(job.serials)
-    with open_station(job.station, chosen, job.profile.name) as station:
+    start_s = 0.0 if job.continuation is None else job.continuation.start_s(job.station.simulated)
+    with open_station(job.station, chosen, _occasion(job), start_s) as station:
         guards = _guards(job, station)
         recorder = _open_recorder(job, station)
         station.on_event = recorder.event
@@ -109,12 +117,22 @@ def run_job(
     )
 
 
+def _occasion(job: Job) -> str:
+    """Each part of a simulated run has noise of its own."""
+    part = 1 if job.continuation is None else job.continuation.runs[0].part
+    return job.profile.name if part == 1 else f"{job.profile.name} {part}"
+
+
 def _open_recorder(job: Job, station: Station) -> Recorder:
     """A run folder for each unit; each knows where its companions in the chamber have theirs."""
     texts = {"profile.yaml": job.profile_text, "station.yaml": job.station_text, **job.model_texts}
     created = station.clock.utc()
     serials = [unit.serial for unit in station.everyone]
-    folders = [create_run(job.out, serial, job.profile.name, created, texts) for serial in serials]
+    folders = (
+        [create_run(job.out, serial, job.profile.name, created, texts) for serial in serials]
+        if job.continuation is None
+        else list(job.continuation.open(job.station_text))
+    )
     metas = [_meta(job, unit, folder, created) for unit, folder in zip(station.everyone, folders, strict=True)]
     for meta, folder in zip(metas, folders, strict=True):
         meta["companions"] = [
@@ -196,9 +214,10 @@ def _conduct(
             station.start_capture(recorder)
             recorder.event("run", "start")
             sequencer.check_before_start()
+            _record_gap(job, station, recorder)
             watchdog = _watch(station, recorder, sequencer)
             sequencer.start_chamber()
-            sequencer.run(job.profile.legs())
+            sequencer.run(job.legs())
         except (BenchError, DriverError, OSError) as caught:
             error = _as_bench_error(caught, sequencer.moved)
         except BaseException as bug:
@@ -207,6 +226,13 @@ def _conduct(
         finally:
             error = _make_safe(station, recorder, error, sequencer, watchdog)
     return error
+
+
+def _record_gap(job: Job, station: Station, recorder: Recorder) -> None:
+    """What is known of the time between the parts of a run that goes on."""
+    if job.continuation is not None:
+        units = {u.serial: None if u.temperature is None else round(u.temperature.value, 3) for u in station.units}
+        recorder.event("gap", **job.continuation.gap(station.started_s, station.chamber.poll(), units))
 
 
 def _watch(station: Station, recorder: Recorder, sequencer: Sequencer) -> Watchdog | None:

@@ -22,6 +22,7 @@ from bench.report.cautions import cautions
 from bench.report.completeness import Completeness, completeness
 from bench.report.diagnosed import Diagnosed, diagnosed
 from bench.report.earlier import SAVED, set_aside
+from bench.report.parts import Joint, joints
 from bench.report.verdict import Verdict, judge, with_diagnosis
 from bench.store import Manifest, RunFolder, write_atomically
 
@@ -51,6 +52,8 @@ class Analysis:
     """Highest less lowest mean of the bias over the run [deg/h]."""
     uncompensated_dph: float = np.nan
     """RMS of the bias about its mean: the error of a unit without compensation [deg/h]."""
+    gaps: tuple[Joint, ...] = ()
+    """Gaps between the parts of a run whose bench was killed and which went on."""
     warnings: tuple[str, ...] = ()
     diagnosed: Diagnosed = field(default_factory=Diagnosed)
 
@@ -68,7 +71,12 @@ class Analysis:
     def within_limits(self) -> bool:
         """The run is whole and its calibration proven; how good it is, is the verdict's to say."""
         proven = self.best is not None and bool(np.isfinite(self.best.held_out.rms_dph))
-        return self.done.ended and not self.done.lost and not self.done.altered and proven
+        return self.done.ended and not self.done.lost and not self.done.altered and proven and self.admissible
+
+    @property
+    def admissible(self) -> bool:
+        """All parts of the run may stand behind one calibration; of a run of one piece, always."""
+        return all(gap.admissible for gap in self.gaps)
 
     def residual(self) -> FloatArray:
         """Measured less modelled bias of the best model (n,) [deg/h]."""
@@ -95,6 +103,8 @@ class Analysis:
             "samples": self.done.samples,
             "missing_samples": self.done.missing,
             "losses": dict(self.done.losses),
+            "admissible": self.admissible,
+            "gaps": [gap.to_json() for gap in self.gaps],
             "warnings": list(self.warnings),
             "diagnosis": self.diagnosed.to_json(),
         }
@@ -128,7 +138,9 @@ def analyse(
     floor = Floor(reason=reason) if base is None else noise_floor([base], interval_s, fine)
     if data is None:
         verdict = judge(done, None, np.nan, reason)
-        result = Analysis(run, manifest, interval_s, done, floor, verdict, warnings=cautions(done, None, None, None))
+        gaps = joints(manifest, None, np.nan)
+        warnings = cautions(done, None, None, None, gaps)
+        result = Analysis(run, manifest, interval_s, done, floor, verdict, gaps=gaps, warnings=warnings)
     else:
         result = _judged(Analysis(run, manifest, interval_s, done, floor, _PENDING, data), data, models, checks)
         result = _diagnosed(result, data, checks, still) if diagnose else result
@@ -163,6 +175,7 @@ def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Seq
     comparison = compare(data, rungs, known.floor.floor_dph, checks or None, strict=False)
     best = _best(comparison.scores)
     reason = comparison.refused[-1][1] if comparison.refused else ""
+    gaps = joints(known.manifest, data, known.floor.floor_dph)
     weight = data.count("rate")
     mean = np.nansum(weight * data.bias) / np.sum(weight)
     return replace(
@@ -172,7 +185,8 @@ def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Seq
         best=best,
         bias_span_dph=float(np.nanmax(data.bias) - np.nanmin(data.bias)),
         uncompensated_dph=float(np.sqrt(np.nansum(weight * (data.bias - mean) ** 2) / np.sum(weight))),
-        warnings=cautions(known.done, known.floor, comparison, best),
+        gaps=gaps,
+        warnings=cautions(known.done, known.floor, comparison, best, gaps),
     )
 
 

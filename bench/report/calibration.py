@@ -35,7 +35,7 @@ def calibration(
         "created": manifest.get("created"),
         "quantity": "bias (zero-rate output) [deg/h], to be subtracted from the unit's output",
         "software": {**dict(manifest.get("versions") or {}), "bench_analysis": __version__},
-        "verdict": {key: answer[key] for key in ("verdict", "sentence", "complete", "warnings")},
+        "verdict": {key: answer[key] for key in ("verdict", "sentence", "complete", "admissible", "warnings")},
         "averaging_s": interval_s,
         "noise": _noise(floor),
         "residual": _residual(best),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from bench.diagnosis.digits import number
 from bench.diagnosis.floor import Floor
 from bench.report.completeness import DAMAGED_BYTES, LOST, Completeness
 from bench.report.markup import clock
+from bench.report.parts import Joint
 
 _OVERFIT = 2.0
 _EXTRAPOLATED = 0.05
@@ -28,10 +29,14 @@ def refusals(comparison: Comparison) -> tuple[tuple[str, str], ...]:
 
 
 def cautions(
-    done: Completeness, floor: Floor | None, comparison: Comparison | None, best: Score | None
+    done: Completeness,
+    floor: Floor | None,
+    comparison: Comparison | None,
+    best: Score | None,
+    gaps: Sequence[Joint] = (),
 ) -> tuple[str, ...]:
-    """Warnings of a run, none for one that is as it should be."""
-    return (*_of_data(done), *_of_floor(floor), *_of_models(comparison, best))
+    """Warnings of a run, none for one that is as it should be; `gaps` are those between its parts."""
+    return (*(gap.sentence for gap in gaps), *_of_data(done), *_of_floor(floor), *_of_models(comparison, best))
 
 
 def _of_data(done: Completeness) -> Iterator[str]:

@@ -20,6 +20,8 @@ DAMAGED_BYTES = "journal_damaged_bytes"
 LOST = (*SAMPLES, *CAUSES, DAMAGED_BYTES)
 """Loss counters that mean data are missing; the others (repeated, out of order) cost nothing."""
 
+RESUMED = " (resumed)"
+"""Ends the name of a segment that continues an earlier one."""
 _GAP = 2.0
 """Neighbours further apart than this many intervals have a gap between them."""
 
@@ -45,7 +47,18 @@ class Completeness:
     @property
     def failed(self) -> tuple[Mapping[str, Any], ...]:
         """Segments that did not get where they should."""
-        return tuple(s for s in self.segments if not s.get("settled", True) or s.get("outcome", "done") == "timeout")
+        return tuple(
+            s
+            for i, s in enumerate(self.segments)
+            if (not s.get("settled", True) or s.get("outcome", "done") == "timeout") and not self._went_on(i)
+        )
+
+    def _went_on(self, index: int) -> bool:
+        """A segment that was held, or cut off with the bench, and continued by a later one."""
+        segment = self.segments[index]
+        base = str(segment.get("name", "")).split(RESUMED)[0]
+        later = (str(other.get("name", "")) for other in self.segments[index + 1 :])
+        return segment.get("outcome") in {"held", "interrupted"} and any(n.startswith(base + RESUMED) for n in later)
 
     @property
     def ended(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 from bench import remote
 from bench.errors import EquipmentError
 from bench.remote import LiveRun
+from bench.store import MANIFEST
 from bench.workflow.answer import Answer
 
 REACTION_S = 10.0
@@ -44,13 +45,19 @@ def act(action: str, folder: Path | None, out: Path) -> Answer:
     return Answer(content, f"asked to {action}, but the run is {answer['state']}{guards}\n{_text(content)}", 1)
 
 
-def resume(folder: Path | None, out: Path) -> Answer:
+def resume(folder: Path | None, station: Path | None, out: Path, quiet: bool) -> Answer:
     """`bench resume`: go on with a live run that holds, or with one whose bench was killed."""
     from bench.workflow import analysis
+    from bench.workflow.resuming import go_on
 
     if folder is None or ((found := remote.at(folder)) is not None and found.condition() != "gone"):
         return act("resume", folder, out)
-    return analysis.resume(folder)
+    whole = (folder / MANIFEST).exists()
+    run = analysis.recover(folder)
+    (folder / remote.LIVE).unlink(missing_ok=True)  # its process is gone
+    if not whole and run.manifest()["state"] == "done":
+        return analysis.resume(folder)
+    return go_on(run, station, quiet)
 
 
 def abort(folder: Path | None, out: Path) -> Answer:

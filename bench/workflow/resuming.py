@@ -1,0 +1,71 @@
+"""`bench resume` of a run whose bench was killed: recover, go back to where it was, and go on."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from bench import config
+from bench.errors import InputError
+from bench.store import RunFolder
+from bench.workflow.analysis import DEFAULT_MODELS, report_on
+from bench.workflow.answer import Answer
+from bench.workflow.several import report_on_all
+
+QUIET_S = 3.0
+"""A bench that runs writes its journals at least once a second."""
+
+
+def go_on(run: RunFolder, station_path: Path | None, quiet: bool) -> Answer:
+    """Append what is left of a recovered run as a new part; InputError when there is nothing to go on with."""
+    from bench import preflight
+    from bench import profile as profiles
+    from bench.continuation import plan
+    from bench.control import Desk
+    from bench.equipment import StationSettings
+    from bench.keyboard import Keyboard
+    from bench.model import load_model
+    from bench.progress import Progress
+    from bench.runner import Job, run_job
+
+    profile_path, own_station = run.path / "profile.yaml", run.path / "station.yaml"
+    if not any(run.journal.glob("*.gtbj")):
+        raise InputError("this run has no journals (it was imported): nothing to resume", run.path)
+    profile = profiles.load(profile_path)
+    station = config.load(station_path or own_station, StationSettings)
+    preflight.refuse(preflight.check(profile, station.limits()))
+    continuation = plan(run, profile, station)
+    if not station.simulated:
+        _refuse_growing(run)
+    files = sorted(run.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
+    models = [load_model(model) for model in files or DEFAULT_MODELS]
+    job = Job(
+        profile=profile,
+        profile_text=config.read_text(profile_path),
+        station=continuation.units(station),
+        station_text=config.read_text(station_path or own_station),
+        model_texts={},
+        serials=continuation.serials,
+        continuation=continuation,
+    )
+    desk = Desk()
+    with Keyboard(desk) as keyboard, Progress(profile, quiet, lambda: keyboard.notice) as progress:
+        result = run_job(job, progress, desk)
+    if len(result.units) > 1:
+        return report_on_all(result.units, models)
+    return report_on(result.run, models, result.error)
+
+
+def _refuse_growing(run: RunFolder) -> None:
+    """Two benches must never command one chamber: a run that is still written is live, whatever its files say."""
+
+    def size() -> int:
+        return sum(file.stat().st_size for part in run.parts() for file in part.journal.iterdir())
+
+    newest_s = max(file.stat().st_mtime for part in run.parts() for file in part.journal.iterdir())
+    if time.time() - newest_s > QUIET_S:
+        return
+    before = size()
+    time.sleep(QUIET_S)
+    if size() != before:
+        raise InputError("this run is still being written by a bench that does not answer; end that first", run.path)
