@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import contextlib
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import can
 
 from drivers.capture import one_line
 from drivers.errors import ConfigError, LinkError
+from drivers.wire import load_dbc
 
 _RECEIVE_BUFFER = 8 << 20
 _SO_RCVBUFFORCE = 33
@@ -60,7 +62,7 @@ class BusSettings:
     options: Mapping[str, Any] = field(default_factory=dict)
     fd: bool = False
     data_bitrate: int | None = None
-    timing: Mapping[str, int] | None = None
+    timing: Mapping[str, Any] | None = None
     filters: Sequence[Mapping[str, Any]] = ()
 
     def __str__(self) -> str:
@@ -92,6 +94,19 @@ def open_bus(settings: BusSettings) -> can.BusABC:
     return bus
 
 
+def unit_filters(units: Iterable[tuple[str | Path, int]]) -> list[dict[str, Any]]:
+    """python-can filters that let through the frames of these units, given as (layout, number), and nothing else.
+
+    SocketCAN filters in the kernel and still reports error frames; interfaces that filter in python-can drop those.
+    """
+    rules = []
+    for layout, number in units:
+        for message in load_dbc(layout).values():
+            mask = 0x1FFFFFFF if message.extended else 0x7FF
+            rules.append({"can_id": message.id + number, "can_mask": mask, "extended": message.extended})
+    return rules
+
+
 def _options(settings: BusSettings) -> dict[str, Any]:
     options = dict(settings.options)
     if options.get("receive_own_messages"):
@@ -109,7 +124,7 @@ def _options(settings: BusSettings) -> dict[str, Any]:
     return options
 
 
-def _timing(settings: BusSettings, given: Mapping[str, int]) -> can.BitTiming | can.BitTimingFd:
+def _timing(settings: BusSettings, given: Mapping[str, Any]) -> can.BitTiming | can.BitTimingFd:
     """Bit timing from its fields; from bit rate and sample point (`from_sample_point`) where the fields say so."""
     kind = can.BitTimingFd if settings.fd else can.BitTiming
     by_point = "sample_point" in given or "nom_sample_point" in given
