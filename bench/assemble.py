@@ -83,6 +83,7 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
     (run.path / "events.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     seen = max((part.seen for part in parts), key=lambda seen: seen.decoder.samples)
     losses = [part.decoder.losses.as_dict() for part in parts]
+    identities = [identity for part in parts if (identity := part.decoder.identity) is not None]
     readings = np.concatenate([journal.readings for journal in journals])
     manifest = {
         **first.meta,
@@ -90,7 +91,7 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
         "sample_rate_hz": round(1 / seen.decoder.interval_s),
         "rate_step_dph": seen.decoder.rate_step_dph,
         "unit_clock_drift_ppm": seen.clock.drift_ppm if seen.decoder.samples else None,
-        "unit_identity": asdict(seen.decoder.identity) if seen.decoder.identity is not None else None,
+        "unit_identity": asdict(identities[-1]) if identities else None,
         "rows": rows,
         "duration_s": float(readings["t_s"][-1]) if len(readings) else 0.0,
         "segments": segments,
