@@ -10,8 +10,9 @@ from bench.turning import Turntable
 from drivers.aerosmith_table import AerosmithTable, Line
 from drivers.canbus import open_bus
 from drivers.canopen_table import CanopenTable, Drive
-from drivers.clock import Clock, SimClock
-from drivers.rate_table import RateTable, TableLimits
+from drivers.clock import Clock, SimClock, WallClock
+from drivers.errors import DriverError
+from drivers.rate_table import RateTable, SafeStep, TableLimits
 from drivers.sim.cia402_table import SimulatedTable, TableSettings
 
 
@@ -28,6 +29,21 @@ def open_table(settings: StationSettings, clock: Clock, buses: Mapping[str, Bus]
     turntable = Turntable(table, clock, chosen.tolerance_dps)
     turntable.lacks = table.prepare()
     return turntable
+
+
+def halt(settings: StationSettings) -> list[SafeStep]:
+    """Stop the table of a real station from outside, when the bench that turned it is gone; never raises."""
+    chosen = settings.rate_table
+    if chosen is None:
+        return []
+    with ExitStack() as stack:
+        try:
+            table = stack.enter_context(closing(_driver(chosen, WallClock(), settings.buses, stack)))
+            table.identify()
+        except DriverError as error:
+            return [SafeStep("rate table stop", False, f"{error}; press its emergency stop")]
+        table.enabled = True  # for all that we know
+        return table.safe()
 
 
 def simulate_table(

@@ -63,9 +63,8 @@ class RateTable(Protocol):
     def commanded_dps(self) -> float:
         """Rate that was commanded last [deg/s]; 0 before."""
 
-    @property
-    def enabled(self) -> bool:
-        """Whether we have switched the axis on."""
+    enabled: bool
+    """Whether we have switched the axis on: then `safe` has to stop it."""
 
     def identify(self) -> str:
         """Who answers; IdentityError when it is not the table that the station describes. Nothing is written."""
@@ -108,6 +107,6 @@ def attempt(what: str, action: Callable[[], str]) -> SafeStep:
     try:
         return SafeStep(what, True, action())
     except DriverError as error:
-        return SafeStep(what, False, str(error))
+        return SafeStep(what, False, f"{error}; press its emergency stop")
     except Exception as error:
-        return SafeStep(what, False, f"{type(error).__name__}: {error}")
+        return SafeStep(what, False, f"{type(error).__name__}: {error}; press its emergency stop")
