@@ -21,6 +21,7 @@ from bench.errors import InputError
 from bench.parts import Counted
 from bench.profile import from_text
 from bench.runner import Job, run_job
+from bench.safety import HOME
 from bench.store import RunFolder, open_run
 from drivers.samples import SampleClock
 
@@ -123,7 +124,7 @@ def test_both_parts_stand_on_one_time_base_with_the_gap_left_open(cut_ramp):
 
 
 def test_what_the_gap_did_is_told(cut_ramp):
-    before, run = cut_ramp
+    _, run = cut_ramp
     (event,) = [event for event in run.events() if event["kind"] == "gap"]
     assert event["duration_s"] == pytest.approx(SIMULATED_GAP_S, abs=1.5)
     assert event["before"]["on"]
@@ -248,7 +249,7 @@ STEPS = "name: s\nsegments:\n  - {kind: step, temperatures_degc: [0, 50]}\n"
         (PROFILE, [executed("up", "held"), executed(f"up {RESUMED}", "interrupted")],
          [f"back to 25 {RESUMED}", f"up {RESUMED}", "warm", "down"]),
         (PROFILE, [executed("up", "timeout"), executed("warm"), executed("down")], []),
-        (PROFILE, [executed("up"), executed("warm"), executed("down"), executed("return to ambient", "interrupted")], []),
+        (PROFILE, [executed("up"), executed("warm"), executed("down"), executed(HOME, "interrupted")], []),
         (STEPS, [executed("step to 0", "interrupted")],
          [f"step to 0 {RESUMED}", "step at 0", "step to 50", "step at 50"]),
         (STEPS, [executed("step to 0"), executed("step at 0", "interrupted")],

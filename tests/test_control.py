@@ -110,9 +110,8 @@ def test_an_aborted_run_says_that_it_is_ending(desk, live):
 
 
 def test_nothing_can_be_asked_before_there_is_a_sequencer(folder):
-    with control.serve(Desk(), [folder]):
-        with pytest.raises(EquipmentError, match="only just starting"):
-            remote.ask(remote.at(folder), "hold")
+    with control.serve(Desk(), [folder]), pytest.raises(EquipmentError, match="only just starting"):
+        remote.ask(remote.at(folder), "hold")
 
 
 def test_the_file_is_for_its_owner_alone_and_goes_with_the_run(desk, folder):
