@@ -310,6 +310,34 @@ def test_noise_under_the_right_identifier_never_moves_the_time_axis(noise, seed)
         assert later.index[-1] == 1499
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    ran=st.integers(100, 66_000),
+    silent_ms=st.integers(20, 140_000),
+    announced=st.booleans(),
+    cuts=st.lists(st.integers(0, 5000), max_size=6),
+    loss=st.sampled_from([0.0, 0.1]),
+)
+def test_wherever_a_unit_resets_its_samples_follow_host_time_again(ran, silent_ms, announced, cuts, loss):
+    """Within 50 ms, or exactly where the unit announces it; and no time is given out twice."""
+    unit, decoder = Unit(), GyroDecoder("vibratory", 2)
+    ran -= ran % 10
+    blocks = [decoder.decode(unit.run(ran))]
+    unit.gyro.reboot()
+    t0_s = ran * 0.002 + silent_ms * 0.001
+    frames = unit.run(4000, t0_s)[0 if announced else 1 :]
+    kept = frames[np.random.default_rng(1).random(len(frames)) >= loss]
+    if announced:
+        kept = np.concatenate((frames[:1], kept[1:] if kept[0] == frames[0] else kept))
+    blocks += [decoder.decode(part) for part in np.split(kept, sorted(min(cut, len(kept)) for cut in cuts))]
+    index = np.concatenate([block.index for block in blocks])
+    assert np.all(np.diff(index) > 0)
+    off = index[-1] - (blocks[-1].t_ns[-1] / (2 * MS) if len(blocks[-1].t_ns) else index[-1])
+    assert abs(off) <= (1 if announced else 26)
+    assert decoder.losses.resets == 1 or not announced
+    assert decoder.losses.resets <= 1
+
+
 def test_an_empty_block_is_empty(decoder):
     block = decoder.decode(NO_FRAMES)
     assert len(block.index) == len(block.slow["temperature"].index) == 0
