@@ -118,6 +118,18 @@ def test_each_folder_can_be_recovered_by_itself(whole, tmp_path):
     assert assemble(run)["files"] == before["files"]
 
 
+def test_a_bench_that_is_killed_leaves_folders_that_can_all_be_recovered(tmp_path):
+    snapshot = at(20, lambda station: shutil.copytree(tmp_path / "out", tmp_path / "killed"))
+    run_job(job(tmp_path / "out"), snapshot)
+    folders = sorted((tmp_path / "killed").glob("*/*"))
+    assert len(folders) == 4
+    for n, folder in enumerate(folders):
+        manifest = assemble(RunFolder(folder))
+        assert (manifest["unit"], manifest["state"]) == (SERIALS[n], "aborted")
+        assert manifest["losses"]["lost"] == 0
+        assert np.count_nonzero(np.isfinite(pq.read_table(folder / "data.parquet")["rate"].to_numpy())) == 20 * 500
+
+
 def test_a_file_system_without_links_gets_copies(whole, tmp_path, monkeypatch):
     monkeypatch.setattr(bench.station, "share", lambda source, target: False)
     copied = run_job(job(tmp_path))

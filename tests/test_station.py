@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import time
+from datetime import UTC, datetime
 
 import acquisition
 import pytest
@@ -13,7 +14,7 @@ from bench.errors import EquipmentError, InputError
 from bench.recorder import Recorder
 from bench.serve import serve
 from bench.station import StationSettings, open_station
-from bench.store import RunFolder
+from bench.store import RunFolder, create_run
 from drivers.clock import WallClock
 from drivers.errors import LinkError
 
@@ -55,7 +56,9 @@ def test_all_units_run_where_none_is_named_and_a_name_has_to_be_known():
     station = load(REAL)
     assert [unit.serial for unit in station.chosen()] == ["G1", "G2"]
     assert [unit.serial for unit in station.chosen(["G2", "G1", "G2"])] == ["G2", "G1"]
-    with pytest.raises(InputError, match=r"unit 'G3' is not in station 'bench 3'; choose from \['G1', 'G2'\] with --un"):
+    with pytest.raises(
+        InputError, match=r"unit 'G3' is not in station 'bench 3'; choose from \['G1', 'G2'\] with --un"
+    ):
         station.chosen(["G1", "G3"])
 
 
@@ -153,6 +156,32 @@ def test_a_capture_that_dies_is_a_failure_of_the_equipment(real):
     os.kill(capture.pid, signal.SIGKILL)
     with pytest.raises(EquipmentError, match="bus can0 link lost for 4 s: capture process ended"):
         poll_until(station, lambda: False)
+
+
+def test_a_bus_whose_capture_dies_takes_its_units_with_it_and_leaves_the_others(tmp_path):
+    folders = [create_run(tmp_path, serial, "p", datetime.now(UTC)) for serial in ("G1", "G2")]
+    units = [{"serial": f"G{n}", "bus": f"can{n}", "identity": n} for n in (1, 2)]
+    buses = {name: {"interface": "blocks", "channel": name} for name in ("can1", "can2")}
+    with serve(acquisition.station(buses=buses, units=units)) as served:
+        content = served.station_file()
+        for bus in content["buses"].values():
+            bus["link"] = {"degraded_after_s": 0.1, "lost_after_s": 0.2}
+        settings = load(content)
+        with open_station(settings, settings.units) as station:
+            recorder = Recorder(folders[0], station.clock, {}, (folders[1], {}))
+            gone, told = [], []
+            station.on_drop, station.on_event = gone.append, lambda kind, text, **facts: told.append(facts["state"])
+            station.start_capture(recorder)
+            served.station.advance(0.0, 1.0)
+            poll_until(station, lambda: all(unit.missing() is None for unit in station.units))
+            os.kill(station._captures["can2"].pid, signal.SIGKILL)
+            poll_until(station, lambda: gone)
+            assert [unit.serial for unit in station.units] == ["G1"]
+            assert gone[0].reason.startswith("bus can2 link lost for ")
+            assert told == ["ok", "degraded", "lost"]
+            station.poll()
+            station.stop_capture()
+            recorder.close()
 
 
 def test_a_chamber_that_does_not_answer_is_known_before_a_run_folder_exists():

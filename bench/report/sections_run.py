@@ -189,6 +189,8 @@ def run_facts(analysis: Analysis) -> Section:
         ("averaging for all fits [s]", f"{analysis.interval_s:g}"),
         ("versions", text_of(manifest.get("versions") or "–")),
     ]
+    if companions := manifest.get("companions"):
+        pairs.append(("in the same chamber", ", ".join(str(companion.get("unit", "–")) for companion in companions)))
     if manifest.get("seeds"):
         pairs.append(("seeds of the simulation", text_of(manifest["seeds"])))
     html = facts(pairs, "The run")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from bench.errors import BenchError
 from bench.workflow.analysis import report_on
-from bench.workflow.answer import Answer, number
+from bench.workflow.answer import Answer
 
 if TYPE_CHECKING:
     from bench.model import Model
@@ -25,7 +25,7 @@ def report_on_all(units: Sequence[UnitResult], models: Sequence[Model]) -> Answe
     width = max(len(unit.serial) for unit in units)
     lines: list[str] = []
     for unit, content in zip(units, contents, strict=True):
-        lines.append(f"{unit.serial:<{width}}  {_line(content)}")
+        lines.append(f"{unit.serial:<{width}}  {content['verdict']}: {content['sentence']}")
         lines.append(f"{'':<{width}}  {content.get('report') or content['run']}")
     shared = {str(unit.error) for unit in units if unit.error is not None}
     lines += [f"bench: {text}" for text in sorted(shared)]
@@ -49,9 +49,3 @@ def _unproven(unit: UnitResult, text: str, code: int) -> Answer:
         text, code = f"{unit.error}; not analysed: {text}", max(code, unit.error.exit_code)
     content = {"run": str(unit.run.path), "verdict": "unproven", "sentence": f"not analysed: {text}", "rms_dph": None}
     return Answer({**content, "error": text}, text, code)
-
-
-def _line(content: dict[str, object]) -> str:
-    rms = content.get("held_out_rms_dph")
-    error = f" ({number(rms)} deg/h on unseen data)" if isinstance(rms, float) else ""
-    return f"{content['verdict']}: {content['sentence']}{error}"
