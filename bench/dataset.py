@@ -195,11 +195,11 @@ class Dataset:
             return mean, total, np.where(total > 1, square / (total - 1), np.nan)
 
 
-def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
+def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S, *, whole: bool = False) -> Dataset:
     """Dataset of a finished or recovered run from its `means.parquet` and `manifest.json`, averaged to `interval_s`.
 
-    Stretches of a segment shorter than half of `interval_s` are left out, and seconds in which a rate table
-    accelerates: the milliseconds between its clock and the unit's would pass for hundreds of deg/h of bias.
+    Stretches of a segment shorter than half of `interval_s` are left out, and, unless `whole`, seconds in which a rate
+    table accelerates: milliseconds between its clock and the unit's would pass for hundreds of deg/h of bias.
 
     Raises InputError, one line, when the folder, the manifest or the means are missing, broken or without rows.
     """
@@ -220,7 +220,7 @@ def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S) -> Data
         if name not in table:
             raise InputError(f"required column '{name}' is missing; it has {', '.join(map(str, table.columns))}", path)
     base = _dataset(table, manifest, folder)
-    base = base.select(_steady(base))
+    base = base if whole else base.select(_steady(base))
     return base.select(_lasting(base, interval_s / 2)).average(interval_s)
 
 

@@ -15,6 +15,7 @@ from bench.noise import AllanCurve, Noise, allan_deviation, estimate_noise
 _SETTLED_DEGC_PER_MIN = 2 * STILL_DEGC_PER_MIN
 _LEAST_S = 300.0
 _AHEAD_S = 60.0
+_STANDS_DPS = 0.1
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,14 @@ def _stretches(base: Dataset) -> list[tuple[str, IntArray]]:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
         runs = [np.arange(a, b) for a, b in edges.reshape(-1, 2).tolist()]
         tails = [(f"still at {np.nanmean(base.channel('temperature')[rows]):.0f} °C", rows) for rows in runs]
-    return [(name, rows) for name, rows in tails if rows.size and np.ptp(base.time[rows]) >= _LEAST_S]
+    long = [(name, rows) for name, rows in tails if rows.size and np.ptp(base.time[rows]) >= _LEAST_S]
+    return [(name, rows) for name, rows in long if not _turns(base, rows)] or long
+
+
+def _turns(base: Dataset, rows: IntArray) -> bool:
+    """Whether a rate table turns: then the scale factor makes every change of temperature part of the noise."""
+    applied = base.channels.get("applied_rate")
+    return applied is not None and bool(np.nanmax(np.abs(applied[rows]), initial=0.0) > _STANDS_DPS)
 
 
 def _settled(base: Dataset, rows: IntArray) -> IntArray:

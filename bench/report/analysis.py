@@ -134,7 +134,8 @@ def analyse(
     still, fine = (None, None) if isothermal is None else (load(isothermal, s) for s in (interval_s, 1.0))
     base, reason = _base(run, interval_s)
     data = None if base is None else load(run.path, interval_s)
-    done = completeness(run, manifest, base)
+    turned = base is not None and "applied_rate" in base.channels
+    done = completeness(run, manifest, load(run.path, 1.0, whole=True) if turned else base)
     floor = Floor(reason=reason) if base is None else noise_floor([base], interval_s, fine)
     if data is None:
         verdict = judge(done, None, np.nan, reason)
