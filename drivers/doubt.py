@@ -35,13 +35,21 @@ class Doubt:
     """Frames (n,) placed by their counters, held against host time: which of them cannot be where they claim."""
 
     def __init__(
-        self, step: IntArray, steps: IntArray, t_ns: IntArray, delay: IntArray, least_ns: int, interval_ns: int
+        self,
+        step: IntArray,
+        steps: IntArray,
+        t_ns: IntArray,
+        delay: IntArray,
+        past_ns: tuple[int, int],
+        interval_ns: int,
     ) -> None:
+        """`delay`: arrival less place of each frame [ns]; `past_ns`: that of the last one before, and the least."""
+        last_ns, least_ns = past_ns
         self._delay, self._t_ns, self._interval_ns = delay, t_ns, interval_ns
         self._floor = np.minimum.accumulate(np.concatenate(([least_ns], delay[:-1])))
         self._slack = SHIFT_NS + DRIFT * np.abs(steps) * interval_ns
         self._gap = step > 1  # a counter that simply goes on is believed
-        fell = np.diff(delay, prepend=least_ns) > self._slack
+        fell = np.diff(delay, prepend=last_ns) > self._slack
         self._fell = np.flatnonzero(self._gap & fell & (delay > self._floor + self._slack))
 
     def place(self, at: int) -> int:

@@ -92,12 +92,10 @@ class CounterTrack:
             elapsed = self._elapsed(t_ns[rows], self._last[2])
             steps = np.where(started, np.maximum(elapsed, 1), self._steps(step, elapsed))
             place = self._last[0] + np.cumsum(steps)
-            least_ns = min((least for _, least in self._delays), default=None)
+            least_ns = min((least for _, least in self._delays), default=1 << 62)
             delay = t_ns[rows] - place * self._interval_ns
-            last_delay = self._last[2] - self._last[0] * self._interval_ns
-            doubt = Doubt(
-                step, steps, t_ns[rows], delay, last_delay if least_ns is None else least_ns, self._interval_ns
-            )
+            last_ns = self._last[2] - self._last[0] * self._interval_ns
+            doubt = Doubt(step, steps, t_ns[rows], delay, (last_ns, min(last_ns, least_ns)), self._interval_ns)
             moved = ~started & doubt.moved()
             jumped = ~started & (self._jumps(step, elapsed) | doubt.early()) & ~moved
             rogue = self._rogues(np.flatnonzero(jumped), counter[rows], t_ns[rows], doubt)
@@ -107,7 +105,7 @@ class CounterTrack:
                 starts = np.append(starts, rows[np.flatnonzero(jumped | moved)[0]])
             else:
                 index[rows] = place
-                self._behind = doubt.unproven() or self._behind
+                self._behind = doubt.unproven() or (None if len(starts) else self._behind)
                 self._watch(place, t_ns[rows])
                 return index, rows, len(starts)
         return index, rows, 0

@@ -319,7 +319,7 @@ def test_noise_under_the_right_identifier_never_moves_the_time_axis(noise, seed)
     loss=st.sampled_from([0.0, 0.1]),
 )
 def test_wherever_a_unit_resets_its_samples_follow_host_time_again(ran, silent_ms, announced, cuts, loss):
-    """Within 50 ms, or exactly where the unit announces it; and no time is given out twice."""
+    """Within 50 ms and the drift of the silence, or exactly where it is announced; and no time is given out twice."""
     unit, decoder = Unit(), GyroDecoder("vibratory", 2)
     ran -= ran % 10
     blocks = [decoder.decode(unit.run(ran))]
@@ -333,7 +333,7 @@ def test_wherever_a_unit_resets_its_samples_follow_host_time_again(ran, silent_m
     index = np.concatenate([block.index for block in blocks])
     assert np.all(np.diff(index) > 0)
     off = index[-1] - (blocks[-1].t_ns[-1] / (2 * MS) if len(blocks[-1].t_ns) else index[-1])
-    assert abs(off) <= (1 if announced else 26)
+    assert abs(off) <= (1 if announced else (52 + 210e-6 * silent_ms) / 2 + 2)
     assert decoder.losses.resets == 1 or not announced
     assert decoder.losses.resets <= 1
 
