@@ -3,7 +3,7 @@
 A ramp is never rewound: it goes on towards its target from where the chamber air was when the record ended; a soak
 goes on for what is left of it; a leg whose point is to settle, or to turn at a rate, is done again whole. Before, the
 chamber is taken back to that temperature and settles there. What is recorded from now on is a part of its own in the
-same folder, on the same bench time; the gap stays a gap (docs/decisions/0011-parts-of-a-run.md).
+same folder, on the same bench time; the gap stays a gap (docs/decisions/0005-parts-of-a-run.md).
 """
 
 from __future__ import annotations

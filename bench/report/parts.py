@@ -3,7 +3,7 @@
 A unit that kept its power over the gap is the same as before: only what it remembers of the temperature in the gap is
 not on record. A unit that was switched off has a new turn-on bias. Its parts are one record only if, over temperatures
 that both parts passed, they are shown to agree: the step between them is compared with its own uncertainty, over one
-curve in temperature and direction. What cannot be shown is not assumed (docs/decisions/0011-parts-of-a-run.md).
+curve in temperature and direction. What cannot be shown is not assumed (docs/decisions/0005-parts-of-a-run.md).
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import numpy as np
 from bench.channels import BoolArray, FloatArray
 from bench.dataset import Dataset
 from bench.diagnosis.digits import number
-from bench.report.markup import clock
 
 _SIGMAS = 3.0
 _LEAST_ROWS = 10
@@ -67,7 +66,7 @@ def joints(manifest: Mapping[str, Any], data: Dataset | None, floor_dph: float) 
 
 
 def _judge(gap: Mapping[str, Any], step: Step | None, floor_dph: float) -> Joint:
-    power, text = gap.get("unit_power", "unknown"), f"the bench was away for {clock(gap['duration_s'])}: {gap['text']}"
+    power, text = gap.get("unit_power", "unknown"), str(gap["text"])
     if power == "kept":
         why = "the unit kept its power; what it remembers of the temperature in the gap is not on record"
         return Joint(gap, step, True, f"{text}; {why}")
