@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bench.assemble import Decoded
@@ -16,8 +17,9 @@ from drivers.samples import SampleClock
 
 RESETS_S, MOST_RESETS = 60.0, 5
 """A unit that starts anew this often within this time has a counter that means nothing."""
-CORRUPT_S, MOST_CORRUPT = 10.0, 0.5
-"""So has one of whose frames more than this share are corrupt over this time."""
+MISFITS_S, MOST_MISFITS = 10.0, 0.3
+"""So has one of whose frames more than this share are corrupt or repeat a sample over this time: when each comes twice,
+half of them do."""
 IDENTITY_DOUBT_S = 2.0
 """Heartbeats come once a second: frames this long before a wrong one may be another unit's already."""
 
@@ -40,7 +42,8 @@ class LiveUnit:
         self.temperature: Signal | None = None
         self.newest_frame_s: float | None = None
         self._clock = clock
-        self._counts: deque[tuple[float, int, int, int]] = deque()  # bench time [s], resets, corrupt, received
+        self._next_reset, self._doubted = 1, False
+        self._counts: deque[tuple[float, int, int, int]] = deque()  # bench time [s], resets, misfits, received
 
     @property
     def serial(self) -> str:
@@ -87,10 +90,20 @@ class LiveUnit:
             return Trouble(text, now_s)
         return None
 
+    def news(self) -> Iterator[str]:
+        """What happened to the unit since it was asked last and the run goes on with; seldom, when it happens often."""
+        resets, doubt = self.decoder.losses.resets, self.decoder.conflict or ""
+        if resets >= self._next_reset:
+            self._next_reset = 2 * resets
+            yield f"unit {self.serial} started anew, {resets} in all"
+        if doubt and not self._doubted:
+            self._doubted = True
+            yield f"unit {self.serial}: {doubt}"
+
     def _stranger(self) -> str | None:
         found, wanted = self.decoder.identity, self.settings.identity
         if found is None or wanted is None or found.serial == wanted:
-            return None
+            return None if len(self.decoder.serials) < 2 else f"unit {self.serial}: {self.decoder.conflict}"
         return (
             f"unit {self.serial}: {found.serial} answers as number {self.settings.number}, the station file says"
             f" identity {wanted}"
@@ -99,16 +112,17 @@ class LiveUnit:
     def _wild(self, now_s: float) -> str | None:
         """Whether the sample counter has lost its meaning: it starts anew all the time, or fits nothing."""
         losses, counts = self.decoder.losses, self._counts
-        counts.append((now_s, losses.resets, losses.corrupt, losses.received))
+        counts.append((now_s, losses.resets, losses.corrupt + losses.repeated, losses.received))
         while len(counts) > 1 and counts[1][0] <= now_s - RESETS_S:
             counts.popleft()
         if losses.resets - counts[0][1] >= MOST_RESETS:
             return f"sample counter gone wild: started anew {losses.resets - counts[0][1]} times within a minute"
-        before = next((count for count in reversed(counts) if count[0] <= now_s - CORRUPT_S), None)
+        before = next((count for count in reversed(counts) if count[0] <= now_s - MISFITS_S), None)
         if before is None or losses.received == before[3]:
             return None
-        share = (losses.corrupt - before[2]) / (losses.received - before[3])
-        return None if share <= MOST_CORRUPT else f"{share:.0%} of its frames in {CORRUPT_S:g} s are corrupt"
+        share = (counts[-1][2] - before[2]) / (losses.received - before[3])
+        text = f"{share:.0%} of its frames in {MISFITS_S:g} s are corrupt or repeat a sample"
+        return text if share > MOST_MISFITS else None
 
     def decoded(self) -> Decoded:
         """What live decoding found, for `assemble`."""

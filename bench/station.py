@@ -115,6 +115,9 @@ class Station:
         for name, capture in self._captures.items():
             self._take(name, capture.poll())
         lost = self._lost_buses()
+        for unit in self.units:
+            for text in unit.news():
+                self.on_event("unit", text, unit=unit.serial)
         if self._complete:
             self._drop(lost)
         if left := {unit.settings.bus for unit in self.units} & lost.keys():

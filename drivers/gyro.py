@@ -12,7 +12,7 @@ signals:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -153,6 +153,11 @@ class GyroDecoder:
     def conflict(self) -> str | None:
         """Two units under one number, or another one than before, in words; None when all is well."""
         return self._impostors.conflict
+
+    @property
+    def serials(self) -> Sequence[int]:
+        """Serial numbers of the last heartbeats, each time that it changed; one while one unit answers."""
+        return self._impostors.serials
 
     def _count(self, **more: int) -> None:
         for name, count in more.items():

@@ -180,6 +180,27 @@ def test_another_unit_in_the_place_of_one_drops_that_one_and_what_is_not_its_own
     assert result.units[2].run.manifest()["unit_identity"]["serial"] == 3
 
 
+def test_two_units_under_one_number_are_told_even_where_no_identity_is_expected(world, tmp_path):
+    units = [
+        {k: v for k, v in unit.items() if k != "identity"} for unit in acquisition.config.read(FOUR).content["units"]
+    ]
+
+    def look(station, status):
+        if status.t_s >= 20:
+            world[0].units[0].wire.serial = 70 + int(status.t_s) % 2
+
+    result = run_job(job(tmp_path, units=units), look)
+    assert [unit.error is None for unit in result.units] == [False, True, True, True]
+    assert "unit SIM-0001: serial number 70 answers as number 0, where 1 did before" in str(result.error)
+
+
+def test_a_unit_that_starts_anew_once_stays_and_is_told(world, tmp_path):
+    result = run_job(job(tmp_path), at(20, lambda station: world[0].units[1].wire.reboot()))
+    assert result.error is None
+    assert [event["text"] for event in events(result.run, "unit")] == ["unit SIM-0002 started anew, 1 in all"]
+    assert [unit.run.manifest()["losses"]["resets"] for unit in result.units] == [0, 1, 0, 0]
+
+
 def test_a_unit_that_starts_anew_all_the_time_leaves(world, tmp_path):
     def look(station, status):
         if status.t_s >= 20:
