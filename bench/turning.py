@@ -15,6 +15,7 @@ import numpy as np
 from bench.errors import EquipmentError
 from bench.profile import Leg
 from drivers.clock import Clock
+from drivers.errors import LinkError
 from drivers.rate_table import RateTable, SafeStep, TableArray
 
 LATE_S = 30.0
@@ -53,11 +54,13 @@ class Turntable:
         self._told_s = 0.0
         self._arrived_s: float | None = None
         self._off_since: float | None = None
+        self._silent = False
 
     def begin(self, leg: Leg) -> Turning:
         """Bring the table to the rate of a leg that starts now."""
         self._leg = leg
         if leg.turn_dps and not self.table.enabled:
+            self.lacks = self.table.prepare()  # again: it may have been without power since
             self.table.enable()
             self.on_event("rate_table", "switched on")
         self._go(leg.turn_dps)
@@ -69,7 +72,14 @@ class Turntable:
 
     def poll(self) -> None:
         """Take in and record what the encoder says; EquipmentError when the table does not turn as it was told."""
-        readings = self.table.poll()
+        try:
+            readings = self.table.poll()
+        except LinkError as error:
+            if self.table.enabled:
+                raise
+            self._tell_silence(str(error))  # an axis that is off does not end a run
+            return
+        self._tell_silence("")
         if self._leg is None:
             self._go(0.0)
         if not len(readings):
@@ -77,6 +87,11 @@ class Turntable:
         self.record(readings)
         self.rate_dps = float(np.mean(readings["rate_dps"]))
         self._supervise(self._clock.now())
+
+    def _tell_silence(self, trouble: str) -> None:
+        if bool(trouble) != self._silent:
+            self._silent = bool(trouble)
+            self.on_event("link", f"rate table does not answer: {trouble}" if trouble else "rate table answers again")
 
     def arrived_s(self) -> float | None:
         """Bench time since which the table has had its rate [s]; None: not yet."""

@@ -25,6 +25,9 @@ from drivers.rate_table import STOPPED_DPS, SafeStep, TableArray, TableLimits, a
 
 MASTER = 0x7F
 """Our own node number, for the heartbeat that the drive watches."""
+ANSWER_S, ANSWERS = 0.5, 3
+"""How long an answer is waited for [s], and how often it is asked for: together less than the drive's patience."""
+PROBE_DPS, PROBE_S = 1.0, 2.0
 _PDO, _BEAT = 0x180, 0x700
 
 
@@ -76,6 +79,7 @@ class CanopenTable:
         self._network.subscribe(_BEAT + drive.node, self._on_beat)
         self._network.connect()
         self._node = self._network.add_node(canopen.RemoteNode(drive.node, cia402.dictionary()))
+        self._node.sdo.RESPONSE_TIMEOUT, self._node.sdo.MAX_RETRIES = ANSWER_S, ANSWERS
 
     # ---- before it turns --------------------------------------------------------------------------------------------
 
@@ -109,7 +113,10 @@ class CanopenTable:
         return tuple(missing)
 
     def enable(self) -> None:
-        """Through the state machine to `operation enabled`, target rate 0 first; a fault is never cleared."""
+        """Through the state machine to `operation enabled`, target rate 0 first; a fault is never cleared.
+
+        Then the unit of velocity is verified at a slow rate: it is the drive's setting, and no object tells it.
+        """
         self._refuse_fault()
         self._set(cia402.MODE, cia402.PROFILE_VELOCITY)
         if (mode := self._get(cia402.MODE_DISPLAY)) != cia402.PROFILE_VELOCITY:
@@ -119,6 +126,20 @@ class CanopenTable:
         for command in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
             self._command(command)
         self._await(lambda: self._state() == cia402.ENABLED, 5.0, "operation enabled")
+        self._verify_unit()
+
+    def _verify_unit(self) -> None:
+        """IdentityError when the position does not move as fast as the velocity says."""
+        wanted = min(PROBE_DPS, self.limits.rate_dps)
+        self.set_rate(wanted)
+        self._wait(1.0)
+        from_s, start = self._clock.now(), self.position()
+        self._wait(PROBE_S)
+        found = (self.position() - start) / (self._clock.now() - from_s)
+        self.stop()
+        if abs(found - wanted) > 0.1 * wanted:
+            text = f"commanded {wanted:g} deg/s, its position moves by {found:.4g} deg/s"
+            raise IdentityError(f"{self}: {text}; set the drive's velocity to counts per second, correct the gear")
 
     # ---- turning ----------------------------------------------------------------------------------------------------
 
@@ -250,8 +271,14 @@ class CanopenTable:
             if self._clock.now() >= until_s:
                 text = f"not '{what}' within {limit_s:.1f} s: state '{self._state()}', {self.rate():.2f} deg/s"
                 raise ReadBackError(f"{self}: {text}")
+            self._wait(0.1)
+
+    def _wait(self, time_s: float) -> None:
+        """Let time pass [s], alive."""
+        until_s = self._clock.now() + time_s
+        while self._clock.now() < until_s - 1e-6:
             self._beat()
-            self._clock.sleep_until(self._clock.now() + 0.1)
+            self._clock.sleep_until(min(self._clock.now() + 0.1, until_s))
 
     def _accel(self, given: float | None) -> float:
         return self.limits.accel_dps2 if given is None else given

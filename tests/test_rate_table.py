@@ -31,6 +31,7 @@ class Bench:
         self.clock.attach(self.sim.advance)
         drive = Drive(NODE, settings.counts_per_degree, latency_s=0.01)
         self.table = CanopenTable(self.buses[1], drive, LIMITS, self.clock)
+        self.table._node.sdo.RESPONSE_TIMEOUT = 0.1  # of wall time, which a cut cable costs
 
     def turn(self, rate_dps, seconds=5):
         """Turn and return the readings of the last second."""
@@ -97,6 +98,7 @@ def test_two_runs_read_the_same():
 
 def test_the_acceleration_is_limited(bench):
     bench.table.enable()
+    bench.table.poll()
     readings = bench.turn(100.0, 1)
     slope = np.diff(readings["rate_dps"]) / np.diff(readings["t_s"])
     assert np.mean(slope) == pytest.approx(LIMITS.accel_dps2, rel=0.02)
@@ -207,6 +209,16 @@ def test_a_drive_of_another_kind_is_refused(bench):
     bench.sim._node.object_dictionary[cia402.DEVICE_TYPE].default = 0x0191  # an I/O device
     with pytest.raises(IdentityError, match="device profile 401"):
         bench.table.identify()
+
+
+@pytest.mark.parametrize("unit", [10.0, 0.1])
+def test_a_drive_with_another_unit_of_velocity_is_found_out_at_a_slow_rate(unit):
+    bench = Bench(TableSettings(velocity_unit=unit))
+    bench.table.prepare()
+    with pytest.raises(IdentityError, match="commanded 1 deg/s, its position moves by"):
+        bench.table.enable()
+    assert all(step.ok for step in bench.table.safe())
+    bench.close()
 
 
 def test_without_pdo_and_heartbeat_the_readings_are_polled_and_the_lack_is_told():

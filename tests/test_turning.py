@@ -19,7 +19,7 @@ from bench.station import StationSettings, open_station
 from bench.tables import halt
 from bench.turning import Turntable
 from drivers.clock import SimClock
-from drivers.errors import DriverError
+from drivers.errors import DriverError, LinkError
 from drivers.rate_table import TableLimits, table_array
 from drivers.sim.cia402_table import SimulatedTable
 
@@ -257,6 +257,10 @@ class FakeTable:
 
     def __init__(self, clock):
         self.clock, self.enabled, self.commanded_dps, self.rate_dps = clock, False, 0.0, None
+        self.silent = False
+
+    def prepare(self):
+        return ()
 
     def enable(self):
         self.enabled = True
@@ -265,6 +269,8 @@ class FakeTable:
         self.commanded_dps = rate_dps
 
     def poll(self):
+        if self.silent:
+            raise LinkError("rate table node 5: no answer")
         rate = self.commanded_dps if self.rate_dps is None else self.rate_dps
         return table_array([(self.clock.now(), rate, 0.0)])
 
@@ -319,6 +325,20 @@ def test_a_table_that_never_gets_there_or_leaves_its_rate_has_failed(turntable):
     turntable.table.rate_dps = 29.0
     with pytest.raises(EquipmentError, match=r"turns 29\.000 deg/s, commanded 30"):
         live(turntable, 40)
+
+
+def test_a_silent_table_ends_the_run_only_while_its_axis_is_on(turntable):
+    told = []
+    turntable.on_event = lambda kind, text, **facts: told.append(text)
+    turntable.table.silent = True
+    live(turntable, 3)
+    turntable.table.silent = False
+    live(turntable, 3)
+    assert [text[:24] for text in told] == ["rate table does not answ", "rate table answers again"]
+    turntable.begin(leg(30.0))
+    turntable.table.silent = True
+    with pytest.raises(LinkError):
+        live(turntable, 1)
 
 
 def test_a_table_that_leaves_its_rate_has_failed(turntable):

@@ -35,8 +35,8 @@ class TableSettings:
     wobble_dps: float = 0.0003
     """Standard deviation of the rate about its target."""
     encoder_noise_counts: float = 0.5
-    scale_error_ppm: float = 0.0
-    """Encoder's counts per degree over what the station file says: what no measurement on this table can show."""
+    velocity_unit: float = 1.0
+    """Units of velocity in one count per second; a drive that is set up otherwise has another one than 1."""
 
 
 class SimulatedTable:
@@ -75,10 +75,12 @@ class SimulatedTable:
         step_s = (t1_s - t0_s) / n
         rates = self._rates(n, step_s)
         angles = self.angle_deg + np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) * (0.5 * step_s))])
-        true_counts = angles[1:] * self.settings.counts_per_degree * (1.0 + 1e-6 * self.settings.scale_error_ppm)
+        true_counts = angles[1:] * self.settings.counts_per_degree
         noise = self.settings.encoder_noise_counts * self._rng.standard_normal(n)
         counts = np.round(true_counts + noise).astype(np.int64)
-        velocity = np.round(np.diff(counts, prepend=self._counts) / step_s).astype(np.int64)
+        velocity = np.round(np.diff(counts, prepend=self._counts) / step_s * self.settings.velocity_unit).astype(
+            np.int64
+        )
         self._report(t0_s + step_s * np.arange(1, n + 1, dtype=np.float64), counts, velocity)
         self._counts, self._velocity = int(counts[-1]), int(velocity[-1])
         self.rate_dps, self.angle_deg = float(rates[-1]), float(angles[-1])
@@ -110,7 +112,7 @@ class SimulatedTable:
     def _rates(self, n: int, step_s: float) -> FloatArray:
         """Rate at the nodes [deg/s]: the profile with its acceleration limit, and the servo's wobble."""
         powered = self.state == cia402.ENABLED or self.state in _QUICK
-        target = self._raw(cia402.TARGET_VELOCITY) / self.settings.counts_per_degree
+        target = self._raw(cia402.TARGET_VELOCITY) / (self.settings.counts_per_degree * self.settings.velocity_unit)
         if self.state != cia402.ENABLED or self._raw(cia402.MODE) != cia402.PROFILE_VELOCITY:
             target = 0.0
         change = target - self._profile_dps
