@@ -10,6 +10,7 @@ import os
 import platform
 import shutil
 import signal
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -239,8 +240,7 @@ def _watch(station: Station, recorder: Recorder, sequencer: Sequencer) -> Watchd
     """Let a process of its own watch over real equipment from here on; a simulated chamber dies with this process."""
     if not isinstance(station.clock, WallClock):
         return None
-    folders = [run.path for run in recorder.runs]
-    watchdog = Watchdog(station.settings, folders, station.clock.started_monotonic_ns)
+    watchdog = Watchdog(station.settings, recorder.run.path, station.clock.started_monotonic_ns)
     sequencer.beat = watchdog.beat
     watchdog.arm()
     recorder.event("watchdog", f"process {watchdog.pid} watches over this run", pid=watchdog.pid)
@@ -277,7 +277,6 @@ def _make_safe(
     Equipment that was not commanded yet is left as it was found. The disk may be full: equipment first, records then.
     """
     records: list[Callable[[], None]] = []
-    table_trouble = _stop_table(station, records)  # at once; the chamber takes its time
     trouble = ""
     if sequencer.moved:
         station.on_write = lambda write: records.append(partial(recorder.write, write))
@@ -288,6 +287,7 @@ def _make_safe(
             settings.safe_state,
             settings.ambient_degc,
             60.0 * settings.safe_state.retry_min,
+            stop_table=list if station.turntable is None else station.turntable.safe,
             beat=partial(_still_alive, watchdog, 60.0 + 4.0 * settings.safe_state.step_s),
             hurry=lambda: sequencer.asked_to_stop,
             report=lambda kind, text, **facts: records.append(partial(recorder.event, kind, text, **facts)),
@@ -299,8 +299,8 @@ def _make_safe(
         further = "; the watchdog goes on trying" if watchdog is not None else ""
         cause = f" (run ended by: {error})" if error is not None else ""
         error = EquipmentError(f"{trouble}{further}{cause}")
-    if table_trouble:
-        error = EquipmentError(f"{table_trouble}; {error}" if error is not None else table_trouble)
+        with suppress(OSError):  # now, and not after minutes of tables and report
+            print(f"bench: {error}", file=sys.stderr, flush=True)
     try:
         for record in records:
             record()
@@ -310,16 +310,6 @@ def _make_safe(
     except OSError as caught:
         error = error or EquipmentError(_cannot_record(caught))
     return error
-
-
-def _stop_table(station: Station, records: list[Callable[[], None]]) -> str:
-    """Quick stop of the rate table, verified; what could not be verified, or nothing."""
-    steps = [] if station.turntable is None else station.turntable.safe()
-    for step in steps:
-        text = f"{step.what}: {step.detail}"
-        records.append(partial(station.on_event, "safe_state", text, ok=step.ok))
-    failed = [f"{step.what}: {step.detail}" for step in steps if not step.ok]
-    return f"RATE TABLE NOT VERIFIED TO STAND: {'; '.join(failed)}; press its emergency stop" if failed else ""
 
 
 def _still_alive(watchdog: Watchdog | None, allow_s: float) -> None:

@@ -129,5 +129,11 @@ class SafeState:
 
 def failures(steps: list[SafeStep]) -> str:
     """What could not be verified, and what to do; empty when all was."""
-    failed = [f"{step.what}: {step.detail}" for step in steps if not step.ok]
-    return f"SAFE STATE NOT VERIFIED: {'; '.join(failed)}; switch the chamber off by hand" if failed else ""
+    failed = [step for step in steps if not step.ok]
+    if not failed:
+        return ""
+    table = [step for step in failed if step.what.startswith("rate table")]
+    orders = ["press the emergency stop of the rate table"] if table else []
+    orders += ["switch the chamber off by hand"] if len(table) < len(failed) else []
+    text = "; ".join(f"{step.what}: {step.detail}" for step in failed)
+    return f"SAFE STATE NOT VERIFIED: {text}; {' and '.join(orders)}"

@@ -227,9 +227,14 @@ class Sequencer:
 
     def _complete(self, leg: Leg, now_s: float, from_s: float, settled_s: float) -> bool:
         if leg.kind == "ramp":
-            return self._commanded_all(leg) and abs(self._fresh_air() - leg.target_degc) <= leg.arrival_band_degc
+            arrived = self._commanded_all(leg) and abs(self._fresh_air() - leg.target_degc) <= leg.arrival_band_degc
+            return arrived and not (self._homeward and self._units_cold(leg))
         since_s = settled_s if leg.kind == "step" else from_s
         return now_s - since_s >= leg.duration_s
+
+    def _units_cold(self, leg: Leg) -> bool:
+        """Whether a unit is still so much colder than the target that it would collect water."""
+        return any(degc < leg.target_degc - leg.arrival_band_degc for degc in self._unit_degc())
 
     def _commanded_all(self, leg: Leg) -> bool:
         """Whether the set point in force is that of the end of the ramp."""

@@ -18,7 +18,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
@@ -26,6 +25,7 @@ from typing import IO, Any
 from bench.equipment import StationSettings
 from bench.errors import EquipmentError
 from bench.safety import SafeState, failures
+from bench.tables import halt
 from drivers.chamber import Chamber, SafeStep, Write
 from drivers.clock import WallClock
 from drivers.errors import DriverError
@@ -37,9 +37,6 @@ READY_S = 60.0
 """A watchdog that is not ready within this time is not there."""
 KILLED_S = 10.0
 UNVERIFIED = 4
-
-TABLE_STOPS: list[Callable[[StationSettings], list[SafeStep]]] = [halt]
-"""Quick stops of rate tables, from the station file alone."""
 
 
 class Watchdog:
@@ -132,7 +129,7 @@ class Listener:
     """The watchdog's end of the pipe: waits until the bench says that it is done, or does not say anything any more."""
 
     def __init__(self, read_fd: int, silent_s: float) -> None:
-        self.armed = self.failed = False
+        self.armed = self.failed = self.hangs = False
         self._fd, self._silent_s = read_fd, silent_s
         self._allowed_s = silent_s
         self._rest = b""
@@ -157,6 +154,7 @@ class Listener:
                 self._hear(line)
             readable, _, _ = select.select([self._fd], [], [], self._allowed_s)
             if not readable:
+                self.hangs = True
                 return f"the bench was silent for {self._allowed_s:g} s"
             data = os.read(self._fd, 1 << 16)
             if not data:
@@ -214,14 +212,15 @@ def main() -> int:
     why = listener.wait()
     if not why or not listener.armed:
         return 0
-    return _replace(bench, settings, log, why)
+    return _replace(bench, listener, settings, log, why)
 
 
-def _replace(bench: _Process, settings: StationSettings, log: Log, why: str) -> int:
+def _replace(bench: _Process, listener: Listener, settings: StationSettings, log: Log, why: str) -> int:
     """The bench is gone or hangs: make the equipment safe in its place."""
     started_s = time.monotonic()
     log.event("watchdog", f"{why}: making the equipment safe", reason=why)
-    if bench.kill():
+    grace_s = 0.0 if listener.hangs else KILLED_S  # a pipe closes a moment before its process is gone
+    if not listener.failed and bench.kill(grace_s):  # a bench that gave up closes its link and writes its report
         log.event("watchdog", "killed the bench, which hung")
     try:
         steps = _make_safe(settings, log)
@@ -248,7 +247,7 @@ def _make_safe(settings: StationSettings, log: Log) -> list[SafeStep]:
             settings=settings.safe_state,
             ambient_degc=settings.ambient_degc,
             retry_s=60.0 * settings.watchdog.retry_min,
-            stop_table=lambda: [step for stop in TABLE_STOPS for step in stop(settings)],
+            stop_table=lambda: halt(settings),
             report=log.event,
         ).make()
 
@@ -260,19 +259,25 @@ class _Process:
         self._pid = pid
         self._handle = os.pidfd_open(pid) if hasattr(os, "pidfd_open") else None
 
-    def kill(self) -> bool:
-        """Kill it and wait until it is gone; False when it was gone already."""
-        if self._handle is None:
-            if os.getppid() != self._pid:
-                return False
-            os.kill(self._pid, signal.SIGKILL)
-            return True
-        if select.select([self._handle], [], [], 0)[0]:
+    def kill(self, grace_s: float) -> bool:
+        """Kill it unless it ends by itself within `grace_s` [s]; False when that was not needed."""
+        if self._gone(grace_s):
             return False
         with contextlib.suppress(ProcessLookupError):
-            signal.pidfd_send_signal(self._handle, signal.SIGKILL)
-        select.select([self._handle], [], [], KILLED_S)
+            if self._handle is None:
+                os.kill(self._pid, signal.SIGKILL)
+            else:
+                signal.pidfd_send_signal(self._handle, signal.SIGKILL)
+        self._gone(KILLED_S)
         return True
+
+    def _gone(self, within_s: float) -> bool:
+        if self._handle is not None:
+            return bool(select.select([self._handle], [], [], within_s)[0])
+        until_s = time.monotonic() + within_s
+        while os.getppid() == self._pid and time.monotonic() < until_s:
+            time.sleep(0.05)
+        return os.getppid() != self._pid
 
 
 if __name__ == "__main__":

@@ -91,7 +91,7 @@ class FakeBench:
             chamber=SimpleNamespace(link=link or LinkSettings(degraded_after_s=5.0, lost_after_s=10.0)),
         )
         self.events, self.readings, self.seen, self.disk_mb = [], 0, [], 1e6
-        self.hooks = hooks or {}
+        self.hooks, self.lag_degc = hooks or {}, 0.0
         self.sequencer = Sequencer(self, Guards(guards), self, self.seen.append)
         self.sequencer.signals.extra = lambda: {"disk_free_mb": Signal(self.disk_mb, self.clock.now())}
 
@@ -103,7 +103,7 @@ class FakeBench:
         self.polled += 1
         now_s = self.clock.now()
         if self.polled >= self.missing:
-            self.unit.newest_frame_s, self.unit.temperature = now_s, Signal(self.chamber.air, now_s)
+            self.unit.newest_frame_s, self.unit.temperature = now_s, Signal(self.chamber.air + self.lag_degc, now_s)
         self.hooks.get(round(now_s), lambda bench: None)(self)
 
     # recorder
@@ -438,6 +438,13 @@ def test_a_profile_that_ends_cold_returns_to_ambient_and_records_the_way():
     assert 18.0 <= bench.chamber.air < 18.5
     assert bench.seen[-1].legs == 2
     assert home.from_s == cold.to_s
+
+
+def test_the_way_back_waits_for_units_that_are_still_cold():
+    bench = FakeBench(hooks={700: lambda bench: setattr(bench, "lag_degc", 0.0)})
+    bench.lag_degc = -20.0
+    _, _, home = bench.go(COLD, "kind: soak, duration_min: 1")
+    assert (home.outcome, home.to_s > 700.0) == ("done", True)
 
 
 def test_a_profile_that_ends_warm_is_over():

@@ -56,13 +56,15 @@ class World:
         self.started.append(subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, **options))
         return self.started[-1]
 
-    def simulate(self):
+    def simulate(self, retry_min):
         path = self.folder / "station.yaml"
         self.sim = self.start("sim", "--write-station", path)
         while "ready" not in self.sim.stderr.readline():
             assert self.sim.poll() is None
         content = yaml.safe_load(path.read_text())
-        content["watchdog"] = {"silent_s": 4.0, "retry_min": 0.05}
+        content["watchdog"] = {"silent_s": 4.0, "retry_min": retry_min}
+        content["chamber"]["link"] = {"degraded_after_s": 1.0, "lost_after_s": 3.0}
+        content["chamber"]["connection"]["timeout_s"] = 0.5
         content["safe_state"] = {"retry_min": 0.0}
         path.write_text(yaml.safe_dump(content))
         self.panel = Panel(content["chamber"]["connection"]["url"])
@@ -90,10 +92,10 @@ class World:
 
 
 @pytest.fixture
-def world(tmp_path):
+def world(tmp_path, request):
     world = World(tmp_path)
     try:
-        world.simulate()
+        world.simulate(getattr(request, "param", 0.05))
         yield world
     finally:
         world.close()
@@ -159,6 +161,22 @@ def test_what_the_watchdog_cannot_verify_it_says_loudly(world):
     assert "bench watchdog: SAFE STATE NOT VERIFIED: set point to 23 degC" in said
     assert "switch the chamber off by hand" in said
     assert events(run)[-1]["ok"] is False
+
+
+@pytest.mark.parametrize("world", [10.0], indirect=True)
+def test_a_chamber_that_comes_back_after_the_bench_gave_up_is_made_safe(world):
+    bench, run = world.run()
+    world.sim.send_signal(signal.SIGSTOP)
+    said = bench.stderr.readline()
+    while "SAFE STATE NOT VERIFIED" not in said:
+        assert said, "the bench did not say it"
+        said = bench.stderr.readline()
+    assert "the watchdog goes on trying" in said
+    world.sim.send_signal(signal.SIGCONT)
+    world.panel.wait_for(23.0, False)
+    assert "bench watchdog: equipment is safe" in bench.stderr.read()
+    assert bench.wait(PATIENCE_S) == 4
+    assert events(run)[0]["text"].startswith("the bench could not reach the safe state")
 
 
 @pytest.fixture
