@@ -257,6 +257,19 @@ def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, wri
 
 
 @main.command()
+@click.argument("station", required=False, type=click.Path(path_type=Path))
+@click.option("--listen", "listen_s", type=click.FloatRange(0.1, 600.0), default=2.0, help="Seconds at each bus.")
+@click.option("--contract", is_flag=True, help="Try the station's register map on a simulated controller instead.")
+@json_option
+@_answer
+def doctor(station: Path | None, listen_s: float, contract: bool) -> Answer:
+    """Ask the equipment of STATION what it is, read-only, and say what agrees with the file and what does not."""
+    from bench.workflow import examination
+
+    return examination.contract(station) if contract else examination.doctor(station, listen_s)
+
+
+@main.command()
 @runs_argument
 @model_argument
 @check_option

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, PositiveFloat, model_validator
@@ -13,6 +14,7 @@ from bench.errors import InputError
 from bench.guards import GuardSettings
 from bench.preflight import Limits
 from drivers.interfaces import BusSettings, unit_filters
+from drivers.registers import is_map_file
 
 LOCAL_INTERFACES = ("virtual", "blocks")
 """python-can interfaces that live inside one process: captured in it. Everything else gets a process of its own."""
@@ -303,6 +305,13 @@ class StationSettings(BaseModel):
                 text = f"unit {serial!r} is not in station {self.name!r}; choose from {[*known]} with --unit"
                 raise InputError(text)
         return tuple(known[serial] for serial in dict.fromkeys(serials)) or self.units
+
+    def beside(self, folder: Path) -> StationSettings:
+        """The same with the files that it names by relative paths looked for in `folder`, that of the station file."""
+        if not is_map_file(self.chamber.map):
+            return self
+        chamber = self.chamber.model_copy(update={"map": str(folder / self.chamber.map)})
+        return self.model_copy(update={"chamber": chamber})
 
     def limits(self) -> Limits:
         """What the station allows and its chamber can do."""

@@ -33,7 +33,7 @@ def load_station(path: Path | None) -> StationSettings:
     """A station file; the embedded simulator for None."""
     from bench.station import StationSettings
 
-    return config.load(_station_path(path), StationSettings)
+    return config.load(_station_path(path), StationSettings).beside(_station_path(path).parent)
 
 
 def _station_path(path: Path | None) -> Path:

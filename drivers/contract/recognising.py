@@ -31,11 +31,10 @@ def refuses_other_units(trial: Trial) -> None:
     unit = trial.map.unit_register
     if unit is None:
         raise NotApplicable("the controller does not tell its unit")
-    rule = next(rule for rule in trial.map.identify if rule.register == unit)
-    for name in trial.map[unit].values:
-        if not rule.accepts(name):
-            trial.put(unit, name)
-            trial.refused(IdentityError, trial.chamber.identify, name)
+    check("celsius" in trial.map[unit].values, f"{unit} has no value named celsius")
+    for name in set(trial.map[unit].values) - {"celsius"}:
+        trial.put(unit, name)
+        trial.refused(IdentityError, trial.chamber.identify, name)
 
 
 def refuses_wrong_words(trial: Trial) -> None:

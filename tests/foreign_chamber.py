@@ -1,0 +1,83 @@
+"""A controller served by modbus_tk, a Modbus library that is not ours, for the contract of register maps."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+
+import serial
+from modbus_tk import defines
+from modbus_tk.modbus_rtu import RtuServer
+from modbus_tk.modbus_tcp import TcpServer
+
+from drivers.register_map import RegisterMap
+from drivers.sim.modbus_chamber import ModbusChamber
+from drivers.sim.ptys import PtyPair
+
+
+class Watched(list):
+    """Registers that tell when one of them is written."""
+
+    def __init__(self, values, on_write):
+        super().__init__(values)
+        self.on_write = on_write
+
+    def __setitem__(self, index, value):
+        super().__setitem__(index, value)
+        self.on_write(index, value)
+
+
+class ForeignChamber:
+    """Serves what a controller of ours holds after boot; takes every write, as modbus_tk does."""
+
+    def __init__(self, registers: RegisterMap, wire: str = "tcp") -> None:
+        self.map = registers.with_decimals(dict.fromkeys(registers.decimals, 1))
+        with ModbusChamber(registers) as booted:
+            image = {name: booted.words(name) for name in self.map.registers}
+        self.pair = PtyPair() if wire == "rtu" else None
+        if self.pair:
+            port = serial.Serial(self.pair.right, 19200)
+            self.server = RtuServer(port)
+        else:
+            self.server = TcpServer(port=0, address="127.0.0.1", timeout_in_sec=0.02)
+        self.slave = self.server.add_slave(1)
+        self.memory: list[int] = Watched([0] * 65536, self.mirror)
+        self.slave.add_block("all", defines.HOLDING_REGISTERS, 0, 65536)
+        block = self.slave._get_block("all")
+        block._data = self.memory
+        for name, words in image.items():
+            self.set_words(name, words)
+        self.server.start()
+
+    @property
+    def url(self) -> str:
+        if self.pair:
+            return f"rtu://{self.pair.left}?baudrate=19200"
+        for _ in range(5000):
+            if self.server._sock is not None and self.server._sock.getsockname()[1]:
+                break
+            time.sleep(0.001)
+        return f"tcp://127.0.0.1:{self.server._sock.getsockname()[1]}"
+
+    def mirror(self, address: int, value: int) -> None:
+        """The state register follows the command, as in a controller."""
+        run = self.map.run
+        command, state = self.map[run.register], self.map[run.state]
+        if address == command.address and state is not command:
+            self.set_words(run.state, state.encode(command.decode([value])))
+
+    def words(self, name: str) -> list[int]:
+        return list(self.memory[self.map[name].address : self.map[name].end])
+
+    def set_words(self, name: str, words: Iterable[int]) -> None:
+        register = self.map[name]
+        for offset, word in enumerate(words):
+            address = register.address + offset
+            others = 0 if register.mask is None else list.__getitem__(self.memory, address) & ~register.mask
+            list.__setitem__(self.memory, address, word | others)
+
+    def close(self) -> None:
+        self.server.stop()
+        if self.pair:
+            self.server.close()
+            self.pair.close()
