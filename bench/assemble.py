@@ -69,7 +69,7 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
     """
     damage = Damage()
     bus_events: list[dict[str, Any]] = []
-    folders = run.parts()
+    folders = parted.recorded(run)
     parts = [_part(part, live if part == folders[-1] else None, damage, bus_events) for part in folders]
     journals = parted.apart([part.journal for part in parts])
     first, last = journals[0], journals[-1]

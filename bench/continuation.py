@@ -23,7 +23,6 @@ from bench.equipment import StationSettings, UnitSettings
 from bench.errors import InputError
 from bench.journals import BenchJournal, read_bench
 from bench.profile import STEP_DEGC_PER_MIN, Leg, Profile
-from bench.safety import HOME
 from bench.store import MANIFEST, RunFolder, open_run
 from drivers.chamber import ChamberReading
 from drivers.journal import Damage
@@ -158,7 +157,7 @@ def _position(legs: Sequence[Leg], segments: Sequence[Mapping[str, Any]]) -> tup
     """The leg that is not done yet, and the segments in which it was begun; others than legs count for none."""
     at, mine = 0, []
     for segment in segments:
-        if at == len(legs) or segment["name"] == HOME:
+        if at == len(legs):
             break
         name = legs[at].name
         if segment["name"] != name and not segment["name"].startswith(f"{name} {RESUMED}"):
@@ -223,7 +222,7 @@ def _recovered(run: RunFolder) -> _Unit:
 
 
 def _journals(run: RunFolder) -> list[BenchJournal]:
-    return parts.apart([read_bench(part, Damage()) for part in run.parts()])
+    return parts.apart([read_bench(part, Damage()) for part in parts.recorded(run)])
 
 
 def _companions(run: RunFolder, journal: BenchJournal) -> Iterator[RunFolder]:

@@ -7,12 +7,17 @@ and its turn-on bias may be another one.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 from bench.journals import BenchJournal
+from bench.recorder import BENCH_JOURNAL
+from bench.store import RunFolder
+from drivers.journal import Kind, read_blocks
 from drivers.samples import SampleClock
 
 Power = Literal["kept", "lost", "unknown"]
@@ -69,6 +74,16 @@ def describe(journals: Sequence[BenchJournal], counted: Sequence[Counted]) -> li
             entry["gap"] = {**facts, "unit_power": kept, "counter_off_s": None if off_s is None else round(off_s, 3)}
         entries.append(entry)
     return entries
+
+
+def recorded(run: RunFolder) -> list[RunFolder]:
+    """The parts that hold a record: a bench that was killed while it opened a further one has left nothing there."""
+    first, *others = run.parts()
+    return [first, *(part for part in others if _has_meta(part.journal / BENCH_JOURNAL))]
+
+
+def _has_meta(path: Path) -> bool:
+    return path.exists() and any(block.kind is Kind.META for block in itertools.islice(read_blocks(path), 1))
 
 
 def apart(journals: Sequence[BenchJournal]) -> list[BenchJournal]:

@@ -67,6 +67,8 @@ class LiveRun:
         """Silent: something holds the port and does not answer; it may be the run, stopped or hung."""
         try:
             return "live" if ask(self, "status").get("pid") == self.file.pid else "gone"
+        except InputError:  # it is another one's port now
+            return "gone"
         except EquipmentError as error:
             return "silent" if isinstance(error.__cause__, TimeoutError) else "gone"
 
@@ -120,7 +122,7 @@ def _named(folder: Path) -> LiveRun:
 
 
 def ask(run: LiveRun, action: str, patience_s: float = PATIENCE_S) -> dict[str, Any]:
-    """Send one request; the answer. EquipmentError when the process is gone, hangs, or refuses."""
+    """Send one request; the answer. EquipmentError when the process is gone or hangs, InputError when it refuses."""
     request = {"token": run.file.token, "do": action, "who": whoami()}
     try:
         with socket.create_connection((HOST, run.file.port), patience_s) as connection:
@@ -131,7 +133,7 @@ def ask(run: LiveRun, action: str, patience_s: float = PATIENCE_S) -> dict[str, 
         raise EquipmentError(f"{text}; look at the chamber") from error
     if not isinstance(answer, dict) or not answer.get("ok"):
         refused = answer.get("error") if isinstance(answer, dict) else answer
-        raise EquipmentError(f"{run.path}: {refused}")
+        raise InputError(str(refused), run.path)
     return answer
 
 

@@ -162,6 +162,15 @@ def test_a_soak_goes_on_for_what_is_left_of_it(tmp_path):
     assert cut["to_s"] - cut["from_s"] + rest["to_s"] - rest["from_s"] == pytest.approx(120, abs=2)
 
 
+def test_a_bench_that_was_killed_while_it_opened_a_part_has_left_nothing_there(tmp_path):
+    (path,) = kill_in(tmp_path, "warm", 50)
+    (path / "journal-2").mkdir()
+    (path / "journal-2" / "bench.gtbj").touch()
+    run = go_on(path).run
+    assert run.part == 3
+    assert (run.manifest()["state"], len(run.manifest()["parts"])) == ("done", 2)
+
+
 def test_a_run_that_is_killed_again_goes_on_again(tmp_path):
     (path,) = kill_in(tmp_path, "up", 60)
 
@@ -250,6 +259,8 @@ STEPS = "name: s\nsegments:\n  - {kind: step, temperatures_degc: [0, 50]}\n"
          [f"back to 25 {RESUMED}", f"up {RESUMED}", "warm", "down"]),
         (PROFILE, [executed("up", "timeout"), executed("warm"), executed("down")], []),
         (PROFILE, [executed("up"), executed("warm"), executed("down"), executed(HOME, "interrupted")], []),
+        (PROFILE, [executed("up", "interrupted"), executed(HOME), executed(f"up {RESUMED}")],
+         [f"back to 30 {RESUMED}", "warm", "down"]),
         (STEPS, [executed("step to 0", "interrupted")],
          [f"step to 0 {RESUMED}", "step at 0", "step to 50", "step at 50"]),
         (STEPS, [executed("step to 0"), executed("step at 0", "interrupted")],

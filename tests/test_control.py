@@ -110,7 +110,7 @@ def test_an_aborted_run_says_that_it_is_ending(desk, live):
 
 
 def test_nothing_can_be_asked_before_there_is_a_sequencer(folder):
-    with control.serve(Desk(), [folder]), pytest.raises(EquipmentError, match="only just starting"):
+    with control.serve(Desk(), [folder]), pytest.raises(InputError, match="only just starting"):
         remote.ask(remote.at(folder), "hold")
 
 
@@ -153,7 +153,7 @@ def shout(run, data):
 
 
 def test_an_action_that_does_not_exist_is_answered_with_those_that_do(live):
-    with pytest.raises(EquipmentError, match="must be one of status, hold, pause, resume, abort"):
+    with pytest.raises(InputError, match="must be one of status, hold, pause, resume, abort"):
         remote.ask(live, "explode")
 
 

@@ -50,11 +50,7 @@ def live(tmp_path):
     """A run of the embedded simulator, live: its process and its reports folder."""
     profile, out = tmp_path / "long.yaml", tmp_path / "reports"
     profile.write_text(PROFILE)
-    command = [sys.executable, "-c", "from bench.cli import main; main()", "run", str(profile), "--out", str(out)]
-    command += ["--model", "polynomial", "--quiet"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent)}
-    pipe = subprocess.PIPE
-    process = subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
+    process = start("run", profile, "--out", out, "--model", "polynomial", "--quiet")
     try:
         until(lambda: process.poll() is not None or [r for r in remote.below(out) if r.condition() == "live"])
         until(lambda: process.poll() is not None or "segment" in asked("status", "--out", out)["runs"][0])
@@ -128,3 +124,53 @@ def test_a_folder_that_is_no_run_is_refused_in_one_line(tmp_path):
         assert answer.exit_code == 2
         assert len(answer.stderr.splitlines()) == 1
     assert bench("status", "--out", tmp_path).stdout == f"no live run below {tmp_path}\n"
+
+
+BRIEF = """\
+name: brief
+settle: {band_degc: 1, unit_band_degc: 5, slope_degc_per_min: 20, dwell_min: 0.05, timeout_min: 5}
+segments:
+  - {kind: soak, name: warm, duration_min: 0.25}
+"""
+
+
+def test_a_bench_that_is_killed_in_real_time_goes_on_with_the_unit_that_kept_counting(tmp_path):
+    """Servers, bench, watchdog and capture are processes of their own; only the bench is killed."""
+    profile, station, out = tmp_path / "brief.yaml", tmp_path / "station.yaml", tmp_path / "reports"
+    profile.write_text(BRIEF)
+    served = start("sim", "--write-station", station)
+    first = None
+    try:
+        until(station.exists)
+        first = start("run", profile, "--station", station, "--out", out, "--quiet", "--model", "polynomial")
+        (run,) = until(lambda: [r for r in remote.below(out) if r.condition() == "live"])
+        until(lambda: asked("status", run.path)["runs"][0].get("t_s", 0.0) > 4.0)
+        first.send_signal(signal.SIGKILL)
+        first.wait()
+        watchdog = run.path / "watchdog.jsonl"
+        until(lambda: watchdog.exists() and '"took_s"' in watchdog.read_text())
+        second = start("resume", run.path, "--quiet", "--json")
+        said, complaints = second.communicate(timeout=PATIENCE_S)
+        assert second.returncode in {0, 1}, complaints
+        manifest = open_run(run.path).manifest()
+        assert manifest["state"] == "done"
+        assert [s["name"] for s in manifest["segments"]] == ["warm", "back to 23 (resumed)", "warm (resumed)"]
+        gap = manifest["parts"][1]["gap"]
+        assert gap["unit_power"] == "kept"
+        assert (gap["before"]["on"], gap["after"]["on"]) == (True, False)  # the watchdog has switched it off
+        assert gap["duration_known"]
+        assert manifest["losses"]["lost"] == 0
+        assert json.loads(said)["admissible"]
+    finally:
+        for process in (served, first):
+            if process is not None:
+                process.kill()
+                process.communicate()
+
+
+def start(*arguments):
+    """The command line in a process of its own."""
+    command = [sys.executable, "-c", "from bench.cli import main; main()", *map(str, arguments)]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent.parent)}
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=pipe, text=True)

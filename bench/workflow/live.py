@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bench import remote
-from bench.errors import EquipmentError
+from bench.errors import EquipmentError, InputError
 from bench.remote import LiveRun
 from bench.store import MANIFEST
 from bench.workflow.answer import Answer
@@ -37,7 +37,12 @@ def act(action: str, folder: Path | None, out: Path) -> Answer:
     run = remote.the_run(folder, out)
     remote.ask(run, action)
     states, words = _DONE[action]
-    answer = remote.wait(run, lambda answer: answer["state"] in states, REACTION_S)
+    try:
+        answer = remote.wait(run, lambda answer: answer["state"] in states, REACTION_S)
+    except EquipmentError:
+        if not (run.path / remote.LIVE).exists():
+            raise InputError("this run has ended meanwhile; `bench report` says how", run.path) from None
+        raise
     content = _describe(run, answer)
     if answer["state"] in states:
         return Answer(content, f"{words}\n{_text(content)}")
@@ -87,7 +92,7 @@ def abort(folder: Path | None, out: Path) -> Answer:
 def _state(run: LiveRun) -> dict[str, Any]:
     try:
         return _describe(run, remote.ask(run, "status"))
-    except EquipmentError as error:
+    except (EquipmentError, InputError) as error:
         gone = run.condition() == "gone"
         return {
             "run": str(run.path),
