@@ -6,12 +6,12 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.testing import assert_allclose
 
 from bench.diagnosis.candidates import Candidate, Problem, joint
-from bench.diagnosis.evidence import weigh
+from bench.diagnosis.evidence import drawn, weigh
 from bench.diagnosis.refine import Refiner
 from bench.effects.base import Parameter
 from bench.effects.operators import play, ramp_invariant_lag
 from bench.noise import Noise
-from bench.noise.likelihood import NoiseLattice, Record, gls
+from bench.noise.likelihood import NoiseLattice, Record, Surface, gls
 from bench.noise.whitening import Whitener, covariance
 
 NOISE = Noise(0.01, 0.03, 0.03)
@@ -109,6 +109,28 @@ def test_a_hidden_effect_is_named(name):
 def test_nothing_is_named_where_nothing_is_missing():
     found = [weigh(problem("nothing", seed), candidates(), nulls=100, lattice=LATTICE) for seed in range(3)]
     assert [each.ties for each in found] == [()] * 3
+
+
+def test_chance_is_drawn_at_every_noise_that_the_data_allow():
+    """Two levels of a walk that the data do not tell apart: each makes about half of the simulated runs."""
+    lattice = NoiseLattice([Record(TIME, TIME, np.ones((len(TIME), 1)))], 30.0)
+    allowed = Surface(lattice, lambda point: (100.0 if point == (-64, 48) else 0.0, 1.0))
+    (runs,) = drawn(allowed, [(-64, -64), (-64, 32), (-64, 48)], np.random.default_rng(0), 200)
+    wandering = np.std(runs, axis=0) > 2.0
+    assert runs.shape == (len(TIME), 200)
+    assert 80 < wandering.sum() < 120
+    assert_allclose(np.std(runs[:, ~wandering]), 1.0, rtol=0.01)
+
+
+def test_a_rival_without_hope_is_judged_in_passing_and_stays_behind():
+    data = problem("supply_voltage")
+    rivals = candidates()
+    together = weigh(data, rivals, nulls=0, lattice=LATTICE)
+    alone = {c.name: weigh(data, [c], nulls=0, lattice=LATTICE).suspects[0].evidence for c in rivals}
+    for suspect in together.suspects:
+        assert suspect.evidence <= alone[suspect.name] + 1e-6
+    assert max(alone, key=alone.get) == together.suspects[0].name
+    assert_allclose(together.suspects[0].evidence, alone[together.suspects[0].name])
 
 
 def test_parameters_come_with_intervals_that_hold_the_truth():

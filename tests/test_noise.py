@@ -6,8 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.stats import norm
 
 from bench.errors import InputError
-from bench.noise import Noise, Record, allan_deviation, estimate_noise, expected_rms, gls, profile_noise
+from bench.noise import Noise, Record, allan_deviation, estimate_noise, expected_rms, gls, likelihood, profile_noise
 from bench.noise.allan import allan_pyramid, coefficients_from_curve
+from bench.noise.likelihood import NoiseLattice, Surface
 from bench.noise.whitening import Ratios, Whitener, covariance
 
 with warnings.catch_warnings():
@@ -165,3 +166,27 @@ class TestNoise:
         fit = profile_noise(X, gyro_noise(rng, 300, 30.0), time_s, [still])
         assert len(fit.whiteners) == 2
         assert_allclose(np.sqrt(fit.sigma2 * 30.0 / 3600.0), 0.01, rtol=0.15)
+
+
+class TestLattice:
+    def test_records_at_the_same_times_share_their_whiteners(self, rng):
+        time_s = np.arange(200) * 30.0
+        first, second = (
+            NoiseLattice([Record(time_s, gyro_noise(rng, 200, 30.0), np.ones((200, 1)))], 30.0) for _ in range(2)
+        )
+        assert first.at([(-16, -16)])[0][0] is second.at([(-16, -16)])[0][0]
+        other = NoiseLattice([Record(time_s, np.zeros(200), np.ones((200, 1)), np.full(200, 2.0))], 30.0)
+        assert other.at([(-16, -16)])[0][0] is not first.at([(-16, -16)])[0][0]
+
+    def test_forgetting_whiteners_changes_nothing(self, rng, monkeypatch):
+        record = Record(np.arange(150) * 30.0, gyro_noise(rng, 150, 30.0), np.ones((150, 1)))
+
+        def lowest():
+            likelihood._kept.cache_clear()
+            surface = Surface.of([record], NoiseLattice([record], 30.0), restricted=True)
+            best = surface.search()
+            return best, surface.height(best)
+
+        usual = lowest()
+        monkeypatch.setattr(likelihood, "_MOST_KEPT", 30)
+        assert lowest() == usual

@@ -27,7 +27,7 @@ def examined(misfit, seed=3, run_noise=NOISE):
     still = Record(TIME[:360], coloured(seed + 1000, 360), np.ones((360, 1)))
     data = Problem(TIME, BASE.sum(axis=1) + misfit + coloured(seed, noise=run_noise), BASE, 30.0, (still,))
     lattice = LATTICES.setdefault(0, NoiseLattice(data.records(), 30.0))  # whiteners depend on the times alone
-    point = Surface(data.records(), lattice, restricted=False).search()
+    point = Surface.of(data.records(), lattice, restricted=False).search()
     return examine(data, usual(TIME, TEMPERATURE, RATE, {"quadrature": QUADRATURE}), lattice, point)
 
 

@@ -21,8 +21,10 @@ from bench.noise.whitening import Ratios
 
 TIE = 6.0
 """Candidates within this evidence of the best are not told apart by the data."""
-WRONGLY_NAMED = 0.02
-"""Share of clean runs in which chance may name an effect."""
+WRONGLY_NAMED = 0.015
+"""Share of simulated runs in which chance may name an effect; of real clean runs it is to be below 2 %."""
+_GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
+_BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls will do
 _DECADE = 16
 _NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
 _NULL_POINTS = 30
@@ -58,7 +60,7 @@ class Suspect:
 class Evidence:
     """All candidates, best first, and what chance reaches.
 
-    `threshold` is the 98 % point of the best evidence among `nulls` (runs,) simulated without any effect.
+    `threshold` is the 98.5 % point of the best evidence among `nulls` (runs,) simulated without any effect.
     `ties` are the names within `TIE` of the best, the best included; empty if nothing beats the threshold.
     """
 
@@ -92,7 +94,7 @@ def weigh(
 ) -> Evidence:
     """The evidence of every candidate against the base; `lattice` may be an earlier one of the same records."""
     lattice = lattice or NoiseLattice(problem.records(), problem.interval_s)
-    surface = Surface(problem.records(), lattice, restricted=False)
+    surface = Surface.of(problem.records(), lattice, restricted=False)
     best = surface.search()
     shelf = Library(problem, candidates)
     statics = [record.y[:, None] for record in problem.statics]
@@ -100,18 +102,25 @@ def weigh(
     scanned = shelf.scan(lattice, points, problem.y[:, None], statics)
     refiner = Refiner(problem, lattice)
     height, sigma2 = surface.known[best]
-    found = []
-    for index, candidate in enumerate(candidates):
-        own = [i for i, (which, _) in enumerate(scanned.entries) if which == index]
+    paid = shelf.paid(candidates)
+    rough = scanned.base[0] - scanned.values[:, 0] - paid
+    entries = [
+        [i for i, (which, _) in enumerate(scanned.entries) if which == index] for index in range(len(candidates))
+    ]
+    found: list[Suspect] = []
+    for index in sorted(range(len(candidates)), key=lambda index: -max(rough[entries[index]])):
+        own, candidate = entries[index], candidates[index]
         grid = [Start(scanned.entries[i][1], points[scanned.where[i, 0]], float(scanned.values[i, 0])) for i in own]
         excited = bool(max(scanned.excited[i] for i in own) >= DEPENDENT)
-        theta, point, reached = refiner.refine(candidate, grid, best)
-        paid = candidate.paid(problem.base.shape[1], int(scanned.widths[own[0]])) * float(np.log(len(problem.y)))
-        found.append(_suspect(refiner, candidate, theta, point, (height - reached - paid, excited)))
-    drawn = _nulls(candidates, shelf, surface, best, (nulls, seed)) if nulls else np.empty(0)
-    threshold = float(np.quantile(drawn, 1.0 - WRONGLY_NAMED)) if nulls else 0.0
+        least = max([0.0, *(s.evidence for s in found)]) - TIE
+        hopeless = bool(np.max(_GROWS * (rough[own] + paid[own]) - paid[own]) < least)
+        theta, point, reached = refiner.refine(candidate, grid, best, closely=not hopeless)
+        found.append(_suspect(refiner, candidate, theta, point, (height - reached - paid[own[0]], excited)))
+    doubt = max((s.evidence for s in found), default=0.0) < _BEYOND_DOUBT
+    chance = _nulls(candidates, shelf, surface, best, (nulls if doubt else nulls // 5, seed)) if nulls else np.empty(0)
+    threshold = float(np.quantile(chance, 1.0 - WRONGLY_NAMED)) if nulls else 0.0
     suspects = tuple(sorted(_weighted(found), key=lambda s: -s.evidence))
-    return Evidence(height, best, lattice.ratios(best), sigma2, suspects, threshold, drawn, lattice)
+    return Evidence(height, best, lattice.ratios(best), sigma2, suspects, threshold, chance, lattice)
 
 
 def _points_for_candidates(best: Point) -> list[Point]:
@@ -163,16 +172,23 @@ def _nulls(
     rng = np.random.default_rng(seed)
     problem = shelf.problem
     lattice = surface.lattice
-    ways = lattice.at([best])[0]
-    deviation = np.sqrt(surface.known[best][1])
-    mean = problem.base @ gls(problem.base, problem.y, ways[0]).beta
-    drawn = [way.colour(rng.standard_normal((way.rows, runs))) * deviation for way in ways]
     near = sorted(surface.region(best, _NULL_REACH, step=_DECADE // 2), key=surface.height)[:_NULL_POINTS]
-    scanned = shelf.scan(lattice, near, mean[:, None] + drawn[0], drawn[1:])
-    log_n = float(np.log(len(problem.y)))
-    paid = [
-        candidates[i].paid(problem.base.shape[1], int(w))
-        for (i, _), w in zip(scanned.entries, scanned.widths, strict=True)
-    ]
-    evidence = scanned.base - scanned.values - np.array(paid)[:, None] * log_n
+    mean = problem.base @ gls(problem.base, problem.y, lattice.at([best])[0][0]).beta
+    run, *statics = drawn(Surface.of(problem.records(), lattice, restricted=True), near, rng, runs)
+    scanned = shelf.scan(lattice, near, mean[:, None] + run, statics)
+    evidence = scanned.base - scanned.values - shelf.paid(candidates)[:, None]
     return np.asarray(evidence.max(axis=0))
+
+
+def drawn(surface: Surface, points: Sequence[Point], rng: np.random.Generator, runs: int) -> list[FloatArray]:
+    """Noise of every record (n, runs), each run's level by lot as the data allow: one level would be too sure of it."""
+    surface.visit(points)
+    heights = np.array([surface.height(point) for point in points])
+    share = np.exp(0.5 * (heights.min() - heights))
+    counts = rng.multinomial(runs, share / share.sum())
+    kept = [(point, int(count)) for point, count in zip(points, counts, strict=True) if count]
+    parts = []
+    for (point, count), ways in zip(kept, surface.lattice.at([point for point, _ in kept]), strict=True):
+        deviation = np.sqrt(surface.known[point][1])
+        parts.append([way.colour(rng.standard_normal((way.rows, count))) * deviation for way in ways])
+    return [np.hstack(part) for part in zip(*parts, strict=True)]

@@ -134,12 +134,12 @@ def periodogram(whitened: FloatArray, time_s: FloatArray, interval_s: float) -> 
 
 def noise_test(problem: Problem, X: FloatArray, lattice: NoiseLattice, point: Point) -> Finding:
     """Is the noise of the run that of the isothermal records? Likelihood ratio, chi-squared with three."""
-    together = Surface(problem.records(X), lattice, restricted=True)
+    together = Surface.of(problem.records(X), lattice, restricted=True)
     together.visit([point])
     joint = together.height(together.descend(point))
     alone, sizes = [], []
     for records, offset in ((problem.records(X)[:1], 0), (problem.statics, 1)):
-        surface = Surface(records, lattice.part(offset, len(records)), restricted=True)
+        surface = Surface.of(records, lattice.part(offset, len(records)), restricted=True)
         surface.visit([point])
         best = surface.descend(point)
         alone.append(surface.height(best))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq, minimize, minimize_scalar
@@ -39,60 +40,72 @@ class Start:
     height: float
 
 
+class _Whitened(NamedTuple):
+    """The problem at one noise: basis of the base, the response and its rest beside the base, the isothermal records'
+    square sum, and ln |C| of all.
+    """
+
+    basis: FloatArray
+    white: FloatArray
+    residual: FloatArray
+    still: float
+    log_det: float
+
+
 class Refiner:
     """-2 ln L of candidates of one problem at any parameters and lattice points; what a noise point needs is kept."""
 
     def __init__(self, problem: Problem, lattice: NoiseLattice) -> None:
         """Shares the whiteners of the lattice."""
         self.problem, self.lattice = problem, lattice
-        self._kept: dict[Point, tuple[FloatArray, FloatArray, float, float]] = {}
+        self._kept: dict[Point, _Whitened] = {}
 
     def height(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """-2 ln L of base and candidate."""
-        _, _, still, log_det = self._at(point)
-        total = self.problem.rows
-        return total * float(np.log((self.rss(candidate, theta, point) + still) / total)) + log_det
+        at, total = self._at(point), self.problem.rows
+        return total * float(np.log((self.rss(candidate, theta, point) + at.still) / total)) + at.log_det
 
     def sigma2(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """White variance of one mean that goes with `height` [(deg/h)^2]."""
-        return (self.rss(candidate, theta, point) + self._at(point)[2]) / self.problem.rows
+        return (self.rss(candidate, theta, point) + self._at(point).still) / self.problem.rows
 
     def rss(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """Whitened residual square sum of the run under base and candidate."""
-        way = self.lattice.at([point])[0][0]
-        q, residual, _, _ = self._at(point)
-        columns = way.apply(candidate.columns(theta))
-        if candidate.kind == "abscissa":
-            residual = way.apply(self.problem.y)
-        else:
+        at = self._at(point)
+        columns, response = self.lattice.at([point])[0][0].apply(candidate.columns(theta)), at.white
+        if candidate.kind == "term":
             before = np.linalg.norm(columns, axis=0)
-            columns -= q @ (q.T @ columns)
-            columns = columns[:, np.linalg.norm(columns, axis=0) > 3e-5 * before]
-        basis = orthonormal(columns)
-        left = residual - basis @ (basis.T @ residual)
-        return max(float(left @ left), 1e-300)
+            columns -= at.basis @ (at.basis.T @ columns)
+            columns, response = columns[:, np.linalg.norm(columns, axis=0) > 3e-5 * before], at.residual
+        return max(_outside(columns, response), 1e-300)
 
-    def _at(self, point: Point) -> tuple[FloatArray, FloatArray, float, float]:
-        """Base's basis, whitened residual of the base, the isothermal records' square sum and ln |C|."""
+    def _at(self, point: Point) -> _Whitened:
         if point not in self._kept:
-            ways = self.lattice.at([point])[0]
-            q = orthonormal(ways[0].apply(self.problem.base))
-            white = ways[0].apply(self.problem.y)
+            way, *ways = self.lattice.at([point])[0]
+            base = way.apply(np.column_stack([self.problem.base, self.problem.y]))
+            basis, white = orthonormal(base[:, :-1]), base[:, -1]
             still = 0.0
-            for record, way in zip(self.problem.statics, ways[1:], strict=True):
-                basis, response = orthonormal(way.apply(record.X)), way.apply(record.y)
-                left = response - basis @ (basis.T @ response)
-                still += float(left @ left)
-            self._kept[point] = (q, white - q @ (q.T @ white), still, sum(way.log_det for way in ways))
+            for record, other in zip(self.problem.statics, ways, strict=True):
+                both = other.apply(np.column_stack([record.X, record.y]))
+                still += _outside(both[:, :-1], both[:, -1])
+            log_det = sum(each.log_det for each in (way, *ways))
+            self._kept[point] = _Whitened(basis, white, white - basis @ (basis.T @ white), still, log_det)
         return self._kept[point]
 
-    def refine(self, candidate: Candidate, grid: Sequence[Start], base: Point) -> tuple[Theta, Point, float]:
-        """Best parameters, noise point and -2 ln L, from the lowest few minima of the grid."""
+    def refine(
+        self, candidate: Candidate, grid: Sequence[Start], base: Point, closely: bool = True
+    ) -> tuple[Theta, Point, float]:
+        """Best parameters, noise point and -2 ln L, from the lowest few minima of the grid.
+
+        Not closely: from the lowest alone, at the noise of the base.
+        """
         starts = _minima(grid)[:_STARTS]
+        if not closely:
+            starts = [Start(starts[0].theta, base, self.height(candidate, starts[0].theta, base))]
         if candidate.parameters:
             starts = [self._search(candidate, start) for start in starts]
         best = min(starts, key=lambda start: start.height)
-        for _ in range(2 if candidate.parameters else 1):
+        for _ in range((2 if candidate.parameters else 1) if closely else 0):
             best = self._denoise(candidate, best, base)
             if candidate.parameters:
                 best = self._search(candidate, best)
@@ -107,10 +120,12 @@ class Refiner:
 
     def _denoise(self, candidate: Candidate, start: Start, base: Point) -> Start:
         """The noise profiled at fixed parameters, from the better of the start's and the base's."""
-        surface = Surface(self.problem.records(joint(self.problem, candidate, start.theta)), self.lattice, False)
+        own = candidate.columns(start.theta)
+        fixed = replace(candidate, columns=lambda _: own)
+        surface = Surface(self.lattice, lambda point: (self.height(fixed, start.theta, point), np.nan))
         surface.visit([start.point, base])
         point = surface.descend(min((start.point, base), key=surface.height))
-        return Start(start.theta, point, self.height(candidate, start.theta, point))
+        return Start(start.theta, point, surface.height(point))
 
     def _search(self, candidate: Candidate, start: Start, goal: Goal | None = None) -> Start:
         """Parameters improved at fixed noise, within one grid step of the start (one parameter) or by simplex."""
@@ -168,6 +183,13 @@ class Refiner:
         way = self.lattice.at([point])[0][0]
         fit = gls(np.column_stack([columns, *slopes]), self.problem.y, way, self.sigma2(candidate, theta, point))
         return np.sqrt(np.diag(fit.covariance))
+
+
+def _outside(columns: FloatArray, response: FloatArray) -> float:
+    """Square sum of what columns (n, k) leave of a response (n,)."""
+    basis = orthonormal(columns)
+    left = response - basis @ (basis.T @ response)
+    return float(left @ left)
 
 
 def _theta(candidate: Candidate, unit: FloatArray) -> Theta:

@@ -50,6 +50,14 @@ class Library:
                 stacked = np.column_stack([listed[i][2] for i in which])
                 self._stacks.append((which, replacing, int(width), stacked))
 
+    def paid(self, candidates: Sequence[Candidate]) -> FloatArray:
+        """What the parameters of every entry cost in evidence (entries,)."""
+        base, log_n = self.problem.base.shape[1], float(np.log(len(self.problem.y)))
+        return np.array([
+            candidates[index].paid(base, int(width)) * log_n
+            for (index, _), width in zip(self.entries, self.widths, strict=True)
+        ])  # fmt: skip
+
     def scan(self, lattice: NoiseLattice, points: Sequence[Point], run: FloatArray, statics: list[FloatArray]) -> Scan:
         """Best over the points for responses `run` (n, m) and the isothermal records' `statics` (n_s, m) each."""
         base = np.full(run.shape[1], np.inf)
@@ -99,7 +107,7 @@ def _explained(columns: FloatArray, width: int, response: FloatArray) -> FloatAr
     if width == 1:
         norm = np.einsum("ij,ij->j", columns, columns)
         product = columns.T @ response
-        return product**2 / np.where(norm > 0.0, norm, np.inf)[:, None]
+        return np.asarray(product**2 / np.where(norm > 0.0, norm, np.inf)[:, None])
     groups = columns.T.reshape(-1, width, len(columns))
     scaled = groups / np.maximum(np.linalg.norm(groups, axis=2, keepdims=True), 1e-300)
     product = (scaled.reshape(-1, len(columns)) @ response).reshape(len(groups), width, -1)

@@ -122,7 +122,7 @@ class Search:
 
     def _examine(self, layout: Layout, seen: Layout, evidence: Evidence) -> Examination:
         """The probes of `seen` beside a layout, at the noise of the restricted likelihood: tests, not a comparison."""
-        surface = Surface(layout.problem.records(), self.lattice, restricted=True)
+        surface = Surface.of(layout.problem.records(), self.lattice, restricted=True)
         surface.visit([evidence.point])
         return examine(layout.problem, seen.probes(), self.lattice, surface.descend(evidence.point))
 

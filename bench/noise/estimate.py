@@ -115,14 +115,13 @@ def profile_noise(
     """
     interval = float(np.median(np.diff(time_s))) if interval_s is None else interval_s
     records = (Record(time_s, y, X), *extra_static)
-    surface = Surface(records, NoiseLattice(records, interval), restricted)
-    return _noise_fit(surface, surface.search())
+    surface = Surface.of(records, NoiseLattice(records, interval), restricted)
+    return _noise_fit(records[0], surface, surface.search())
 
 
-def _noise_fit(surface: Surface, best: Point) -> NoiseFit:
+def _noise_fit(first: Record, surface: Surface, best: Point) -> NoiseFit:
     value, sigma2 = surface.known[best]
     (ways,) = surface.lattice.at([best])
-    first = surface.records[0]
     noise = Noise(*_coefficients(surface, best))
     return NoiseFit(ways[0].ratios, sigma2, value, noise, ways, gls(first.X, first.y, ways[0], sigma2))
 
@@ -142,7 +141,7 @@ def estimate_noise(blocks: Sequence[FloatArray], interval_s: float, trend: int =
     the 5 % level is zero and named. Raises InputError when no stretch is long enough.
     """
     records, interval = _isothermal_records(blocks, interval_s, trend)
-    surface = Surface(records, NoiseLattice(records, interval), restricted=True)
+    surface = Surface.of(records, NoiseLattice(records, interval), restricted=True)
     best = surface.search()
     chosen = best
     # 5 % points with one or both ratios on the boundary: S. G. Self, K.-Y. Liang, JASA 82 (1987) 605.

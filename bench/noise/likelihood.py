@@ -7,9 +7,10 @@ candidate of a diagnosis share the whiteners. An isothermal record is one more r
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from bench.noise.whitening import Ratios, Whitener, whiteners
 _PER_DECADE = 16
 _LOWEST, _HIGHEST = -3 * _PER_DECADE, 3 * _PER_DECADE
 _ZERO = _LOWEST - _PER_DECADE  # lattice index that stands for a ratio of exactly zero
+_MOST_KEPT = 1500  # whiteners to an axis, half a megabyte each for a thousand rows; one diagnosis needs some 500
 Point = tuple[int, int]
 
 
@@ -65,14 +67,42 @@ def gls(X: FloatArray, y: FloatArray, whitener: Whitener, sigma2: float | None =
     return Gls(beta, variance * (half @ half.T), rss, residual)
 
 
+@lru_cache(maxsize=8)
+def _kept(times: bytes, white: bytes, interval_s: float) -> dict[Point, Whitener]:
+    """The whiteners of rows at these times that were made so far: records of one profile share them."""
+    return {}
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """Rows of a record as far as its whiteners depend on them, and those made so far."""
+
+    time_s: FloatArray
+    white: FloatArray | None
+    kept: dict[Point, Whitener]
+
+    @classmethod
+    def of(cls, record: Record, interval_s: float) -> _Axis:
+        white = b"" if record.white is None else record.white.tobytes()
+        return cls(record.time_s, record.white, _kept(record.time_s.tobytes(), white, interval_s))
+
+    def make(self, wanted: Sequence[Point], lattice: NoiseLattice) -> None:
+        """Make and keep those of these that are missing; where there are too many, the others are forgotten."""
+        if len(self.kept) + len(wanted) > _MOST_KEPT:
+            for other in set(self.kept).difference(wanted):
+                del self.kept[other]
+        points = [point for point in wanted if point not in self.kept]
+        ratios = [lattice.ratios(point) for point in points]
+        made = whiteners(ratios, self.time_s, lattice.interval_s, self.white)
+        self.kept.update(zip(points, made, strict=True))
+
+
 class NoiseLattice:
     """Whiteners of a set of records at the points of a logarithmic lattice of ratios, made once and kept."""
 
     def __init__(self, records: Sequence[Record], interval_s: float) -> None:
-        self._axes = [(record.time_s, record.white) for record in records]
+        self._axes = tuple(_Axis.of(record, interval_s) for record in records)
         self.interval_s = interval_s
-        self._kept: dict[Point, tuple[Whitener, ...]] = {}
-        self._span = slice(None)
 
     def ratios(self, point: Point) -> Ratios:
         """The ratios at a lattice point; white variance goes with 1/interval, so do the ratios' natural units."""
@@ -84,20 +114,19 @@ class NoiseLattice:
         """Whiteners of every record at each of the points."""
         points = list(points)
         self.prepare(points, points)
-        return [self._kept[point][self._span] for point in points]
+        return [tuple(axis.kept[point] for axis in self._axes) for point in points]
 
     def prepare(self, needed: Iterable[Point], wanted: Iterable[Point]) -> None:
         """Makes all that is wanted if any needed whitener is missing: 25 at once take little longer than one."""
-        if not all(point in self._kept for point in needed):
-            missing = [point for point in dict.fromkeys(wanted) if point not in self._kept]
-            ratios = [self.ratios(point) for point in missing]
-            each = [whiteners(ratios, time_s, self.interval_s, white) for time_s, white in self._axes]
-            self._kept.update(zip(missing, zip(*each, strict=True), strict=True))
+        needed, wanted = list(needed), list(dict.fromkeys(wanted))
+        for axis in self._axes:
+            if not all(point in axis.kept for point in needed):
+                axis.make(wanted, self)
 
     def part(self, first: int, count: int) -> NoiseLattice:
-        """The same lattice seen by some of its records alone; whiteners are shared in both directions."""
+        """The same lattice seen by some of its records alone."""
         seen = copy(self)
-        seen._span = slice(first, first + count)
+        seen._axes = self._axes[first : first + count]
         return seen
 
     @staticmethod
@@ -127,17 +156,23 @@ def _moved(index: int, step: int) -> int:
 
 
 class Surface:
-    """-2 ln L of the records over the lattice, each point computed once."""
+    """-2 ln L over the lattice, each point computed once; `measure` tells it and the sigma^2 of a point."""
 
-    def __init__(self, records: Sequence[Record], lattice: NoiseLattice, restricted: bool) -> None:
-        self.records, self.lattice, self.restricted = records, lattice, restricted
+    def __init__(self, lattice: NoiseLattice, measure: Callable[[Point], tuple[float, float]]) -> None:
+        self.lattice, self.measure = lattice, measure
         self.known: dict[Point, tuple[float, float]] = {}
+
+    @classmethod
+    def of(cls, records: Sequence[Record], lattice: NoiseLattice, restricted: bool) -> Surface:
+        """Of records, each beside its own columns."""
+        return cls(lattice, lambda point: minus2logl(records, lattice.at([point])[0], restricted))
 
     def visit(self, points: Iterable[Point]) -> None:
         """Compute the points that are not known yet."""
         new = [point for point in dict.fromkeys(points) if point not in self.known]
-        for point, ways in zip(new, self.lattice.at(new), strict=True):
-            self.known[point] = minus2logl(self.records, ways, self.restricted)
+        self.lattice.prepare(new, new)
+        for point in new:
+            self.known[point] = self.measure(point)
 
     def descend(self, start: Point, zeros_held: bool = False) -> Point:
         """The lowest point reached from a start with ever finer steps; ratios of zero may be held there."""
@@ -181,11 +216,12 @@ def minus2logl(records: Sequence[Record], ways: Sequence[Whitener], restricted: 
     """-2 ln L without constants, beta and sigma^2 profiled out, and that sigma^2 [(deg/h)^2]."""
     rss, freedom, log_det = 0.0, 0, 0.0
     for record, way in zip(records, ways, strict=True):
-        white_y = way.apply(record.y)
+        scale = np.maximum(np.linalg.norm(record.X, axis=0), 1e-300)
+        white = way.apply(np.column_stack([record.X / scale, record.y]))
+        white_y = white[:, -1]
         rank = 0
         if record.X.shape[1]:
-            scale = np.maximum(np.linalg.norm(record.X, axis=0), 1e-300)
-            u, s, _ = np.linalg.svd(way.apply(record.X / scale), full_matrices=False)
+            u, s, _ = np.linalg.svd(white[:, :-1], full_matrices=False)
             rank = int(np.sum(s > s[0] * 1e-12))
             white_y = white_y - u[:, :rank] @ (u[:, :rank].T @ white_y)
             log_det += 2.0 * float(np.log(s[:rank]).sum()) if restricted else 0.0

@@ -46,7 +46,7 @@ class _Shape:
     @staticmethod
     def of(interval_s: float) -> _Shape:
         poles = int(np.ceil(np.log(_LONGEST_S / interval_s) / np.log(_RATIO))) + 2
-        tau_s = interval_s * _RATIO ** np.arange(-1.0, poles - 1)
+        tau_s: FloatArray = interval_s * np.power(_RATIO, np.arange(-1.0, poles - 1))
         x = interval_s / tau_s
         variance = np.log(_RATIO) / np.pi
         gain = variance * (np.sinh(x / 2.0) / (x / 2.0)) ** 2
