@@ -53,7 +53,7 @@ def recorded(
     return _recorded(json.dumps([list(truth), dict(noise)]), profile, seed, turns)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=400)
 def _recorded(unit: str, profile: str, seed: int, turns: bool) -> Dataset:
     truth, noise = json.loads(unit)
     settings = UnitSettings.parse({"truth": truth, "noise": noise, "channels": CHANNELS})
@@ -120,6 +120,12 @@ class Case:
     def quiet(self, profile: str, number: int) -> Dataset:
         """The unit without what is hidden in it: what an isothermal run shows when nothing excites it."""
         return recorded(self.truth[:1], NOISE, profile, 1000 * self.seed + number, self.turns)
+
+    def noise(self, profile: str, number: int) -> FloatArray:
+        """What the noise alone adds to such a run (n,) [deg/h], about its mean; what is hidden does not change it."""
+        silent = recorded(self.truth[:1], SILENT, profile, 1000 * self.seed + number, self.turns)
+        alone = self.quiet(profile, number).bias - silent.bias
+        return np.asarray(alone - np.nanmean(alone))
 
 
 def case(hidden: Sequence[str], strength: float, seed: int, profile: str, model: Model) -> Case:

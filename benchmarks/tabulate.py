@@ -30,7 +30,7 @@ which the hidden effect is not excited.
 _PEERS_NOTE = """
 The peers get the bench's own library of regressors, its nonlinear parameters on a grid, made orthogonal to the spline,
 and the spline's residual. *FROLS* is SysIdentPy's, the number of terms chosen by its BIC. *STLSQ* is pysindy's, its
-threshold chosen by BIC from {thresholds}. Both name something unasked on most clean runs (table below), so each gets the
+threshold chosen by BIC from {thresholds}. Both name something unasked on most clean runs (table below): each gets the
 score threshold that 95 % of the clean runs here stay under: {frols} for FROLS' first error reduction ratio, {stlsq} for
 STLSQ's largest coefficient. *first* is the share of cases in which its first choice is right, *named* with that
 threshold.
