@@ -18,6 +18,9 @@ from drivers.registers import is_map_file
 
 LOCAL_INTERFACES = ("virtual", "blocks")
 """python-can interfaces that live inside one process: captured in it. Everything else gets a process of its own."""
+MOST_TIMEOUTS = 6
+"""Time for which one question to a silent chamber may hold the bench up: three attempts, each with the wait for a late
+answer to its end."""
 
 
 Number = Annotated[int, Field(ge=0, le=15)]
@@ -258,6 +261,10 @@ class StationSettings(BaseModel):
             raise PlacedError(f"{text} {chamber.highest_degc:g} degC: there would be no safe state", ("ambient_degc",))
         if not self.simulated and chamber.connection is None:
             raise PlacedError("a real station needs a `connection`", ("chamber",))
+        if chamber.connection is not None and self.watchdog.silent_s < MOST_TIMEOUTS * chamber.connection.timeout_s:
+            text = f"silent_s is {self.watchdog.silent_s:g}: a bench that waits for a chamber which does not answer is"
+            text += f" silent for up to {MOST_TIMEOUTS} times its timeout_s, {chamber.connection.timeout_s:g}; raise it"
+            raise PlacedError(text, ("watchdog", "silent_s"))
         for name, bus in self.buses.items():
             if self.simulated != (bus.interface in LOCAL_INTERFACES):
                 local = " or ".join(LOCAL_INTERFACES)

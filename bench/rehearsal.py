@@ -10,13 +10,15 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from bench.errors import BenchError
-from bench.guards import Guards, Signal
+from bench.guards import Guards, Signal, guards_of
 from bench.profile import Profile
 from bench.recorder import Recorder
 from bench.sequencer import SegmentResult, Sequencer
+from bench.signals import told_by
 from bench.station import Station, StationSettings
 from drivers.chamber import ChamberReading
 from drivers.clock import SimClock
+from drivers.registers import load_map
 from drivers.sim.plant import Plant, PlantParameters
 
 
@@ -67,6 +69,8 @@ class _Unit:
 class _Bench:
     """What the sequencer sees of a station."""
 
+    bus_failed_s = 0.0
+
     def __init__(self, settings: StationSettings) -> None:
         self.settings = settings
         self.clock = SimClock()
@@ -92,7 +96,11 @@ class _NoRecorder:
 
 
 def rehearse(profile: Profile, settings: StationSettings) -> Sequence[SegmentResult]:
-    """Segments as the plant model would run them, in bench time [s]."""
+    """Segments as the plant model would run them, in bench time [s].
+
+    InputError for a guard on a signal that the controller of this station never tells.
+    """
+    guards_of(settings.guards, profile.guards, told_by(load_map(settings.chamber.map)))
     sequencer = Sequencer(
         cast(Station, _Bench(settings)), Guards(()), cast(Recorder, _NoRecorder()), lambda status: None
     )

@@ -51,7 +51,7 @@ class Signals:
         """All signals that are known now, by name."""
         now_s = self._clock.now()
         silent_s = self._link.link.silent_s(now_s)
-        failed_s = float(getattr(self._station, "bus_failed_s", 0.0))
+        failed_s = self._station.bus_failed_s
         signals = {"chamber_silent_s": Signal(silent_s, now_s), "bus_failed_s": Signal(failed_s, now_s)}
         return {**signals, **self._of_units(now_s), **self._of_chamber(), **self.extra()}
 

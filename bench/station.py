@@ -126,6 +126,11 @@ class Station:
             unit.check_identity()
         self._complete = self._complete or not any(unit.missing() for unit in self.units)
 
+    @property
+    def bus_failed_s(self) -> float:
+        """How long a bus has failed, the longest of those that fail now [s]."""
+        return max((link.silent_s(self.clock.now()) for link in self._links.values()), default=0.0)
+
     def _lost_buses(self) -> dict[str, str]:
         """Buses whose capture has failed for too long, each with what is wrong."""
         now_s, lost = self.clock.now(), {}

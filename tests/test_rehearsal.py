@@ -3,6 +3,7 @@
 import acquisition
 import pytest
 
+from bench.errors import InputError
 from bench.profile import from_text
 from bench.rehearsal import rehearse
 
@@ -13,6 +14,12 @@ def test_it_predicts_the_segments_of_the_run(short_run):
     assert [s.name for s in predicted] == [s["name"] for s in executed]
     for before, after in zip(predicted, executed, strict=True):
         assert before.to_s - before.from_s == pytest.approx(after["to_s"] - after["from_s"], abs=30)
+
+
+def test_a_guard_that_could_never_trip_is_refused_before_anything_is_opened():
+    text = "name: p\nguards: [{name: shut, signal: door, above: 0.5}]\nsegments: [{kind: soak, duration_min: 1}]\n"
+    with pytest.raises(InputError, match="guard 'shut' watches door, which the controller of this station does not"):
+        rehearse(from_text(text), acquisition.station())
 
 
 def test_it_says_which_segment_would_time_out():

@@ -46,6 +46,13 @@ def test_a_real_station_is_read():
     assert station.limits().low_degc == -40.0
 
 
+def test_a_watchdog_that_would_take_a_slow_chamber_for_a_hanging_bench_is_refused():
+    slow = {**CHAMBER, "connection": {"url": "tcp://127.0.0.1:1", "timeout_s": 2.0}}
+    text = json.dumps({**REAL, "chamber": slow, "watchdog": {"silent_s": 10.0}})
+    with pytest.raises(InputError, match=r"silent_s is 10: .* up to 6 times its timeout_s, 2; raise it"):
+        config.load(config.parse(text, "station.yaml"), StationSettings)
+
+
 def test_the_embedded_station_has_one_unit_that_needs_no_naming():
     station = acquisition.station()
     assert [unit.serial for unit in station.chosen()] == ["SIM-0001"]
