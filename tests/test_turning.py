@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+import bench.runner
 import bench.tables
 from bench import config, dataset, preflight
 from bench.errors import EquipmentError, InputError
@@ -235,6 +236,40 @@ def test_a_fault_of_the_drive_ends_the_run_and_is_named(tmp_path, monkeypatch):
     assert isinstance(result.error, EquipmentError)
     assert "drive fault 0x8611" in str(result.error)
     assert result.error.exit_code == 4
+
+
+def test_a_hold_brings_the_table_to_a_stand_and_the_resumed_segment_turns_again(tmp_path, monkeypatch):
+    made, held_dps = [], []
+
+    class Sequencer(bench.runner.Sequencer):
+        def __init__(self, *arguments):
+            super().__init__(*arguments)
+            made.append(self)
+
+    def onlooker(open_now, status):
+        (sequencer,) = made
+        if status.leg.kind == "rate" and status.leg.turn_dps > 0 and not held_dps:
+            if open_now.turntable.rate_dps > 15:
+                sequencer.request_hold("test")
+                held_dps.append(open_now.turntable.rate_dps)
+        elif status.state == "holding":
+            held_dps.append(open_now.turntable.rate_dps)
+            if len(held_dps) == 10:
+                sequencer.request_resume("test")
+
+    monkeypatch.setattr(bench.runner, "Sequencer", Sequencer)
+    result = run_job(job(tmp_path, RATES.replace("[20, 60, 100]", "[20]")), onlooker)
+    assert result.error is None
+    assert held_dps[0] > 15
+    assert held_dps[-1] == pytest.approx(0.0, abs=0.01)
+    segments = {s["name"]: s for s in result.run.manifest()["segments"]}
+    assert segments["rate +20 deg/s at 23"]["outcome"] == "held"
+    resumed = segments["rate +20 deg/s at 23 (resumed)"]
+    assert resumed["outcome"] == "done"
+    assert resumed["to_s"] - resumed["from_s"] >= 40
+    record = dataset.load(result.run.path, 1.0)
+    inside = (record.time > resumed["to_s"] - 30) & (record.time < resumed["to_s"])
+    assert np.mean(record.channel("applied_rate")[inside]) == pytest.approx(20.0, abs=0.001)
 
 
 def test_a_profile_that_turns_nothing_leaves_the_axis_off(tmp_path):
