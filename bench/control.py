@@ -108,9 +108,9 @@ class Desk:
 def picture(station: Station, status: Status, nominal_s: float) -> dict[str, Any]:
     """A tick as an object for JSON: temperatures [degC], times [s]; what is not known is null."""
     leg, reading = status.leg, status.reading
-    segment_left_s, left_s = time_left(status, nominal_s)
+    segment_left_s, left_s = (round(left, 1) for left in time_left(status, nominal_s))
     return {
-        "state": getattr(status, "state", "running"),
+        "state": status.state,
         "t_s": round(status.t_s, 3),
         "left_s": left_s,
         "segment": {
@@ -150,7 +150,7 @@ def _unit(unit: LiveUnit, dropped: str | None) -> dict[str, Any]:
 def time_left(status: Status, nominal_s: float) -> tuple[float, float]:
     """Bench time left [s] of this segment and of the run: nominal, late by as much as the segment already is."""
     segment_s = max(status.leg.nominal_s - (status.t_s - status.leg_from_s), 0.0)
-    return round(segment_s, 1), round(segment_s + max(nominal_s - status.leg.nominal_end_s, 0.0), 1)
+    return segment_s, segment_s + max(nominal_s - status.leg.nominal_end_s, 0.0)
 
 
 @contextmanager

@@ -13,6 +13,8 @@ from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from bench.control import time_left
+
 if TYPE_CHECKING:
     from bench.profile import Profile
     from bench.sequencer import Status
@@ -62,9 +64,7 @@ class Progress:
 
     def left_s(self, status: Status) -> float:
         """Bench time left [s]: the nominal rest of the profile, late by as much as this leg already is."""
-        elapsed_s = status.t_s - status.leg_from_s
-        rest_of_leg_s = max(status.leg.nominal_s - elapsed_s, 0.0)
-        return rest_of_leg_s + max(self._nominal_s - status.leg.nominal_end_s, 0.0)
+        return time_left(status, self._nominal_s)[1]
 
     def _line(self, station: Station, status: Status) -> str:
         losses = station.losses()
