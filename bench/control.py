@@ -95,7 +95,7 @@ class Desk:
         sequencer = self._sequencer
         if sequencer is None:
             raise RuntimeError("the run is only just starting; ask again in a moment")
-        cause = f"operator {_printable(who)}"
+        cause = _printable(who)
         if action == "abort":
             self._ending = cause
             sequencer.request_stop(cause)

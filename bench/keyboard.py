@@ -69,7 +69,7 @@ class Keyboard:
     def press(self, key: str) -> None:
         """Do what a key asks for."""
         key = key.lower()
-        who = f"at the keyboard, {whoami()}"
+        who = f"{whoami()} at the keyboard"
         try:
             if self._asking:
                 self._asking = False

@@ -99,7 +99,7 @@ def test_status_is_the_newest_tick(desk, live):
 )
 def test_each_action_reaches_the_sequencer_with_who_asked(live, sequencer, action, request_):
     remote.ask(live, action)
-    assert sequencer.asked == [(request_, f"operator {remote.whoami()}")]
+    assert sequencer.asked == [(request_, remote.whoami())]
 
 
 def test_an_aborted_run_says_that_it_is_ending(desk, live):

@@ -53,7 +53,7 @@ def test_keys_ask_for_what_they_say(keys, asked):
 def test_who_pressed_the_key_is_told():
     desk = Desk()
     Keyboard(desk).press("h")
-    assert desk.asked == [("hold", f"at the keyboard, {whoami()}")]
+    assert desk.asked == [("hold", f"{whoami()} at the keyboard")]
 
 
 def test_a_run_that_only_just_starts_says_so():

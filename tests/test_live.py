@@ -78,7 +78,7 @@ def test_a_live_run_is_held_released_paused_and_aborted_safe_from_another_proces
     assert asked("resume", running["run"])["state"] == "running"
     text = bench("abort", running["run"])
     assert text.exit_code == 0
-    assert "aborted by operator" in text.stdout
+    assert f"aborted by {remote.whoami()}" in text.stdout
     assert "chamber off" in text.stdout
     said = "".join(process.communicate())
     assert process.returncode == 3, said
