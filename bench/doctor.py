@@ -29,6 +29,7 @@ from drivers.registers import RegisterMap, load_map
 ROUNDS = 10
 """Polls that the latency is judged by."""
 _PIECE_S = 0.1
+_DRAIN_S = 0.5
 
 Verdict = Literal["agrees", "disagrees", "no link", "unknown", "told"]
 
@@ -242,10 +243,11 @@ def _heard(recv: Callable[[float], Any], clock: Clock, listen_s: float) -> Itera
     while clock.now() < end_s:
         clock.sleep_until(min(clock.now() + _PIECE_S, end_s))
         yield from _drain(recv, clock, 0.0)
-    yield from _drain(recv, clock, 0.2)
+    yield from _drain(recv, clock, _DRAIN_S)
 
 
 def _drain(recv: Callable[[float], Any], clock: Clock, wait_s: float) -> Iterator[bytes]:
-    while (message := recv(wait_s)) is not None:
+    until_s = clock.now() + _DRAIN_S  # a live bus never falls silent; a simulated one stands still meanwhile
+    while clock.now() < until_s and (message := recv(wait_s)) is not None:
         if not message.is_fd:
             yield to_record(message, round(clock.now() * 1e9))

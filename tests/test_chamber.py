@@ -337,3 +337,98 @@ def test_limits_that_are_no_range_are_refused(bench: Bench):
     for limits in [(50.0, -40.0), (float("nan"), 85.0), (-40.0, float("inf"))]:
         with pytest.raises(ConfigError):
             Chamber(bench.link, F4T, limits, bench.clock)
+
+
+class TestSafeStateInTime:
+    def test_each_step_ends_in_time_although_the_link_is_slow(self, ready: Bench, monkeypatch: pytest.MonkeyPatch):
+        """A minute of bench time for each request, as with a line that answers only at the last attempt."""
+        read = ready.link.read
+
+        def slow(register):
+            ready.clock.sleep_until(ready.clock.now() + 60.0)
+            return read(register)
+
+        ready.chamber.set_point(80.0)
+        monkeypatch.setattr(ready.link, "read", slow)
+        begun_s = ready.clock.now()
+        steps = ready.chamber.safe(25.0, limit_s=10.0)
+        assert [step.ok for step in steps] == [False, True, False]  # the ramp was off already
+        assert all("time limit" in step.detail for step in steps if not step.ok)
+        assert ready.clock.now() - begun_s <= 3 * 60.0
+
+    def test_is_reached_without_waiting_for_the_compressor(self):
+        bench = Bench(parse_map(HOST_STEPPED.replace("state: mode}", "state: mode, least_on_s: 300}"), "f4"))
+        bench.chamber.identify()
+        bench.chamber.set_point(20.0)
+        bench.chamber.start()
+        assert all(step.ok for step in bench.chamber.safe(25.0))
+        assert bench.clock.now() < 10.0
+        bench.close()
+
+
+def test_a_compressor_gets_its_time_on_and_off():
+    text = HOST_STEPPED.replace("state: mode}", "state: mode, least_on_s: 60, least_off_s: 180}")
+    bench = Bench(parse_map(text, "f4"))
+    bench.chamber.identify()
+    bench.chamber.set_point(20.0)
+    bench.chamber.start()
+    assert bench.clock.now() == 0.0  # how long it was off before is not ours to know; the controller has its own timer
+    bench.chamber.stop()
+    assert bench.clock.now() == 60.0
+    bench.chamber.start()
+    assert bench.clock.now() == 240.0
+    bench.close()
+
+
+def test_what_the_controller_holds_is_compared_with_what_we_commanded(ready: Bench):
+    assert ready.chamber.deviations() == []
+    ready.chamber.set_point(30.0)
+    ready.chamber.start()
+    assert ready.chamber.deviations() == []
+    ready.server.set_words("setpoint", F4T["setpoint"].encode(60.0))
+    ready.server.set_words("mode_active", [62])
+    assert ready.chamber.deviations() == [
+        "setpoint is 60 degC, the bench commanded 30 degC",
+        "mode_active is off, the bench commanded auto",
+    ]
+
+
+def test_a_sensor_that_the_controller_calls_broken_is_named_before_its_value():
+    f4 = load_map("watlow_f4")
+    bench = Bench(f4)
+    bench.chamber.identify()
+    bench.server.publish(temperature=25.0, working_setpoint=25.0, sensor_break=True)
+    assert bench.chamber.poll().sensor_break is True
+    bench.server.set_words("temperature", [0x7FFF])
+    with pytest.raises(LimitError, match="says that its sensor is broken"):
+        bench.chamber.poll()
+    bench.close()
+
+
+def test_decimals_that_cannot_be_read_are_refused(monkeypatch: pytest.MonkeyPatch):
+    bench = Bench(load_map("watlow_f4"))
+    read = bench.link.read
+
+    def without_decimals(register):
+        if register.name == "decimals":
+            raise RefusedError("exception 2, illegal address", 2)
+        return read(register)
+
+    monkeypatch.setattr(bench.link, "read", without_decimals)
+    with pytest.raises(IdentityError, match="decimals cannot be read"):
+        bench.chamber.identify()
+    bench.close()
+
+
+def test_bits_beside_ours_stay_as_they_are():
+    bench = Bench(load_map("binder_mb2"))
+    bench.chamber.identify()
+    bench.server.set_words("mode", [0x0002])
+    with bench.server._lock:
+        bench.server._words[0x1158] |= 0x0041  # humidity off and anticondensation
+    bench.chamber.set_point(30.0)
+    bench.chamber.start()
+    assert bench.server.words("mode") == [0x0041]
+    bench.chamber.stop()
+    assert bench.server.words("mode") == [0x0043]
+    bench.close()
