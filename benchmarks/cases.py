@@ -7,7 +7,7 @@ static spline over temperature cannot absorb / RMS of the noise that is left bes
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -19,9 +19,10 @@ from bench import virtual
 from bench.channels import FloatArray
 from bench.dataset import Dataset, Segment
 from bench.fit import fit
-from bench.hidden import CHANNELS, HIDDEN, NOISE, Entry, draw, scaled, static_curve
+from bench.hidden import CHANNELS, HIDDEN, NOISE, Entry, draw, scaled, static_curve, times
 from bench.model import Model
 from drivers.sim.resonator import UnitSettings
+from drivers.sim.truth import MECHANISMS
 
 INTERVAL_S = 30.0
 SILENT = dict.fromkeys(NOISE, 0.0)
@@ -102,30 +103,41 @@ def rms(values: FloatArray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A unit with hidden mechanisms: its runs by profile at one strength, and what it would be without them."""
+    """A unit with hidden mechanisms, as drawn and how many times: its runs by profile, and what it would be without.
+
+    What adds to the output does so in proportion, so that units of several strengths share their recordings; what moves
+    the resonator's temperature is recorded anew.
+    """
 
     hidden: tuple[str, ...]
     strength: float
     seed: int
     turns: bool
-    truth: tuple[Entry, ...]
+    curve: Entry
+    parts: tuple[tuple[Entry, float], ...]
 
-    def run(self, profile: str, number: int = 0, noise: Mapping[str, float] = NOISE) -> Dataset:
+    def run(self, profile: str, number: int = 0) -> Dataset:
         """A run of the unit; another `number` is another day, on which what belongs to one run does not happen."""
-        truth = [
-            e for e in self.truth if number == 0 or e["mechanism"] not in HIDDEN or not HIDDEN[e["mechanism"]].one_run
-        ]
-        return recorded(truth, noise, profile, 1000 * self.seed + number, self.turns)
+        parts = [(e, factor) for e, factor in self.parts if number == 0 or not HIDDEN[e["mechanism"]].one_run]
+        if any(HIDDEN[entry["mechanism"]].thermal for entry, _ in parts):
+            return self._recorded([times(entry, factor) for entry, factor in parts], NOISE, profile, number)
+        run, clean = self.quiet(profile, number), self._recorded([], SILENT, profile, number)
+        rate = run.channels["rate"]
+        for entry, factor in parts:
+            rate = rate + factor * (self._recorded([entry], SILENT, profile, number).bias - clean.bias)
+        return replace(run, channels={**run.channels, "rate": rate})
 
     def quiet(self, profile: str, number: int) -> Dataset:
         """The unit without what is hidden in it: what an isothermal run shows when nothing excites it."""
-        return recorded(self.truth[:1], NOISE, profile, 1000 * self.seed + number, self.turns)
+        return self._recorded([], NOISE, profile, number)
 
     def noise(self, profile: str, number: int) -> FloatArray:
         """What the noise alone adds to such a run (n,) [deg/h], about its mean; what is hidden does not change it."""
-        silent = recorded(self.truth[:1], SILENT, profile, 1000 * self.seed + number, self.turns)
-        alone = self.quiet(profile, number).bias - silent.bias
+        alone = self.quiet(profile, number).bias - self._recorded([], SILENT, profile, number).bias
         return np.asarray(alone - np.nanmean(alone))
+
+    def _recorded(self, hidden: Sequence[Entry], noise: Mapping[str, float], profile: str, number: int) -> Dataset:
+        return recorded([self.curve, *hidden], noise, profile, 1000 * self.seed + number, self.turns)
 
 
 def case(hidden: Sequence[str], strength: float, seed: int, profile: str, model: Model) -> Case:
@@ -133,16 +145,25 @@ def case(hidden: Sequence[str], strength: float, seed: int, profile: str, model:
     rng = np.random.default_rng([seed, *(sum(map(ord, name)) for name in hidden)])
     curve = static_curve(np.random.default_rng([seed, 7]))
     turns = any(HIDDEN[name].turns for name in hidden)
+    bare = Case(tuple(hidden), strength, seed, turns, curve, ())
+    if not strength:
+        return bare
     hours = trace(profile).seconds / 3600.0
-    drawn = [draw(name, rng, hours) for name in hidden] if strength else []
-    if strength:
-        clean = recorded([curve], SILENT, profile, 1000 * seed, turns)
-        noisy = recorded([curve], NOISE, profile, 1000 * seed, turns)
-        target = strength * rms(absorbed(clean, noisy.bias - clean.bias, model))
+    clean = recorded([curve], SILENT, profile, 1000 * seed, turns)
+    target = strength * rms(absorbed(clean, bare.quiet(profile, 0).bias - clean.bias, model))
 
-        def share(entry: Entry) -> float:
-            full = recorded([curve, entry], SILENT, profile, 1000 * seed, turns)
-            return rms(absorbed(full, full.bias - clean.bias, model))
+    def share(entry: Entry) -> float:
+        full = recorded([curve, entry], SILENT, profile, 1000 * seed, turns)
+        return rms(absorbed(full, full.bias - clean.bias, model))
 
-        drawn = [scaled(entry, target, share) for entry in drawn]
-    return Case(tuple(hidden), strength, seed, turns, (curve, *drawn))
+    drawn = [draw(name, rng, hours) for name in hidden]
+    return replace(bare, parts=tuple((entry, scale(entry, target, share)) for entry in drawn))
+
+
+def scale(entry: Entry, target: float, share: Callable[[Entry], float]) -> float:
+    """How many times an entry has a share of the target [deg/h]: in proportion, or within 1 % if it is thermal."""
+    if HIDDEN[entry["mechanism"]].thermal:
+        name = HIDDEN[entry["mechanism"]].amplitudes[0]
+        start = MECHANISMS[entry["mechanism"]].model_fields[name].default
+        return float(scaled(entry, target, share)[name] / entry.get(name, start))
+    return target / max(share(entry), 1e-12)
