@@ -71,6 +71,8 @@ def examine(settings: StationSettings, listen_s: float = 2.0) -> Examination:
         _chamber(found, real, clock)
         for name, bus in real.buses.items():
             _bus(found, name, bus, [unit for unit in real.units if unit.bus == name], clock, listen_s)
+        if settings.rate_table is not None:
+            found.add("rate table", "unknown", "not asked: a drive is only spoken to when a run begins")
         return found
 
 
@@ -225,7 +227,8 @@ def _bus(found: Examination, name: str, bus: Bus, units: list[UnitSettings], clo
     finally:
         opened.shutdown()
     frames = to_frames(records)
-    found.add(what, "agrees" if records else "disagrees", f"{len(records)} frames in {listen_s:g} s")
+    silence: Verdict = "disagrees" if units else "unknown"
+    found.add(what, "agrees" if records else silence, f"{len(records)} frames in {listen_s:g} s")
     for unit in units:
         decoder = GyroDecoder(unit.gyro, unit.number)
         samples = len(decoder.decode(frames).t_ns)
