@@ -202,8 +202,9 @@ class RateTableSettings(BaseModel):
     """CiA 402: interval of the encoder's readings."""
     latency_ms: Annotated[float, Field(ge=0, le=1000)] = 0.0
     """CiA 402: by how much a reading of the velocity lags behind the motion."""
-    heartbeat_s: Annotated[float, Field(ge=2, le=60)] = 3.0
-    """CiA 402: longest silence of bench or drive before the axis is stopped."""
+    heartbeat_s: Annotated[float, Field(ge=2, le=60)] = 10.0
+    """CiA 402: longest silence of bench or drive before the axis is stopped; longer than a chamber that misses one
+    answer keeps the bench busy (three times its timeout, twice that on a serial line)."""
     port: Text | None = None
     """Aerosmith: serial port, such as /dev/ttyUSB0."""
     jog_unit: Literal["deg/s", "deg/min"] = "deg/s"
