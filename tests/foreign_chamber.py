@@ -47,6 +47,7 @@ class ForeignChamber:
         block._data = self.memory
         for name, words in image.items():
             self.set_words(name, words)
+        self.server._go.isSet = self.server._go.is_set  # modbus_tk's spelling warns, and a warning ends its thread
         self.server.start()
 
     @property

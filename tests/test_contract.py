@@ -155,3 +155,19 @@ unreadable: [[12, 13]]
     ]
     whole = parse_map(text.replace("[[12, 13]]", "[]"), "whole")
     assert len(whole.blocks) == 1
+
+
+def test_the_page_of_the_chambers_is_that_of_the_maps():
+    from pathlib import Path
+
+    from drivers.catalogue import markdown
+
+    page = Path(__file__).parent.parent / "docs" / "chambers.md"
+    assert page.read_text() == markdown(), "write it again: python -m drivers.catalogue > docs/chambers.md"
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_a_shipped_map_says_how_to_connect_and_where_each_address_is_from(name: str):
+    registers = load_map(name)
+    assert registers.connection
+    assert registers.sources
