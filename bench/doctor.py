@@ -242,6 +242,7 @@ def _bus(found: Examination, name: str, bus: Bus, units: list[UnitSettings], clo
 
 def _heard(recv: Callable[[float], Any], clock: Clock, listen_s: float) -> Iterator[bytes]:
     """Records of the frames that arrive within `listen_s`, and of what is still under way then."""
+    recv(_PIECE_S)  # an interface that was just opened gets a moment
     end_s = clock.now() + listen_s
     while clock.now() < end_s:
         clock.sleep_until(min(clock.now() + _PIECE_S, end_s))
