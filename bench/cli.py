@@ -343,6 +343,27 @@ def improve(
 
 
 @main.command()
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--format", "format_", required=True, help="json, csv, c, hex, srec, eeprom or a2l.")
+@click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
+@click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
+@click.option("--serial", type=click.IntRange(0, 2**32 - 1), help="Default: the digits of the unit's serial number.")
+@click.option("--sample-hz", type=click.FloatRange(1e-3, 1e5), default=500.0, show_default=True, help="The unit's own.")
+@click.option("--name", default="calibration", show_default=True, help="Name of the files, and of the C functions.")
+@click.option("--address", type=click.IntRange(0, 2**32 - 1), default=0, help="Of the image in hex, srec and a2l.")
+@click.option("--force", is_flag=True, help="Deliver a calibration that must not be trusted; the answer says why.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the files; default: export in the run folder.")
+@json_option
+@_answer
+def export(run_folder: Path, format_: str, out: Path | None, **wishes: Any) -> Answer:
+    """The calibration of RUN for its unit: C code, EEPROM image, hex files; worst error of each embedded form."""
+    from bench.export.delivering import Wishes
+    from bench.workflow import delivering
+
+    return delivering.export(run_folder, format_, Wishes(**wishes), out)
+
+
+@main.command()
 @click.option("--seed", type=click.IntRange(0), help="Same seed, same unit; default: a random one.")
 @click.option("--effects", "count", type=click.IntRange(1), default=1, show_default=True, help="How many are hidden.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("mystery"), show_default=True, help="Its folder.")

@@ -6,7 +6,7 @@ from math import ceil, exp, expm1, floor, log2
 
 import numpy as np
 
-from bench.channels import DPH_PER_DPS, FloatArray
+from bench.channels import DPH_PER_DPS, FloatArray, IntArray
 from bench.errors import InputError
 from bench.export.delivery import INPUTS, NO_VALUE, ONE, Kind, Signal
 
@@ -18,7 +18,7 @@ def per_count(channel: str) -> float:
     return INPUTS[channel].count * (DPH_PER_DPS if channel == "rate" else 1.0)
 
 
-def to_counts(channel: str, values: FloatArray) -> FloatArray:
+def to_counts(channel: str, values: FloatArray) -> IntArray:
     """Values (n,) as whole counts; NaN becomes the count that stands for no value."""
     counts = np.round(values / per_count(channel))
     return np.where(np.isfinite(counts), np.clip(counts, NO_VALUE + 1, -NO_VALUE - 1), NO_VALUE).astype(np.int64)

@@ -1,0 +1,148 @@
+"""The calibration of a run folder as a fit again, and whether it may be delivered at all.
+
+What is delivered is what was reported: amplitudes and time constants come from calibration.json; the run's data only
+tell how the effects were scaled, and prove by the residual that they belong together.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.channels import CHANNELS
+from bench.dataset import Dataset, load
+from bench.errors import InputError
+from bench.fit import Fit, fit
+from bench.fit.design import Problem, assemble
+from bench.model import load_model, model_from
+
+MAX_CONDITION = 1e9
+"""Of the scaled columns; above it the coefficients hang on the last digits of the data."""
+LEAST_RANGE_DEGC = 10.0
+WIDEST_HOLE = 0.35
+"""Share of a channel's range that may lack data: between the points of a table, not beyond what a curve can bridge."""
+_SAME = 1e-6
+_PROVEN = {"adequate", "missing_effect", "unknown_effect", "model_error"}
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A fit of one unit; `objections` say why it should not be delivered, worst first."""
+
+    fit: Fit
+    dataset: Dataset
+    unit: str
+    objections: tuple[str, ...]
+
+    @property
+    def serial(self) -> int | None:
+        """Number in the unit's serial number (its last group of digits), None where it has none."""
+        groups = re.findall(r"\d+", self.unit)
+        return int(groups[-1]) if groups else None
+
+
+def source_of(folder: Path, model: str | None = None) -> Source:
+    """The calibration of a run folder, or another `model` fitted to its data.
+
+    Raises InputError: no run, no calibration.json, no model in it, or not of this data.
+    """
+    manifest, stored = _json(folder / "manifest.json"), _json(folder / "calibration.json")
+    content = stored.get("calibration")
+    if model is not None:
+        dataset = load(folder, float(stored.get("averaging_s") or 30.0))
+        found = fit(load_model(model), dataset)
+    elif not isinstance(content, Mapping):
+        raise InputError("holds no calibration: no model could be fitted to this run", folder / "calibration.json")
+    else:
+        dataset = load(folder, float(stored["averaging_s"]))
+        found = _stored(content, dataset, folder / "calibration.json")
+    objections = (*_of_run(manifest, stored), *_of_fit(found, dataset))
+    return Source(found, dataset, str(manifest.get("unit") or ""), objections)
+
+
+def _stored(content: Mapping[str, Any], dataset: Dataset, path: Path) -> Fit:
+    """The fit whose numbers stand in calibration.json."""
+    try:
+        described = content["model"]
+        effects = [{e["effect"]: e["options"]} for e in described["effects"]]
+        model = model_from({"name": described["name"], "rows": described["rows"], "effects": effects})
+        problem = assemble(model, (dataset,))
+        values = np.array(content["scaled"]["values"], dtype=np.float64)
+        size = values.size - len(problem.parameters)
+        bound, columns = problem.bind(values[size:])
+        residual = problem.y - columns @ values[:size]
+        condition, rms_dph = float(content["condition"]), float(content["rms_dph"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"is no calibration of this bench ({error!r})", path) from error
+    _check_same(problem, residual, rms_dph, path)
+    return Fit(
+        model=problem.model, bound=bound, beta=values[:size], covariance=_covariance(content, values.size), noise=None,
+        rms_dph=rms_dph, condition=condition, rows=problem.y.size, interval_s=dataset.interval_s,
+        runs=(dataset.name,), validity=problem.validity(), residuals=problem.scatter(residual),
+    )  # fmt: skip
+
+
+def _covariance(content: Mapping[str, Any], size: int) -> Any:
+    rows = content["scaled"].get("covariance") or [[None] * size] * size
+    return np.array([[np.nan if value is None else value for value in row] for row in rows], dtype=np.float64)
+
+
+def _check_same(problem: Problem, residual: Any, rms_dph: float, path: Path) -> None:
+    found = float(np.sqrt(np.sum(problem.weights * residual**2) / np.sum(problem.weights)))
+    if not abs(found - rms_dph) <= _SAME * max(rms_dph, 1e-9):
+        raise InputError(
+            f"says a residual of {rms_dph:.6g} deg/h, this run's data give {found:.6g}: it is not of this data; "
+            "make it anew with `bench report`",
+            path,
+        )
+
+
+def _of_run(manifest: Mapping[str, Any], stored: Mapping[str, Any]) -> Iterator[str]:
+    if manifest.get("state", "done") != "done":
+        yield f"the run is '{manifest['state']}' ({manifest.get('cause') or 'no cause given'}), only a whole run counts"
+    verdict = stored.get("verdict") or {}
+    if verdict.get("verdict") not in _PROVEN:
+        yield f"the run's verdict is '{verdict.get('verdict')}', nothing proves the model on unseen data"
+    if verdict.get("admissible") is False:
+        yield "the parts of the run do not fit together at their joints"
+
+
+def _of_fit(found: Fit, dataset: Dataset) -> Iterator[str]:
+    if found.condition > MAX_CONDITION:
+        yield (
+            f"the fit's condition is {found.condition:.2g}, limit {MAX_CONDITION:.0e}: two terms cannot be told apart; "
+            "leave one out"
+        )
+    for key in found.on_bound:
+        yield f"{key} = {found.theta[key]:g} is on its bound: the run does not determine it"
+    rows = np.isfinite(found.residuals[0])
+    for channel, (low, high) in found.validity.items():
+        if channel == "temperature" and high - low < LEAST_RANGE_DEGC:
+            yield f"the run covers {low:.1f} to {high:.1f} degC only, at least {LEAST_RANGE_DEGC:g} degC are needed"
+        values = np.sort(dataset.channel(channel)[rows])
+        steps = np.diff(values)
+        if steps.size and steps.max() > WIDEST_HOLE * (high - low):
+            at, unit = int(steps.argmax()), CHANNELS[channel].unit
+            yield (
+                f"no data between {values[at]:.6g} and {values[at + 1]:.6g} {unit} of {channel}: more than "
+                f"{100 * WIDEST_HOLE:.0f} % of its range is not covered"
+            )
+
+
+def _json(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        hint = "make it with `bench report`" if path.parent.is_dir() else "no such run folder"
+        raise InputError(f"missing; {hint}", path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"not readable as JSON ({error})", path) from error
+    if not isinstance(content, dict):
+        raise InputError("is not a JSON object", path)
+    return content
