@@ -45,7 +45,10 @@ def compiled(folder: Path, words: list[int], extra: tuple[str, ...] = ()) -> Pat
     made = folder / "calibration.so"
     command = ["gcc", *FLAGS, *extra, "-shared", "-fPIC", "-o", str(made)]
     done = subprocess.run(
-        [*command, str(folder / "calibration.c"), str(folder / "harness.c")], capture_output=True, text=True, check=False
+        [*command, str(folder / "calibration.c"), str(folder / "harness.c")],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     return made
