@@ -116,3 +116,12 @@ def test_a_static_run_that_does_not_stand_still_is_refused():
     run = hidden_run(profile="short", seed=6)
     with pytest.raises(InputError, match="standing still"):
         diagnose([run], SPLINE, static=run.select(run.direction != 0))
+
+
+def test_a_spline_that_chooses_few_intervals_is_diagnosed_with_more_so_that_its_misfit_gets_no_name(still):
+    run = hidden_run(profile="one_rate", seed=2)
+    bare = Model("bare", (effects.make("spline"),))
+    answer = diagnose([run], bare, static=still, candidates=FEW)
+    assert answer.model.effects[0].intervals >= 12
+    assert answer.verdict == "adequate"
+    assert any("fewer intervals" in note for note in answer.notes)

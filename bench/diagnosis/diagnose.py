@@ -25,6 +25,7 @@ from bench.diagnosis.sentences import sentence
 from bench.diagnosis.suspects import Layout, Offer, catalogued, isothermal, offer
 from bench.diagnosis.verdict import Explanation, Search, effect_name
 from bench.effects.base import Effect
+from bench.effects.spline import Spline
 from bench.errors import InputError
 from bench.fit import Fit, fit
 from bench.fit.design import assemble
@@ -32,6 +33,8 @@ from bench.fit.solve import one_blas_thread
 from bench.model import Model
 from bench.noise.likelihood import NoiseLattice
 
+_LEAST_INTERVALS = 12
+"""A spline of fewer, chosen by itself on a one-rate ramp, misses parts of the curve that then look like an effect."""
 _DRIFTS = "the run drifts more than the isothermal run: a cause that no channel records"
 _UNMOVED = "the run does not move what it acts on: its terms cannot be told from the model's"
 
@@ -82,7 +85,8 @@ class _Case:
             notes.append(f"the model is fitted to '{model.rows}' rows by itself; here it was fitted to all rows")
         if len({round(run.interval_s, 6) for run in runs}) > 1:
             raise InputError("the runs are averaged over different intervals; load them with the same one")
-        found = fit(replace(model, rows="all"), runs, covariance="none")
+        found, finer = _fitted(replace(model, rows="all"), runs)
+        notes += finer
         kept = [despike(np.nan_to_num(r)) & np.isfinite(r) for r in found.residuals]
         spikes = sum(int((np.isfinite(r) & ~k).sum()) for r, k in zip(found.residuals, kept, strict=True))
         if spikes:
@@ -164,3 +168,24 @@ class _Case:
             at = {} if moved else dict(zip(names, limit.theta, strict=False))
             listed.append(Detectable(effect.name, limit.rms_dph, amplitude, unit, at))
         return tuple(listed)
+
+
+def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:
+    """The fit that is diagnosed, a spline that may choose its intervals never with few; what to say of that."""
+    found = fit(model, runs, covariance="none")
+    finer = tuple(map(_finer, model.effects, found.model.effects))
+    if finer == model.effects:
+        return found, []
+    try:
+        found = fit(replace(model, effects=finer), runs, covariance="none")
+    except InputError:  # too few rows in one of the intervals
+        return found, []
+    text = (
+        f"the spline would have chosen fewer intervals; diagnosed with {_LEAST_INTERVALS}, or the misfit of the curve"
+    )
+    return found, [f"{text} would be taken for an effect"]
+
+
+def _finer(asked: Effect, chosen: Effect) -> Effect:
+    coarse = isinstance(chosen, Spline) and int(chosen.intervals) < _LEAST_INTERVALS
+    return Spline(_LEAST_INTERVALS, asked.ends) if coarse and isinstance(asked, Spline) and asked.choices() else asked
