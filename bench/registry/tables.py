@@ -1,0 +1,127 @@
+"""The tables. Moments are ISO 8601 text in UTC, as in the manifests: equal on every database, and sorted by time."""
+
+from __future__ import annotations
+
+from datetime import date
+from typing import Any, ClassVar
+
+from sqlalchemy import JSON, BigInteger, Double, ForeignKey, MetaData, String
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+NAMES = {
+    "ix": "ix_%(column_0_label)s",
+    "uq": "uq_%(table_name)s_%(column_0_name)s",
+    "ck": "ck_%(table_name)s_%(constraint_name)s",
+    "fk": "fk_%(table_name)s_%(column_0_name)s_%(referred_table_name)s",
+    "pk": "pk_%(table_name)s",
+}
+"""Every constraint has a name, so that a migration can change it on any database."""
+
+
+class Table(DeclarativeBase):
+    """Base of all tables."""
+
+    metadata = MetaData(naming_convention=NAMES)
+    type_annotation_map: ClassVar[dict[Any, Any]] = {float: Double()}
+
+
+class Archive(Table):
+    """A folder of run folders, known by the id in its ledger: it may be moved."""
+
+    __tablename__ = "archives"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True)
+    path: Mapped[str]
+    """host:folder where it was last seen."""
+
+
+class Unit(Table):
+    """A gyro; `archive` is the one that wrote its lot last, or saw it first."""
+
+    __tablename__ = "units"
+    serial: Mapped[str] = mapped_column(primary_key=True)
+    lot: Mapped[str | None]
+    archive: Mapped[str] = mapped_column(ForeignKey("archives.id"))
+
+
+class Operator(Table):
+    """A person who runs the bench."""
+
+    __tablename__ = "operators"
+    name: Mapped[str] = mapped_column(primary_key=True)
+    archive: Mapped[str] = mapped_column(ForeignKey("archives.id"))
+
+
+class Equipment(Table):
+    """A chamber, sensor, rate table or time base, and until when its own calibration holds."""
+
+    __tablename__ = "equipment"
+    name: Mapped[str] = mapped_column(primary_key=True)
+    serial: Mapped[str] = mapped_column(primary_key=True)
+    kind: Mapped[str]
+    calibrated_on: Mapped[date | None]
+    due_on: Mapped[date | None]
+    archive: Mapped[str] = mapped_column(ForeignKey("archives.id"))
+
+
+class Run(Table):
+    """One run folder; `id` is archive/path, and the path is relative to the archive."""
+
+    __tablename__ = "runs"
+    id: Mapped[str] = mapped_column(primary_key=True)
+    archive: Mapped[str] = mapped_column(ForeignKey("archives.id"), index=True)
+    path: Mapped[str]
+    unit: Mapped[str] = mapped_column(ForeignKey("units.serial"), index=True)
+    profile: Mapped[str | None]
+    profile_sha256: Mapped[str | None] = mapped_column(String(64))
+    station: Mapped[str | None]
+    operator: Mapped[str | None] = mapped_column(ForeignKey("operators.name"))
+    created: Mapped[str | None] = mapped_column(index=True)
+    state: Mapped[str | None]
+    cause: Mapped[str | None]
+    simulated: Mapped[bool | None]
+    samples: Mapped[int | None] = mapped_column(BigInteger)
+    lost: Mapped[int | None] = mapped_column(BigInteger)
+    duration_s: Mapped[float | None]
+    software: Mapped[str | None]
+    manifest_sha256: Mapped[str] = mapped_column(String(64))
+
+
+class Calibration(Table):
+    """The calibration.json of a run: verdict, model, validity, and a hash that tells equal coefficients."""
+
+    __tablename__ = "calibrations"
+    run: Mapped[str] = mapped_column(ForeignKey("runs.id"), primary_key=True)
+    verdict: Mapped[str | None]
+    model: Mapped[str | None]
+    coefficients_sha256: Mapped[str | None] = mapped_column(String(64), index=True)
+    validity: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
+    file_sha256: Mapped[str] = mapped_column(String(64))
+
+
+class Certificate(Table):
+    """The certificate.json of a run: number, verdict against limits (PASS, MARGINAL, FAIL, INVALID), file hash."""
+
+    __tablename__ = "certificates"
+    run: Mapped[str] = mapped_column(ForeignKey("runs.id"), primary_key=True)
+    number: Mapped[str | None]
+    verdict: Mapped[str | None]
+    issued: Mapped[str | None]
+    operator: Mapped[str | None]
+    file_sha256: Mapped[str] = mapped_column(String(64))
+
+
+class Quantity(Table):
+    """A number that says how good a unit is, from the certificate of its run, or else from its calibration."""
+
+    __tablename__ = "quantities"
+    run: Mapped[str] = mapped_column(ForeignKey("runs.id"), primary_key=True)
+    name: Mapped[str] = mapped_column(primary_key=True)
+    unit: Mapped[str | None]
+    value: Mapped[float]
+
+
+IN_ORDER: tuple[type[Table], ...] = (Archive, Unit, Operator, Equipment, Run, Calibration, Certificate, Quantity)
+"""All tables, each after those that it refers to."""
+
+OF_A_RUN: tuple[type[Table], ...] = (Calibration, Certificate, Quantity)
+"""Tables whose rows belong to one run."""
