@@ -13,6 +13,7 @@ from bench.config import STRICT, PlacedError
 from bench.errors import InputError
 from bench.guards import GuardSettings
 from bench.preflight import Limits
+from bench.scenario import FaultSettings
 from drivers.interfaces import BusSettings, unit_filters
 from drivers.registers import is_map_file
 
@@ -251,6 +252,8 @@ class StationSettings(BaseModel):
     """How the safe state is reached."""
     watchdog: WatchdogSettings = WatchdogSettings()
     """When a real station is made safe without the bench."""
+    faults: tuple[FaultSettings, ...] = ()
+    """What goes wrong in a simulated station, and when: for rehearsals."""
     unit_silent_s: Annotated[float, Field(gt=0, le=3600)] = 5.0
     """A unit that sends nothing sound for this long leaves a run of several units [s]."""
 
@@ -273,11 +276,19 @@ class StationSettings(BaseModel):
                 raise PlacedError(text, ("buses", name, "interface"))
         self._check_units()
         self._check_table()
+        self._check_faults()
         for guard in self.guards:
             if guard.name == "unit silent" and guard.above is not None and guard.above < self.unit_silent_s:
                 text = f"unit_silent_s is {self.unit_silent_s:g}: the guard `unit silent` ends the run of all units"
                 raise PlacedError(f"{text} before, at {guard.above:g} s", ("unit_silent_s",))
         return self
+
+    def _check_faults(self) -> None:
+        if self.faults and not self.simulated:
+            raise PlacedError("faults are rehearsed on a simulated station; this one is real", ("faults",))
+        for i, fault in enumerate(self.faults):
+            if text := fault.wrong(set(self.buses), {unit.serial for unit in self.units}):
+                raise PlacedError(text, ("faults", i))
 
     def _check_table(self) -> None:
         table = self.rate_table

@@ -65,6 +65,14 @@ class Link:
         self._next_s = min(next_s, last_s) if last_s > now_s else next_s
         self.judge(now_s)
 
+    def gone(self, now_s: float, why: str) -> None:
+        """The device says itself that it will not come back. Raises EquipmentError."""
+        self._silent_since = now_s if self._silent_since is None else self._silent_since
+        if self.state != "lost":
+            self._why = why
+            self._enter("lost", self.silent_s(now_s))
+        raise EquipmentError(f"{self._device} is lost: {self._why}")
+
     def judge(self, now_s: float) -> None:
         """Let the silence grow old. Raises EquipmentError when it means that the device is lost."""
         silent_s = self.silent_s(now_s)

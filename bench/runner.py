@@ -103,6 +103,8 @@ def run_job(
         guards = _guards(job, station)
         recorder = _open_recorder(job, station)
         station.on_event = recorder.event
+        if station.scenario is not None:
+            station.scenario.on_event = recorder.event
         station.on_drop = partial(_drop, station, recorder)
         failures: tuple[BenchError | None, ...] = ()
         try:

@@ -33,7 +33,7 @@ class Served:
 
     def station_file(self) -> dict[str, Any]:
         """A station file that drives these servers as if they were real."""
-        content = self.settings.model_dump(mode="json", exclude_defaults=True, exclude={"seed", "simulated", "units"})
+        content = self.settings.model_dump(mode="json", exclude_defaults=True, exclude={"seed", "simulated", "units", "faults"})
         content["name"] = f"{self.settings.name}-remote"
         content["chamber"]["connection"] = {"url": f"tcp://127.0.0.1:{self.station.modbus_port}"}
         content["buses"] = {

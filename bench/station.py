@@ -18,6 +18,7 @@ from bench.equipment import LOCAL_INTERFACES, Bus, Connection, StationSettings, 
 from bench.errors import EquipmentError
 from bench.links import Link
 from bench.recorder import Recorder
+from bench.spoiled import TIMEOUT_S, Scenario
 from bench.store import share
 from bench.tables import open_table, simulate_table
 from bench.turning import Turntable
@@ -75,6 +76,8 @@ class Station:
         """Sees every unit that leaves."""
         self.on_event: Callable[..., None] = lambda kind, text, **facts: None
         """Hears what happens to the buses: kind, text and numbers of an event."""
+        self.scenario: Scenario | None = None
+        """What goes wrong in a simulated station on purpose."""
         self.turntable: Turntable | None = None
         """The rate table that the units are on, where there is one."""
         self.local_buses: dict[str, can.BusABC] = {}
@@ -99,9 +102,10 @@ class Station:
         if name in self.local_buses:
             writer = JournalWriter(path)
             recorder.keep_synced(writer)
-            return InProcessCapture(self.local_buses[name], writer)
+            return InProcessCapture(self.local_buses[name], writer, now=self.clock.now)
         started_ns = self.clock.started_monotonic_ns if isinstance(self.clock, WallClock) else 0
-        return ProcessCapture(self.settings.buses[name].to_driver(), path, started_ns)
+        heard = [unit.settings for unit in self.everyone if unit.settings.bus == name]
+        return ProcessCapture(self.settings.buses[name].to_driver(heard), path, started_ns)
 
     def poll(self) -> None:
         """Take in what was captured since the last call; drop units that fail alone.
@@ -135,12 +139,14 @@ class Station:
         """Buses whose capture has failed for too long, each with what is wrong."""
         now_s, lost = self.clock.now(), {}
         for name, capture in self._captures.items():
-            link, error = self._links[name], capture.health().error
+            link, health = self._links[name], capture.health()
             try:
-                if error is None:
+                if health.error is None:
                     link.answered(now_s)
+                elif health.state == "lost":
+                    link.gone(now_s, health.error)
                 else:
-                    link.failed(now_s, error)
+                    link.failed(now_s, health.error)
             except EquipmentError as trouble:
                 lost[name] = str(trouble)
         return lost
@@ -207,14 +213,21 @@ def open_station(
     `occasion`, the name of what is run, makes the noise of a simulated station its own. Bench time begins at `start_s`.
     """
     registers = load_map(settings.chamber.map)
+    scenario: Scenario | None = None
     with ExitStack() as stack:
         clock: Clock
         if settings.simulated:
             clock = SimClock(start_s=start_s)
             buses = _private_buses(settings)
             simulation = stack.enter_context(closing(simulate(settings, units, buses, stack, occasion)))
-            clock.attach(simulation.advance)
             connection = Connection(url=f"tcp://127.0.0.1:{simulation.modbus_port}")
+            if settings.faults:
+                scenario = Scenario(settings, units, simulation, registers, stack)
+                clock.attach(scenario.advance)
+                if scenario.proxy is not None:
+                    connection = Connection(url=scenario.proxy.url, timeout_s=TIMEOUT_S)
+            else:
+                clock.attach(simulation.advance)
         else:
             clock, buses = WallClock(start_s), settings.buses
             assert settings.chamber.connection is not None  # checked with the file
@@ -222,10 +235,13 @@ def open_station(
         link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
         stack.enter_context(closing(link))
         station = Station(settings, clock, link, registers, units)
-        for name in {unit.bus for unit in units}:
+        station.scenario = scenario
+        for name, unit in {unit.bus: unit for unit in units}.items():
             if buses[name].interface in LOCAL_INTERFACES:
                 bus = open_bus(buses[name].to_driver())
                 stack.callback(bus.shutdown)
+                if scenario is not None and name in scenario.where:
+                    bus = scenario.around(name, bus, unit)
                 station.local_buses[name] = bus
         station.turntable = open_table(settings, clock, buses, stack)
         station.chamber.identify()

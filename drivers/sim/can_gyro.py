@@ -70,7 +70,7 @@ class CanGyro:
         if not 0 <= number <= 15:
             raise ConfigError(f"unit number {number}: must be 0 to 15")
         self.number, self.serial, self.firmware, self.coefficient_set = number, serial, firmware, coefficient_set
-        self._bus = bus
+        self.bus = bus
         self._messages = load_dbc(layout)
         self._interval_ms = self._messages["GYRO_RATE"].cycle_ms or 2.0
         self._counter = 0
@@ -150,11 +150,11 @@ class CanGyro:
         return frames
 
     def _transmit(self, frames: FrameArray) -> None:
-        if hasattr(self._bus, "send_block"):
-            self._bus.send_block(frames)
+        if hasattr(self.bus, "send_block"):
+            self.bus.send_block(frames)
             return
         for message in to_messages(frames):
-            self._bus.send(message)
+            self.bus.send(message)
 
 
 _Part = tuple[Message, IntArray, ByteArray]

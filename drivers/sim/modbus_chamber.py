@@ -142,6 +142,13 @@ class ModbusChamber:
         with self._lock:
             self._set(self._map[name], value)
 
+    def restrict(self, highest: float) -> None:
+        """Take set points up to `highest` [degC] only, as after somebody changed the limits at the panel."""
+        with self._lock:
+            self._limits = self._limits[0], highest
+            if "setpoint_high" in self._map:
+                self._set(self._map["setpoint_high"], highest)
+
     # ---- registers; the lock is held by the caller ------------------------------------------------------------------
 
     def _get(self, name: str) -> Value:

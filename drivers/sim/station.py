@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from drivers.registers import RegisterMap
 from drivers.sim.can_gyro import CanGyro
@@ -42,6 +43,8 @@ class SimulatedStation:
         self.table = table
         self.units = list(units)
         self.chamber = ModbusChamber(register_map, port=modbus_port, temperature=plant.state.process_value)
+        self.shown: dict[str, Any] = {}
+        """What the controller shows in place of the truth, as `ModbusChamber.publish` takes it: door, alarms, …"""
         self._samples_due = 0.0
         self._publish()
 
@@ -76,13 +79,14 @@ class SimulatedStation:
 
     def _publish(self) -> None:
         state = self.plant.state
-        self.chamber.publish(
-            temperature=state.process_value,
-            working_setpoint=state.working_setpoint,
-            power=100.0 * state.power,
-            on=state.on,
-            compressor=state.compressor,
-        )
+        truth = {
+            "temperature": state.process_value,
+            "working_setpoint": state.working_setpoint,
+            "power": 100.0 * state.power,
+            "on": state.on,
+            "compressor": state.compressor,
+        }
+        self.chamber.publish(**truth | self.shown)
 
     def close(self) -> None:
         """Stop the Modbus server; the buses belong to whoever opened them."""

@@ -50,12 +50,14 @@ class Fault:
 class FaultyBus(can.BusABC):
     """The bus inside, with faults; `layout` and `number` name the unit that `reset` and `twin` concern.
 
-    `counts` says how many frames each fault has struck. Closing this closes the bus inside.
+    `counts` says how many frames each fault has struck, `struck` the same by fault and identifier.
+    Closing this closes the bus inside.
     """
 
     def __init__(self, bus: can.BusABC, *, seed: int = 1, layout: str | Path = "vibratory", number: int = 0) -> None:
         self.bus = bus
         self.counts: Counter[str] = Counter()
+        self.struck: Counter[tuple[str, int]] = Counter()
         self.channel_info = f"{bus.channel_info} with faults"
         self._layout = Layout(layout, number)
         self._rng = np.random.default_rng(seed)
@@ -142,15 +144,20 @@ class FaultyBus(can.BusABC):
     def _struck(self, fault: Fault, frames: FrameArray) -> Any:
         """Which frames (n,) the fault strikes."""
         hit = self._rng.random(len(frames)) < fault.share
-        self.counts[fault.name] += int(np.count_nonzero(hit))
+        self._count(fault, frames[hit])
         return hit
+
+    def _count(self, fault: Fault, frames: FrameArray) -> None:
+        self.counts[fault.name] += len(frames)
+        for identifier, number in zip(*np.unique(frames["id"], return_counts=True), strict=True):
+            self.struck[fault.name, int(identifier)] += int(number)
 
     def _loss(self, fault: Fault, frames: FrameArray) -> FrameArray:
         kept: FrameArray = frames[~self._struck(fault, frames)]
         return kept
 
     def _silence(self, fault: Fault, frames: FrameArray) -> FrameArray:
-        self.counts[fault.name] += len(frames)
+        self._count(fault, frames)
         return frames[:0]
 
     def _duplicate(self, fault: Fault, frames: FrameArray) -> FrameArray:
