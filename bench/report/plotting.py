@@ -47,13 +47,12 @@ def plot(traces: Sequence[Any], layout: Mapping[str, Any], height: int = 420) ->
     figure.update_layout(
         template=None,
         height=height,
-        margin={"l": 70, "r": 20, "t": 40, "b": 55},
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
         font={"size": 13, "family": FONT},
         hovermode="closest",
         modebar={"bgcolor": "rgba(0,0,0,0)", "color": GREY, "activecolor": BLUE},
-        **{"legend": legend, **layout},
+        **{"legend": legend, "margin": {"l": 70, "r": 20, "t": 40, "b": 55}, **layout},
     )
     content: Plot = figure.to_plotly_json()
     return {"data": plain(content["data"]), "layout": plain(content["layout"])}
