@@ -1,0 +1,230 @@
+"""A long simulated run with random faults: does anything leak, is every episode told, are the losses what was injected?
+
+    python -m benchmarks.soak --hours 24 --seed 1 [--out FOLDER]
+
+Prints one JSON object; exit code 1 when something is wrong. Bench time is simulated, the wires are real: Modbus TCP
+through a proxy that spoils answers, CAN frames through a wrapper that spoils frames. 24 h take about ten minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from bench import config
+from bench.profile import from_text
+from bench.runner import Job, run_job
+from bench.sequencer import Status
+from bench.station import Station, StationSettings
+from bench.store import RunFolder
+
+STATION = Path(__file__).parent.parent / "profiles" / "stations" / "simulated.yaml"
+UNIT, BUS, CHAMBER = "SIM-0001", "can0", "chamber"
+RATE_HZ = 500
+SAMPLE_S = 600.0
+"""Bench time between two looks at memory and handles [s]."""
+QUIET_S = 90.0
+"""Least time between two faults [s]."""
+MOST_KB_PER_H = 100.0
+"""More growth of the resident set than this is a leak: 24 h of frames are 1.2 GB."""
+
+WIRE = ("silence", "drop", "truncate", "garble", "transaction", "device", "function", "count", "exception", "split",
+        "close", "refuse", "delay")  # fmt: skip
+FRAMES = ("loss", "corrupt", "reorder", "error_frames")
+
+
+def random_fault(rng: random.Random, at_s: float) -> dict[str, Any]:
+    """A fault that a run survives."""
+    kind = rng.choice(("chamber", "chamber", "frames", "duplicate", "outage", "unit"))
+    fault: dict[str, Any] = {"at_s": round(at_s)}
+    if kind == "chamber":
+        name = rng.choice(WIRE)
+        fault |= {"on": CHAMBER, "fault": name, "for_s": rng.randint(3, 40)}
+        if name in ("silence", "refuse"):
+            return fault
+        return fault | {"share": round(rng.uniform(0.05, 0.5), 2), "seconds": 0.05 if name == "delay" else 0.0}
+    if kind == "frames":
+        return fault | {"on": BUS, "fault": rng.choice(FRAMES), "share": round(rng.uniform(0.01, 0.2), 3),
+                        "for_s": rng.randint(5, 60)}  # fmt: skip
+    if kind == "duplicate":
+        return fault | {"on": BUS, "fault": "duplicate", "share": 0.1, "for_s": rng.randint(5, 60)}
+    if kind == "outage":
+        name = rng.choice(("silence", "bus_off", "burst"))
+        return fault | {"on": BUS, "fault": name, "for_s": 3, "seconds": 1.0 if name == "burst" else 0.0}
+    return fault | {
+        "on": UNIT,
+        "fault": rng.choice(("reset", "silent_reset")),
+        "seconds": round(rng.uniform(0.1, 3), 1),
+    }
+
+
+def random_faults(hours: float, seed: int, mean_s: float) -> list[dict[str, Any]]:
+    """Faults over so many hours, about one every `mean_s` [s]."""
+    rng, at_s, faults = random.Random(seed), 60.0, []
+    while at_s < 3600.0 * hours - 120.0:
+        faults.append(random_fault(rng, at_s))
+        at_s += QUIET_S + rng.expovariate(1.0 / (mean_s - QUIET_S))
+    return faults
+
+
+def profile_text(hours: float) -> str:
+    """Ramps and soaks for so many hours."""
+    leg_min = 30.0
+    cycles = max(round(60.0 * hours / (4 * leg_min)), 1)
+    scale = 60.0 * hours / (4 * leg_min * cycles)
+    ramp, soak = (
+        "{{kind: ramp, to_degc: {}, rate_degc_per_min: 1.5, arrival_band_degc: 3}}".format,
+        f"{{kind: soak, duration_min: {leg_min * scale:.4f}}}",
+    )
+    high, low = 25 + 40 * min(scale, 1.0), 25 + 0 * scale
+    cycle = "\n".join(f"      - {leg}" for leg in (ramp(high), soak, ramp(low), soak))
+    return f"name: soak\nsegments:\n  - kind: repeat\n    times: {cycles}\n    segments:\n{cycle}\n"
+
+
+@dataclass
+class Watcher:
+    """Looks at the process while the run goes on."""
+
+    every_s: float
+    seen: list[tuple[float, float, int, int]] = field(default_factory=list)
+    """Bench time [s], resident set [kB], open files, threads."""
+    station: Station | None = None
+
+    def __call__(self, station: Station, status: Status) -> None:
+        self.station = station
+        if not self.seen or status.t_s - self.seen[-1][0] >= self.every_s:
+            self.seen.append((status.t_s, resident_kb(), len(os.listdir("/proc/self/fd")), threading.active_count()))  # noqa: PTH208
+
+    def slope_kb_per_h(self) -> float:
+        """Growth of the resident set over the second half of the run."""
+        half = np.array(self.seen)[len(self.seen) // 2 :]
+        return float(np.polyfit(half[:, 0] / 3600.0, half[:, 1], 1)[0]) if len(half) > 2 else 0.0
+
+
+def resident_kb() -> float:
+    """Resident set of this process [kB]."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGESIZE") / 1024
+
+
+def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: float = SAMPLE_S) -> dict[str, Any]:
+    """Run it; what was measured, and under `wrong` what should not be."""
+    faults = random_faults(hours, seed, mean_s)
+    content = dict(config.read(STATION).content) | {"faults": faults, "seed": seed}
+    text = profile_text(hours)
+    station = config.load(config.parse(json.dumps(content), "station.yaml"), StationSettings)
+    job = Job(from_text(text), text, station, json.dumps(content), {"model.yaml": "name: m\n"}, out=out)
+    watcher, started_s = Watcher(every_s), time.monotonic()
+    handles = len(os.listdir("/proc/self/fd")), threading.active_count()  # noqa: PTH208
+    result = run_job(job, watcher)
+    took_s = time.monotonic() - started_s
+    after = len(os.listdir("/proc/self/fd")), threading.active_count()  # noqa: PTH208
+    told = episodes(result.run)
+    time_axis = axis(result.run)
+    struck = {on: dict(wire.counts) for on, wire in watcher.station.scenario.wires.items()}  # type: ignore[union-attr]
+    struck[CHAMBER] = dict(watcher.station.scenario.proxy.counts)  # type: ignore[union-attr]
+    manifest = result.run.manifest()
+    figures = {
+        "hours": round(manifest["duration_s"] / 3600, 3),
+        "seed": seed,
+        "wall_s": round(took_s, 1),
+        "faults": len(faults),
+        "faults_by_name": dict(Counter(f"{fault['on']} {fault['fault']}" for fault in faults)),
+        "struck": struck,
+        "state": manifest["state"],
+        "cause": manifest["cause"],
+        "losses": manifest["losses"],
+        "events": told,
+        **time_axis,
+        "rss_kb": [round(kb) for _, kb, _, _ in watcher.seen],
+        "rss_slope_kb_per_h": round(watcher.slope_kb_per_h(), 1),
+        "open_files": sorted({files for _, _, files, _ in watcher.seen}),
+        "threads": sorted({threads for *_, threads in watcher.seen}),
+        "handles_before_after": [handles, after],
+        "run": str(result.run.path),
+    }
+    return figures | {"wrong": list(wrong(figures, faults, hours))}
+
+
+def episodes(run: RunFolder) -> dict[str, int]:
+    """Number of events by kind; of those of a rehearsal, beginnings and ends apart."""
+    kinds: Counter[str] = Counter()
+    for event in run.events():
+        kinds[
+            f"fault {'begins' if event['begins'] else 'ends'}" if event["kind"] == "rehearsal" else event["kind"]
+        ] += 1
+    return dict(kinds)
+
+
+def axis(run: RunFolder) -> dict[str, Any]:
+    """How many samples there are, and whether their time stamps increase."""
+    samples, last_s, backwards = 0, -1.0, 0
+    with pq.ParquetFile(run.data) as file:
+        for group in range(file.num_row_groups):
+            table = file.read_row_group(group, columns=["time", "rate"])
+            times = table["time"].to_numpy()
+            backwards += int(np.count_nonzero(np.diff(times, prepend=last_s) <= 0))
+            last_s = float(times[-1])
+            samples += int(np.count_nonzero(np.isfinite(table["rate"].to_numpy())))
+    return {"samples": samples, "last_s": round(last_s, 3), "time_stamps_not_increasing": backwards}
+
+
+def wrong(figures: dict[str, Any], faults: list[dict[str, Any]], hours: float) -> Iterator[str]:
+    """What must not be."""
+    losses = figures["losses"]
+    if figures["state"] != "done":
+        yield f"the run ended {figures['state']}: {figures['cause']}"
+    if figures["time_stamps_not_increasing"]:
+        yield f"{figures['time_stamps_not_increasing']} time stamps do not increase"
+    begun = figures["events"].get("fault begins", 0)
+    if begun != len(faults):
+        yield f"{begun} of {len(faults)} faults are events"
+    sent = round(figures["last_s"] * RATE_HZ)
+    found = figures["samples"] + losses["lost"]
+    if abs(found - sent) > 1 + losses["resets"]:
+        yield f"{figures['samples']} samples and {losses['lost']} lost are {found}, {sent} were sent"
+    resets = sum(1 for fault in faults if fault["fault"] in ("reset", "silent_reset"))
+    if losses["resets"] != resets:
+        yield f"{losses['resets']} of {resets} resets were counted"
+    corrupt = figures["struck"].get(BUS, {}).get("corrupt", 0)
+    if losses["corrupt"] != corrupt:
+        yield f"{losses['corrupt']} corrupt frames counted, {corrupt} injected"
+    if hours >= 4 and figures["rss_slope_kb_per_h"] > MOST_KB_PER_H:
+        yield f"memory grows by {figures['rss_slope_kb_per_h']} kB/h"
+    if figures["open_files"][-1] > figures["open_files"][0] + 3 or len(figures["threads"]) > 2:
+        yield f"open files {figures['open_files']}, threads {figures['threads']}"
+    before, after = figures["handles_before_after"]
+    if tuple(after) > tuple(before):
+        yield f"open files and threads were {before} before the run and are {after} after it"
+
+
+def main() -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--hours", type=float, default=24.0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--mean-s", type=float, default=600.0, help="about one fault in so many seconds")
+    parser.add_argument("--out", type=Path)
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        figures = soak(arguments.hours, arguments.seed, arguments.out or Path(scratch), arguments.mean_s)
+    print(json.dumps(figures, indent=1))
+    return 1 if figures["wrong"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
