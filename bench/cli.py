@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from datetime import datetime
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,9 +42,29 @@ static_option = click.option(
     "--static", type=click.Path(path_type=Path), help="Isothermal run of the same unit: tells the noise."
 )
 effect_option = click.option("--effect", "own_effects", multiple=True, help="Effect of your own: file.py:Class.")
+limits_option = click.option("--limits", type=click.Path(path_type=Path), help="Limits file (YAML): its verdict too.")
 out_option = click.option(
     "--out", type=click.Path(path_type=Path), default=Path("reports"), show_default=True, help="Where run folders go."
 )
+
+registry_option = click.option(
+    "--registry", "where", envvar="BENCH_REGISTRY", help="Registry: file, or postgresql://… [default: in --out]"
+)
+
+
+def _registers(begin: bool) -> Callable[[Callable[..., Answer]], Callable[..., Answer]]:
+    """Register the runs that a command's answer names; `begin` a registry where there is none."""
+
+    def decorate(command: Callable[..., Answer]) -> Callable[..., Answer]:
+        @wraps(command)
+        def wrapped(*args: Any, where: str | None = None, **kwargs: Any) -> Answer:
+            from bench.workflow.registering import registered
+
+            return registered(command(*args, **kwargs), where, begin)
+
+        return wrapped
+
+    return decorate
 
 
 def _answer(command: Callable[..., Answer]) -> Callable[..., None]:
@@ -89,18 +110,21 @@ def main() -> None:
 @station_option
 @click.option("--unit", "serials", multiple=True, help="Serial number; may be repeated. Default: all of the station.")
 @model_option
+@limits_option
+@click.option("--production", is_flag=True, help="Refuse to start without equipment whose calibrations are valid.")
+@click.option("--equipment", type=click.Path(path_type=Path), help="Reference equipment with its due dates (YAML).")
 @effect_option
 @out_option
 @click.option("--quiet", is_flag=True, help="No progress display.")
+@registry_option
 @json_option
 @_answer
-def run(
-    profile: Path, station: Path | None, serials: tuple[str, ...], models: tuple[str, ...], out: Path, quiet: bool
-) -> Answer:
+@_registers(begin=True)
+def run(profile: Path, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
     """Run PROFILE: drive the chamber, capture the units, fit the models, write the reports."""
     from bench.workflow import acquisition
 
-    return acquisition.run(profile, station, serials, models, out, quiet)
+    return acquisition.run(profile, station, acquisition.Wishes(**wishes), out, quiet)
 
 
 @main.command()
@@ -138,9 +162,14 @@ def compare(
 @effect_option
 @check_option
 @static_option
+@limits_option
+@registry_option
 @json_option
 @_answer
-def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ...], static: Path | None) -> Answer:
+@_registers(begin=False)
+def report(
+    run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ...], static: Path | None, limits: Path | None
+) -> Answer:
     """Analyse RUN again and write its report; a killed run is recovered from its journals first.
 
     Its diagnosis is made anew with the --static and --check runs given, and saved as diagnosis.json; one that was made
@@ -148,7 +177,7 @@ def report(run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ..
     """
     from bench.workflow import analysis
 
-    return analysis.report(run_folder, models, check_runs, static)
+    return analysis.report(run_folder, models, check_runs, static, limits)
 
 
 @main.command()
@@ -221,8 +250,10 @@ def abort(run_folder: Path | None, out: Path) -> Answer:
 @click.option("--dbc", type=click.Path(path_type=Path), help="Layout of a CAN log (BLF, ASC).")
 @click.option("--preview", is_flag=True, help="Only say what was understood; write nothing.")
 @out_option
+@registry_option
 @json_option
 @_answer
+@_registers(begin=True)
 def import_(file: Path, serial: str, out: Path, columns: Path | None, dbc: Path | None, preview: bool) -> Answer:
     """Make a run folder of somebody else's FILE: CSV, Parquet, MF4, BLF or ASC."""
     from bench.workflow import analysis
@@ -387,3 +418,111 @@ def reveal(folder: Path, model: str) -> Answer:
     from bench.workflow import diagnosis
 
     return diagnosis.reveal(folder, model)
+
+
+@main.group()
+def registry() -> None:
+    """What units, runs, calibrations and equipment there are; run folders stay the truth."""
+
+
+@registry.command("list")
+@click.option("--unit", help="Only runs of this unit.")
+@click.option("--most", type=click.IntRange(1), default=50, show_default=True, help="Newest runs to list.")
+@out_option
+@registry_option
+@json_option
+@_answer
+def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> Answer:
+    """The runs, newest first, with the verdicts of their calibrations."""
+    from bench.workflow import registering
+
+    return registering.listing(out, where, unit, most)
+
+
+@registry.command("show")
+@click.argument("name", metavar="UNIT|RUN")
+@out_option
+@registry_option
+@json_option
+@_answer
+def registry_show(name: str, out: Path, where: str | None) -> Answer:
+    """All that is known of a unit or a run."""
+    from bench.workflow import registering
+
+    return registering.show(out, where, name)
+
+
+@registry.command("rebuild")
+@click.option("--check", "only_compare", is_flag=True, help="Change nothing; exit code 1 where something differs.")
+@out_option
+@registry_option
+@json_option
+@_answer
+def registry_rebuild(only_compare: bool, out: Path, where: str | None) -> Answer:
+    """Make the rows again from the run folders, say what differed, and prove that they are equal."""
+    from bench.workflow import registering
+
+    return registering.rebuild(out, where, only_compare)
+
+
+@registry.command("lot")
+@click.argument("lot")
+@click.argument("serials", nargs=-1, required=True)
+@out_option
+@registry_option
+@json_option
+@_answer
+def registry_lot(lot: str, serials: tuple[str, ...], out: Path, where: str | None) -> Answer:
+    """Say that the units SERIALS are of LOT."""
+    from bench.workflow import registering
+
+    entry = {"kind": "lot", "lot": lot, "units": list(serials)}
+    return registering.tell(out, where, entry, f"{len(serials)} units are of lot {lot}")
+
+
+@registry.command("operator")
+@click.argument("name")
+@out_option
+@registry_option
+@json_option
+@_answer
+def registry_operator(name: str, out: Path, where: str | None) -> Answer:
+    """Add an operator."""
+    from bench.workflow import registering
+
+    return registering.tell(out, where, {"kind": "operator", "name": name}, f"operator {name}")
+
+
+@registry.group("equipment")
+def registry_equipment() -> None:
+    """Chambers, sensors, rate tables, time bases, and until when their own calibrations hold."""
+
+
+@registry_equipment.command("add")
+@click.argument("name")
+@click.argument("serial")
+@click.option("--kind", required=True, help="What it is: chamber, sensor, rate table, time base.")
+@click.option("--calibrated", type=click.DateTime(["%Y-%m-%d"]), help="Day of its last calibration.")
+@click.option("--due", type=click.DateTime(["%Y-%m-%d"]), help="Last day on which that calibration is valid.")
+@out_option
+@registry_option
+@json_option
+@_answer
+def registry_equipment_add(name: str, serial: str, out: Path, where: str | None, **given: Any) -> Answer:
+    """Add a piece of equipment, or its new calibration."""
+    from bench.workflow import registering
+
+    return registering.add_equipment(out, where, name, serial, **given)
+
+
+@registry_equipment.command("list")
+@click.option("--on", type=click.DateTime(["%Y-%m-%d"]), help="Day to judge by. Default: today.")
+@out_option
+@registry_option
+@json_option
+@_answer
+def registry_equipment_list(on: datetime | None, out: Path, where: str | None) -> Answer:
+    """The equipment, what is due first on top; exit code 1 where a calibration is overdue."""
+    from bench.workflow import registering
+
+    return registering.equipment(out, where, (on or datetime.now()).date())

@@ -93,7 +93,7 @@ def test_a_run_is_registered_with_all_that_its_folder_says(where, root):
     assert {key[1]: row["value"] for key, row in rows["quantities"].items()} == {
         "noise_floor_dph": 0.1,
         "fit_rms_dph": 0.11,
-        "held_out_rms_dph": 0.12,
+        "residual_rms_dph": 0.12,
         "angle_random_walk_dprh": 0.01,
     }
 

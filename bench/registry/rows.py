@@ -117,12 +117,13 @@ def of_run(folder: RunFolder, ledger: Ledger) -> Rows:
         "software": _text((manifest.get("versions") or {}).get("bench")),
         "manifest_sha256": sha256(folder.path / MANIFEST),
     })  # fmt: skip
-    calibration = _json(folder.path / "calibration.json")
+    calibration, judged = _json(folder.path / "calibration.json"), _json(folder.path / "limits.json") or {}
     if calibration is not None:
-        put(rows, "calibrations", _calibration(run, calibration, sha256(folder.path / "calibration.json")))
+        row = _calibration(run, calibration, sha256(folder.path / "calibration.json"))
+        put(rows, "calibrations", {**row, "judged": _text(judged.get("verdict")), "limits": _text(judged.get("name"))})
     if certificate is not None:
         put(rows, "certificates", _certificate(run, certificate, sha256(folder.path / "certificate.json")))
-    for name, unit_of, value in _quantities(calibration or {}, certificate or {}):
+    for name, unit_of, value in _quantities(calibration or {}, judged):
         put(rows, "quantities", {"run": run, "name": name, "unit": unit_of, "value": value})
     return rows
 
@@ -170,25 +171,23 @@ def _word(verdict: object) -> object:
 _NOISE = {
     "white": ("angle_random_walk_dprh", "deg/sqrt(h)"),
     "flicker": ("bias_instability_dph", "deg/h"),
-    "walk": ("rate_random_walk", "deg/h/sqrt(h)"),
+    "walk": ("rate_random_walk_dphrh", "deg/h/sqrt(h)"),
 }
 
 
-def _quantities(
-    calibration: Mapping[str, Any], certificate: Mapping[str, Any]
-) -> Iterator[tuple[str, str | None, float]]:
-    """Name, unit and value of what tells how good the unit is; a certificate's numbers stand before others."""
+def _quantities(calibration: Mapping[str, Any], judged: Mapping[str, Any]) -> Iterator[tuple[str, str | None, float]]:
+    """Name, unit and value of what tells how good the unit is; the numbers that were judged stand before others."""
     noise, residual = calibration.get("noise") or {}, calibration.get("residual") or {}
     held_out: Mapping[str, Any] = next(iter(residual.get("held_out") or ()), {})
     found: list[tuple[str, str | None, Any]] = [
         ("noise_floor_dph", "deg/h", noise.get("floor_dph")),
         ("fit_rms_dph", "deg/h", residual.get("rms_dph")),
-        ("held_out_rms_dph", "deg/h", held_out.get("rms_dph")),
+        ("residual_rms_dph", "deg/h", held_out.get("rms_dph")),
     ]
     for entry in noise.get("coefficients") or ():
         if entry.get("name") in _NOISE and entry.get("determined", True):
             found.append((*_NOISE[entry["name"]], entry.get("value")))
-    for entry in certificate.get("results") or ():
+    for entry in judged.get("results") or ():
         if isinstance(entry, dict) and entry.get("name"):
             found.append((str(entry["name"]), _text(entry.get("unit")), entry.get("value")))
     for name, unit, value in found:

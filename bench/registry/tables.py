@@ -92,6 +92,10 @@ class Calibration(Table):
     __tablename__ = "calibrations"
     run: Mapped[str] = mapped_column(ForeignKey("runs.id"), primary_key=True)
     verdict: Mapped[str | None]
+    """What the analysis says of the model."""
+    judged: Mapped[str | None]
+    """PASS, MARGINAL, FAIL or INVALID against the limits of limits.json."""
+    limits: Mapped[str | None]
     model: Mapped[str | None]
     coefficients_sha256: Mapped[str | None] = mapped_column(String(64), index=True)
     validity: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
@@ -111,7 +115,7 @@ class Certificate(Table):
 
 
 class Quantity(Table):
-    """A number that says how good a unit is, from the certificate of its run, or else from its calibration."""
+    """A number that says how good a unit is, from limits.json of its run, or else from its calibration."""
 
     __tablename__ = "quantities"
     run: Mapped[str] = mapped_column(ForeignKey("runs.id"), primary_key=True)

@@ -76,6 +76,8 @@ def upgrade() -> None:
         "calibrations",
         sa.Column("run", sa.String(), nullable=False),
         sa.Column("verdict", sa.String(), nullable=True),
+        sa.Column("judged", sa.String(), nullable=True),
+        sa.Column("limits", sa.String(), nullable=True),
         sa.Column("model", sa.String(), nullable=True),
         sa.Column("coefficients_sha256", sa.String(length=64), nullable=True),
         sa.Column("validity", sa.JSON(none_as_null=True), nullable=True),
