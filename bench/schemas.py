@@ -8,10 +8,19 @@ from pydantic import BaseModel
 
 from bench import config
 from bench.importer.columns import ColumnMap
+from bench.laboratory import EquipmentFile, Laboratory
+from bench.limits import Limits
 from bench.profile import Profile
 from bench.station import StationSettings
 
-SCHEMAS: dict[str, type[BaseModel]] = {"profile": Profile, "station": StationSettings, "columns": ColumnMap}
+SCHEMAS: dict[str, type[BaseModel]] = {
+    "profile": Profile,
+    "station": StationSettings,
+    "columns": ColumnMap,
+    "limits": Limits,
+    "equipment": EquipmentFile,
+    "laboratory": Laboratory,
+}
 """Kinds of files, by the name of their schema."""
 
 

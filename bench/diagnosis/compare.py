@@ -42,6 +42,8 @@ class HeldOut:
     by: str
     rms_dph: float = np.nan
     interval_dph: tuple[float, float] = (np.nan, np.nan)
+    peak_dph: float = np.nan
+    """Greatest absolute error of a row."""
     out_of_range: float = 0.0
     """Share of the rows that lie outside the range of the rows that were fitted."""
     reason: str = ""
@@ -156,7 +158,7 @@ def _checked(found: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
         return HeldOut("check", reason=str(error))
     residuals = tuple(check.bias - p.bias for check, p in zip(checks, predictions, strict=True))
     outside = float(np.mean(np.concatenate([p.out_of_range for p in predictions])))
-    return HeldOut("check", _rms(checks, residuals), _interval(checks, residuals), outside)
+    return HeldOut("check", _rms(checks, residuals), _interval(checks, residuals), _peak(residuals), outside)
 
 
 def _left_out(model: Model, found: Fit, records: tuple[Dataset, ...], by: str, pieces: Sequence[IntArray]) -> HeldOut:
@@ -177,7 +179,7 @@ def _left_out(model: Model, found: Fit, records: tuple[Dataset, ...], by: str, p
         residuals[i][out] = (records[i].bias - predicted.bias)[out]
         outside += int(np.sum(predicted.out_of_range & out))
     share = outside / sum(len(record) for record in records)
-    return HeldOut(by, _rms(records, residuals), _interval(records, residuals), share)
+    return HeldOut(by, _rms(records, residuals), _interval(records, residuals), _peak(residuals), share)
 
 
 def _named(record: Dataset, by: str, piece: int) -> str:
@@ -218,6 +220,11 @@ def _squares(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) ->
 def _rms(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) -> float:
     squares, weights = _squares(records, residuals)
     return float(np.sqrt(squares.sum() / weights.sum())) if weights.any() else np.nan
+
+
+def _peak(residuals: tuple[FloatArray, ...]) -> float:
+    residual = np.concatenate(residuals)
+    return float(np.nanmax(np.abs(residual))) if np.any(np.isfinite(residual)) else np.nan
 
 
 def _interval(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) -> tuple[float, float]:
@@ -262,6 +269,7 @@ def _held_out_json(part: HeldOut) -> dict[str, Any]:
         "by": part.by,
         "rms_dph": finite(part.rms_dph),
         "interval_dph": [finite(end) for end in part.interval_dph],
+        "peak_dph": finite(part.peak_dph),
         "out_of_range": part.out_of_range,
         "reason": part.reason,
     }

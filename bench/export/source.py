@@ -62,7 +62,7 @@ def source_of(folder: Path, model: str | None = None) -> Source:
     else:
         dataset = load(folder, float(stored["averaging_s"]))
         found = _stored(content, dataset, folder / "calibration.json")
-    objections = (*_of_run(manifest, stored), *_of_fit(found, dataset))
+    objections = (*_of_run(manifest, stored), *objections_to(found, dataset))
     return Source(found, dataset, str(manifest.get("unit") or ""), objections)
 
 
@@ -113,7 +113,8 @@ def _of_run(manifest: Mapping[str, Any], stored: Mapping[str, Any]) -> Iterator[
         yield "the parts of the run do not fit together at their joints"
 
 
-def _of_fit(found: Fit, dataset: Dataset) -> Iterator[str]:
+def objections_to(found: Fit, dataset: Dataset) -> Iterator[str]:
+    """Why a fit to this record determines nothing that may be delivered: conditioning, coverage."""
     if found.condition > MAX_CONDITION:
         yield (
             f"the fit's condition is {found.condition:.2g}, limit {MAX_CONDITION:.0e}: two terms cannot be told apart; "

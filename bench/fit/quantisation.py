@@ -24,13 +24,19 @@ def coarse_temperature(
         step = dataset.temperature_step
         if step == 0.0:
             continue
-        error = float(_rms_slope(bound, beta, dataset, step)) * step / np.sqrt(12.0)
+        error = step_error_dph(bound, beta, dataset)
         text = f"{dataset.name}: the temperature sensor has steps of {step:.3g} degC; they cause {error:.3g} deg/h RMS"
         if error > limit_dph:
             raise InputError(f"{text}, limit {limit_dph:.3g} deg/h: use a finer sensor, or frequency as thermometer")
         if error > _WORTH_SAYING * rms_dph:
             texts.append(text)
     return tuple(texts)
+
+
+def step_error_dph(bound: Bound, beta: FloatArray, dataset: Dataset) -> float:
+    """RMS error [deg/h] that the steps of the temperature sensor cause, 0 where its values look continuous."""
+    step = dataset.temperature_step
+    return float(_rms_slope(bound, beta, dataset, step)) * step / float(np.sqrt(12.0)) if step else 0.0
 
 
 def _rms_slope(bound: Bound, beta: FloatArray, dataset: Dataset, step: float) -> FloatArray:

@@ -16,6 +16,8 @@ from bench.diagnosis.compare import Comparison, Score, compare, ladder
 from bench.diagnosis.digits import finite
 from bench.diagnosis.floor import Floor, noise_floor
 from bench.errors import InputError
+from bench.limits import Judgement, Limits
+from bench.limits import judge as judge_limits
 from bench.model import Model
 from bench.report.calibration import calibration
 from bench.report.cautions import cautions
@@ -23,6 +25,8 @@ from bench.report.completeness import Completeness, completeness
 from bench.report.diagnosed import Diagnosed, diagnosed
 from bench.report.earlier import SAVED, set_aside
 from bench.report.parts import Joint, joints
+from bench.report.quantities import quantities
+from bench.report.validity import refusals
 from bench.report.verdict import Verdict, judge, with_diagnosis
 from bench.store import Manifest, RunFolder, write_atomically
 
@@ -31,6 +35,8 @@ BASELINES = 3
 
 NEXT_PROFILE = "next.yaml"
 """Profile of the run that would tell suspects apart, in the run folder."""
+LIMITS_YAML, LIMITS_JSON = "limits.yaml", "limits.json"
+"""The limits of a run as they were given, and its verdict against them, in the run folder."""
 _FREE = frozenset({"spline", "surface"})
 _PENDING = Verdict("unproven", "not judged yet")
 
@@ -56,6 +62,8 @@ class Analysis:
     """Gaps between the parts of a run whose bench was killed and which went on."""
     warnings: tuple[str, ...] = ()
     diagnosed: Diagnosed = field(default_factory=Diagnosed)
+    judgement: Judgement | None = None
+    """Against limits, where some were given."""
 
     @property
     def held_out_ratio(self) -> float:
@@ -69,7 +77,9 @@ class Analysis:
 
     @property
     def within_limits(self) -> bool:
-        """The run is whole and its calibration proven; how good it is, is the verdict's to say."""
+        """The limits' verdict; without limits: the run is whole and its calibration proven."""
+        if self.judgement is not None:
+            return self.judgement.verdict.within
         proven = self.best is not None and bool(np.isfinite(self.best.held_out.rms_dph))
         return self.done.ended and not self.done.lost and not self.done.altered and proven and self.admissible
 
@@ -107,6 +117,7 @@ class Analysis:
             "gaps": [gap.to_json() for gap in self.gaps],
             "warnings": list(self.warnings),
             "diagnosis": self.diagnosed.to_json(),
+            **({"limits": self.judgement.to_json()} if self.judgement else {}),
         }
 
 
@@ -147,6 +158,14 @@ def analyse(
         result = _diagnosed(result, data, checks, still) if diagnose else result
     _write(result)
     return result
+
+
+def judged_by(analysis: Analysis, limits: Limits) -> Analysis:
+    """The analysis with the limits' verdict, written as limits.json beside the data."""
+    judged = replace(analysis, judgement=judge_limits(limits, quantities(analysis), refusals(analysis)))
+    if judged.judgement is not None:
+        _dump(analysis.run.path / LIMITS_JSON, judged.judgement.to_json())
+    return judged
 
 
 def _of_unit(folder: Path | str, manifest: Manifest, what: str) -> Path:
@@ -224,9 +243,9 @@ def _write(result: Analysis) -> None:
     answer = result.to_json()
     compared = result.comparison.to_json() if result.comparison else {"runs": [folder.name], "models": []}
     _dump(folder / "compare.json", {**compared, "verdict": answer["verdict"]})
-    _dump(
-        folder / "calibration.json", calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
-    )
+    content = calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
+    content["quantities"] = [quantity.to_json() for quantity in quantities(result)]
+    _dump(folder / "calibration.json", content)
     if result.diagnosed.answer is not None:
         _dump(folder / SAVED, result.diagnosed.answer.to_json())
     if result.diagnosed.profile_yaml:

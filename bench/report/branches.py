@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
+from bench.channels import FloatArray
 from bench.dataset import Dataset
 
 _BIN_DEGC = 2.5
 _LEAST_ROWS = 2
 
 
-def branch_gap(dataset: Dataset) -> tuple[float, float] | None:
+def branch_gap(dataset: Dataset, values: FloatArray | None = None) -> tuple[float, float] | None:
     """Largest heating less cooling difference of the bias at one temperature: (gap [deg/h], at [degC]).
+
+    `values` (n,) [deg/h] stand in for the bias, such as a residual.
 
     Compared are medians over 2.5 degC; None where no temperature was passed in both directions.
     """
-    temperature, bias = dataset.channel("temperature"), dataset.bias
+    temperature, bias = dataset.channel("temperature"), dataset.bias if values is None else values
     present = np.isfinite(temperature) & np.isfinite(bias)
     where = np.floor(np.where(present, temperature, 0.0) / _BIN_DEGC)
     gaps = []

@@ -5,7 +5,8 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from bench.workflow.answer import Answer
 from bench.workflow.several import report_on_all
 
 if TYPE_CHECKING:
+    from bench.limits import Limits
     from bench.station import StationSettings
 
 PACKAGE = Path(__file__).parent.parent
@@ -40,9 +42,18 @@ def _station_path(path: Path | None) -> Path:
     return library() / "stations" / "simulated.yaml" if path is None else path
 
 
-def run(
-    profile_path: Path, station_path: Path | None, serials: Sequence[str], models: Sequence[str], out: Path, quiet: bool
-) -> Answer:
+@dataclass(frozen=True)
+class Wishes:
+    """What the caller of `bench run` chooses: units, models, limits, and whether it is for production."""
+
+    serials: Sequence[str] = ()
+    models: Sequence[str] = ()
+    limits: Path | None = None
+    production: bool = False
+    equipment: Path | None = None
+
+
+def run(profile_path: Path, station_path: Path | None, wishes: Wishes, out: Path, quiet: bool) -> Answer:
     """`bench run`: check everything, run, capture, fit, report."""
     from bench import preflight
     from bench import profile as profiles
@@ -54,23 +65,45 @@ def run(
 
     profile = profiles.load(profile_path)
     station = load_station(station_path)
-    chosen = [load_model(model) for model in models or DEFAULT_MODELS]
+    chosen = [load_model(model) for model in wishes.models or DEFAULT_MODELS]
+    given, texts = _given(wishes)
     preflight.refuse(preflight.check(profile, station.limits()))
     job = Job(
         profile=profile,
         profile_text=config.read_text(profile_path),
         station=station,
         station_text=config.read_text(_station_path(station_path)),
-        model_texts={_model_file(i): model.to_yaml() for i, model in enumerate(chosen)},
-        serials=serials,
+        model_texts={**{_model_file(i): model.to_yaml() for i, model in enumerate(chosen)}, **texts},
+        serials=wishes.serials,
         out=out,
     )
     desk = Desk()
     with Keyboard(desk) as keyboard, Progress(profile, quiet, lambda: keyboard.notice) as progress:
         result = run_job(job, progress, desk)
     if len(result.units) > 1:
-        return report_on_all(result.units, chosen)
-    return report_on(result.run, chosen, result.error)
+        return report_on_all(result.units, chosen, given)
+    return report_on(result.run, chosen, result.error, limits=given)
+
+
+def _given(wishes: Wishes) -> tuple[Limits | None, dict[str, str]]:
+    """Limits, and the files that the run folder keeps; InputError where equipment is overdue, or unknown in production.
+
+    The day is today's, as the run's is.
+    """
+    from bench import laboratory, limits
+
+    found, texts = None, {}
+    if wishes.limits is not None:
+        found = limits.load(wishes.limits)
+        texts["limits.yaml"] = config.read_text(wishes.limits)
+    if wishes.equipment is not None:
+        tools = laboratory.load_equipment(wishes.equipment)
+        texts["equipment.yaml"] = config.read_text(wishes.equipment)
+        if wishes.production:
+            laboratory.refuse_overdue(tools, datetime.now(UTC).date(), wishes.equipment)
+    elif wishes.production:
+        raise InputError("a production run needs --equipment: a file that says when each calibration is due")
+    return found, texts
 
 
 def _model_file(order: int) -> str:

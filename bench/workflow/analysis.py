@@ -8,23 +8,32 @@ from typing import TYPE_CHECKING
 
 from bench.errors import BenchError, InputError
 from bench.store import MANIFEST, RunFolder, open_run
-from bench.workflow.answer import Answer, ladder
+from bench.workflow.answer import Answer, ladder, limits_table
 
 if TYPE_CHECKING:
+    from bench.limits import Limits
     from bench.model import Model
     from bench.report.analysis import Analysis
 
 DEFAULT_MODELS = ("polynomial", "regression", "spline")
 
 
-def report(path: Path, models: Sequence[str], check: Sequence[Path] = (), static: Path | None = None) -> Answer:
+def report(
+    path: Path,
+    models: Sequence[str],
+    check: Sequence[Path] = (),
+    static: Path | None = None,
+    limits_path: Path | None = None,
+) -> Answer:
     """`bench report`: analyse a run again; a killed run is recovered from its journals first."""
+    from bench import limits
     from bench.model import load_model
 
+    given = None if limits_path is None else limits.load(limits_path)
     folder = recover(path)
     files = sorted(folder.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
     chosen = [load_model(model) for model in models or files or DEFAULT_MODELS]
-    return report_on(folder, chosen, None, check, static)
+    return report_on(folder, chosen, None, check, static, given)
 
 
 def resume(path: Path) -> Answer:
@@ -57,12 +66,19 @@ def report_on(
     error: BenchError | None,
     check: Sequence[Path] = (),
     static: Path | None = None,
+    limits: Limits | None = None,
 ) -> Answer:
-    """Analyse a run, write its report, and say how it ended."""
-    from bench.report.analysis import analyse
+    """Analyse a run, write its report, and say how it ended; its limits are those given, or those it was made with."""
+    from bench import limits as limit_files
+    from bench.report.analysis import LIMITS_YAML, analyse, judged_by
     from bench.report.html import write_report
 
+    own = folder.path / LIMITS_YAML
+    if limits is None and own.is_file():
+        limits = limit_files.load(own)
     analysis = analyse(folder.path, models, check, static=static)
+    if limits is not None:
+        analysis = judged_by(analysis, limits)
     write_report(analysis)
     content = {**analysis.to_json(), "report": str(folder.report), "state": analysis.manifest["state"]}
     if error is not None:
@@ -80,6 +96,8 @@ def _summary(analysis: Analysis) -> str:
         lines += ["", answer.sentence]
         if answer.next_experiment:
             lines += [f"next: bench run {answer.next_experiment['profile']}", str(answer.next_experiment["why"])]
+    if analysis.judgement is not None:
+        lines += ["", *limits_table(analysis.judgement.to_json()), ""]
     lines += [f"warning: {text}" for text in analysis.warnings]
     lines += ["", f"run     {analysis.run.path}", f"report  {analysis.run.report}"]
     return "\n".join(lines)

@@ -27,6 +27,26 @@ def ladder(comparison: dict[str, Any]) -> str:
     return "\n".join(rows)
 
 
+def limits_table(judged: dict[str, Any]) -> list[str]:
+    """Verdict against limits as lines for a terminal: what did not pass, and how many did."""
+    lines = [f"{judged['verdict']} against limits '{judged['name']}'"]
+    lines += [f"  INVALID   {text}" for text in judged["refusals"]]
+    told = [result for result in judged["results"] if result["verdict"] not in {"PASS", None}]
+    for result in told:
+        bounds = f"{_bound(result['lower'])} to {_bound(result['upper'])} {result['unit']}"
+        value = result["reason"] if result["value"] is None else f"{result['value']:.4g}"
+        spread = "" if None in (result["low"], result["high"]) else f" ({result['low']:.4g} to {result['high']:.4g})"
+        lines.append(f"  {result['verdict']:<9} {result['name']} {value}{spread}, limits {bounds}")
+    passed = sum(result["verdict"] == "PASS" for result in judged["results"])
+    skipped = [result["name"] for result in judged["results"] if result["verdict"] is None]
+    rest = f"; not measured: {', '.join(skipped)}" if skipped else ""
+    return [*lines, f"  {passed} of {len(judged['results'])} pass{rest}"]
+
+
+def _bound(value: float | None) -> str:
+    return "…" if value is None else f"{value:g}"
+
+
 def number(value: float | None) -> str:
     """Four decimals, or a dash where there is no number."""
     return "-" if value is None else f"{value:.4f}"

@@ -11,21 +11,23 @@ from bench.workflow.analysis import report_on
 from bench.workflow.answer import Answer
 
 if TYPE_CHECKING:
+    from bench.limits import Limits
     from bench.model import Model
     from bench.runner import UnitResult
 
 WORST_FIRST = ("no_data", "partial", "unproven", "model_error", "unknown_effect", "missing_effect", "adequate")
 
 
-def report_on_all(units: Sequence[UnitResult], models: Sequence[Model]) -> Answer:
+def report_on_all(units: Sequence[UnitResult], models: Sequence[Model], limits: Limits | None = None) -> Answer:
     """Analyse the run of each unit and write its report; one that fails does not take those of the others with it."""
-    answers = [_report_on(unit, models) for unit in units]
+    answers = [_report_on(unit, models, limits) for unit in units]
     contents = [{"unit": unit.serial, **answer.content} for unit, answer in zip(units, answers, strict=True)]
     worst = min((str(content["verdict"]) for content in contents), key=WORST_FIRST.index)
     width = max(len(unit.serial) for unit in units)
     lines: list[str] = []
     for unit, content in zip(units, contents, strict=True):
-        lines.append(f"{unit.serial:<{width}}  {content['verdict']}: {content['sentence']}")
+        judged = f"{content['limits']['verdict']}, " if content.get("limits") else ""
+        lines.append(f"{unit.serial:<{width}}  {judged}{content['verdict']}: {content['sentence']}")
         lines.append(f"{'':<{width}}  {content.get('report') or content['run']}")
     shared = {str(unit.error) for unit in units if unit.error is not None}
     lines += [f"bench: {text}" for text in sorted(shared)]
@@ -33,9 +35,9 @@ def report_on_all(units: Sequence[UnitResult], models: Sequence[Model]) -> Answe
     return Answer({"verdict": worst, "units": contents}, "\n".join(lines), code)
 
 
-def _report_on(unit: UnitResult, models: Sequence[Model]) -> Answer:
+def _report_on(unit: UnitResult, models: Sequence[Model], limits: Limits | None) -> Answer:
     try:
-        return report_on(unit.run, models, unit.error)
+        return report_on(unit.run, models, unit.error, limits=limits)
     except BenchError as error:
         return _unproven(unit, str(error), error.exit_code)
     except Exception as bug:
