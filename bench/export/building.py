@@ -157,20 +157,20 @@ class _Builder:
 
     def add_turning(self, pairs: Sequence[tuple[str, Effect]]) -> None:
         """One surface over the unit's own output for all effects over the table's rate, which a unit does not know."""
-        for _, effect in pairs:
-            parts_of(effect)
+        own, order = self.fit.bound, max(part.n for _, effect in pairs for part in parts_of(effect))
         temperature, output = self.signal("temperature"), self.signal("rate")
 
         def turning(rate: FloatArray, degc: FloatArray) -> FloatArray:
             at = {"applied_rate": rate, "temperature": degc}
-            own = self.fit.bound
-            return sum(
-                (_value(e, own.theta[k], self.fit.beta[own.slices[k]], at) for k, e in pairs), np.zeros(rate.size)
-            )
+            added = (_value(e, own.theta[k], self.fit.beta[own.slices[k]], at) for k, e in pairs)
+            return sum(added, np.zeros(rate.size))
 
+        # The polynomial itself: the effects' tangents outside the table's rates have a corner where the output ends.
+        rates, degrees = self._range("applied_rate"), self.boxes[temperature]
+        smooth = chebyshev.polynomial(chebyshev.surface(turning, *rates, *degrees, order), rates, degrees)
         settled = replace(self._delivery(), blocks=tuple(self.blocks))
         settled_dph = static_over(settled, temperature, self.boxes[temperature], float(self.fit.beta[0]))
-        order, coefficients = over_output(turning, settled_dph, self.boxes[output], self.boxes[temperature], MOST_ORDER)
+        order, coefficients = over_output(smooth, settled_dph, self.boxes[output], self.boxes[temperature], MOST_ORDER)
         self._block(Shape.SURFACE, [output, temperature], order, coefficients)
 
     def finished(self) -> Delivery:

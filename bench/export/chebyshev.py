@@ -65,3 +65,17 @@ def evaluate_surface(coefficients: FloatArray, a: FloatArray, b: FloatArray) -> 
     n = round((8 * coefficients.size + 1) ** 0.5 - 3) // 2
     first, second = np.polynomial.chebyshev.chebvander(a, n), np.polynomial.chebyshev.chebvander(b, n)
     return np.array(sum(c * first[:, i] * second[:, j] for c, (i, j) in zip(coefficients, orders(n), strict=True)))
+
+
+def polynomial(coefficients: FloatArray, a_box: tuple[float, float], b_box: tuple[float, float]) -> Curve:
+    """The surface as a function of both inputs in their units, continued outside the boxes."""
+
+    def value(a: FloatArray, b: FloatArray) -> FloatArray:
+        return evaluate_surface(coefficients, to_unit(a, a_box), to_unit(b, b_box))
+
+    return value
+
+
+def to_unit(values: FloatArray, box: tuple[float, float]) -> FloatArray:
+    """Values mapped from a box to [-1, 1]."""
+    return (values - 0.5 * (box[0] + box[1])) / (0.5 * (box[1] - box[0]))

@@ -16,7 +16,7 @@ from bench.export import chebyshev
 from bench.export.delivery import Delivery
 from bench.export.exact import corrections
 
-_ENOUGH_DPH = 1e-5
+_ENOUGH_DPH = 1e-4
 
 
 def static_over(
@@ -26,7 +26,7 @@ def static_over(
 
     def settled(degc: FloatArray) -> FloatArray:
         z = np.zeros((len(delivery.signals), degc.size))
-        z[temperature] = (degc - 0.5 * sum(box)) / (0.5 * (box[1] - box[0]))
+        z[temperature] = chebyshev.to_unit(degc, box)
         return constant_dph + DPH_PER_DPS * corrections(delivery, z)
 
     return settled
@@ -57,11 +57,12 @@ def over_output(
     wanted = value(a.ravel(), b.ravel())
     for order in range(1, most_order + 1):
         coefficients = chebyshev.surface(value, *output, *temperature, order)
-        error = np.abs(chebyshev.evaluate_surface(coefficients, _unit(a, output), _unit(b, temperature)) - wanted)
+        error = np.abs(
+            chebyshev.evaluate_surface(
+                coefficients, chebyshev.to_unit(a.ravel(), output), chebyshev.to_unit(b.ravel(), temperature)
+            )
+            - wanted
+        )
         if error.max() < _ENOUGH_DPH:
             break
     return order, coefficients
-
-
-def _unit(values: FloatArray, box: tuple[float, float]) -> FloatArray:
-    return (values.ravel() - 0.5 * sum(box)) / (0.5 * (box[1] - box[0]))

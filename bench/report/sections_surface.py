@@ -67,13 +67,14 @@ def surface_of(data: Dataset) -> tuple[Points, RateSurface]:
 
 def _measured(points: Points) -> Plot:
     error = DPH_PER_DPS * (points.raw - points.reference)
+    x, y, z = points.reference.tolist(), points.temperature.tolist(), error.tolist()
     # The triangles are those of the plane of both abscissas, each scaled by plotly to its own range.
     mesh = go.Mesh3d(
-        x=points.reference, y=points.temperature, z=error, intensity=error, colorscale=_COLOURS, opacity=0.6,
+        x=x, y=y, z=z, intensity=z, colorscale=_COLOURS, opacity=0.6,
         delaunayaxis="z", showscale=False, hoverinfo="skip",
     )  # fmt: skip
     marks = go.Scatter3d(
-        x=points.reference, y=points.temperature, z=error, mode="markers", marker={"size": 2.5, "color": GREY},
+        x=x, y=y, z=z, mode="markers", marker={"size": 2.5, "color": GREY},
         name="bin", hovertemplate="%{x:.4g} deg/s, %{y:.4g} °C: %{z:.5g} deg/h<extra></extra>",
     )  # fmt: skip
     return plot([mesh, marks], {"scene": _scene("table's rate [deg/s]"), **_AROUND}, 520)
@@ -84,7 +85,8 @@ def _fitted(found: RateSurface) -> Plot:
     celsius = np.linspace(found.temperature.low, found.temperature.high, _MESH)
     error = np.array([_error(found, raw, np.full(_MESH, degc)) for degc in celsius])
     sheet = go.Surface(
-        x=raw, y=celsius, z=error, colorscale=_COLOURS, colorbar={"title": {"text": "deg/h"}, "len": 0.7},
+        x=raw.tolist(), y=celsius.tolist(), z=error.tolist(), colorscale=_COLOURS,
+        colorbar={"title": {"text": "deg/h"}, "len": 0.7},
         hovertemplate="%{x:.4g} deg/s, %{y:.4g} °C: %{z:.5g} deg/h<extra></extra>",
     )  # fmt: skip
     return plot([sheet], {"scene": _scene("raw output NR [deg/s]"), **_AROUND}, 520)
