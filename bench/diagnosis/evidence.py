@@ -27,7 +27,7 @@ _GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselv
 _BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls will do
 _DECADE = 16
 _NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
-_NULL_POINTS = 30
+_NULL_POINTS = 20
 
 
 @dataclass(frozen=True)
@@ -173,9 +173,10 @@ def _nulls(
     problem = shelf.problem
     lattice = surface.lattice
     near = sorted(surface.region(best, _NULL_REACH, step=_DECADE // 2), key=surface.height)[:_NULL_POINTS]
+    less = [point for point in _points_for_candidates(best) if point not in near]  # as far as a candidate may get
     mean = problem.base @ gls(problem.base, problem.y, lattice.at([best])[0][0]).beta
     run, *statics = drawn(Surface.of(problem.records(), lattice, restricted=True), near, rng, runs)
-    scanned = shelf.scan(lattice, near, mean[:, None] + run, statics)
+    scanned = shelf.scan(lattice, [*near, *less], mean[:, None] + run, statics)
     evidence = scanned.base - scanned.values - shelf.paid(candidates)[:, None]
     return np.asarray(evidence.max(axis=0))
 

@@ -17,7 +17,7 @@ from bench.effects.base import Effect
 from bench.noise.likelihood import NoiseLattice, Surface
 
 MOST_EFFECTS = 3
-_NULLS = 500
+_NULLS = 300
 _MINOR = 0.15
 """What remains may be this share of the evidence explained: real effects follow textbook equations about so well."""
 _FURTHER = 10.0
