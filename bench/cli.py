@@ -96,6 +96,17 @@ def _answer(command: Callable[..., Answer]) -> Callable[..., None]:
     return wrapped
 
 
+def _address(context: click.Context, parameter: click.Parameter, text: str) -> int:
+    """An address of 32 bits, decimal or 0x..."""
+    try:
+        address = int(text, 0)
+    except ValueError:
+        address = -1
+    if not 0 <= address < 1 << 32:
+        raise click.BadParameter(f"{text!r} is not an address from 0 to 0xFFFFFFFF", context, parameter)
+    return address
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="bench")
 def main() -> None:
@@ -381,7 +392,7 @@ def improve(
 @click.option("--serial", type=click.IntRange(0, 2**32 - 1), help="Default: the digits of the unit's serial number.")
 @click.option("--sample-hz", type=click.FloatRange(1e-3, 1e5), default=500.0, show_default=True, help="The unit's own.")
 @click.option("--name", default="calibration", show_default=True, help="Name of the files, and of the C functions.")
-@click.option("--address", type=click.IntRange(0, 2**32 - 1), default=0, help="Of the image in hex, srec and a2l.")
+@click.option("--address", default="0", callback=_address, help="Of the image in hex, srec and a2l, such as 0x8000.")
 @click.option("--force", is_flag=True, help="Deliver a calibration that must not be trusted; the answer says why.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of the files; default: export in the run folder.")
 @json_option
