@@ -75,6 +75,8 @@ class CanGyro:
         self._interval_ms = self._messages["GYRO_RATE"].cycle_ms or 2.0
         self._counter = 0
         self._booted = False
+        self.status = 0
+        """Fault code of the rate message."""
 
     def reboot(self) -> None:
         """Start the sample counter again at 0, with a boot-up heartbeat before the next sample."""
@@ -102,7 +104,7 @@ class CanGyro:
         values: dict[str, npt.ArrayLike] = {
             "Rate": np.asarray(signals.rate_dph) / 3600.0,
             "SampleCounter": sample & 0xFFFF,
-            "Status": 0,
+            "Status": self.status,
             "RateValid": 1,
             "LoopLocked": 1,
             "CompensationActive": int(self.coefficient_set != 0),

@@ -13,6 +13,7 @@ from typing import Any
 from drivers.registers import RegisterMap
 from drivers.sim.can_gyro import CanGyro
 from drivers.sim.cia402_table import SimulatedTable
+from drivers.sim.flash_port import FlashPort, serve
 from drivers.sim.modbus_chamber import ModbusChamber
 from drivers.sim.plant import Plant
 from drivers.sim.resonator import Environment, Resonator
@@ -22,10 +23,18 @@ SAMPLE_RATE_HZ = 500
 
 @dataclass
 class SimulatedUnit:
-    """One gyro: its physics and its wire."""
+    """One gyro: its physics, its wire, and its calibration memory where it has one."""
 
     physics: Resonator
     wire: CanGyro
+    port: FlashPort | None = None
+
+    def live(self, environment: Environment) -> None:
+        """Live through a step and send what the electronics make of it."""
+        signals = self.physics.advance(environment)
+        if self.port is not None:
+            signals, self.wire.status = self.port.memory.correct(signals)
+        self.wire.send(environment.t0_s, signals)
 
 
 class SimulatedStation:
@@ -55,6 +64,7 @@ class SimulatedStation:
 
     def advance(self, t0_s: float, t1_s: float) -> None:
         """Let the simulated world pass from `t0_s` to `t1_s` [s]."""
+        serve([unit.port for unit in self.units if unit.port is not None], t0_s)
         commands = self.chamber.commands()
         before = self.plant.state
         ramp = commands.ramp_rate_degc_per_min
@@ -75,7 +85,7 @@ class SimulatedStation:
                 applied_rate_dps=turned,
             )
             for unit in self.units:
-                unit.wire.send(t0_s, unit.physics.advance(environment))
+                unit.live(environment)
 
     def _publish(self) -> None:
         state = self.plant.state

@@ -1,0 +1,94 @@
+"""The service side of simulated units on their buses: requests in, answers out, resets done; in step with the clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import can
+
+from drivers.flash_objects import NMT_RESET, NODE_BASE, SDO_ANSWER, SDO_REQUEST, UDS_ANSWER, UDS_REQUEST
+from drivers.sim.can_gyro import CanGyro
+from drivers.sim.eeprom import PowerLostError
+from drivers.sim.memory import CalibrationMemory
+from drivers.sim.sdo_server import SdoServer
+from drivers.sim.uds_server import UdsServer
+
+Protocol = Literal["canopen", "uds"]
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Where a unit is reached; `node` is its CANopen node, `request` and `answer` are UDS identifiers."""
+
+    protocol: Protocol
+    node: int
+    request: int
+    answer: int
+
+    @classmethod
+    def usual(cls, number: int, protocol: Protocol = "canopen") -> Addresses:
+        """Those of unit `number` of the shipped family."""
+        return cls(protocol, NODE_BASE + number, UDS_REQUEST + number, UDS_ANSWER + number)
+
+
+class FlashPort:
+    """One unit's memory on its wire."""
+
+    def __init__(self, wire: CanGyro, memory: CalibrationMemory, addresses: Addresses) -> None:
+        self.wire, self.memory = wire, memory
+        self._addresses = addresses
+        self.power_up()
+
+    def power_up(self) -> None:
+        """Begin anew, as after power-on: whatever was not in the EEPROM is lost."""
+        self._sdo, self._uds = SdoServer(self.memory), UdsServer(self.memory)
+        self.memory.boot()
+        self.wire.reboot()
+        self.show()
+
+    def show(self) -> None:
+        """What heartbeat and rate message say of the calibration."""
+        self.wire.coefficient_set = self.memory.coefficient_set
+
+    def take(self, message: can.Message, t_s: float) -> None:
+        """Serve one frame, at bench time `t_s` [s]; frames of others are left alone."""
+        data, identifier = bytes(message.data), message.arbitration_id
+        if message.is_extended_id or message.is_error_frame or message.is_remote_frame:
+            return
+        try:
+            if self._addresses.protocol == "uds":
+                if identifier == self._addresses.request:
+                    for frame in self._uds.answer(data):
+                        self._send(self._addresses.answer, frame, t_s)
+                    if self._uds.reset_asked:
+                        self.power_up()
+            elif identifier == SDO_REQUEST + self._addresses.node:
+                if (answer := self._sdo.answer(data)) is not None:
+                    self._send(SDO_ANSWER + self._addresses.node, answer, t_s)
+            elif identifier == 0 and data[:1] == bytes([NMT_RESET]) and data[1:2] in {b"\0", self._node}:
+                self.power_up()
+        except PowerLostError:
+            self.memory.eeprom.writable = None
+            self.power_up()
+        self.show()
+
+    @property
+    def _node(self) -> bytes:
+        return bytes([self._addresses.node])
+
+    def _send(self, identifier: int, data: bytes, t_s: float) -> None:
+        message = can.Message(arbitration_id=identifier, is_extended_id=False, data=data, timestamp=t_s)
+        self.wire.bus.send(message)
+
+
+def serve(ports: Iterable[FlashPort], t_s: float) -> None:
+    """Serve what has arrived on the buses of these units."""
+    by_bus: dict[int, list[FlashPort]] = {}
+    for port in ports:
+        by_bus.setdefault(id(port.wire.bus), []).append(port)
+    for there in by_bus.values():
+        while (message := there[0].wire.bus.recv(0.0)) is not None:
+            for port in there:
+                port.take(message, t_s)

@@ -1,0 +1,107 @@
+"""A line to one unit for questions and answers, without threads: whoever waits lets time pass and takes in frames.
+
+On a simulated station the waiting moves the simulated clock, so that a dialogue is deterministic; on a real one it
+waits for frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import can
+import numpy as np
+
+from drivers.clock import Clock, WallClock
+from drivers.errors import ConfigError, LinkError
+from drivers.identity import Identity
+from drivers.wire import load_dbc
+
+STEP_S = 0.02
+"""One look at the bus [s]; a simulated station needs whole multiples of it."""
+ANSWER_S = 1.0
+"""How long an answer is waited for [s]."""
+BOOT_UP = 0
+
+
+class UnitLine:
+    """Frames to and from unit `number` of a layout; the bus is the caller's, and nobody else may read from it."""
+
+    def __init__(self, bus: can.BusABC, clock: Clock, layout: str | Path, number: int) -> None:
+        self.clock = clock
+        self.identity: Identity | None = None
+        """What its last heartbeat said."""
+        self.boots = 0
+        """Boot-up heartbeats that were heard."""
+        self.deadline_s: float | None = None
+        """Bench time at which whatever goes on has failed."""
+        self._bus, self._number = bus, number
+        found = [m for m in load_dbc(layout).values() if {"Serial", "State", "CoefficientSet"} <= set(m.signals)]
+        if len(found) != 1:
+            raise ConfigError(f"DBC {layout}: {len(found)} messages with Serial, State and CoefficientSet, must be one")
+        self._heartbeat = found[0]
+        self._listeners: dict[int, Callable[[bytes], None]] = {self._heartbeat.id + number: self._hear}
+
+    def __str__(self) -> str:
+        return f"unit number {self._number} on {self._bus.channel_info}"
+
+    def listen(self, identifier: int, callback: Callable[[bytes], None]) -> None:
+        """Hand the payloads of an identifier to `callback`; the bus then lets through what somebody listens to."""
+        self._listeners[identifier] = callback
+        extended = self._heartbeat.extended
+        mask = 0x1FFFFFFF if extended else 0x7FF
+        rules: list[can.typechecking.CanFilter] = [
+            {"can_id": one, "can_mask": mask, "extended": one > 0x7FF or extended} for one in self._listeners
+        ]
+        self._bus.set_filters(rules)
+
+    def send(self, identifier: int, data: bytes) -> None:
+        """Send one frame; LinkError when the bus does not take it."""
+        message = can.Message(
+            arbitration_id=identifier, is_extended_id=identifier > 0x7FF, data=data, timestamp=self.clock.now()
+        )
+        try:
+            self._bus.send(message)
+        except (can.CanError, OSError) as error:
+            raise LinkError(f"{self}: cannot send: {' '.join(str(error).split())}") from error
+
+    def wait(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
+        """Let time pass until the condition holds; LinkError after `limit_s` or at the deadline."""
+        until_s = self.clock.now() + limit_s
+        while not condition():
+            if self.clock.now() >= until_s - 1e-9:
+                raise LinkError(f"{self}: no {what} within {limit_s:g} s")
+            self.pump()
+
+    def pump(self) -> None:
+        """Let a moment pass and take in what arrived; LinkError at the deadline, or when the bus fails."""
+        if self.deadline_s is not None and self.clock.now() >= self.deadline_s:
+            raise LinkError(f"{self}: time limit reached")
+        try:
+            if isinstance(self.clock, WallClock):
+                self._take(self._bus.recv(STEP_S))
+            else:
+                self.clock.sleep_until(self.clock.now() + STEP_S)
+            while (message := self._bus.recv(0.0)) is not None:
+                self._take(message)
+        except (can.CanError, OSError) as error:
+            raise LinkError(f"{self}: {' '.join(str(error).split())}") from error
+
+    def _take(self, message: can.Message | None) -> None:
+        if message is None or message.is_error_frame or message.is_remote_frame:
+            return
+        if (callback := self._listeners.get(message.arbitration_id)) is not None:
+            callback(bytes(message.data))
+
+    def _hear(self, data: bytes) -> None:
+        """A heartbeat; one with the wrong length or CRC is none."""
+        message = self._heartbeat
+        frame = np.frombuffer(data.ljust(8, b"\0"), dtype=np.uint8).reshape(1, 8).copy()
+        crc_fits = "Crc8" not in message.signals or (
+            message.crc(frame, message.id + self._number)[0] == frame[0, message.length - 1]
+        )
+        if len(data) != message.length or not crc_fits:
+            return
+        said = {name: int(signal.unpack(frame)[0]) for name, signal in message.signals.items()}
+        self.identity = Identity(said["Serial"], said.get("Firmware", 0), said["CoefficientSet"], said["State"])
+        self.boots += said["State"] == BOOT_UP
