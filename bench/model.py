@@ -1,7 +1,7 @@
 """A model of the bias: a named list of effects and their options, as a YAML file; nothing but the list.
 
 name: spline
-rows: all                 # all, heating, cooling, soaks_2 or soaks_3: which rows are fitted
+rows: all                 # all, heating, cooling, soaks_2, soaks_3 or bins: which rows are fitted
 effects:
   - spline: {intervals: 24, ends: natural}
   - thermal_lag
@@ -21,8 +21,10 @@ from bench.effects.base import Effect, options_of
 from bench.errors import InputError
 from bench.yaml12 import Document, dump, read
 
-ROWS = ("all", "heating", "cooling", "soaks_2", "soaks_3")
-"""Rows that a model is fitted to: all, one branch only, or the means of 2 or 3 soaks (fixed-temperature method)."""
+ROWS = ("all", "heating", "cooling", "soaks_2", "soaks_3", "bins")
+"""Rows that a model is fitted to: all, one branch only, the means of 2 or 3 soaks (fixed-temperature method), or, of a
+surface, bins of equal width and equal count at each rate.
+"""
 
 _KEYS = ("name", "rows", "effects")
 

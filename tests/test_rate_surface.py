@@ -166,3 +166,39 @@ def test_a_run_without_a_table_has_no_surface():
 
     with pytest.raises(InputError, match="applied_rate"):
         points_of(thermal_cycle(60.0))
+
+
+def turned():
+    """The experiment as a record, with a clock."""
+    from bench.channels import DPH_PER_DPS
+    from bench.dataset import Dataset
+
+    raw, celsius, rate = experiment(noise=1e-4)
+    time = 30.0 * np.arange(raw.size)
+    channels = {"rate": raw * DPH_PER_DPS, "temperature": celsius, "applied_rate": rate}
+    return Dataset("turned", time, channels, np.zeros(raw.size, dtype=np.int64), (), 30.0)
+
+
+def test_the_model_of_the_paper_is_the_surface_of_the_paper():
+    """`rows: bins` of a surface over the output: NR - B is Rate(NR, T), coefficient by coefficient."""
+    from bench.fit import fit
+    from bench.model import load_model
+
+    record = turned()
+    found, wanted = fit(load_model("rate_surface"), record), fit_surface(points_of(record))
+    assert found.rows == points_of(record).raw.size < len(record)
+    units = np.array([3600.0 ** (i - 1) for i, _ in wanted.powers])
+    own = -np.array([c.value for c in found.coefficients]) * units
+    own[1] += 1.0
+    np.testing.assert_allclose(own, wanted.coefficients, rtol=1e-5)
+    assert found.rms_dph == pytest.approx(3600.0 * wanted.rms, rel=1e-9)
+
+
+def test_bins_are_for_a_surface_alone():
+    from bench.effects import make
+    from bench.fit import fit
+    from bench.model import Model
+
+    model = Model("mixed", (make("surface", {"over": "rate"}), make("thermal_lag")), "bins")
+    with pytest.raises(InputError, match="rows: bins is for a surface alone, not for thermal_lag"):
+        fit(model, turned())

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,8 @@ from bench.dataset import Dataset, load
 from bench.errors import InputError
 from bench.fit import Fit, fit
 from bench.fit.design import Problem, assemble
-from bench.model import load_model, model_from
+from bench.fit.rate_surface import binned_record
+from bench.model import Model, load_model, model_from
 
 MAX_CONDITION = 1e9
 """Of the scaled columns; above it the coefficients hang on the last digits of the data."""
@@ -56,22 +57,32 @@ def source_of(folder: Path, model: str | None = None) -> Source:
     content = stored.get("calibration")
     if model is not None:
         dataset = load(folder, float(stored.get("averaging_s") or 30.0))
-        found = fit(load_model(model), dataset)
+        named = load_model(model)
+        dataset, wanted = _rows(dataset, named)
+        found = fit(wanted, dataset, covariance="sandwich" if named.rows == "bins" else "noise")
     elif not isinstance(content, Mapping):
         raise InputError("holds no calibration: no model could be fitted to this run", folder / "calibration.json")
     else:
         dataset = load(folder, float(stored["averaging_s"]))
-        found = _stored(content, dataset, folder / "calibration.json")
+        found, dataset = _stored(content, dataset, folder / "calibration.json")
     objections = (*_of_run(manifest, stored), *objections_to(found, dataset))
     return Source(found, dataset, str(manifest.get("unit") or ""), objections)
 
 
-def _stored(content: Mapping[str, Any], dataset: Dataset, path: Path) -> Fit:
+def _rows(dataset: Dataset, model: Model) -> tuple[Dataset, Model]:
+    """The rows of a model fitted to bins are the bins: from here on they are the record."""
+    if model.rows != "bins":
+        return dataset, model
+    return binned_record(dataset), replace(model, rows="all")
+
+
+def _stored(content: Mapping[str, Any], dataset: Dataset, path: Path) -> tuple[Fit, Dataset]:
     """The fit whose numbers stand in calibration.json."""
     try:
         described = content["model"]
         effects = [{e["effect"]: e["options"]} for e in described["effects"]]
         model = model_from({"name": described["name"], "rows": described["rows"], "effects": effects})
+        dataset, model = _rows(dataset, model)
         problem = assemble(model, (dataset,))
         values = np.array(content["scaled"]["values"], dtype=np.float64)
         size = values.size - len(problem.parameters)
@@ -81,11 +92,12 @@ def _stored(content: Mapping[str, Any], dataset: Dataset, path: Path) -> Fit:
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"is no calibration of this bench ({error!r})", path) from error
     _check_same(problem, residual, rms_dph, path)
-    return Fit(
+    found = Fit(
         model=problem.model, bound=bound, beta=values[:size], covariance=_covariance(content, values.size), noise=None,
         rms_dph=rms_dph, condition=condition, rows=problem.y.size, interval_s=dataset.interval_s,
         runs=(dataset.name,), validity=problem.validity(), residuals=problem.scatter(residual),
     )  # fmt: skip
+    return found, dataset
 
 
 def _covariance(content: Mapping[str, Any], size: int) -> Any:

@@ -13,6 +13,7 @@ from bench.dataset import Dataset
 from bench.effects.base import Demanding, Effect, MovesAbscissa, Parameter, Theta
 from bench.effects.registry import suited
 from bench.errors import InputError
+from bench.fit.rate_surface import binned_record
 from bench.model import Model
 
 LEAST_BLOCKS = 20
@@ -168,6 +169,8 @@ def assemble(model: Model, records: tuple[Dataset, ...], rows: Sequence[BoolArra
         raise InputError("rows must be one mask a dataset, as long as it")
     if model.rows.startswith("soaks"):
         records, masks = _soak_means(model, records, masks)
+    if model.rows == "bins":
+        records, masks = _bins(model, records, masks)
     masks = tuple(mask & _usable(model, record) for record, mask in zip(records, masks, strict=True))
     if not any(mask.any() for mask in masks):
         names = ", ".join(record.name for record in records)
@@ -204,6 +207,17 @@ def _soak_means(
     keep = np.isin(np.arange(found.size), first)
     ends = np.cumsum([len(point) for point in points])[:-1]
     return points, tuple(np.split(keep, ends))
+
+
+def _bins(
+    model: Model, records: tuple[Dataset, ...], masks: tuple[BoolArray, ...]
+) -> tuple[tuple[Dataset, ...], tuple[BoolArray, ...]]:
+    """One row a bin of rate and temperature; only for a surface: an effect with memory needs rows in time."""
+    others = [effect.name for effect in model.effects if effect.name != "surface"]
+    if others:
+        raise InputError(f"model '{model.name}': rows: bins is for a surface alone, not for {', '.join(others)}")
+    binned = tuple(binned_record(r.select(m)) for r, m in zip(records, masks, strict=True) if m.any())
+    return binned, tuple(np.ones(len(record), dtype=bool) for record in binned)
 
 
 def _tails(record: Dataset, mask: BoolArray) -> Dataset:

@@ -18,7 +18,7 @@ from math import comb
 
 import numpy as np
 
-from bench.channels import DPH_PER_DPS, BoolArray, FloatArray
+from bench.channels import DPH_PER_DPS, BoolArray, FloatArray, IntArray
 from bench.dataset import Dataset
 from bench.effects.base import LEAST_RANGE_DEGC, Scale
 from bench.errors import InputError
@@ -109,27 +109,41 @@ def binned(
     Rows beyond that number are left out evenly over the bin; bins with fewer are left out. Raises InputError where no
     bin has enough.
     """
-    rows = np.isfinite(raw) & np.isfinite(temperature) & np.isfinite(reference)
-    raw, temperature, reference = raw[rows], temperature[rows], reference[rows]
-    if raw.size == 0:
+    chosen, left_out = bin_rows(raw, temperature, reference, bin_degc, samples)
+    means = [values[chosen].mean(axis=1) for values in (raw, temperature, reference)]
+    return Points(means[0], means[1], means[2], left_out)
+
+
+def binned_record(record: Dataset, bin_degc: float = BIN_DEGC, samples: int = SAMPLES) -> Dataset:
+    """The bins of a run as the rows of a record, in the order of their mean times: every bin counts the same."""
+    rate, temperature, applied = (record.channel(name) for name in ("rate", "temperature", "applied_rate"))
+    chosen, _ = bin_rows(rate, temperature, applied, bin_degc, samples)
+    chosen = chosen[np.argsort(record.time[chosen].mean(axis=1), kind="stable")]
+    # Bins that interleave may have one mean time; a record's rows have each their own.
+    time = record.time[chosen].mean(axis=1) + 1e-6 * np.arange(len(chosen))
+    means = {name: column[chosen].mean(axis=1) for name, column in record.channels.items()}
+    return Dataset(record.name, time, means, record.segment[chosen[:, 0]], record.segments, record.interval_s)
+
+
+def bin_rows(
+    raw: FloatArray, temperature: FloatArray, reference: FloatArray, bin_degc: float, samples: int
+) -> tuple[IntArray, int]:
+    """Rows of each bin (bins, samples), and how many bins had too few. InputError where no bin has enough."""
+    rows = np.flatnonzero(np.isfinite(raw) & np.isfinite(temperature) & np.isfinite(reference))
+    if rows.size == 0:
         raise InputError("no row with raw output, temperature and reference: the surface needs a run on a table")
-    cell = np.floor((temperature - temperature.min()) / bin_degc).astype(np.int64)
-    keys = np.column_stack([_levels(reference), cell])
-    _, label = np.unique(keys, axis=0, return_inverse=True)
+    cell = np.floor((temperature[rows] - temperature[rows].min()) / bin_degc).astype(np.int64)
+    _, label = np.unique(np.column_stack([_levels(reference[rows]), cell]), axis=0, return_inverse=True)
     groups = np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label.ravel()))[:-1])
-    kept = [
-        group[np.linspace(0, group.size - 1, samples).round().astype(int)] for group in groups if group.size >= samples
-    ]
+    kept = [g[np.linspace(0, g.size - 1, samples).round().astype(int)] for g in groups if g.size >= samples]
     if not kept:
         raise InputError(
             f"no bin of {bin_degc:g} degC has {samples} samples at one rate; record longer, or widen the bins"
         )
-    chosen = np.array(kept)
-    means = [values[chosen].mean(axis=1) for values in (raw, temperature, reference)]
-    return Points(means[0], means[1], means[2], len(groups) - len(kept))
+    return rows[np.array(kept)], len(groups) - len(kept)
 
 
-def _levels(reference: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def _levels(reference: FloatArray) -> IntArray:
     """Number of the step of the table to which each row belongs (n,)."""
     order = np.argsort(reference, kind="stable")
     least = LEVEL_SHARE * max(float(np.ptp(reference)), 1e-12)

@@ -35,7 +35,8 @@ def estimate_covariance(
     if not np.isfinite(full.condition):  # a parameter without influence: its own deviation is unknown
         return np.full((size, size), np.nan), None
     inverse = full.pseudo_inverse(problem.weights)
-    if kind == "sandwich" or problem.y.size > _MOST_DENSE_ROWS:
+    # Bins are means of rows from anywhere in the run: they have no spectrum.
+    if kind == "sandwich" or problem.y.size > _MOST_DENSE_ROWS or problem.model.rows == "bins":
         return sandwich(inverse, solution.residual, _time_blocks(problem, size)), None
     return _under_noise(problem, jacobian, inverse)
 

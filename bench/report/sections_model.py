@@ -20,6 +20,7 @@ _ROWS = {
     "cooling": "cooling only",
     "soaks_2": "2 soaks",
     "soaks_3": "3 soaks",
+    "bins": "equal bins",
 }
 _HELD_OUT = {"check": "a run that it has not seen", "blocks": "20 contiguous blocks, each left out in turn"}
 _HELD_OUT["segments"] = "segments, each left out in turn"

@@ -54,7 +54,7 @@ def _of_model(analysis: Analysis) -> Iterator[str]:
     name, held_out = best.model.name, best.held_out
     if not np.isfinite(held_out.rms_dph):
         yield f"'{name}' has no error on unseen data: {held_out.reason}"
-    if best.model.rows != "all":
+    if best.model.rows not in {"all", "bins"}:
         yield f"'{name}' was fitted to a part of the rows ({best.model.rows}): the other branch is not covered"
     if held_out.out_of_range > MOST_EXTRAPOLATED:
         yield f"{held_out.out_of_range:.0%} of the unseen data lie outside the range that '{name}' was fitted to"
