@@ -14,6 +14,7 @@ from bench.errors import InputError
 from bench.guards import GuardSettings
 from bench.preflight import Limits
 from bench.scenario import FaultSettings
+from drivers.flash_objects import Addresses
 from drivers.interfaces import BusSettings, unit_filters
 from drivers.registers import is_map_file
 
@@ -167,6 +168,33 @@ class Bus(BaseModel):
         )
 
 
+class FlashSettings(BaseModel):
+    """How the unit's calibration memory is reached, on the bus of the unit."""
+
+    model_config = STRICT
+
+    protocol: Literal["canopen", "uds"] = "canopen"
+    """CANopen SDO, or UDS over ISO-TP."""
+    node: Annotated[int, Field(ge=1, le=127)] | None = None
+    """CANopen: node number; left out: 16 + the unit's number."""
+    transfer: Literal["segmented", "expedited"] = "segmented"
+    """CANopen: a whole image in one transfer, or word by word for units without segmented transfer."""
+    request: Annotated[int, Field(ge=0, le=0x7FF)] | None = None
+    """UDS: CAN identifier of our requests; left out: 0x6C0 + the unit's number."""
+    answer: Annotated[int, Field(ge=0, le=0x7FF)] | None = None
+    """UDS: CAN identifier of its answers; left out: 0x6D0 + the unit's number."""
+
+    def addresses(self, number: int) -> Addresses:
+        """For the unit of this number."""
+        usual = Addresses.usual(number)
+        return Addresses(
+            self.protocol,
+            usual.node if self.node is None else self.node,
+            usual.request if self.request is None else self.request,
+            usual.answer if self.answer is None else self.answer,
+        )
+
+
 class UnitSettings(BaseModel):
     """One gyro under test."""
 
@@ -182,6 +210,8 @@ class UnitSettings(BaseModel):
     """Added to the CAN identifiers of the layout."""
     gyro: Text = "vibratory"
     """Name of a shipped DBC, or the path of a DBC file."""
+    flash: FlashSettings = FlashSettings()
+    """How its calibration memory is reached."""
     simulation: dict[str, Any] | None = None
     """Truth, noise and channels of a simulated unit; left out: the default unit."""
 
@@ -254,6 +284,8 @@ class StationSettings(BaseModel):
     """When a real station is made safe without the bench."""
     faults: tuple[FaultSettings, ...] = ()
     """What goes wrong in a simulated station, and when: for rehearsals."""
+    eeproms: Text | None = None
+    """Folder where simulated units keep their calibration memory; left out: `.units` beside the run folders."""
     unit_silent_s: Annotated[float, Field(gt=0, le=3600)] = 5.0
     """A unit that sends nothing sound for this long leaves a run of several units [s]."""
 
@@ -327,10 +359,18 @@ class StationSettings(BaseModel):
 
     def beside(self, folder: Path) -> StationSettings:
         """The same with the files that it names by relative paths looked for in `folder`, that of the station file."""
-        if not is_map_file(self.chamber.map):
+        found: dict[str, Any] = {}
+        if is_map_file(self.chamber.map):
+            found["chamber"] = self.chamber.model_copy(update={"map": str(folder / self.chamber.map)})
+        if self.eeproms is not None:
+            found["eeproms"] = str(folder / self.eeproms)
+        return self.model_copy(update=found)
+
+    def remembering(self, out: Path) -> StationSettings:
+        """The same with simulated units that find below `out`, the folder of the runs, what was flashed before."""
+        if not self.simulated or self.eeproms is not None:
             return self
-        chamber = self.chamber.model_copy(update={"map": str(folder / self.chamber.map)})
-        return self.model_copy(update={"chamber": chamber})
+        return self.model_copy(update={"eeproms": str(out / ".units")})
 
     def limits(self) -> Limits:
         """What the station allows and its chamber can do."""

@@ -32,6 +32,7 @@ from bench.safety import SafeState, failures
 from bench.sequencer import Sequencer, Status
 from bench.station import Dropped, LiveUnit, Station, StationSettings, open_station
 from bench.store import RunFolder, create_run
+from bench.unit_memory import Compensated, Output
 from bench.watchdog import Watchdog
 from drivers.clock import WallClock
 from drivers.errors import DriverError
@@ -52,6 +53,8 @@ class Job:
     serials: Sequence[str] = ()
     """Units to run with; none: all units of the station."""
     out: Path = Path("reports")
+    compensation: Compensated = "off"
+    """Whether the units correct their rate: off for a calibration, on for a verification."""
     continuation: Continuation | None = None
     """How to go on with a run whose bench was killed; none: a new run."""
 
@@ -158,6 +161,7 @@ def _meta(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime) -> dic
         "profile": job.profile.name,
         "station": job.station.name,
         "simulated": job.station.simulated,
+        "purpose": "calibration" if job.compensation == "off" else "verification",
         "gyro": {"layout": settings.gyro, "number": settings.number, "bus": settings.bus},
         "seeds": job.station.seeds(job.profile.name),
         "versions": versions(),
@@ -203,8 +207,14 @@ def _conduct(
     desk: Desk,
 ) -> BenchError | None:
     """Run the sequence and make the equipment safe; the error that ended it, if any."""
-    look = desk.watched(onlooker)
-    sequencer = Sequencer(station, guards, recorder, lambda status: look(station, status))
+    watched = desk.watched(onlooker)
+    output = Output(station, job.compensation, recorder.event)
+
+    def look(status: Status) -> None:
+        watched(station, status)
+        output.check()
+
+    sequencer = Sequencer(station, guards, recorder, look)
     if station.turntable is not None:
         sequencer.turning = station.turntable.begin
     desk.attach(sequencer, job.profile.duration_s)
@@ -217,6 +227,7 @@ def _conduct(
             station.start_capture(recorder)
             recorder.event("run", "start")
             sequencer.check_before_start()
+            output.establish()
             _record_gap(job, station, recorder)
             watchdog = _watch(station, recorder, sequencer)
             sequencer.start_chamber()
@@ -228,6 +239,7 @@ def _conduct(
             raise
         finally:
             error = _make_safe(station, recorder, error, sequencer, watchdog)
+            output.restore()
     return error
 
 

@@ -33,7 +33,8 @@ class Served:
 
     def station_file(self) -> dict[str, Any]:
         """A station file that drives these servers as if they were real."""
-        content = self.settings.model_dump(mode="json", exclude_defaults=True, exclude={"seed", "simulated", "units", "faults"})
+        inside = {"seed", "simulated", "units", "faults", "eeproms"}
+        content = self.settings.model_dump(mode="json", exclude_defaults=True, exclude=inside)
         content["name"] = f"{self.settings.name}-remote"
         content["chamber"]["connection"] = {"url": f"tcp://127.0.0.1:{self.station.modbus_port}"}
         content["buses"] = {

@@ -19,7 +19,7 @@ from bench.errors import EquipmentError
 from bench.links import Link
 from bench.recorder import Recorder
 from bench.spoiled import TIMEOUT_S, Scenario
-from bench.store import share
+from bench.store import share, slug
 from bench.tables import open_table, simulate_table
 from bench.turning import Turntable
 from drivers.canbus import Capture, InProcessCapture, ProcessCapture, open_bus
@@ -29,6 +29,9 @@ from drivers.journal import FrameArray, JournalWriter
 from drivers.modbus import ModbusLink
 from drivers.registers import RegisterMap, load_map
 from drivers.sim.can_gyro import CanGyro
+from drivers.sim.eeprom import Eeprom
+from drivers.sim.flash_port import FlashPort
+from drivers.sim.memory import CalibrationMemory
 from drivers.sim.plant import Plant, PlantParameters
 from drivers.sim.resonator import Resonator, default_unit
 from drivers.sim.resonator import UnitSettings as GyroPhysics
@@ -80,6 +83,8 @@ class Station:
         """What goes wrong in a simulated station on purpose."""
         self.turntable: Turntable | None = None
         """The rate table that the units are on, where there is one."""
+        self.buses: Mapping[str, Bus] = settings.buses
+        """Under the names that they are open by: a simulated station has private ones."""
         self.local_buses: dict[str, can.BusABC] = {}
         self._captures: dict[str, Capture] = {}
         self._links: dict[str, Link] = {}
@@ -235,7 +240,7 @@ def open_station(
         link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
         stack.enter_context(closing(link))
         station = Station(settings, clock, link, registers, units)
-        station.scenario = scenario
+        station.scenario, station.buses = scenario, buses
         for name, unit in {unit.bus: unit for unit in units}.items():
             if buses[name].interface in LOCAL_INTERFACES:
                 bus = open_bus(buses[name].to_driver())
@@ -267,8 +272,11 @@ def simulate(
         if unit.bus not in wires:
             wires[unit.bus] = open_bus(buses[unit.bus].to_driver())
             stack.callback(wires[unit.bus].shutdown)
-        wire = CanGyro(wires[unit.bus], unit.number, unit.identity or unit.number + 1, layout=unit.gyro)
-        simulated.append(SimulatedUnit(Resonator(physics, seed=seed + settings.units.index(unit)), wire))
+        identity = unit.identity or unit.number + 1
+        wire = CanGyro(wires[unit.bus], unit.number, identity, layout=unit.gyro)
+        kept = None if settings.eeproms is None else Path(settings.eeproms) / f"{slug(unit.serial)}.eeprom"
+        port = FlashPort(wire, CalibrationMemory(Eeprom(kept), identity), unit.flash.addresses(unit.number))
+        simulated.append(SimulatedUnit(Resonator(physics, seed=seed + settings.units.index(unit)), wire, port))
     table = simulate_table(settings, buses, stack, seed)
     return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table)
 

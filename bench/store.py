@@ -147,8 +147,8 @@ def create_run(
 
     InputError when it cannot be written.
     """
-    stem = f"{created:%Y%m%dT%H%M%SZ}_{_slug(profile)}"
-    parent = root / _slug(unit)
+    stem = f"{created:%Y%m%dT%H%M%SZ}_{slug(profile)}"
+    parent = root / slug(unit)
     try:
         parent.mkdir(parents=True, exist_ok=True)
         run = RunFolder(_new_folder(parent, stem))
@@ -180,6 +180,6 @@ def open_run(path: Path) -> RunFolder:
     return run
 
 
-def _slug(text: str) -> str:
+def slug(text: str) -> str:
     """A name that is safe as one part of a path."""
     return re.sub(r"[^A-Za-z0-9._+-]+", "-", text).strip(".-") or "unnamed"

@@ -7,8 +7,9 @@ if it accepts it, turn the switch; the change takes effect with the next reset.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 BANKS = (1, 2)
 BANK_BYTES = 4000
@@ -22,6 +23,24 @@ SDO_REQUEST, SDO_ANSWER = 0x600, 0x580
 UDS_REQUEST, UDS_ANSWER = 0x6C0, 0x6D0
 """CAN identifiers of unit 0."""
 NMT_RESET = 0x81
+Protocol = Literal["canopen", "uds"]
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Where a unit is reached; `node` is its CANopen node, `request` and `answer` are UDS identifiers."""
+
+    protocol: Protocol
+    node: int
+    request: int
+    answer: int
+
+    @classmethod
+    def usual(cls, number: int, protocol: Protocol = "canopen") -> Addresses:
+        """Those of unit `number` of the shipped family."""
+        return cls(protocol, NODE_BASE + number, UDS_REQUEST + number, UDS_ANSWER + number)
+
+
 
 PAGE_WORDS = 128
 _PAGES = {1: 0x2200, 2: 0x2300}

@@ -14,9 +14,10 @@ from bench.export.signals import channel_signal
 from bench.export.words import to_bytes
 from drivers.canopen_store import CanopenStore
 from drivers.clock import SimClock
+from drivers.flash_objects import Addresses
 from drivers.sim.blockbus import BlockBus
 from drivers.sim.eeprom import Eeprom
-from drivers.sim.flash_port import Addresses, FlashPort, serve
+from drivers.sim.flash_port import FlashPort, serve
 from drivers.sim.memory import CalibrationMemory
 from drivers.uds_store import UdsStore
 from drivers.unit_line import UnitLine

@@ -42,10 +42,11 @@ def go_on(run: RunFolder, station_path: Path | None, quiet: bool) -> Answer:
     job = Job(
         profile=profile,
         profile_text=config.read_text(profile_path),
-        station=continuation.units(station),
+        station=continuation.units(station).remembering(run.path.parent.parent),
         station_text=config.read_text(station_path or own_station),
         model_texts={},
         serials=continuation.serials,
+        compensation="on" if run.manifest().get("purpose") == "verification" else "off",
         continuation=continuation,
     )
     desk = Desk()

@@ -3,35 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Literal
 
 import can
 
-from drivers.flash_objects import NMT_RESET, NODE_BASE, SDO_ANSWER, SDO_REQUEST, UDS_ANSWER, UDS_REQUEST
+from drivers.flash_objects import NMT_RESET, SDO_ANSWER, SDO_REQUEST, Addresses
 from drivers.sim.can_gyro import CanGyro
 from drivers.sim.eeprom import PowerLostError
 from drivers.sim.memory import CalibrationMemory
 from drivers.sim.sdo_server import SdoServer
 from drivers.sim.uds_server import UdsServer
-
-Protocol = Literal["canopen", "uds"]
-
-
-@dataclass(frozen=True)
-class Addresses:
-    """Where a unit is reached; `node` is its CANopen node, `request` and `answer` are UDS identifiers."""
-
-    protocol: Protocol
-    node: int
-    request: int
-    answer: int
-
-    @classmethod
-    def usual(cls, number: int, protocol: Protocol = "canopen") -> Addresses:
-        """Those of unit `number` of the shipped family."""
-        return cls(protocol, NODE_BASE + number, UDS_REQUEST + number, UDS_ANSWER + number)
-
 
 class FlashPort:
     """One unit's memory on its wire."""
