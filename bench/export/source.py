@@ -135,10 +135,13 @@ def objections_to(found: Fit, dataset: Dataset) -> Iterator[str]:
     for key in found.on_bound:
         yield f"{key} = {found.theta[key]:g} is on its bound: the run does not determine it"
     rows = np.isfinite(found.residuals[0])
+    if rows.size != len(dataset):  # fitted to means of these rows: bins, soaks
+        rows = np.isfinite(dataset.bias)
     for channel, (low, high) in found.validity.items():
         if channel == "temperature" and high - low < LEAST_RANGE_DEGC:
             yield f"the run covers {low:.1f} to {high:.1f} degC only, at least {LEAST_RANGE_DEGC:g} degC are needed"
-        values = np.sort(dataset.channel(channel)[rows])
+        values = dataset.channel(channel)[rows]
+        values = np.sort(values[(values >= low) & (values <= high)])
         steps = np.diff(values)
         if steps.size and steps.max() > WIDEST_HOLE * (high - low):
             at, unit = int(steps.argmax()), CHANNELS[channel].unit
