@@ -381,3 +381,17 @@ def test_the_clock_finds_drift_and_offset_under_host_delays():
 def test_the_clock_without_frames_is_an_error():
     with pytest.raises(ValueError, match="no frame yet"):
         SampleClock(0.002).time([0])
+
+
+def test_the_clock_of_a_unit_does_not_depend_on_how_its_frames_were_cut_into_blocks():
+    random = np.random.default_rng(5)
+    index = np.arange(200_000, dtype=np.int64)
+    late_ns = random.exponential(300e3, index.size).astype(np.int64) + 20_000 * (random.random(index.size) < 0.01)
+    t_ns = index * 2_000_000 + index * 37 // 1000 + late_ns
+    found = []
+    for cuts in ([], np.sort(random.integers(0, index.size, 3000)), np.arange(0, index.size, 7)):
+        clock = SampleClock(0.002)
+        for indices, stamps in zip(np.split(index, cuts), np.split(t_ns, cuts), strict=True):
+            clock.add(indices, stamps)
+        found.append((clock.time(index).tobytes(), clock.drift_ppm))
+    assert len(set(found)) == 1
