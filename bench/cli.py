@@ -192,6 +192,20 @@ def report(
 
 
 @main.command()
+@runs_argument
+@click.option("--model", "models", multiple=True, help="Model of its analysis that the run does not keep; repeatable.")
+@click.option("--with", "others", multiple=True, type=click.Path(path_type=Path), help="Further run of its analysis.")
+@effect_option
+@json_option
+@_answer
+def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, ...]) -> Answer:
+    """Make the numbers of each RUN again from its raw frames; exit code 1 where a bit differs, and what it is."""
+    from bench.workflow import comparing
+
+    return comparing.replay(runs, models, others)
+
+
+@main.command()
 @live_argument
 @out_option
 @json_option
