@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -275,6 +276,8 @@ def test_a_filter_of_integers_has_the_time_constant_that_was_fitted(tau_s):
         (lambda: channel_signal("chamber_temperature", 0.0, 1.0), "not an input"),
         (lambda: channel_signal("temperature", 5.0, 5.0), "empty"),
         (lambda: rounded(series([np.nan]), "split"), "not finite"),
+        (lambda: rounded(series([1e7]), "split"), "64-bit output"),
+        (lambda: rounded(replace(series([1.0]), full_scale=1e10), "fixed"), "full scale of 1e\\+10"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused(break_it, why):

@@ -43,6 +43,8 @@ def rounded(delivery: Delivery, form: str) -> Rounded:
     if not np.all(np.isfinite(coefficients)):
         raise InputError("a coefficient of the model is not finite: nothing can be delivered")
     bound = max(sum(block.bound for block in delivery.blocks), 1e-30)
+    if bound * PICO >= 1 << 62:
+        raise InputError(f"coefficients add up to {bound:g}, more than a 64-bit output of 1e-12 can hold")
     if form in {"float32", "split"}:
         words = tuple(f32(value) for value in coefficients.tolist())
         gain = _mantissa(delivery.gain * PICO) if form == "split" else (0, 0)
