@@ -20,8 +20,9 @@ RESETS_S, MOST_RESETS = 60.0, 5
 MISFITS_S, MOST_MISFITS = 10.0, 0.3
 """So has one of whose frames more than this share are corrupt or repeat a sample over this time: when each comes twice,
 half of them do."""
-IDENTITY_DOUBT_S = 2.0
-"""Heartbeats come once a second: frames this long before a wrong one may be another unit's already."""
+IDENTITY_DOUBT_S = 3.0
+"""Heartbeats come once a second and a wrong one counts when it comes again: frames this long before may be another
+unit's already."""
 
 
 @dataclass(frozen=True)

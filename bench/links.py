@@ -15,11 +15,10 @@ from bench.equipment import LinkSettings
 from bench.errors import EquipmentError
 from drivers.chamber import Chamber, ChamberReading
 from drivers.clock import Clock
+from drivers.controller import NOT_NOW
 from drivers.errors import LinkError, RefusedError
 
 State = Literal["ok", "degraded", "lost"]
-TRANSIENT = frozenset({5, 6, 10, 11})
-"""Modbus exceptions that mean a controller or a gateway which cannot answer now, and not a request that is wrong."""
 TICK_S = 1.0
 """Bench time between two commands of a ramp that is stepped from here [s]."""
 MOST_STEP_S = 5.0
@@ -192,6 +191,6 @@ class ChamberLink:
         return f"{identity.model}, {'; '.join(self.deviations) or 'set point and mode are ours'}"
 
     def _failed(self, error: LinkError | RefusedError) -> None:
-        if isinstance(error, RefusedError) and error.code not in TRANSIENT:
+        if isinstance(error, RefusedError) and error.code not in NOT_NOW:
             raise error
         self.link.failed(self._clock.now(), str(error))

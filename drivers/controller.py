@@ -19,6 +19,8 @@ from drivers.modbus import ModbusLink
 from drivers.registers import Register, RegisterMap, Value
 
 ILLEGAL_ADDRESS = 2
+NOT_NOW = frozenset({5, 6, 10, 11})
+"""Modbus exceptions that mean a controller or a gateway which cannot answer now, and not a request that is wrong."""
 WEAR_WINDOW_S = 600.0
 WEAR_WRITES = 30
 """More writes within WEAR_WINDOW_S to a memory that wears out are a set point stepped by the host [Eurotherm HA026230:
@@ -195,6 +197,8 @@ class Controller:
         try:
             return self.read(self.map[name] if name not in self._described.decimals else self._described[name])
         except RefusedError as error:
+            if error.code in NOT_NOW:  # says nothing of who it is
+                raise
             raise IdentityError(f"{self.map.model}: {name} cannot be read: {error}") from error
         except LimitError as error:
             raise IdentityError(f"{self.map.model}: {error}") from error

@@ -189,7 +189,9 @@ class GyroDecoder:
         raw = {name: signal.unpack(data) for name, signal in self._heartbeat.signals.items()}
         one = self._impostors.heard(raw["Serial"].tolist())
         last = {name: int(values[-1]) for name, values in raw.items()}
-        self.identity = Identity(last["Serial"], last.get("Firmware", 0), last.get("CoefficientSet", 0), last["State"])
+        if last["Serial"] == self.serials[-1]:  # another one may be a flipped bit, until it comes again
+            known = last.get("Firmware", 0), last.get("CoefficientSet", 0), last["State"]
+            self.identity = Identity(last["Serial"], *known)
         boot: IntArray = at[raw["State"] == BOOT_UP]
         self._said = said if one and not len(boot) else b""
         return boot

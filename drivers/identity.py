@@ -29,16 +29,19 @@ class Impostors:
 
     def __init__(self, number: int) -> None:
         self.serials: list[int] = []
+        """Serial numbers that answered, each time that it changed; heard twice, since heartbeats carry no CRC."""
+        self._heard: deque[int] = deque(maxlen=8)
         self._number = number
         self._recent: deque[tuple[int, int]] = deque()  # frames, and those among them that fit nothing or came twice
         self._counters: str | None = None
 
     def heard(self, serials: Sequence[int]) -> bool:
-        """The serial numbers of the heartbeats of a block; whether they are all the same."""
+        """The serial numbers of the heartbeats of a block; whether they are all that of the unit."""
         for serial in serials:
-            if not self.serials or self.serials[-1] != serial:
+            self._heard.append(serial)
+            if not self.serials or (self.serials[-1] != serial and self._heard.count(serial) > 1):
                 self.serials = [*self.serials[-7:], serial]
-        return len(set(serials)) == 1
+        return {*serials} == {self.serials[-1]}
 
     def counted(self, frames: int, misfits: int) -> None:
         """So many rate frames in a block, and how many of them carried a second counter or a sample again."""
