@@ -420,6 +420,58 @@ def export(run_folder: Path, format_: str, out: Path | None, **wishes: Any) -> A
 
 
 @main.command()
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--verification", type=click.Path(path_type=Path), help="Independent run of the calibrated unit.")
+@limits_option
+@click.option("--equipment", type=click.Path(path_type=Path), help="Reference equipment with its due dates (YAML).")
+@click.option("--laboratory", type=click.Path(path_type=Path), help="Laboratory, customer, who signs (YAML).")
+@click.option("--issued", help="Day of issue, YYYY-MM-DD; default: today (UTC).")
+@click.option("--out", type=click.Path(path_type=Path), help="The PDF; default: certificate.pdf in the run folder.")
+@json_option
+@_answer
+def certificate(run_folder: Path, out: Path | None, **wishes: Any) -> Answer:
+    """Certificate of RUN as PDF, the same facts as JSON attached and beside it; refused where nothing is proven."""
+    from bench.workflow import certifying
+
+    return certifying.certificate(run_folder, certifying.Wishes(**wishes), out)
+
+
+@main.command()
+@click.argument("unit")
+@click.option("--run", type=click.Path(path_type=Path), help="Calibrate from this run; default: the newest of the unit.")
+@click.option("--image", type=click.Path(path_type=Path), help="Write this image (docs/eeprom.md) as it is.")
+@click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
+@click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
+@click.option("--older", is_flag=True, help="Write a calibration that is older than the one in the unit.")
+@station_option
+@out_option
+@click.option("--quiet", is_flag=True, help="No progress display.")
+@json_option
+@_answer
+def flash(unit: str, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
+    """Write a calibration into UNIT: other bank, read back, CRC, switch, reset, read again; the old one stays whole."""
+    from bench.workflow import flashing
+
+    return flashing.flash(unit, station, flashing.Wishes(**wishes), out, quiet)
+
+
+@main.command()
+@click.argument("profile", type=click.Path(path_type=Path))
+@click.option("--unit", "serial", required=True, help="Serial number.")
+@station_option
+@limits_option
+@out_option
+@click.option("--quiet", is_flag=True, help="No progress display.")
+@json_option
+@_answer
+def verify(profile: Path, serial: str, station: Path | None, limits: Path | None, out: Path, quiet: bool) -> Answer:
+    """Run PROFILE with the unit's own correction on, and judge what it leaves; nothing is fitted."""
+    from bench.workflow import flashing
+
+    return flashing.verify(profile, serial, station, limits, out, quiet)
+
+
+@main.command()
 @click.option("--seed", type=click.IntRange(0), help="Same seed, same unit; default: a random one.")
 @click.option("--effects", "count", type=click.IntRange(1), default=1, show_default=True, help="How many are hidden.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("mystery"), show_default=True, help="Its folder.")
@@ -551,3 +603,45 @@ def registry_equipment_list(on: datetime | None, out: Path, where: str | None) -
     from bench.workflow import registering
 
     return registering.equipment(out, where, (on or datetime.now()).date())
+
+
+@main.group(invoke_without_command=True)
+@click.option("--unit-filter", "pattern", metavar="REGEX", help="Only units whose whole serial matches.")
+@click.option("--limits", type=click.Path(path_type=Path), help="Limits file (YAML): yield and Cpk are against it.")
+@click.option("--html", type=click.Path(path_type=Path), help="Write the page here.")
+@click.option("--csv", type=click.Path(path_type=Path), help="Write one line a unit and quantity here.")
+@out_option
+@registry_option
+@json_option
+@click.pass_context
+def fleet(context: click.Context, **wishes: Any) -> None:
+    """Many units: first-pass yield, Cpk, control charts, drift of stations and lots, units unlike their lot."""
+    if context.invoked_subcommand is None:
+        _fleet(**wishes)
+
+
+@_answer
+def _fleet(pattern: str | None, limits: Path | None, out: Path, where: str | None, **files: Path | None) -> Answer:
+    from bench.workflow import fleet as work
+
+    return work.fleet(out, where, pattern, limits, **files)
+
+
+@fleet.command("refit")
+@model_argument
+@click.option("--moments", type=click.Path(path_type=Path), help="Moments file. Default: of the registry's runs.")
+@click.option("--records", type=click.Path(path_type=Path), help="Where the records go. Default: beside the moments.")
+@click.option("--engine", type=click.Choice(["auto", "serial", "pool", "dask"]), default="auto", show_default=True)
+@click.option("--workers", type=click.IntRange(1), help="Processes. Default: one a processor.")
+@click.option("--scheduler", metavar="tcp://…", help="A running Dask cluster. Default: a local one.")
+@out_option
+@registry_option
+@json_option
+@_answer
+def fleet_refit(
+    model: str, moments: Path | None, records: Path | None, out: Path, where: str | None, **work: Any
+) -> Answer:
+    """Fit every stored unit anew, from small moments of its newest run; one that fails does not stop the rest."""
+    from bench.workflow import refitting
+
+    return refitting.refit(model, out, where, moments, records, refitting.Work(**work))

@@ -128,9 +128,21 @@ class Quantity:
         return cls(name, value, value - COVERAGE * standard_uncertainty, value + COVERAGE * standard_uncertainty)
 
     @classmethod
+    def positive(cls, name: str, value: float, standard_uncertainty: float) -> Quantity:
+        """An absolute value: its interval ends at zero."""
+        found = cls.expanded(name, value, standard_uncertainty)
+        return cls(name, value, max(0.0, found.low), found.high)
+
+    @classmethod
     def exact(cls, name: str, value: float) -> Quantity:
         """A number without uncertainty."""
         return cls(name, value, value, value)
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Quantity:
+        """The quantity that `to_json` wrote."""
+        value, low, high = (np.nan if content.get(key) is None else content[key] for key in ("value", "low", "high"))
+        return cls(str(content["name"]), float(value), float(low), float(high), str(content.get("reason") or ""))
 
     @property
     def unit(self) -> str:

@@ -17,7 +17,7 @@ from bench.channels import BoolArray, FloatArray, IntArray
 from bench.dataset import Dataset
 from bench.diagnosis.digits import finite
 from bench.errors import InputError
-from bench.fit import Fit, fit
+from bench.fit import Fit, fit, refuse_corrected
 from bench.fit.solve import one_blas_thread
 from bench.model import Model
 
@@ -118,6 +118,7 @@ def compare(
     """
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
     checks = () if check is None else (check,) if isinstance(check, Dataset) else tuple(check)
+    refuse_corrected(checks)
     scores, refused = [], []
     with one_blas_thread():
         for model in models:
@@ -158,7 +159,15 @@ def _checked(found: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
         return HeldOut("check", reason=str(error))
     residuals = tuple(check.bias - p.bias for check, p in zip(checks, predictions, strict=True))
     outside = float(np.mean(np.concatenate([p.out_of_range for p in predictions])))
-    return HeldOut("check", _rms(checks, residuals), _interval(checks, residuals), _peak(residuals), outside)
+    return error_of("check", checks, residuals, outside)
+
+
+def error_of(
+    by: str, records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...], out_of_range: float = 0.0
+) -> HeldOut:
+    """Error of residuals (n,) [deg/h] of records that the fit did not see."""
+    rms, interval, peak = _rms(records, residuals), _interval(records, residuals), _peak(residuals)
+    return HeldOut(by, rms, interval, peak, out_of_range)
 
 
 def _left_out(model: Model, found: Fit, records: tuple[Dataset, ...], by: str, pieces: Sequence[IntArray]) -> HeldOut:
@@ -179,7 +188,7 @@ def _left_out(model: Model, found: Fit, records: tuple[Dataset, ...], by: str, p
         residuals[i][out] = (records[i].bias - predicted.bias)[out]
         outside += int(np.sum(predicted.out_of_range & out))
     share = outside / sum(len(record) for record in records)
-    return HeldOut(by, _rms(records, residuals), _interval(records, residuals), _peak(residuals), share)
+    return error_of(by, records, residuals, share)
 
 
 def _named(record: Dataset, by: str, piece: int) -> str:

@@ -245,6 +245,7 @@ def _write(result: Analysis) -> None:
     _dump(folder / "compare.json", {**compared, "verdict": answer["verdict"]})
     content = calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
     content["quantities"] = [quantity.to_json() for quantity in quantities(result)]
+    content["refusals"] = list(refusals(result))
     _dump(folder / "calibration.json", content)
     if result.diagnosed.answer is not None:
         _dump(folder / SAVED, result.diagnosed.answer.to_json())

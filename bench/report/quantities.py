@@ -53,7 +53,7 @@ def _of_bias(data: Dataset, white_dph: float) -> Iterator[Quantity]:
     bias = data.bias[np.isfinite(data.bias)]
     if bias.size:
         yield Quantity.expanded("bias_span_dph", float(np.ptp(bias)), np.sqrt(2.0) * white_dph)
-        yield Quantity.expanded("bias_max_dph", float(np.abs(bias).max()), white_dph)
+        yield Quantity.positive("bias_max_dph", float(np.abs(bias).max()), white_dph)
     yield _loop("thermal_hysteresis_dph", data, white_dph)
     temperature = np.sort(data.channel("temperature")[np.isfinite(data.bias)])
     if temperature.size:
@@ -66,7 +66,7 @@ def _loop(name: str, data: Dataset, white_dph: float, values: FloatArray | None 
     gap = branch_gap(data, values)
     if gap is None:
         return Quantity(name, reason="no temperature was passed both heating and cooling")
-    return Quantity.expanded(name, abs(gap[0]), _MEDIAN * white_dph)
+    return Quantity.positive(name, abs(gap[0]), _MEDIAN * white_dph)
 
 
 def _of_noise(analysis: Analysis) -> Iterator[Quantity]:
@@ -111,7 +111,7 @@ def _of_model(analysis: Analysis, best: Score, white_dph: float) -> Iterator[Qua
     low, high = held_out.interval_dph
     if np.isfinite(held_out.rms_dph):
         yield Quantity("residual_rms_dph", held_out.rms_dph, low, high)
-        yield Quantity.expanded("residual_peak_dph", held_out.peak_dph, white_dph)
+        yield Quantity.positive("residual_peak_dph", held_out.peak_dph, white_dph)
         yield Quantity(
             "residual_over_floor", held_out.rms_dph / floor_dph, low / floor_dph, high / floor_dph,
             analysis.floor.reason,
@@ -167,4 +167,4 @@ def _of_scale(data: Dataset, white_dph: float) -> Iterator[Quantity]:
     full_dph = DPH_PER_DPS * float(np.nanmax(np.abs(applied)))
     groups = [left[(turned == rate) & np.isfinite(left)] for rate in np.unique(turned[np.isfinite(turned)])]
     off = max((abs(float(group.mean())), group.size) for group in groups if group.size)
-    yield Quantity.expanded(names[2], 1e6 * off[0] / full_dph, 1e6 * white_dph / np.sqrt(off[1]) / full_dph)
+    yield Quantity.positive(names[2], 1e6 * off[0] / full_dph, 1e6 * white_dph / np.sqrt(off[1]) / full_dph)
