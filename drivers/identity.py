@@ -29,8 +29,9 @@ class Impostors:
 
     def __init__(self, number: int) -> None:
         self.serials: list[int] = []
-        """Serial numbers that answered, each time that it changed; heard twice, since heartbeats carry no CRC."""
-        self._heard: deque[int] = deque(maxlen=8)
+        """Serial numbers that answered, each time that it changed. A new one counts when it is heard twice in a short
+        while: heartbeats need not carry a CRC."""
+        self._heard: deque[int] = deque(maxlen=4)
         self._number = number
         self._recent: deque[tuple[int, int]] = deque()  # frames, and those among them that fit nothing or came twice
         self._counters: str | None = None

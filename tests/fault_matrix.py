@@ -38,7 +38,7 @@ class Case:
     faults: tuple[Mapping[str, Any], ...] = ()
     """As in a station file; `at_s` is 20 and `on` the chamber where they are left out."""
     losses: Mapping[str, int | str] = field(default_factory=dict)
-    """Counts of the manifest that are not 0; `rate`, `slow`, `sampled` (both): as many as frames of that kind struck."""
+    """Counts of the manifest that are not 0; `rate`, `slow`, `sampled` (both): as many as such frames were struck."""
     safe: bool | None = True
     """Whether the chamber itself is at ambient and off afterwards; None: nothing was commanded."""
     station: Mapping[str, Any] = field(default_factory=dict)
