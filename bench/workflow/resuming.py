@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench import config
 from bench.errors import InputError
@@ -12,11 +13,26 @@ from bench.workflow.analysis import DEFAULT_MODELS, report_on
 from bench.workflow.answer import Answer
 from bench.workflow.several import report_on_all
 
+if TYPE_CHECKING:
+    from bench.runner import RunResult
+
 QUIET_S = 3.0
 """A bench that runs writes its journals at least once a second."""
 
 
 def go_on(run: RunFolder, station_path: Path | None, quiet: bool) -> Answer:
+    """Append what is left of a recovered run as a new part, and analyse it."""
+    from bench.model import load_model
+
+    files = sorted(run.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
+    models = [load_model(model) for model in files or DEFAULT_MODELS]
+    result = continued(run, station_path, quiet)
+    if len(result.units) > 1:
+        return report_on_all(result.units, models)
+    return report_on(result.run, models, result.error)
+
+
+def continued(run: RunFolder, station_path: Path | None, quiet: bool) -> RunResult:
     """Append what is left of a recovered run as a new part; InputError when there is nothing to go on with."""
     from bench import preflight
     from bench import profile as profiles
@@ -24,7 +40,6 @@ def go_on(run: RunFolder, station_path: Path | None, quiet: bool) -> Answer:
     from bench.control import Desk
     from bench.equipment import StationSettings
     from bench.keyboard import Keyboard
-    from bench.model import load_model
     from bench.progress import Progress
     from bench.runner import Job, run_job
 
@@ -37,8 +52,6 @@ def go_on(run: RunFolder, station_path: Path | None, quiet: bool) -> Answer:
     continuation = plan(run, profile, station)
     if not station.simulated:
         _refuse_growing(run)
-    files = sorted(run.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
-    models = [load_model(model) for model in files or DEFAULT_MODELS]
     job = Job(
         profile=profile,
         profile_text=config.read_text(profile_path),
@@ -51,10 +64,7 @@ def go_on(run: RunFolder, station_path: Path | None, quiet: bool) -> Answer:
     )
     desk = Desk()
     with Keyboard(desk) as keyboard, Progress(profile, quiet, lambda: keyboard.notice) as progress:
-        result = run_job(job, progress, desk)
-    if len(result.units) > 1:
-        return report_on_all(result.units, models)
-    return report_on(result.run, models, result.error)
+        return run_job(job, progress, desk)
 
 
 def _refuse_growing(run: RunFolder) -> None:
