@@ -438,7 +438,7 @@ def certificate(run_folder: Path, out: Path | None, **wishes: Any) -> Answer:
 
 @main.command()
 @click.argument("unit")
-@click.option("--run", type=click.Path(path_type=Path), help="Calibrate from this run; default: the newest of the unit.")
+@click.option("--run", type=click.Path(path_type=Path), help="Take this run; default: the newest of the unit.")
 @click.option("--image", type=click.Path(path_type=Path), help="Write this image (docs/eeprom.md) as it is.")
 @click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
 @click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
@@ -469,6 +469,29 @@ def verify(profile: Path, serial: str, station: Path | None, limits: Path | None
     from bench.workflow import flashing
 
     return flashing.verify(profile, serial, station, limits, out, quiet)
+
+
+@main.command()
+@click.option("--unit", "serial", required=True, help="Serial number of the unit.")
+@click.option("--plan", "plan", required=True, type=click.Path(path_type=Path), help="Plan file (YAML).")
+@station_option
+@click.option("--junit", type=click.Path(path_type=Path), help="Write JUnit XML here: steps and limits as test cases.")
+@click.option("--release", metavar="REASON", help="Go on with a job that is held; who decided, and why.")
+@click.option("--new", "anew", is_flag=True, help="Begin a new job where one by this plan exists.")
+@out_option
+@click.option("--quiet", is_flag=True, help="No progress display.")
+@registry_option
+@json_option
+@_answer
+@_registers(begin=True)
+def calibrate(
+    serial: str, plan: Path, station: Path | None, out: Path, quiet: bool, **wishes: Any
+) -> Answer:
+    """From the shelf to a certificate: check, run, fit, diagnose, flash, verify, certificate; goes on where it was."""
+    from bench.production import command
+    from bench.production.plan import Order
+
+    return command.run(Order.load(plan, station, serial, out, quiet), **wishes)
 
 
 @main.command()

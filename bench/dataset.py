@@ -56,6 +56,8 @@ class Dataset:
     interval_s: float = 1.0
     counts: Mapping[str, FloatArray] = field(default_factory=dict)
     variances: Mapping[str, FloatArray] = field(default_factory=dict)
+    corrected: bool = False
+    """Whether the unit corrected its rate itself while this was recorded: nothing may be fitted to it."""
     finer_step: float | None = None
     """`temperature_step` of the finer record that this one averages."""
 
@@ -253,9 +255,15 @@ def _dataset(table: pd.DataFrame, manifest: Mapping[str, Any], folder: Path) -> 
         segment=np.where(np.isnan(segment), -1, segment).astype(np.int64),
         segments=tuple(_segment(entry) for entry in manifest.get("segments", [])),
         interval_s=1.0,
+        corrected=_is_corrected(manifest),
         counts={name: columns[f"{name}_count"] for name in names if f"{name}_count" in columns},
         variances={name: columns[f"{name}_var"] for name in names if f"{name}_var" in columns},
     )
+
+
+def _is_corrected(manifest: Mapping[str, Any]) -> bool:
+    identity = manifest.get("unit_identity") or {}
+    return manifest.get("purpose") == "verification" or bool(identity.get("coefficient_set"))
 
 
 def _manifest(path: Path) -> dict[str, Any]:

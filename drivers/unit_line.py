@@ -6,7 +6,7 @@ waits for frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import can
@@ -14,6 +14,7 @@ import numpy as np
 
 from drivers.clock import Clock, WallClock
 from drivers.errors import ConfigError, LinkError
+from drivers.frames import to_messages
 from drivers.identity import Identity
 from drivers.wire import load_dbc
 
@@ -46,14 +47,8 @@ class UnitLine:
         return f"unit number {self._number} on {self._bus.channel_info}"
 
     def listen(self, identifier: int, callback: Callable[[bytes], None]) -> None:
-        """Hand the payloads of an identifier to `callback`; the bus then lets through what somebody listens to."""
+        """Hand the payloads of an identifier to `callback`."""
         self._listeners[identifier] = callback
-        extended = self._heartbeat.extended
-        mask = 0x1FFFFFFF if extended else 0x7FF
-        rules: list[can.typechecking.CanFilter] = [
-            {"can_id": one, "can_mask": mask, "extended": one > 0x7FF or extended} for one in self._listeners
-        ]
-        self._bus.set_filters(rules)
 
     def send(self, identifier: int, data: bytes) -> None:
         """Send one frame; LinkError when the bus does not take it."""
@@ -82,10 +77,19 @@ class UnitLine:
                 self._take(self._bus.recv(STEP_S))
             else:
                 self.clock.sleep_until(self.clock.now() + STEP_S)
-            while (message := self._bus.recv(0.0)) is not None:
+            for message in self._arrived():
                 self._take(message)
         except (can.CanError, OSError) as error:
             raise LinkError(f"{self}: {' '.join(str(error).split())}") from error
+
+    def _arrived(self) -> Iterator[can.Message]:
+        """Frames that wait. Filters of python-can would end a look without waiting at the first foreign frame."""
+        if hasattr(self._bus, "recv_block"):
+            frames = self._bus.recv_block(0.0)
+            yield from to_messages(frames[np.isin(frames["id"], list(self._listeners))])
+        else:
+            while (message := self._bus.recv(0.0)) is not None:
+                yield message
 
     def _take(self, message: can.Message | None) -> None:
         if message is None or message.is_error_frame or message.is_remote_frame:

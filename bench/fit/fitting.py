@@ -8,7 +8,7 @@ would be ten times too narrow.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -168,6 +168,7 @@ def fit(
     interval without data, dependent columns, condition above 1e12.
     """
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
+    refuse_corrected(records)
     with one_blas_thread():
         problem = assemble(model, records, rows)
         problem = _choose(problem)
@@ -180,6 +181,14 @@ def fit(
         steps = coarse_temperature(bound, solution.beta, result.rms_dph, records, quantisation_limit_dph)
         stuck = (f"{key} = {result.theta[key]:g} is on its bound: not determined" for key in result.on_bound)
         return replace(result, warnings=(*steps, *stuck))
+
+
+def refuse_corrected(records: Iterable[Dataset]) -> None:
+    """InputError where a unit corrected its rate itself: what it left is no bias of the unit."""
+    for record in records:
+        if record.corrected:
+            text = f"{record.name}: the unit corrected its rate itself during this run, which is a verification"
+            raise InputError(f"{text}: nothing is fitted to it and no model checked on it; take runs of the raw rate")
 
 
 def _choose(problem: Problem) -> Problem:

@@ -122,7 +122,15 @@ def binned_record(record: Dataset, bin_degc: float = BIN_DEGC, samples: int = SA
     # Bins that interleave may have one mean time; a record's rows have each their own.
     time = record.time[chosen].mean(axis=1) + 1e-6 * np.arange(len(chosen))
     means = {name: column[chosen].mean(axis=1) for name, column in record.channels.items()}
-    return Dataset(record.name, time, means, record.segment[chosen[:, 0]], record.segments, record.interval_s)
+    return Dataset(
+        record.name,
+        time,
+        means,
+        record.segment[chosen[:, 0]],
+        record.segments,
+        record.interval_s,
+        corrected=record.corrected,
+    )
 
 
 def bin_rows(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +18,9 @@ from bench.workflow.several import report_on_all
 
 if TYPE_CHECKING:
     from bench.limits import Limits
+    from bench.runner import RunResult
     from bench.station import StationSettings
+    from bench.unit_memory import Compensated
 
 PACKAGE = Path(__file__).parent.parent
 BYTES_PER_S = 20_000.0
@@ -55,34 +57,52 @@ class Wishes:
 
 def run(profile_path: Path, station_path: Path | None, wishes: Wishes, out: Path, quiet: bool) -> Answer:
     """`bench run`: check everything, run, capture, fit, report."""
+    from bench.model import load_model
+
+    chosen = [load_model(model) for model in wishes.models or DEFAULT_MODELS]
+    given, texts = _given(wishes)
+    texts |= {_model_file(i): model.to_yaml() for i, model in enumerate(chosen)}
+    result = conduct(profile_path, station_path, Task(wishes.serials, texts, out), quiet)
+    if len(result.units) > 1:
+        return report_on_all(result.units, chosen, given)
+    return report_on(result.run, chosen, result.error, limits=given)
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a run is made with: units, the texts that its folder keeps, where it goes, raw or corrected rate."""
+
+    serials: Sequence[str]
+    texts: Mapping[str, str]
+    out: Path
+    compensation: Compensated = "off"
+
+
+def conduct(profile_path: Path, station_path: Path | None, task: Task, quiet: bool) -> RunResult:
+    """Check and run a profile; analyses nothing."""
     from bench import preflight
     from bench import profile as profiles
     from bench.control import Desk
     from bench.keyboard import Keyboard
-    from bench.model import load_model
     from bench.progress import Progress
     from bench.runner import Job, run_job
 
     profile = profiles.load(profile_path)
-    station = load_station(station_path)
-    chosen = [load_model(model) for model in wishes.models or DEFAULT_MODELS]
-    given, texts = _given(wishes)
+    station = load_station(station_path).remembering(task.out)
     preflight.refuse(preflight.check(profile, station.limits()))
     job = Job(
         profile=profile,
         profile_text=config.read_text(profile_path),
         station=station,
         station_text=config.read_text(_station_path(station_path)),
-        model_texts={**{_model_file(i): model.to_yaml() for i, model in enumerate(chosen)}, **texts},
-        serials=wishes.serials,
-        out=out,
+        model_texts=task.texts,
+        serials=task.serials,
+        out=task.out,
+        compensation=task.compensation,
     )
     desk = Desk()
     with Keyboard(desk) as keyboard, Progress(profile, quiet, lambda: keyboard.notice) as progress:
-        result = run_job(job, progress, desk)
-    if len(result.units) > 1:
-        return report_on_all(result.units, chosen, given)
-    return report_on(result.run, chosen, result.error, limits=given)
+        return run_job(job, progress, desk)
 
 
 def _given(wishes: Wishes) -> tuple[Limits | None, dict[str, str]]:
@@ -92,7 +112,8 @@ def _given(wishes: Wishes) -> tuple[Limits | None, dict[str, str]]:
     """
     from bench import laboratory, limits
 
-    found, texts = None, {}
+    found: Limits | None = None
+    texts: dict[str, str] = {}
     if wishes.limits is not None:
         found = limits.load(wishes.limits)
         texts["limits.yaml"] = config.read_text(wishes.limits)
