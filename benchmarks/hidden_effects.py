@@ -82,7 +82,7 @@ def _telling(job: Job) -> bool:
 
     if job.kind == "single":
         known = all(HIDDEN[name].effect for name in job.hidden)
-        usual = job.strength in ((0.5, 1.0) if known else (1.0,))
+        usual = job.strength in (0.5, 1.0) if known else job.strength == 1.0 and job.seed % 2 == 0
         return (usual and job.seed % 10 == 1) if job.profile == "one_rate" else usual or (known and job.seed % 8 == 2)
     if job.kind == "clean":
         return job.seed < 1000 or job.profile != "one_rate"

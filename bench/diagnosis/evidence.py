@@ -24,7 +24,7 @@ TIE = 6.0
 WRONGLY_NAMED = 0.015
 """Share of simulated runs in which chance may name an effect; of real clean runs it is to be below 2 %."""
 _GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
-_BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls will do
+_BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls will do, as where there is none
 _DECADE = 16
 _NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
 _NULL_POINTS = 20
@@ -116,7 +116,7 @@ def weigh(
         hopeless = bool(np.max(_GROWS * (rough[own] + paid[own]) - paid[own]) < least)
         theta, point, reached = refiner.refine(candidate, grid, best, closely=not hopeless)
         found.append(_suspect(refiner, candidate, theta, point, (height - reached - paid[own[0]], excited)))
-    doubt = max((s.evidence for s in found), default=0.0) < _BEYOND_DOUBT
+    doubt = 0.0 < max((s.evidence for s in found), default=0.0) < _BEYOND_DOUBT
     chance = _nulls(candidates, shelf, surface, best, (nulls if doubt else nulls // 5, seed)) if nulls else np.empty(0)
     threshold = float(np.quantile(chance, 1.0 - WRONGLY_NAMED)) if nulls else 0.0
     suspects = tuple(sorted(_weighted(found), key=lambda s: -s.evidence))
