@@ -489,7 +489,7 @@ def calibrate(
 ) -> Answer:
     """From the shelf to a certificate: check, run, fit, diagnose, flash, verify, certificate; goes on where it was."""
     from bench.production import command
-    from bench.production.plan import Order
+    from bench.production.order import Order
 
     return command.run(Order.load(plan, station, serial, out, quiet), **wishes)
 
@@ -637,7 +637,7 @@ def registry_equipment_list(on: datetime | None, out: Path, where: str | None) -
 @registry_option
 @json_option
 @click.pass_context
-def fleet(context: click.Context, **wishes: Any) -> None:
+def fleet(context: click.Context, /, **wishes: Any) -> None:
     """Many units: first-pass yield, Cpk, control charts, drift of stations and lots, units unlike their lot."""
     if context.invoked_subcommand is None:
         _fleet(**wishes)

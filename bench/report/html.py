@@ -14,7 +14,7 @@ from plotly.offline import get_plotlyjs
 
 from bench import __version__
 from bench.diagnosis.digits import number
-from bench.report import sections_diagnosis, sections_model, sections_run, sections_surface
+from bench.report import sections_diagnosis, sections_limits, sections_model, sections_run, sections_surface
 from bench.report.analysis import Analysis
 from bench.report.markup import Section, clock, moment
 from bench.store import write_atomically
@@ -22,6 +22,7 @@ from bench.store import write_atomically
 _ASSETS = files("bench.report") / "assets"
 
 SECTIONS: tuple[Callable[[Analysis], Section | None], ...] = (
+    sections_limits.limits,
     sections_run.profile,
     sections_run.bias,
     sections_model.ladder,
@@ -63,7 +64,7 @@ def render(analysis: Analysis) -> str:
         numbers=headlines(analysis),
         warnings=analysis.warnings,
         sections=sections,
-        run=manifest.get("run", analysis.run.path.name),
+        source=f"run folder {manifest.get('run', analysis.run.path.name)}",
         version=__version__,
         css=Markup(_asset("report.css")),
         plotly=Markup(_plotly(sections)) if drawn else "",

@@ -62,7 +62,7 @@ def _root(run: Path) -> Path:
 
 
 def _runs(content: dict[str, Any]) -> list[str]:
-    found = [content, *content.get("units", ())]
+    found = [content, *content.get("units", ()), content.get("verification")]
     return [str(entry["run"]) for entry in found if isinstance(entry, dict) and entry.get("run")]
 
 
@@ -70,7 +70,7 @@ def listing(root: Path, where: str | None, unit: str | None, most: int) -> Answe
     """`bench registry list`: runs, the newest first."""
     from bench.registry.asking import runs
 
-    with _existing(root, where) as registry:
+    with existing(root, where) as registry:
         found, url = runs(registry, unit, most), registry.url
     columns = (("unit", "unit"), ("created", "created"), ("profile", "profile"), ("state", "state"),
                ("verdict", "verdict"), ("judged", "limits"), ("path", "run"))  # fmt: skip
@@ -83,7 +83,7 @@ def show(root: Path, where: str | None, name: str) -> Answer:
     from bench.registry.asking import plain
     from bench.registry.asking import show as ask
 
-    with _existing(root, where) as registry:
+    with existing(root, where) as registry:
         content = ask(registry, name)
     lines: list[str] = []
     for title, found in content.items():
@@ -156,7 +156,7 @@ def equipment(root: Path, where: str | None, on: date) -> Answer:
     from bench.registry.asking import equipment as ask
     from bench.registry.asking import plain
 
-    with _existing(root, where) as registry:
+    with existing(root, where) as registry:
         found = [plain(row) for row in ask(registry)]
     for row in found:
         row["state"] = (
@@ -169,7 +169,8 @@ def equipment(root: Path, where: str | None, on: date) -> Answer:
     )
 
 
-def _existing(root: Path, where: str | None) -> Registry:
+def existing(root: Path, where: str | None) -> Registry:
+    """The registry that is there; InputError, with the way to one, where the archive has none."""
     from bench.registry.opening import FILE
 
     if where is None and not (root / FILE).is_file():
