@@ -7,6 +7,7 @@ import json
 import os
 import re
 import resource
+import shutil
 import signal
 import time
 from dataclasses import dataclass, field
@@ -141,8 +142,8 @@ def once(action, at_s=AT_S):
 
 
 def rehearsal(lab, case):
-    ends_early = "trip" in case.data or "for good" in case.name or "end of the run" in case.data
-    return lab.run(lab.job(case, LONG if ends_early and "highest" not in case.name else PROFILE))
+    commanded_again = any(fault["fault"] == "limits" for fault in case.faults)
+    return lab.run(lab.job(case, PROFILE if case.state == "done" or commanded_again else LONG))
 
 
 def four(lab, case):
@@ -231,21 +232,28 @@ def real(number):
     return run
 
 
+def tear(run, at):
+    for journal in run.journal.iterdir():
+        os.truncate(journal, at(journal.stat().st_size))
+
+
 def power_cut(lab, case):
-    """The journals as they stood at some byte: torn at random, then resumed."""
+    """The journals as they stood at some byte: torn at random; the last one is resumed."""
     rng = np.random.default_rng(5)
 
     def cut(station):
-        import shutil
-
         shutil.copytree(lab.path / "out", lab.path / "cut")
 
     run_job(lab.job(case), once(cut, 60))
     (folder,) = (lab.path / "cut").glob("*/*")
     run = RunFolder(folder)
-    for journal in run.journal.iterdir():
-        size = journal.stat().st_size
-        os.truncate(journal, size - int(rng.integers(1, 3000)))
+    for n in range(8):
+        torn = RunFolder(shutil.copytree(folder, lab.path / f"torn{n}"))
+        tear(torn, lambda size: int(rng.integers(2000, size)))
+        manifest = assemble(torn)
+        assert (manifest["state"], manifest["losses"]["lost"]) == ("aborted", 0)
+        check_data(case, torn, manifest["losses"])
+    tear(run, lambda size: size - int(rng.integers(1, 3000)))
     profile, station = from_text(PROFILE), lab.settings(case)
     text = json.dumps(acquisition.station_content())
     continuation = plan(run, profile, station)
