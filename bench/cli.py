@@ -427,8 +427,10 @@ def export(run_folder: Path, format_: str, out: Path | None, **wishes: Any) -> A
 @click.option("--laboratory", type=click.Path(path_type=Path), help="Laboratory, customer, who signs (YAML).")
 @click.option("--issued", help="Day of issue, YYYY-MM-DD; default: today (UTC).")
 @click.option("--out", type=click.Path(path_type=Path), help="The PDF; default: certificate.pdf in the run folder.")
+@registry_option
 @json_option
 @_answer
+@_registers(begin=False)
 def certificate(run_folder: Path, out: Path | None, **wishes: Any) -> Answer:
     """Certificate of RUN as PDF, the same facts as JSON attached and beside it; refused where nothing is proven."""
     from bench.workflow import certifying

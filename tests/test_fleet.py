@@ -249,3 +249,17 @@ def test_a_filter_that_finds_nothing_is_bad_input(made, pattern, said):
     answer = bench("fleet", "--out", made[0], "--unit-filter", pattern)
     assert answer.exit_code == 2
     assert said in answer.stderr
+
+
+def test_a_certificate_says_more_than_the_report(tmp_path):
+    root = tmp_path / "reports"
+    folder = station(root, "U-1", "A", 1.0, residual=0.1)
+    (folder / "limits.json").write_text(json.dumps({"name": "line", "verdict": "PASS", "results": []}))
+    results = [{"name": "bias_span_dph", "unit": "deg/h", "value": 7.5}]
+    certificate = {"number": "C-1", "verdict": "FAIL", "issued": "2026-04-01", "operator": "Ada", "results": results}
+    (folder / "certificate.json").write_text(json.dumps(certificate))
+    bench("registry", "rebuild", "--out", root)
+    shown = json.loads(bench("registry", "show", "U-1/" + folder.name, "--out", root, "--json").stdout)
+    assert shown["certificates"][0]["number"] == "C-1"
+    assert {"bias_span_dph": 7.5}.items() <= {one["name"]: one["value"] for one in shown["quantities"]}.items()
+    assert bench("fleet", "--out", root).exit_code == 1

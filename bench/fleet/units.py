@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 
 import numpy as np
-from sqlalchemy import select
+from sqlalchemy import func, select
 
 from bench.channels import FloatArray
 from bench.errors import InputError
@@ -31,6 +31,7 @@ class Calibrated:
     created: str
     time_s: float
     judged: str | None
+    """Verdict of its certificate, or else of its report."""
     limits: str | None
     values: Mapping[str, float] = field(default_factory=dict)
 
@@ -77,11 +78,13 @@ def fleet(registry: Registry, pattern: str | None = None) -> Fleet:
 
 def _rows(registry: Registry) -> tuple[list[dict[str, str]], dict[str, dict[str, float]], dict[str, str]]:
     run, calibration, unit, quantity = (TABLES[name] for name in ("runs", "calibrations", "units", "quantities"))
+    certificate = TABLES["certificates"]
+    judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
+    columns = (run.c.id, run.c.unit, run.c.station, run.c.created, unit.c.lot)
     chosen = (
-        select(
-            run.c.id, run.c.unit, run.c.station, run.c.created, unit.c.lot, calibration.c.judged, calibration.c.limits
-        )
+        select(*columns, judged, calibration.c.limits)
         .join_from(run, calibration)
+        .join(certificate, certificate.c.run == run.c.id, isouter=True)
         .join(unit, unit.c.serial == run.c.unit)
         .where(run.c.created.is_not(None))
         .order_by(run.c.created, run.c.id)

@@ -123,7 +123,7 @@ def of_run(folder: RunFolder, ledger: Ledger) -> Rows:
         put(rows, "calibrations", {**row, "judged": _text(judged.get("verdict")), "limits": _text(judged.get("name"))})
     if certificate is not None:
         put(rows, "certificates", _certificate(run, certificate, sha256(folder.path / "certificate.json")))
-    for name, unit_of, value in _quantities(calibration or {}, judged):
+    for name, unit_of, value in _quantities(calibration or {}, certificate or {}, judged):
         put(rows, "quantities", {"run": run, "name": name, "unit": unit_of, "value": value})
     return rows
 
@@ -156,16 +156,12 @@ def _calibration(run: str, content: Mapping[str, Any], file_sha256: str) -> Row:
 def _certificate(run: str, content: Mapping[str, Any], file_sha256: str) -> Row:
     return {
         "run": run,
-        "number": _text(content.get("number") or content.get("id")),
-        "verdict": _text(_word(content.get("verdict"))),
+        "number": _text(content.get("number")),
+        "verdict": _text(content.get("verdict")),
         "issued": _text(content.get("issued")),
         "operator": _text(content.get("operator")),
         "file_sha256": file_sha256,
     }
-
-
-def _word(verdict: object) -> object:
-    return (verdict.get("word") or verdict.get("verdict")) if isinstance(verdict, dict) else verdict
 
 
 _NOISE = {
@@ -175,7 +171,9 @@ _NOISE = {
 }
 
 
-def _quantities(calibration: Mapping[str, Any], judged: Mapping[str, Any]) -> Iterator[tuple[str, str | None, float]]:
+def _quantities(
+    calibration: Mapping[str, Any], certificate: Mapping[str, Any], judged: Mapping[str, Any]
+) -> Iterator[tuple[str, str | None, float]]:
     """Name, unit and value of what tells how good the unit is; the numbers that were judged stand before others."""
     noise, residual = calibration.get("noise") or {}, calibration.get("residual") or {}
     held_out: Mapping[str, Any] = next(iter(residual.get("held_out") or ()), {})
@@ -187,7 +185,7 @@ def _quantities(calibration: Mapping[str, Any], judged: Mapping[str, Any]) -> It
     for entry in noise.get("coefficients") or ():
         if entry.get("name") in _NOISE and entry.get("determined", True):
             found.append((*_NOISE[entry["name"]], entry.get("value")))
-    for entry in judged.get("results") or ():
+    for entry in (*(certificate.get("results") or ()), *(judged.get("results") or ())):
         if isinstance(entry, dict) and entry.get("name"):
             found.append((str(entry["name"]), _text(entry.get("unit")), entry.get("value")))
     for name, unit, value in found:

@@ -115,7 +115,7 @@ class Certificate(Table):
 
 
 class Quantity(Table):
-    """A number that says how good a unit is, from limits.json of its run, or else from its calibration."""
+    """A number that says how good a unit is, from limits.json of its run, its certificate, or its calibration."""
 
     __tablename__ = "quantities"
     run: Mapped[str] = mapped_column(ForeignKey("runs.id"), primary_key=True)
