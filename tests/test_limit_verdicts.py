@@ -133,6 +133,19 @@ def test_scale_factor_of_a_turned_unit_is_the_one_that_was_put_in(tmp_path):
     assert 0.3 < found["scale_factor_nonlinearity_ppm"].value < 1.2
 
 
+def test_scale_factor_at_one_temperature_and_a_bias_that_does_not_contain_it(tmp_path):
+    made = ramp_run([("soak", "soak", 25.0, 6000.0)], loop_dph=0.0)
+    columns = made["columns"]
+    applied = np.array([0.0, 50.0, -50.0, 100.0, -100.0])[(columns["time"] // 300.0).astype(int) % 5]
+    columns["applied_rate"] = applied
+    columns["rate"] = columns["rate"] + 3600.0 * applied * (1.0 + 1e-6 * 300.0)
+    found = {quantity.name: quantity for quantity in quantities(quick(make_run(tmp_path / "turned", **made)))}
+    assert found["scale_factor_error_ppm"].value == pytest.approx(300.0, abs=1.0)
+    assert "less than 10 degC" in found["scale_factor_temperature_ppm_per_degc"].reason
+    assert found["scale_factor_nonlinearity_ppm"].value < 1.0
+    assert found["bias_span_dph"].value < 3.0
+
+
 def test_what_a_static_curve_leaves_of_a_loop_is_refused_as_a_gap_between_the_branches(whole):
     assert any("lacks an effect with memory" in text for text in refusals(whole))
 
@@ -185,6 +198,9 @@ def test_report_writes_the_verdict_and_its_exit_code_is_the_limits(tmp_path):
     assert answers["tight"].content["limits"]["verdict"] == "FAIL"
     assert json.loads((run / "limits.json").read_text()) == answers["tight"].content["limits"]
     assert "FAIL against limits 'tight'" in answers["tight"].text
+    page = (run / "report.html").read_text()
+    assert page.index('id="limits"') < page.index('id="profile"')
+    assert "FAIL against the limits" in page
 
 
 def test_shipped_limits_name_quantities_that_exist():

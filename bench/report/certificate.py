@@ -23,6 +23,7 @@ from bench.limits import COVERAGE, MEANING, PROBABILITY
 from bench.report.budget import Budget
 from bench.report.evidence import Evidence
 from bench.report.provenance import commit
+from bench.report.quantities import standing
 from bench.store import MANIFEST, sha256
 
 FORMAT = 1
@@ -155,7 +156,9 @@ def _range(values: FloatArray) -> tuple[float, float]:
 def _as_found(evidence: Evidence) -> dict[str, Any]:
     identity = evidence.manifest.get("unit_identity") or {}
     state = identity.get("coefficient_set")
-    return {**_figures(evidence.source.dataset.bias), "what": (
+    still = standing(evidence.source.dataset)
+    data = still if np.any(np.isfinite(still.bias)) else evidence.source.dataset
+    return {**_figures(data.bias), "what": (
         f"output with coefficient set {state} in force" if state else "output without correction"
     )}  # fmt: skip
 

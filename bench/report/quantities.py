@@ -30,6 +30,9 @@ _MEDIAN = 1.2533
 """Standard error of a median over that of the mean, sqrt(pi / 2); of two values in each branch, the least there are."""
 _ROWS = 1200
 """Means that the noise is estimated from, at most (bench/noise/estimate.py)."""
+_STANDS_DPS = 0.1
+_LEAST_DEGC = 10.0
+"""Change of temperature from which on the scale factor is fitted over it."""
 _NOISE = (
     ("angle_random_walk_dprh", "white"),
     ("bias_instability_dph", "flicker"),
@@ -49,13 +52,14 @@ def quantities(analysis: Analysis) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
-def _of_bias(data: Dataset, white_dph: float) -> Iterator[Quantity]:
+def _of_bias(whole: Dataset, white_dph: float) -> Iterator[Quantity]:
+    data = standing(whole)
     bias = data.bias[np.isfinite(data.bias)]
     if bias.size:
         yield Quantity.expanded("bias_span_dph", float(np.ptp(bias)), np.sqrt(2.0) * white_dph)
         yield Quantity.positive("bias_max_dph", float(np.abs(bias).max()), white_dph)
     yield _loop("thermal_hysteresis_dph", data, white_dph)
-    temperature = np.sort(data.channel("temperature")[np.isfinite(data.bias)])
+    temperature = np.sort(whole.channel("temperature")[np.isfinite(whole.bias)])
     if temperature.size:
         yield Quantity.exact("lowest_temperature_degc", float(temperature[0]))
         yield Quantity.exact("highest_temperature_degc", float(temperature[-1]))
@@ -63,7 +67,7 @@ def _of_bias(data: Dataset, white_dph: float) -> Iterator[Quantity]:
 
 
 def _loop(name: str, data: Dataset, white_dph: float, values: FloatArray | None = None) -> Quantity:
-    gap = branch_gap(data, values)
+    gap = branch_gap(data, values) if bool(np.any(np.isfinite(data.bias))) else None
     if gap is None:
         return Quantity(name, reason="no temperature was passed both heating and cooling")
     return Quantity.positive(name, abs(gap[0]), _MEDIAN * white_dph)
@@ -154,17 +158,46 @@ def _of_scale(data: Dataset, white_dph: float) -> Iterator[Quantity]:
     if applied is None or turned is None or np.unique(turned[np.isfinite(turned)]).size < 3:
         yield from (Quantity(name, reason="the unit was not turned at three rates or more") for name in names)
         return
-    line = Model("scale", (effects.make("polynomial", {"order": 3}), effects.make("scale_factor_temperature")))
     try:
-        found = fit(line, data)
+        line, left = _line(data, applied) if np.ptp(_present(data)) < _LEAST_DEGC else _line_over_temperature(data)
     except InputError as error:
         yield from (Quantity(name, reason=str(error)) for name in names)
         return
-    known = {c.key.rsplit(".", 1)[-1]: c for c in found.coefficients}
-    yield Quantity.expanded(names[0], known["s0"].value, known["s0"].std)
-    yield Quantity.expanded(names[1], known["s1"].value, known["s1"].std)
-    left = data.bias - found.predict(data).bias
+    yield from line
     full_dph = DPH_PER_DPS * float(np.nanmax(np.abs(applied)))
     groups = [left[(turned == rate) & np.isfinite(left)] for rate in np.unique(turned[np.isfinite(turned)])]
     off = max((abs(float(group.mean())), group.size) for group in groups if group.size)
     yield Quantity.positive(names[2], 1e6 * off[0] / full_dph, 1e6 * white_dph / np.sqrt(off[1]) / full_dph)
+
+
+def _line(data: Dataset, applied: FloatArray) -> tuple[list[Quantity], FloatArray]:
+    """At one temperature: slope of the bias over the rate, and what it leaves (n,) [deg/h]."""
+    rows = np.isfinite(data.bias) & np.isfinite(applied)
+    (slope, constant), covariance = np.polyfit(applied[rows], data.bias[rows], 1, cov=True)
+    ppm = 1e6 / DPH_PER_DPS
+    error = Quantity.expanded("scale_factor_error_ppm", ppm * float(slope), ppm * float(np.sqrt(covariance[0, 0])))
+    reason = f"the temperature moves by less than {_LEAST_DEGC:g} degC"
+    left: FloatArray = data.bias - constant - slope * applied
+    return [error, Quantity("scale_factor_temperature_ppm_per_degc", reason=reason)], left
+
+
+def _line_over_temperature(data: Dataset) -> tuple[list[Quantity], FloatArray]:
+    """The same with a slope that changes with temperature, beside a cubic bias."""
+    cubic = effects.make("polynomial", {"order": 3})
+    found = fit(Model("scale", (cubic, effects.make("scale_factor_temperature"))), data)
+    known = {c.key.rsplit(".", 1)[-1]: c for c in found.coefficients}
+    pairs = (("scale_factor_error_ppm", "s0"), ("scale_factor_temperature_ppm_per_degc", "s1"))
+    line = [Quantity.expanded(name, known[key].value, known[key].std) for name, key in pairs]
+    return line, data.bias - found.predict(data).bias
+
+
+def _present(data: Dataset) -> FloatArray:
+    temperature = data.channel("temperature")
+    present: FloatArray = temperature[np.isfinite(temperature)]
+    return present
+
+
+def standing(data: Dataset) -> Dataset:
+    """The rows in which no rate table turns: elsewhere the scale factor is part of the bias."""
+    applied = data.channels.get("applied_rate")
+    return data if applied is None else data.select(~(np.abs(applied) > _STANDS_DPS))
