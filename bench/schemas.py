@@ -10,6 +10,7 @@ from bench import config
 from bench.importer.columns import ColumnMap
 from bench.laboratory import EquipmentFile, Laboratory
 from bench.limits import Limits
+from bench.plan import Plan
 from bench.profile import Profile
 from bench.station import StationSettings
 
@@ -20,6 +21,7 @@ SCHEMAS: dict[str, type[BaseModel]] = {
     "limits": Limits,
     "equipment": EquipmentFile,
     "laboratory": Laboratory,
+    "plan": Plan,
 }
 """Kinds of files, by the name of their schema."""
 
