@@ -57,7 +57,7 @@ def jobs(options: argparse.Namespace) -> Iterator[Job]:
     everything = list(_everything(options))
     first = [job for job in everything if _telling(job)]
     yield from first
-    yield from (job for job in everything if not _telling(job))
+    yield from sorted((job for job in everything if not _telling(job)), key=lambda job: -KINDS.index(job.kind))
 
 
 def _everything(options: argparse.Namespace) -> Iterator[Job]:

@@ -22,7 +22,7 @@ from bench.noise.whitening import Ratios, Whitener, whiteners
 _PER_DECADE = 16
 _LOWEST, _HIGHEST = -3 * _PER_DECADE, 3 * _PER_DECADE
 _ZERO = _LOWEST - _PER_DECADE  # lattice index that stands for a ratio of exactly zero
-_MOST_KEPT = 1500  # whiteners to an axis, half a megabyte each for a thousand rows; one diagnosis needs some 500
+_MOST_KEPT = 1000  # whiteners to an axis, half a megabyte each for a thousand rows; one diagnosis needs some 500
 Point = tuple[int, int]
 
 
@@ -67,7 +67,7 @@ def gls(X: FloatArray, y: FloatArray, whitener: Whitener, sigma2: float | None =
     return Gls(beta, variance * (half @ half.T), rss, residual)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=4)
 def _kept(times: bytes, white: bytes, interval_s: float) -> dict[Point, Whitener]:
     """The whiteners of rows at these times that were made so far: records of one profile share them."""
     return {}
