@@ -154,7 +154,10 @@ def flash(
 def newest_record(out: Path, unit: str) -> dict[str, Any] | None:
     """The record of the last flash of this unit that succeeded; None when there is none."""
     records = [_json(path) for path in sorted((out / slug(unit) / "flash").glob("*.json"))]
-    return next((record for record in reversed(records) if record.get("state") == "done"), None)
+    found = next((record for record in reversed(records) if record.get("state") == "done"), None)
+    if found is not None and found.get("run") and not Path(found["run"]).is_dir():
+        found["run"] = str(out / slug(unit) / Path(found["run"]).name)  # the whole folder was moved
+    return found
 
 
 def _record(settings: StationSettings, unit: UnitSettings, calibration: Calibration, now: datetime) -> dict[str, Any]:

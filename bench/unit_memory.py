@@ -105,8 +105,14 @@ class Output:
 
     def _silence(self, unit: LiveUnit) -> None:
         number = _set_of(unit)
-        with self._store(unit) as store:
-            store.compensate(False)
+        try:
+            with self._store(unit) as store:
+                store.compensate(False)
+        except DriverError as error:
+            text = f"unit {unit.serial} corrects its rate (coefficient set {number}) and cannot be told to stop"
+            raise EquipmentError(
+                f"not started: {text}: {error}; see `flash` of the unit in the station file"
+            ) from error
         self._silenced.append(unit)
         self._wait(lambda: not _set_of(unit), f"unit {unit.serial} still corrects its rate")
         text = f"unit {unit.serial} sends its raw rate for this run (coefficient set {number} is off)"
