@@ -117,6 +117,7 @@ class GyroDecoder:
         self._track = CounterTrack(self.counter_bits, self._interval_ns, late_s)
         self._reference: Reference | None = None  # the last sound rate frame
         self._said = b""  # the last heartbeats, as long as they are no news
+        self._claim: tuple[int, ...] = ()  # who the last heartbeat says that it is
         self._booted = False  # a boot-up heartbeat arrived and no rate frame since
 
     def decode(self, frames: FrameArray) -> GyroBlock:
@@ -189,12 +190,16 @@ class GyroDecoder:
             return at[:0]
         raw = {name: signal.unpack(data) for name, signal in self._heartbeat.signals.items()}
         one = self._impostors.heard(raw["Serial"].tolist())
-        last = {name: int(values[-1]) for name, values in raw.items()}
-        if last["Serial"] == self.serials[-1]:  # another one may be a flipped bit, until it comes again
-            known = last.get("Firmware", 0), last.get("CoefficientSet", 0), last["State"]
-            self.identity = Identity(last["Serial"], *known)
+        absent = np.zeros(len(at), dtype=np.int64)
+        fields = (raw.get(name, absent).tolist() for name in ("Serial", "Firmware", "CoefficientSet"))
+        for claim in zip(*fields, strict=True):  # another one may be a flipped bit, until it comes again
+            sure = self.identity is None or claim == self._claim
+            self._claim = claim
+            if sure:
+                serial, firmware, coefficient_set = claim
+                self.identity = Identity(serial, firmware, coefficient_set, int(raw["State"][-1]))
         boot: IntArray = at[raw["State"] == BOOT_UP]
-        self._said = said if one and not len(boot) else b""
+        self._said = said if one and sure and not len(boot) else b""
         return boot
 
     def _boot_rows(self, at: IntArray, boot: IntArray) -> IntArray:

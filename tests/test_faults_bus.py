@@ -240,3 +240,22 @@ def test_a_fault_that_does_not_exist_is_refused(bench):
     with pytest.raises(ValueError, match="must be one of loss"):
         bench.bus.inject("nonsense")
     assert len(FAULTS) == 11
+
+
+def test_a_heartbeat_with_a_flipped_bit_is_not_believed_and_one_that_comes_again_is(bench):
+    def say(serial: int, coefficient_set: int, times: int) -> None:
+        bench.gyro.serial, bench.gyro.coefficient_set = serial, coefficient_set
+        bench.run(times)
+        bench.gyro.serial, bench.gyro.coefficient_set = SERIAL, 0
+
+    for serial, coefficients in ((SERIAL + 256, 0), (SERIAL, 64), (SERIAL + 256, 0)):
+        say(serial, coefficients, 1)
+        bench.run(4)
+        assert (bench.decoder.identity.serial, bench.decoder.identity.coefficient_set) == (SERIAL, 0)
+    assert bench.decoder.conflict is None
+    say(SERIAL, 64, 2)
+    assert bench.decoder.identity.coefficient_set == 64
+    bench.run(2)
+    say(SERIAL + 1, 0, 2)
+    assert bench.decoder.identity.serial == SERIAL + 1
+    assert bench.decoder.conflict is not None
