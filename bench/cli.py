@@ -206,6 +206,19 @@ def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, 
 
 
 @main.command()
+@click.argument("a", metavar="A", type=click.Path(path_type=Path))
+@click.argument("b", metavar="B", type=click.Path(path_type=Path))
+@effect_option
+@json_option
+@_answer
+def diff(a: Path, b: Path) -> Answer:
+    """What differs between the runs A and B, of one unit or of two: settings, coefficients, residuals, curves."""
+    from bench.workflow import comparing
+
+    return comparing.diff(a, b)
+
+
+@main.command()
 @live_argument
 @out_option
 @json_option

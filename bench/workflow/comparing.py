@@ -17,3 +17,11 @@ def replay(runs: Sequence[Path], models: Sequence[str], others: Sequence[Path]) 
     identical = all(one.identical for one in found)
     text = "\n".join(line for one in found for line in lines(one))
     return Answer({"identical": identical, "runs": [one.to_json() for one in found]}, text, 0 if identical else 1)
+
+
+def diff(a: Path, b: Path) -> Answer:
+    """`bench diff`: only what differs between two runs, worst first."""
+    from bench.difference.differing import difference, lines
+
+    found = difference(a, b)
+    return Answer(found, "\n".join(lines(found)))
