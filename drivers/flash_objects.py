@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Literal, NamedTuple
+from typing import Literal
 
 BANKS = (1, 2)
 BANK_BYTES = 4000
@@ -41,12 +41,12 @@ class Addresses:
         return cls(protocol, NODE_BASE + number, UDS_REQUEST + number, UDS_ANSWER + number)
 
 
-
 PAGE_WORDS = 128
 _PAGES = {1: 0x2200, 2: 0x2300}
 
 
-class Object(NamedTuple):
+@dataclass(frozen=True)
+class Object:
     """Where a value stands: CANopen index and sub-index, UDS data identifier, and its length [bytes], 0: varies."""
 
     index: int
