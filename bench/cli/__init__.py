@@ -1,0 +1,53 @@
+"""The command line: parse, call, print. Heavy imports live inside the commands, so that `--help` is quick.
+
+Exit codes: 0 done and within limits; 1 done, outside limits; 2 bad input; 3 aborted by operator or guard (safe state
+reached); 4 equipment failed. Every command that answers takes `--json`: one object on stdout, all else on stderr.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import click
+
+from bench import __version__
+from bench.cli import analyse, deliver, measure, stock
+
+SECTIONS: dict[str, Sequence[click.Command]] = {
+    "Measure": (measure.run, measure.check, measure.doctor, measure.sim, measure.init),
+    "Live runs": (measure.status, measure.hold, measure.pause, measure.resume, measure.abort),
+    "Understand": (
+        analyse.report, analyse.compare, analyse.diagnose, analyse.add, analyse.improve, analyse.effects,
+        analyse.import_, analyse.replay, analyse.diff, analyse.mystery, analyse.reveal,
+    ),
+    "Deliver": (deliver.calibrate, deliver.export, deliver.flash, deliver.verify, deliver.certificate),
+    "Many units": (stock.fleet, stock.registry),
+}  # fmt: skip
+
+
+class Sections(click.Group):
+    """A group whose help lists its commands by what they are for."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """One table a section, in the order of the work."""
+        width = max(len(name) for name in self.commands)
+        room = formatter.width - 6 - width
+        for title, commands in SECTIONS.items():
+            with formatter.section(title):
+                formatter.write_dl(
+                    [(str(command.name).ljust(width), command.get_short_help_str(room)) for command in commands]
+                )
+
+
+@click.group(cls=Sections, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="bench")
+def main() -> None:
+    """Thermal test bench for gyroscopes: run a chamber, capture without loss, fit, diagnose, calibrate.
+
+    Start with `bench run profiles/ramp_-40_85.yaml`: it needs no equipment.
+    """
+
+
+for _commands in SECTIONS.values():
+    for _command in _commands:
+        main.add_command(_command)

@@ -1,0 +1,211 @@
+"""Commands on recorded runs: import, report, compare, diagnose, add, improve, effects, replay, diff, mysteries."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from bench.cli.options import (
+    answers,
+    check_option,
+    effect_option,
+    json_option,
+    limits_option,
+    model_argument,
+    model_option,
+    out_option,
+    registers,
+    registry_option,
+    runs_argument,
+    static_option,
+)
+
+if TYPE_CHECKING:
+    from bench.workflow.answer import Answer
+
+
+@click.command()
+@runs_argument
+@model_option
+@effect_option
+@check_option
+@static_option
+@json_option
+@answers
+def compare(
+    runs: tuple[Path, ...], models: tuple[str, ...], check_runs: tuple[Path, ...], static: Path | None
+) -> Answer:
+    """Model against measurement: in-sample and held-out error beside the noise floor, models side by side."""
+    from bench.workflow import analysis
+
+    return analysis.compare(runs, models, check_runs, static)
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@model_option
+@effect_option
+@check_option
+@static_option
+@limits_option
+@registry_option
+@json_option
+@answers
+@registers(begin=False)
+def report(
+    run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ...], static: Path | None, limits: Path | None
+) -> Answer:
+    """Analyse RUN again and write its report; a killed run is recovered from its journals first.
+
+    Its diagnosis is made anew with the --static and --check runs given, and saved as diagnosis.json; one that was made
+    with more runs is kept as diagnosis-before.json, and the report says so.
+    """
+    from bench.workflow import analysis
+
+    return analysis.report(run_folder, models, check_runs, static, limits)
+
+
+@click.command()
+@runs_argument
+@click.option("--model", "models", multiple=True, help="Model of its analysis that the run does not keep; repeatable.")
+@click.option("--with", "others", multiple=True, type=click.Path(path_type=Path), help="Further run of its analysis.")
+@effect_option
+@json_option
+@answers
+def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, ...]) -> Answer:
+    """Make the numbers of each RUN again from its raw frames; exit code 1 where a bit differs, and what it is."""
+    from bench.workflow import comparing
+
+    return comparing.replay(runs, models, others)
+
+
+@click.command()
+@click.argument("a", metavar="A", type=click.Path(path_type=Path))
+@click.argument("b", metavar="B", type=click.Path(path_type=Path))
+@effect_option
+@json_option
+@answers
+def diff(a: Path, b: Path) -> Answer:
+    """What differs between the runs A and B, of one unit or of two: settings, coefficients, residuals, curves."""
+    from bench.workflow import comparing
+
+    return comparing.diff(a, b)
+
+
+@click.command("import")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--columns", type=click.Path(path_type=Path), help="Column map (YAML): which column, which unit.")
+@click.option("--unit", "serial", default="unknown", show_default=True, help="Serial number of the unit.")
+@click.option("--dbc", type=click.Path(path_type=Path), help="Layout of a CAN log (BLF, ASC).")
+@click.option("--preview", is_flag=True, help="Only say what was understood; write nothing.")
+@out_option
+@registry_option
+@json_option
+@answers
+@registers(begin=True)
+def import_(file: Path, serial: str, out: Path, columns: Path | None, dbc: Path | None, preview: bool) -> Answer:
+    """Make a run folder of somebody else's FILE: CSV, Parquet, MF4, BLF or ASC."""
+    from bench.workflow import analysis
+
+    return analysis.import_table(file, columns, serial, dbc, None if preview else out)
+
+
+@click.command()
+@runs_argument
+@model_argument
+@check_option
+@static_option
+@click.option("--plan", type=click.Path(path_type=Path), help="Where to write the profile that would separate a tie.")
+@effect_option
+@json_option
+@answers
+def diagnose(
+    runs: tuple[Path, ...],
+    check_runs: tuple[Path, ...],
+    static: Path | None,
+    model: str,
+    plan: Path | None,
+) -> Answer:
+    """Where the model fails, which physical effect is missing, and which experiment would tell."""
+    from bench.workflow import diagnosis
+
+    return diagnosis.diagnose(runs, check_runs, static, model, plan)
+
+
+@click.command()
+@click.argument("effect")
+@model_argument
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="The new model file.")
+@effect_option
+@json_option
+@answers
+def add(effect: str, model: str, out: Path) -> Answer:
+    """Write a model with one more EFFECT; then `bench compare` shows whether the error falls."""
+    from bench.workflow import diagnosis
+
+    return diagnosis.add(effect, model, out)
+
+
+@click.command()
+@click.argument("action", type=click.Choice(["list", "show"]), default="list")
+@click.argument("name", required=False)
+@effect_option
+@json_option
+@answers
+def effects(action: str, name: str | None) -> Answer:
+    """The catalogue of physical effects; `show NAME` explains and draws one."""
+    from bench.workflow import diagnosis
+
+    if (action == "show") != (name is not None):
+        raise click.UsageError("`bench effects` lists all, `bench effects show NAME` explains one")
+    return diagnosis.effects() if name is None else diagnosis.show_effect(name)
+
+
+@click.command()
+@runs_argument
+@model_argument
+@check_option
+@static_option
+@click.option("--out", type=click.Path(path_type=Path), help="Write the model that the walk ends with.")
+@effect_option
+@json_option
+@answers
+def improve(
+    runs: tuple[Path, ...],
+    check_runs: tuple[Path, ...],
+    static: Path | None,
+    model: str,
+    out: Path | None,
+) -> Answer:
+    """The whole walk unattended: diagnose, add, prove on unseen data, until nothing more pays."""
+    from bench.workflow import diagnosis
+
+    return diagnosis.improve(runs, check_runs, static, model, out)
+
+
+@click.command()
+@click.option("--seed", type=click.IntRange(0), help="Same seed, same unit; default: a random one.")
+@click.option("--effects", "count", type=click.IntRange(1), default=1, show_default=True, help="How many are hidden.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("mystery"), show_default=True, help="Its folder.")
+@json_option
+@answers
+def mystery(seed: int | None, count: int, out: Path) -> Answer:
+    """Record a simulated unit with hidden effects, a check run and an isothermal run, and tell nothing."""
+    from bench.workflow import diagnosis
+
+    return diagnosis.mystery(seed, count, out)
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@model_argument
+@effect_option
+@json_option
+@answers
+def reveal(folder: Path, model: str) -> Answer:
+    """Open the envelope of a mystery in FOLDER and score your model against the truth."""
+    from bench.workflow import diagnosis
+
+    return diagnosis.reveal(folder, model)

@@ -1,0 +1,128 @@
+"""Commands that take a calibration to its unit: export, flash, verify, certificate, calibrate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bench.cli.options import (
+    answers,
+    json_option,
+    limits_option,
+    out_option,
+    registers,
+    registry_option,
+    station_option,
+)
+
+if TYPE_CHECKING:
+    from bench.workflow.answer import Answer
+
+
+def _address(context: click.Context, parameter: click.Parameter, text: str) -> int:
+    """An address of 32 bits, decimal or 0x..."""
+    try:
+        address = int(text, 0)
+    except ValueError:
+        address = -1
+    if not 0 <= address < 1 << 32:
+        raise click.BadParameter(f"{text!r} is not an address from 0 to 0xFFFFFFFF", context, parameter)
+    return address
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--format", "format_", required=True, help="json, csv, c, hex, srec, eeprom or a2l.")
+@click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
+@click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
+@click.option("--serial", type=click.IntRange(0, 2**32 - 1), help="Default: the digits of the unit's serial number.")
+@click.option("--sample-hz", type=click.FloatRange(1e-3, 1e5), default=500.0, show_default=True, help="The unit's own.")
+@click.option("--name", default="calibration", show_default=True, help="Name of the files, and of the C functions.")
+@click.option("--address", default="0", callback=_address, help="Of the image in hex, srec and a2l, such as 0x8000.")
+@click.option("--force", is_flag=True, help="Deliver a calibration that must not be trusted; the answer says why.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of the files; default: export in the run folder.")
+@json_option
+@answers
+def export(run_folder: Path, format_: str, out: Path | None, **wishes: Any) -> Answer:
+    """The calibration of RUN for its unit: C code, EEPROM image, hex files; worst error of each embedded form."""
+    from bench.export.delivering import Wishes
+    from bench.workflow import delivering
+
+    return delivering.export(run_folder, format_, Wishes(**wishes), out)
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--verification", type=click.Path(path_type=Path), help="Independent run of the calibrated unit.")
+@limits_option
+@click.option("--equipment", type=click.Path(path_type=Path), help="Reference equipment with its due dates (YAML).")
+@click.option("--laboratory", type=click.Path(path_type=Path), help="Laboratory, customer, who signs (YAML).")
+@click.option("--issued", help="Day of issue, YYYY-MM-DD; default: today (UTC).")
+@click.option("--out", type=click.Path(path_type=Path), help="The PDF; default: certificate.pdf in the run folder.")
+@registry_option
+@json_option
+@answers
+@registers(begin=False)
+def certificate(run_folder: Path, out: Path | None, **wishes: Any) -> Answer:
+    """Certificate of RUN as PDF, the same facts as JSON attached and beside it; refused where nothing is proven."""
+    from bench.workflow import certifying
+
+    return certifying.certificate(run_folder, certifying.Wishes(**wishes), out)
+
+
+@click.command()
+@click.argument("unit")
+@click.option("--run", type=click.Path(path_type=Path), help="Take this run; default: the newest of the unit.")
+@click.option("--image", type=click.Path(path_type=Path), help="Write this image (docs/eeprom.md) as it is.")
+@click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
+@click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
+@click.option("--older", is_flag=True, help="Write a calibration that is older than the one in the unit.")
+@station_option
+@out_option
+@click.option("--quiet", is_flag=True, help="No progress display.")
+@json_option
+@answers
+def flash(unit: str, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
+    """Write a calibration into UNIT: other bank, read back, CRC, switch, reset, read again; the old one stays whole."""
+    from bench.workflow import flashing
+
+    return flashing.flash(unit, station, flashing.Wishes(**wishes), out, quiet)
+
+
+@click.command()
+@click.argument("profile", type=click.Path(path_type=Path))
+@click.option("--unit", "serial", required=True, help="Serial number.")
+@station_option
+@limits_option
+@out_option
+@click.option("--quiet", is_flag=True, help="No progress display.")
+@json_option
+@answers
+def verify(profile: Path, serial: str, station: Path | None, limits: Path | None, out: Path, quiet: bool) -> Answer:
+    """Run PROFILE with the unit's own correction on, and judge what it leaves; nothing is fitted."""
+    from bench.workflow import flashing
+
+    return flashing.verify(profile, serial, station, limits, out, quiet)
+
+
+@click.command()
+@click.option("--unit", "serial", required=True, help="Serial number of the unit.")
+@click.option("--plan", "plan", required=True, type=click.Path(path_type=Path), help="Plan file (YAML).")
+@station_option
+@click.option("--junit", type=click.Path(path_type=Path), help="Write JUnit XML here: steps and limits as test cases.")
+@click.option("--release", metavar="REASON", help="Go on with a job that is held; who decided, and why.")
+@click.option("--new", "anew", is_flag=True, help="Begin a new job where one by this plan exists.")
+@out_option
+@click.option("--quiet", is_flag=True, help="No progress display.")
+@registry_option
+@json_option
+@answers
+@registers(begin=True)
+def calibrate(serial: str, plan: Path, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
+    """From the shelf to a certificate: check, run, fit, diagnose, flash, verify, certificate; goes on where it was."""
+    from bench.production import command
+    from bench.production.order import Order
+
+    return command.run(Order.load(plan, station, serial, out, quiet), **wishes)

@@ -1,0 +1,160 @@
+"""Commands that need equipment, real or simulated: run, check, live runs, doctor, sim; and init."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bench.cli.options import (
+    answers,
+    effect_option,
+    json_option,
+    limits_option,
+    live_argument,
+    model_option,
+    out_option,
+    registers,
+    registry_option,
+    station_option,
+)
+
+if TYPE_CHECKING:
+    from bench.workflow.answer import Answer
+
+
+@click.command()
+@click.argument("profile", type=click.Path(path_type=Path))
+@station_option
+@click.option("--unit", "serials", multiple=True, help="Serial number; may be repeated. Default: all of the station.")
+@model_option
+@limits_option
+@click.option("--production", is_flag=True, help="Refuse to start without equipment whose calibrations are valid.")
+@click.option("--equipment", type=click.Path(path_type=Path), help="Reference equipment with its due dates (YAML).")
+@effect_option
+@out_option
+@click.option("--quiet", is_flag=True, help="No progress display.")
+@registry_option
+@json_option
+@answers
+@registers(begin=True)
+def run(profile: Path, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
+    """Run PROFILE: drive the chamber, capture the units, fit the models, write the reports."""
+    from bench.workflow import acquisition
+
+    return acquisition.run(profile, station, acquisition.Wishes(**wishes), out, quiet)
+
+
+@click.command()
+@click.argument("profile", type=click.Path(path_type=Path))
+@station_option
+@json_option
+@answers
+def check(profile: Path, station: Path | None) -> Answer:
+    """Say everything about PROFILE that can be known before anything moves."""
+    from bench.workflow import acquisition
+
+    return acquisition.check(profile, station)
+
+
+@click.command()
+@live_argument
+@out_option
+@json_option
+@answers
+def status(run_folder: Path | None, out: Path) -> Answer:
+    """What a live RUN does just now; without RUN: all of them."""
+    from bench.workflow import live
+
+    return live.status(run_folder, out)
+
+
+@click.command()
+@live_argument
+@out_option
+@json_option
+@answers
+def hold(run_folder: Path | None, out: Path) -> Answer:
+    """Hold a live RUN at once, where its chamber is; without RUN: the only one."""
+    from bench.workflow import live
+
+    return live.act("hold", run_folder, out)
+
+
+@click.command()
+@live_argument
+@out_option
+@json_option
+@answers
+def pause(run_folder: Path | None, out: Path) -> Answer:
+    """Hold a live RUN after its present segment; without RUN: the only one."""
+    from bench.workflow import live
+
+    return live.act("pause", run_folder, out)
+
+
+@click.command()
+@live_argument
+@click.option("--station", type=click.Path(path_type=Path), help="Station file, where the one of the run is outdated.")
+@effect_option
+@out_option
+@click.option("--quiet", is_flag=True, help="No progress display.")
+@json_option
+@answers
+def resume(run_folder: Path | None, station: Path | None, out: Path, quiet: bool) -> Answer:
+    """Go on: with a live RUN that holds, or with one whose bench was killed, from where its journals end."""
+    from bench.workflow import live
+
+    return live.resume(run_folder, station, out, quiet)
+
+
+@click.command()
+@live_argument
+@out_option
+@json_option
+@answers
+def abort(run_folder: Path | None, out: Path) -> Answer:
+    """End a live RUN and say what the safe state reached; asks nothing. Without RUN: the only one."""
+    from bench.workflow import live
+
+    return live.abort(run_folder, out)
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@json_option
+@answers
+def init(folder: Path) -> Answer:
+    """Copy the shipped profiles, stations and models to FOLDER/profiles, as your own."""
+    from bench.workflow import acquisition
+
+    return acquisition.init(folder)
+
+
+@click.command()
+@station_option
+@click.option("--modbus-port", type=click.IntRange(0, 65535), default=0, help="Port of the chamber; 0: any free one.")
+@click.option("--can-port", type=click.IntRange(0, 65535), default=0, help="Port of the CAN bus; 0: any free one.")
+@click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True, help="Times wall time.")
+@click.option("--write-station", type=click.Path(path_type=Path), help="Write the station file that drives it.")
+@json_option
+@answers
+def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, write_station: Path | None) -> Answer:
+    """Serve the simulated station on 127.0.0.1 until Ctrl-C: Modbus TCP, and CAN as python-can's `loopcan`."""
+    from bench.workflow import acquisition
+
+    return acquisition.sim(station, (modbus_port, can_port), speed, write_station)
+
+
+@click.command()
+@click.argument("station", required=False, type=click.Path(path_type=Path))
+@click.option("--listen", "listen_s", type=click.FloatRange(0.1, 600.0), default=2.0, help="Seconds at each bus.")
+@click.option("--contract", is_flag=True, help="Try the station's register map on a simulated controller instead.")
+@json_option
+@answers
+def doctor(station: Path | None, listen_s: float, contract: bool) -> Answer:
+    """Ask the equipment of STATION what it is, read-only, and say what agrees with the file and what does not."""
+    from bench.workflow import examination
+
+    return examination.contract(station) if contract else examination.doctor(station, listen_s)

@@ -1,0 +1,164 @@
+"""Commands on many units: registry and fleet."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from bench.cli.options import answers, json_option, model_argument, out_option, registry_option
+
+if TYPE_CHECKING:
+    from bench.workflow.answer import Answer
+
+
+@click.group()
+def registry() -> None:
+    """What units, runs, calibrations and equipment there are; run folders stay the truth."""
+
+
+@registry.command("list")
+@click.option("--unit", help="Only runs of this unit.")
+@click.option("--most", type=click.IntRange(1), default=50, show_default=True, help="Newest runs to list.")
+@out_option
+@registry_option
+@json_option
+@answers
+def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> Answer:
+    """The runs, newest first, with the verdicts of their calibrations."""
+    from bench.workflow import registering
+
+    return registering.listing(out, where, unit, most)
+
+
+@registry.command("show")
+@click.argument("name", metavar="UNIT|RUN")
+@out_option
+@registry_option
+@json_option
+@answers
+def registry_show(name: str, out: Path, where: str | None) -> Answer:
+    """All that is known of a unit or a run."""
+    from bench.workflow import registering
+
+    return registering.show(out, where, name)
+
+
+@registry.command("rebuild")
+@click.option("--check", "only_compare", is_flag=True, help="Change nothing; exit code 1 where something differs.")
+@out_option
+@registry_option
+@json_option
+@answers
+def registry_rebuild(only_compare: bool, out: Path, where: str | None) -> Answer:
+    """Make the rows again from the run folders, say what differed, and prove that they are equal."""
+    from bench.workflow import registering
+
+    return registering.rebuild(out, where, only_compare)
+
+
+@registry.command("lot")
+@click.argument("lot")
+@click.argument("serials", nargs=-1, required=True)
+@out_option
+@registry_option
+@json_option
+@answers
+def registry_lot(lot: str, serials: tuple[str, ...], out: Path, where: str | None) -> Answer:
+    """Say that the units SERIALS are of LOT."""
+    from bench.workflow import registering
+
+    entry = {"kind": "lot", "lot": lot, "units": list(serials)}
+    return registering.tell(out, where, entry, f"{len(serials)} units are of lot {lot}")
+
+
+@registry.command("operator")
+@click.argument("name")
+@out_option
+@registry_option
+@json_option
+@answers
+def registry_operator(name: str, out: Path, where: str | None) -> Answer:
+    """Add an operator."""
+    from bench.workflow import registering
+
+    return registering.tell(out, where, {"kind": "operator", "name": name}, f"operator {name}")
+
+
+@registry.group("equipment")
+def registry_equipment() -> None:
+    """Chambers, sensors, rate tables, time bases, and until when their own calibrations hold."""
+
+
+@registry_equipment.command("add")
+@click.argument("name")
+@click.argument("serial")
+@click.option("--kind", required=True, help="What it is: chamber, sensor, rate table, time base.")
+@click.option("--calibrated", type=click.DateTime(["%Y-%m-%d"]), help="Day of its last calibration.")
+@click.option("--due", type=click.DateTime(["%Y-%m-%d"]), help="Last day on which that calibration is valid.")
+@out_option
+@registry_option
+@json_option
+@answers
+def registry_equipment_add(name: str, serial: str, out: Path, where: str | None, **given: Any) -> Answer:
+    """Add a piece of equipment, or its new calibration."""
+    from bench.workflow import registering
+
+    return registering.add_equipment(out, where, name, serial, **given)
+
+
+@registry_equipment.command("list")
+@click.option("--on", type=click.DateTime(["%Y-%m-%d"]), help="Day to judge by. Default: today.")
+@out_option
+@registry_option
+@json_option
+@answers
+def registry_equipment_list(on: datetime | None, out: Path, where: str | None) -> Answer:
+    """The equipment, what is due first on top; exit code 1 where a calibration is overdue."""
+    from bench.workflow import registering
+
+    return registering.equipment(out, where, (on or datetime.now()).date())
+
+
+@click.group(invoke_without_command=True)
+@click.option("--unit-filter", "pattern", metavar="REGEX", help="Only units whose whole serial matches.")
+@click.option("--limits", type=click.Path(path_type=Path), help="Limits file (YAML): yield and Cpk are against it.")
+@click.option("--html", type=click.Path(path_type=Path), help="Write the page here.")
+@click.option("--csv", type=click.Path(path_type=Path), help="Write one line a unit and quantity here.")
+@out_option
+@registry_option
+@json_option
+@click.pass_context
+def fleet(context: click.Context, /, **wishes: Any) -> None:
+    """Many units: first-pass yield, Cpk, control charts, drift of stations and lots, units unlike their lot."""
+    if context.invoked_subcommand is None:
+        _fleet(**wishes)
+
+
+@answers
+def _fleet(pattern: str | None, limits: Path | None, out: Path, where: str | None, **files: Path | None) -> Answer:
+    from bench.workflow import fleet as work
+
+    return work.fleet(out, where, pattern, limits, **files)
+
+
+@fleet.command("refit")
+@model_argument
+@click.option("--moments", type=click.Path(path_type=Path), help="Moments file. Default: of the registry's runs.")
+@click.option("--records", type=click.Path(path_type=Path), help="Where the records go. Default: beside the moments.")
+@click.option("--engine", type=click.Choice(["auto", "serial", "pool", "dask"]), default="auto", show_default=True)
+@click.option("--workers", type=click.IntRange(1), help="Processes. Default: one a processor.")
+@click.option("--scheduler", metavar="tcp://…", help="A running Dask cluster. Default: a local one.")
+@out_option
+@registry_option
+@json_option
+@answers
+def fleet_refit(
+    model: str, moments: Path | None, records: Path | None, out: Path, where: str | None, **work: Any
+) -> Answer:
+    """Fit every stored unit anew, from small moments of its newest run; one that fails does not stop the rest."""
+    from bench.workflow import refitting
+
+    return refitting.refit(model, out, where, moments, records, refitting.Work(**work))
