@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -295,18 +296,28 @@ def test_a_run_that_was_killed_in_the_middle_goes_on_or_is_repeated(tmp_path, po
     assert job.step("check")["attempts"] == 1
 
 
-def test_a_unit_goes_from_the_shelf_to_verified_in_one_command(tmp_path):
-    out, report = tmp_path / "reports", tmp_path / "junit.xml"
-    arguments = ("calibrate", "--unit", "SIM-0001", "--plan", QUICK, "--out", out, "--quiet", "--json")
-    answer = bench(*arguments, "--junit", report)
-    content = json.loads(answer.stdout)
-    assert (answer.exit_code, content["verdict"]) == (0, "PASS"), content["sentence"]
-    assert [step["state"] for step in content["steps"]] == ["done"] * 7
-    assert content["verification"]["factor"] > 10
-    assert content["registry"]["registered"]
-    assert fromstring(report.read_bytes()).get("failures") == "0"
-    assert bench("replay", content["run"]).exit_code == 0
-    again = json.loads(bench(*arguments).stdout)
-    assert again["job"] == content["job"]
-    job = JobFile.newest(out / "SIM-0001", Order.load(QUICK, None, "SIM-0001", out).digest())
+def how_to(title):
+    """The first block of commands of a section of the how-tos."""
+    page = (PROFILES.parent / "docs" / "howto.md").read_text()
+    return re.search(rf"## … {title}\n+```bash\n(.*?)```", page, re.DOTALL).group(1)
+
+
+def test_a_unit_goes_from_the_shelf_to_verified_as_the_how_to_says(tmp_path):
+    (tmp_path / "profiles").symlink_to(PROFILES)
+    commands = how_to("calibrate a unit in one command") + how_to("prove that old numbers .*?")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path}
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", commands],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+    assert done.stdout.count("PASS: unit SIM-0001") == 2
+    assert "identical; tables and results made again from its raw frames" in done.stdout
+    report = fromstring((tmp_path / "calibrate.xml").read_bytes())
+    assert (report.get("failures"), report.get("errors")) == ("0", "0")
+    (file,) = tmp_path.glob("reports/SIM-0001/*/job.json")
+    job = JobFile(file.parent, json.loads(file.read_text()))
     assert {step["attempts"] for step in job.content["steps"].values()} == {1}
+    assert job.facts("verify")["factor"] > 10
+    assert list(tmp_path.glob("reports/*.sqlite*"))

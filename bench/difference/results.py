@@ -18,8 +18,10 @@ BEYOND_CHANCE = 3.0
 """Coefficients differ from here on, in standard deviations of their difference."""
 EXACT_SHARE = 0.005
 """Numbers without an uncertainty differ from this share of the larger on …"""
-_ROUGH = {"condition": 0.5, "extrapolated_percent": 0.5}
-"""… but these change with every record, and only their size tells."""
+_ROUGH = {"condition": 0.5}
+"""… but of these only the size tells …"""
+_NO_RESULT = {"extrapolated_percent"}
+"""… and these change with every record."""
 BINS = 25
 
 Entry = dict[str, Any]
@@ -29,14 +31,15 @@ def quantities(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Entry]:
     """Quantities of calibration.json whose 95 % intervals do not meet, the furthest apart first."""
     one, other = ({entry["name"]: entry for entry in side.get("quantities") or ()} for side in (a, b))
     found = []
-    for name in [*one, *(name for name in other if name not in one)]:
+    for name in dict.fromkeys([*one, *other]).keys() - _NO_RESULT:
         x, y = one.get(name), other.get(name)
         apart = _apart(x, y)
         if apart > 0.0:
             known = x or y or {}
             entry = {"quantity": name, "unit": known["unit"], "meaning": known.get("meaning", "")}
             found.append({**entry, "a": _told(x), "b": _told(y), "apart": finite(apart)})
-    return sorted(found, key=lambda entry: -(np.inf if entry["apart"] is None else float(entry["apart"])))
+    far = {entry["quantity"]: np.inf if entry["apart"] is None else float(entry["apart"]) for entry in found}
+    return sorted(found, key=lambda entry: (-far[entry["quantity"]], entry["quantity"]))
 
 
 def _apart(x: Mapping[str, Any] | None, y: Mapping[str, Any] | None) -> float:
