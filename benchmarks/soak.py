@@ -84,16 +84,16 @@ def random_faults(hours: float, seed: int, mean_s: float) -> list[dict[str, Any]
 
 
 def profile_text(hours: float) -> str:
-    """Ramps and soaks for so many hours."""
-    leg_min = 30.0
-    cycles = max(round(60.0 * hours / (4 * leg_min)), 1)
-    scale = 60.0 * hours / (4 * leg_min * cycles)
-    ramp, soak = (
-        "{{kind: ramp, to_degc: {}, rate_degc_per_min: 1.5, arrival_band_degc: 3}}".format,
-        f"{{kind: soak, duration_min: {leg_min * scale:.4f}}}",
-    )
-    high, low = 25 + 40 * min(scale, 1.0), 25 + 0 * scale
-    cycle = "\n".join(f"      - {leg}" for leg in (ramp(high), soak, ramp(low), soak))
+    """Ramps of up to 40 degC at 1.5 degC/min and soaks, so many hours in all and a little more."""
+    cycles = max(round(hours / 2), 1)
+    quarter_min = 15.0 * hours / cycles  # of a cycle: ramp, soak, ramp, soak
+    high = 25.0 + min(40.0, 1.5 * quarter_min)
+    soak_min = 2 * quarter_min - (high - 25.0) / 1.5
+    legs = []
+    for target in (high, 25.0):
+        legs.append(f"{{kind: ramp, to_degc: {target:.2f}, rate_degc_per_min: 1.5, arrival_band_degc: 3}}")
+        legs.append(f"{{kind: soak, duration_min: {soak_min:.4f}}}")
+    cycle = "\n".join(f"      - {leg}" for leg in legs)
     return f"name: soak\nsegments:\n  - kind: repeat\n    times: {cycles}\n    segments:\n{cycle}\n"
 
 
@@ -197,6 +197,8 @@ def axis(run: RunFolder) -> dict[str, Any]:
 def wrong(figures: dict[str, Any], faults: list[dict[str, Any]], hours: float) -> Iterator[str]:
     """What must not be."""
     losses = figures["losses"]
+    if figures["hours"] < hours - 0.05:
+        yield f"{figures['hours']} h instead of {hours:g}"
     if figures["state"] != "done":
         yield f"the run ended {figures['state']}: {figures['cause']}"
     if figures["time_stamps_not_increasing"]:
