@@ -246,11 +246,11 @@ class Verify:
 def _in_unit(order: Order) -> dict[str, Any]:
     """The calibration that is in force in the unit, read over its bus."""
     from bench.flashing import newest_record
-    from bench.workflow.flashing import _in_unit as ask
+    from bench.workflow.flashing import in_unit
 
     settings = acquisition.load_station(order.station)
     unit = settings.chosen([order.serial])[0]
-    return ask(settings, unit, newest_record(order.out, order.serial), order.out)
+    return in_unit(settings, unit, newest_record(order.out, order.serial), order.out)
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,7 @@ def verify(
     if calibration is not None and not calibration.is_dir():
         calibration = None
     refuse_same_profile(profile_path, calibration)
-    inside = _in_unit(settings, unit, record, out)
+    inside = in_unit(settings, unit, record, out)
     texts = {} if limits_path is None else {"limits.yaml": config.read_text(limits_path)}
     result = conduct(profile_path, station_path, Task([serial], texts, out, "on"), quiet)
     if result.error is not None and result.run.manifest().get("rows", 0) == 0:
@@ -101,7 +101,7 @@ def verify(
     return Answer(content, _told(found), 0 if found.verdict.within else 1)
 
 
-def _in_unit(
+def in_unit(
     settings: StationSettings, unit: UnitSettings, record: Mapping[str, Any] | None, out: Path
 ) -> dict[str, Any]:
     """The calibration that is in force in the unit, read over its bus; InputError where there is none."""
