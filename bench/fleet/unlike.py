@@ -58,7 +58,7 @@ def unlike(table: FloatArray, names: Sequence[str], lots: Sequence[str]) -> tupl
 
 def _straightened(column: FloatArray) -> FloatArray:
     """The values, or their logarithms where these are less skewed (RMS values and noise densities are)."""
-    if np.all(column > 0) and np.ptp(column) > 0 and abs(stats.skew(np.log(column))) < abs(stats.skew(column)):
+    if np.all(column > 0) and np.ptp(column) > 0 and abs(float(stats.skew(np.log(column)))) < abs(float(stats.skew(column))):
         logarithms: FloatArray = np.log(column)
         return logarithms
     return column

@@ -13,6 +13,7 @@ from drivers.sim.memory import CalibrationMemory
 from drivers.sim.sdo_server import SdoServer
 from drivers.sim.uds_server import UdsServer
 
+
 class FlashPort:
     """One unit's memory on its wire."""
 
