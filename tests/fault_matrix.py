@@ -110,7 +110,7 @@ CHAMBER = (
          "whole to the end of the run", ({"fault": "sensor_break"},)),
     Case("Chamber", "sensor break, told by the controller", "aborted", 3, "guard: sensor break: sensor_break = 1",
          "whole to the trip of the guard", ({"fault": "sensor_break"},), station={"chamber.map": "watlow_f4"}),
-    Case("Chamber", "door open for 20 s", "done", 0, "guard: door open: door = 1",
+    Case("Chamber", "door open for 20 s", "done", 0, "hold: held at.*door open: door = 1",
          "whole; held meanwhile, the ramp goes on as a segment of its own", ({"fault": "door", "for_s": 20},),
          station={"chamber.map": "with_door"}),
     Case("Chamber", "alarm", "aborted", 3, "guard: chamber alarm: alarm = 1.*limit_status: fail",
@@ -135,7 +135,7 @@ CHAMBER = (
     Case("Chamber", "too warm before the start", "aborted", 3, "end: not started: too warm",
          "what was heard before the start", safe=None,
          station={"guards": [{"name": "too warm", "signal": "chamber_temperature", "above": -10, "delay_s": 60}]}),
-    Case("Chamber", "fahrenheit instead of degC", "failed", 2, "", "no run folder: refused when it is opened",
+    Case("Chamber", "fahrenheit instead of degC", "refused", 2, "", "no run folder: refused when it is opened",
          safe=None, how="fahrenheit"),
 )  # fmt: skip
 
@@ -240,7 +240,8 @@ recovered has the right CRC. Where frames were struck, the losses are exactly th
 
 Exit codes: 0 the run went to its end, 3 aborted by operator or guard, 4 equipment failed, 2 bad input. *safe*: the
 chamber itself is at ambient and off; *left*: nothing had been commanded, it is as it was found; *not reached*: it
-could not be reached, and the bench said so loudly. What cannot be verified is never called safe.
+could not be reached, and the bench said so loudly. What cannot be verified is never called safe. –: a simulated
+chamber ends with its process.
 """
 REHEARSE = """\
 ## Rehearse them
@@ -285,7 +286,7 @@ def _lines() -> Iterator[str]:
 
 
 def _row(case: Case) -> str:
-    chamber = {True: "safe", False: "not reached", None: "left"}[case.safe]
+    chamber = {True: "safe", False: "not reached", None: "left"}[case.safe] if case.how != "killed" else "–"
     if case.safe and "NOT VERIFIED" in case.cause:
         chamber = "safe, but not verified: said so"
     kind, _, pattern = case.event.partition(": ")

@@ -27,6 +27,7 @@ from bench.continuation import plan
 from bench.errors import BenchError
 from bench.profile import from_text
 from bench.runner import Job, run_job
+from bench.scenario import PANEL
 from bench.store import RunFolder
 from drivers.errors import DriverError
 from drivers.journal import Damage, Kind, read_blocks
@@ -66,6 +67,8 @@ class Outcome:
     """Set point, on, ramp of the simulated controller itself, afterwards."""
     struck: dict = field(default_factory=dict)
     """Frames struck, by fault and identifier."""
+    counts: dict = field(default_factory=dict)
+    """Answers and frames struck, by fault."""
 
 
 class Lab:
@@ -114,8 +117,11 @@ class Lab:
         commands = self.world[-1].chamber.commands()
         outcome.chamber = (commands.setpoint, commands.on, commands.ramp_rate_degc_per_min)
         if stations and stations[0].scenario is not None:
-            for bus in stations[0].scenario.wires.values():
+            scenario = stations[0].scenario
+            for bus in scenario.wires.values():
                 outcome.struck |= bus.struck
+            for wire in (*scenario.wires.values(), *filter(None, [scenario.proxy])):
+                outcome.counts |= wire.counts
         return outcome
 
     def job(self, case, text=PROFILE):
@@ -380,6 +386,11 @@ def check_data(case: Case, run, losses):
     times, rates = data["time"].to_numpy(), data["rate"].to_numpy()
     assert np.all(np.diff(times) > 0), "time stamps"
     heard = times[np.isfinite(rates)]
+    if case.how == "rehearsal" and case.data.startswith(("whole", "frames whole")):
+        stops = "silence" in case.data or "failure" in case.data
+        ended_s = AT_S if stops else next(event["t_s"] for event in run.events() if event["kind"] == "end")
+        assert heard[0] < 1.0
+        assert heard[-1] == pytest.approx(ended_s, abs=2.0), "data end with the run"
     if len(heard) and case.how != "power_cut":
         sent = round((heard[-1] - heard[0]) * RATE_HZ) + 1
         missing = losses["lost"] + losses["late"] + losses["invalid"]
@@ -398,6 +409,9 @@ def test_fault(lab, case):
         assert "NOT VERIFIED" in outcome.said
     if not outcome.runs:
         return
+    if case.how == "rehearsal" and case.safe is not None:
+        for fault in case.faults:
+            assert fault["fault"] in (*PANEL, "other_unit") or outcome.counts[fault["fault"]] > 0, "it never struck"
     manifests = [run.manifest() for run in outcome.runs]
     if case.how == "four":
         gone = [m for m in manifests if m["state"] != "done"]
