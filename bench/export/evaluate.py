@@ -50,8 +50,9 @@ def evaluate(image: Image, counts: Counts, *, settled: bool = False) -> Evaluate
 
 def _output(image: Image, raw: IntArray, total: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
     if image.form == "float32":
-        single: npt.NDArray[np.generic] = raw.astype(np.float32) * np.float32(image.gain_f32) - total.astype(np.float32)
-        return single
+        nominal32: npt.NDArray[np.float32] = raw.astype(np.float32) * np.float32(image.gain_f32)
+        corrected: npt.NDArray[np.float32] = nominal32 - total.astype(np.float32)
+        return corrected
     nominal = shifted(raw * image.gain[0], image.gain[1])
     if image.form == "split":
         return nominal - (total.astype(np.float32) * np.float32(1e12)).astype(np.int64)

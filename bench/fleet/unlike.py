@@ -58,10 +58,11 @@ def unlike(table: FloatArray, names: Sequence[str], lots: Sequence[str]) -> tupl
 
 def _straightened(column: FloatArray) -> FloatArray:
     """The values, or their logarithms where these are less skewed (RMS values and noise densities are)."""
-    if np.all(column > 0) and np.ptp(column) > 0 and abs(float(stats.skew(np.log(column)))) < abs(float(stats.skew(column))):
-        logarithms: FloatArray = np.log(column)
-        return logarithms
-    return column
+    if np.any(column <= 0) or np.ptp(column) == 0:
+        return column
+    logarithms: FloatArray = np.log(column)
+    skew, logarithmic_skew = (abs(float(stats.skew(values))) for values in (column, logarithms))
+    return logarithms if logarithmic_skew < skew else column
 
 
 def _distances(z: FloatArray) -> tuple[FloatArray, int]:
