@@ -50,15 +50,14 @@ def evaluate(image: Image, counts: Counts, *, settled: bool = False) -> Evaluate
 
 def _output(image: Image, raw: IntArray, total: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
     if image.form == "float32":
-        nominal32: npt.NDArray[np.float32] = raw.astype(np.float32) * np.float32(image.gain_f32)
-        corrected: npt.NDArray[np.float32] = nominal32 - total.astype(np.float32)
-        return corrected
+        return raw.astype(np.float32) * np.float32(image.gain_f32) - total.astype(np.float32)
     nominal = shifted(raw * image.gain[0], image.gain[1])
     if image.form == "split":
         return nominal - (total.astype(np.float32) * np.float32(1e12)).astype(np.int64)
     sum30 = shifted(total.astype(np.int64), 30)
     if image.form == "fixed":
-        return np.clip(nominal - sum30, -(1 << 31), (1 << 31) - 1).astype(np.int32)
+        held: IntArray = np.clip(nominal - sum30, -(1 << 31), (1 << 31) - 1)
+        return held.astype(np.int32)
     return nominal - shifted(sum30 * image.correction[0], image.correction[1])
 
 
