@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
 SingleArray = npt.NDArray[np.float32]
 
@@ -24,6 +25,8 @@ SERIES, SURFACE, SPLINE = 1, 2, 3
 RATE = 0
 _CHANNELS = {0, 1, 2, 3, 4, 5, 8}
 _ONE = 1 << 30
+_NO_VALUE = -(1 << 31)
+"""Count of a sample without a value."""
 _HEADER, _SIGNAL, _BLOCK = 24, 10, 5
 FLAG_REFUSED, FLAG_NO_VALUE = 1 << 30, 1 << 31
 
@@ -121,35 +124,44 @@ class Correction:
         """Corrected rate [deg/s] (n,) of the next n samples, inputs in counts by channel; flags of all of them."""
         raw = counts[RATE]
         z, flags = self._signals(counts, len(raw))
+        given = raw != _NO_VALUE
+        if not given.all():
+            flags |= FLAG_NO_VALUE
+        return np.where(given, self._output(np.where(given, raw, 0), z), 0.0), flags
+
+    def _output(self, raw: IntArray, z: list[IntArray]) -> FloatArray:
         if self.form in {FLOAT32, SPLIT}:
             single = self._floats(z, len(raw))
             if self.form == FLOAT32:
-                return (raw.astype(np.float32) * self.gain_f32 - single).astype(np.float64), flags
+                return (raw.astype(np.float32) * self.gain_f32 - single).astype(np.float64)
             pico = _r(raw * self.gain[0], self.gain[1]) - (single * np.float32(1e12)).astype(np.int64)
-            return np.asarray(pico * 1e-12), flags
+            return np.asarray(pico * 1e-12)
         total = _r(self._sum(z, len(raw)), 30)
         nominal = _r(raw * self.gain[0], self.gain[1])
         if self.form == FIXED:
-            return np.asarray(np.clip(nominal - total, -(1 << 31), (1 << 31) - 1) * 2.0**-self.fraction_bits), flags
-        return np.asarray((nominal - _r(total * self.step[0], self.step[1])) * 1e-12), flags
+            return np.asarray(np.clip(nominal - total, -(1 << 31), (1 << 31) - 1) * 2.0**-self.fraction_bits)
+        return np.asarray((nominal - _r(total * self.step[0], self.step[1])) * 1e-12)
 
     def _signals(self, counts: Mapping[int, IntArray], n: int) -> tuple[list[IntArray], int]:
         z: list[IntArray] = []
-        there: list[bool] = []
+        known: list[BoolArray] = []
         flags = 0
         for number, signal in enumerate(self.signals):
-            present = signal.source in counts if signal.kind == CHANNEL else there[signal.source]
-            there.append(present)
-            if not present:
-                flags |= FLAG_NO_VALUE
-                z.append(np.zeros(n, dtype=np.int64))
-                continue
-            v = counts[signal.source] if signal.kind == CHANNEL else _derived(signal, z[signal.source])
+            if signal.kind == CHANNEL:
+                source = counts.get(signal.source, np.full(n, _NO_VALUE, dtype=np.int64))
+                there = source != _NO_VALUE
+                flags |= 0 if there.all() else FLAG_NO_VALUE
+            else:
+                source, there = z[signal.source], known[signal.source]
+            v = _value(signal, source[there])  # a sample without a value moves no state
             inside = np.minimum(np.maximum(v, signal.low), signal.high)
             if (inside != v).any():
                 flags |= 1 << number
             unit = _r((inside - signal.centre) * signal.recip, signal.shift)
-            z.append(np.minimum(np.maximum(unit, -_ONE), _ONE))
+            answer = np.zeros(n, dtype=np.int64)
+            answer[there] = np.minimum(np.maximum(unit, -_ONE), _ONE)
+            z.append(answer)
+            known.append(there)
         return z, flags
 
     def _sum(self, z: list[IntArray], n: int) -> IntArray:
@@ -217,7 +229,10 @@ def _r(v: IntArray, s: int) -> IntArray:
     return rounded
 
 
-def _derived(signal: _Signal, source: IntArray) -> IntArray:
+def _value(signal: _Signal, source: IntArray) -> IntArray:
+    """Raw value v of samples that all have one; states go on from the block before."""
+    if signal.kind == CHANNEL or not source.size:
+        return source
     if signal.kind == PARABOLA:
         t2 = _r(2 * source * source, 30) - _ONE
         return _r(signal.p0 * _ONE + signal.p1 * source + signal.p2 * t2, 30)
