@@ -249,15 +249,16 @@ MEASURED = """\
 Figures of one computer with two cores, on 2026-11-21; the commands repeat them.
 
 - **A day of random faults** (`python -m benchmarks.soak --hours 24 --seed 1`): 24.0 h of bench time in 8 min; 140
-  faults of 23 kinds struck 91,770 frames and 1,432 answers, and the run went to its end. 43,184,095 samples are there,
-  40,405 counted as lost and 1,500 as late: together exactly the 43,226,000 that were sent. 19 of 19 resets were counted, and
-  10,418 of the 10,434 corrupt frames; the other 16 are heartbeats, which carry no CRC. No time stamp comes twice. All
-  140 faults are events. Resident memory 215.3 MB at the start, 216.6 MB at the end, 19 kB/h over the second half; 20
-  open files and 3 threads in the first and in the last quarter, 6 and 1 before and after.
-- **SIGKILL** (`python -m benchmarks.kills --kills 22 --seed 1`, real processes and time, the capture of the bus killed
-  too): 22 kills, 3 to 10 s after the start. From the last sample on disk to the kill 0.06 s in the median, 0.17 s at
-  worst. 591 blocks recovered with the right CRC, none torn, no sample missing before the last one. The watchdog made
-  the chamber safe, verified, 22 times. A power cut may cost what was not forced to the disk: one second.
+  faults of 23 kinds struck 91,770 frames and 1,432 answers, and the run went to its end. 43,184,095 samples are
+  there, 40,405 counted as lost and 1,500 as late: together exactly the 43,226,000 that were sent. 19 of 19 resets
+  were counted, and 10,418 of the 10,434 corrupt frames; the other 16 are heartbeats, which carry no CRC. No time
+  stamp comes twice. All 140 faults are events. Resident memory 215.3 MB at the start, 216.6 MB at the end, 19 kB/h
+  over the second half; 20 open files and 3 threads in the first and in the last quarter, 6 and 1 before and after.
+- **SIGKILL** (`python -m benchmarks.kills --kills 22 --seed 1`, real processes and time, the capture of the bus
+  killed too): 22 kills, 3 to 10 s after the start. From the last sample on disk to the kill 0.06 s in the median,
+  0.17 s at worst. 591 blocks recovered with the right CRC, none torn, no sample missing before the last one. The
+  watchdog made the chamber safe, verified, 22 times. A power cut may cost what was not forced to the disk: one
+  second.
 """
 REHEARSE = """\
 ## Rehearse them
