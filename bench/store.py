@@ -22,6 +22,8 @@ from typing import Any
 from bench.errors import InputError
 
 MANIFEST = "manifest.json"
+VERIFICATION_JSON = "verification.json"
+"""Verdict on a verification run, written by `bench verify`."""
 FORMAT = 1
 HASHED_PATTERNS = ("*.parquet", "*.yaml", "*.jsonl", "journal/*", "journal-*/*")
 

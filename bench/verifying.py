@@ -20,9 +20,8 @@ from bench.diagnosis.digits import finite
 from bench.diagnosis.floor import Floor, noise_floor
 from bench.errors import InputError
 from bench.limits import Limits, Quantity, Verdict, judge
-from bench.store import RunFolder, sha256, write_atomically
+from bench.store import VERIFICATION_JSON, RunFolder, sha256, write_atomically
 
-VERIFICATION_JSON = "verification.json"
 FLOOR_RATIO = 1.2
 """Without limits the error must stay below this times the noise floor, its 95 % interval taken into account."""
 _MEASURED = {

@@ -237,6 +237,71 @@ def test_a_verification_of_another_unit_or_in_part_is_refused(made, tmp_path, ch
     assert said in done.stderr
 
 
+def judged(made, tmp_path, content, run="check"):
+    """A copy of a verification run with what `bench verify` said of it."""
+    shutil.copytree(made / run, tmp_path / "judged")
+    (tmp_path / "judged" / "verification.json").write_text(content if isinstance(content, str) else json.dumps(content))
+    return tmp_path / "judged"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"verdict": "INVALID", "refusals": ["the run is 'aborted'"]}, "is INVALID: the run is 'aborted'; verify"),
+        ({"verdict": "INVALID", "limits": {"refusals": ["no floor"]}}, "is INVALID: no floor; verify"),
+        ({"verdict": "INVALID"}, "is INVALID: a required value does not exist"),
+        ({"verdict": "GOOD"}, "says no verdict"),
+        ("{", "says no verdict"),
+    ],
+)
+def test_an_invalid_verification_makes_no_certificate(made, tmp_path, content, said):
+    done = certificate(made, "--verification", judged(made, tmp_path, content), "--out", tmp_path / "c.pdf")
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "c.pdf").exists()
+
+
+@pytest.mark.parametrize("limits", [True, False])
+def test_a_verification_that_failed_is_a_certificate_of_no_conformity(made, tmp_path, limits):
+    check = judged(made, tmp_path, {"verdict": "FAIL"})
+    options = ["--limits", made / "limits.yaml"] if limits else []
+    done = certificate(made, "--verification", check, *options, "--out", tmp_path / "c.pdf")
+    assert done.exit_code == 1
+    facts = json.loads((tmp_path / "c.json").read_text())
+    assert facts["verdict"] == facts["verification"]["verdict"] == "FAIL"
+    assert (facts["conformity"] or {"verdict": "FAIL"})["verdict"] == "FAIL"
+    assert "conformity: FAIL" in done.stdout
+
+
+@pytest.mark.parametrize(("word", "limits", "whole"), [("MARGINAL", True, "MARGINAL"), ("PASS", False, None)])
+def test_the_certificate_is_as_good_as_the_worse_of_limits_and_verification(made, tmp_path, word, limits, whole):
+    check = judged(made, tmp_path, {"verdict": word})
+    options = ["--limits", made / "limits.yaml"] if limits else []
+    done = certificate(made, "--verification", check, *options, "--out", tmp_path / "c.pdf", "--json")
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["verdict"] == whole
+
+
+def test_it_says_how_much_of_the_range_was_verified(issued):
+    verification = issued[1]["verification"]
+    assert verification["verdict"] is None
+    assert verification["covered_percent"] == pytest.approx(80.0, abs=2.0)  # -30 to 70 of -40 to 85 degC
+    assert verification["covered_degc"] == pytest.approx([-30.0, 70.0], abs=1.0)
+    assert verification["validity_degc"] == pytest.approx([-40.0, 85.0], abs=1.0)
+
+
+@pytest.mark.parametrize(("low", "high", "share"), [(10.0, 40.0, "24%"), (20.0, 28.0, "6%")])
+def test_a_verification_of_a_small_part_of_the_range_proves_too_little(made, tmp_path, low, high, share):
+    legs = [(name, kind, {85.0: high, -40.0: low}.get(target, target), n) for name, kind, target, n in CYCLE]
+    make_run(tmp_path / "narrow", **ramp_run(legs, seed=3, loop_dph=0.0), profile="narrow")
+    done = certificate(made, "--verification", tmp_path / "narrow", "--out", tmp_path / "c.pdf")
+    assert done.exit_code == 2
+    assert f"{share} of the calibration's range of temperature, {low:.1f} to {high:.1f} of -40.0 to 85.0" in done.stderr
+    assert "at least 50% are needed" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
 def test_a_required_number_that_is_missing_makes_no_certificate(made, tmp_path):
     (tmp_path / "limits.yaml").write_text(LIMITS.replace("UPPER", "5").replace("required: false, ", ""))
     done = certificate(made, "--limits", tmp_path / "limits.yaml")

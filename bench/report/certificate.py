@@ -21,7 +21,7 @@ from bench.diagnosis.digits import finite
 from bench.laboratory import Laboratory
 from bench.limits import COVERAGE, MEANING, PROBABILITY
 from bench.report.budget import Budget
-from bench.report.evidence import Evidence
+from bench.report.evidence import LEAST_COVERED, Evidence
 from bench.report.provenance import commit
 from bench.report.quantities import standing
 from bench.store import MANIFEST, sha256
@@ -42,18 +42,19 @@ STATEMENTS = (
 
 def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, issued: date) -> dict[str, Any]:
     """Everything that the certificate says; its number is made of its contents."""
-    judgement = evidence.judgement
+    judgement, verdict = evidence.judgement, evidence.verdict
     known = evidence.manifest
     content: dict[str, Any] = {
         "format": FORMAT,
         "title": "Calibration certificate",
         "simulated": bool(known.get("simulated")),
         "issued": issued.isoformat(),
-        "verdict": judgement.verdict.value if judgement else None,
+        "verdict": verdict,
         **_people(laboratory),
         "item": _item(known, laboratory),
         "calibrated": str(known.get("created")),
         "verified": str(evidence.verification.manifest.get("created")) if evidence.verification else None,
+        "verification": _verification(evidence),
         "method": _method(evidence),
         "conditions": _conditions(evidence),
         "equipment": [tool.model_dump(mode="json") for tool in evidence.equipment],
@@ -62,7 +63,7 @@ def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, iss
         "over_temperature": _over_temperature(evidence),
         "results": [q.to_json() for q in evidence.quantities() if q.name in MEANING and q.name not in QUALITY],
         "uncertainty": budget.to_json(),
-        "conformity": judgement.to_json() if judgement else None,
+        "conformity": {**judgement.to_json(), "verdict": verdict} if judgement else None,
         "calibration": _calibration(evidence),
         "chain": _chain(evidence),
         "software": _software(evidence),
@@ -128,6 +129,20 @@ def _method(evidence: Evidence) -> dict[str, Any]:
         "verification_revision": (verification.manifest.get("files") or {}).get("profile.yaml")
         if verification
         else None,
+    }
+
+
+def _verification(evidence: Evidence) -> dict[str, Any] | None:
+    """Its own verdict, and how much of the calibration's range it proves."""
+    if evidence.verification is None:
+        return None
+    covered, verdict = evidence.verification.covered, evidence.verification.verdict
+    return {
+        "verdict": verdict,
+        "covered_percent": 100.0 * covered.share,
+        "covered_degc": list(covered.verified_degc),
+        "validity_degc": list(covered.valid_degc),
+        "least_percent": 100.0 * LEAST_COVERED,
     }
 
 

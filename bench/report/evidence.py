@@ -13,18 +13,32 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bench.channels import FloatArray
 from bench.dataset import Dataset, load
 from bench.diagnosis.compare import HeldOut, error_of
 from bench.errors import InputError
 from bench.export.delivering import calibration_id
-from bench.export.source import Source, source_of
+from bench.export.source import WIDEST_HOLE, Source, source_of
 from bench.laboratory import Instrument, refuse_overdue
-from bench.limits import Judgement, Limits, Quantity, judge
-from bench.store import Manifest, RunFolder, sha256
+from bench.limits import Judgement, Limits, Quantity, Verdict, judge
+from bench.store import VERIFICATION_JSON, Manifest, RunFolder, sha256
 
 MOST_EXTRAPOLATED = 0.05
 """Share of the verification's means that may lie outside the fitted range."""
+LEAST_COVERED = 0.5
+"""Share of the fitted range of temperature that the verification must go through."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How much of the calibration's range of validity in temperature a verification goes through."""
+
+    share: float
+    """Without the holes in its temperatures."""
+    verified_degc: tuple[float, float]
+    valid_degc: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +53,9 @@ class Verification:
     error: HeldOut
     in_unit: bool
     """The unit's own correction was on."""
+    covered: Coverage
+    verdict: Verdict | None
+    """Of `bench verify`; None for a run that it did not judge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +77,14 @@ class Evidence:
     def calibration_id(self) -> str:
         """As it stands in the unit's image."""
         return f"0x{calibration_id(self.source):08X}"
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """The worse word of limits and verification; without limits only a FAIL of the verification counts."""
+        verified = None if self.verification is None else self.verification.verdict
+        if self.judgement is None:
+            return verified if verified is Verdict.FAIL else None
+        return max((self.judgement.verdict, verified or Verdict.PASS), key=list(Verdict).index)
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Of the run; the error on unseen data is that of the verification, where there is one."""
@@ -169,13 +194,47 @@ def _verify(run: RunFolder, manifest: Mapping[str, Any], source: Source) -> Veri
     _refuse_altered(run, theirs)
     failed = [s.get("name") for s in theirs.get("segments") or () if s.get("outcome", "done") == "timeout"]
     _refuse(run.path, [f"segment '{name}' of the verification failed" for name in failed])
+    verdict = _verdict_of(run.path / VERIFICATION_JSON)
     record = load(run.path, source.dataset.interval_s)
     outside = float(source.fit.out_of_range(record).mean())
     if outside > MOST_EXTRAPOLATED:
         _refuse(run.path, [f"{outside:.0%} of the verification lie outside the calibration's range of validity"])
+    covered = _coverage(record, source)
+    if covered.share < LEAST_COVERED:
+        own, whole = (f"{low:.1f} to {high:.1f}" for low, high in (covered.verified_degc, covered.valid_degc))
+        what = f"{covered.share:.0%} of the calibration's range of temperature, {own} of {whole} degC"
+        least = f"at least {LEAST_COVERED:.0%} are needed: verify with a wider profile"
+        _refuse(run.path, [f"the verification goes through {what}, {least}"])
     in_unit = record.corrected
     left = record.bias if in_unit else record.bias - source.fit.predict(record).bias
-    return Verification(run, theirs, record, left, error_of("verification", (record,), (left,), outside), in_unit)
+    error = error_of("verification", (record,), (left,), outside)
+    return Verification(run, theirs, record, left, error, in_unit, covered, verdict)
+
+
+def _verdict_of(path: Path) -> Verdict | None:
+    """What `bench verify` said of its run; refused where that is INVALID or cannot be read."""
+    if not path.is_file():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        verdict = Verdict(content["verdict"])
+    except (ValueError, TypeError, KeyError):
+        raise InputError("says no verdict: make it anew with `bench verify`", path) from None
+    if verdict is Verdict.INVALID:
+        reasons = content.get("refusals") or (content.get("limits") or {}).get("refusals") or ()
+        why = next(iter(reasons), "a required value does not exist")
+        _refuse(path.parent, [f"the verification is INVALID: {why}; verify again"])
+    return verdict
+
+
+def _coverage(record: Dataset, source: Source) -> Coverage:
+    fitted = source.dataset.channel("temperature")
+    low, high = source.fit.validity.get("temperature", (float(np.nanmin(fitted)), float(np.nanmax(fitted))))
+    values = record.channel("temperature")[np.isfinite(record.bias)]
+    inside = np.sort(values[(values >= low) & (values <= high)])
+    steps = np.diff(inside)
+    share = float(steps[steps <= WIDEST_HOLE * (high - low)].sum()) / (high - low)
+    return Coverage(share, (float(np.nanmin(values)), float(np.nanmax(values))), (low, high))
 
 
 def _verified(verification: Verification, known: Mapping[str, Quantity]) -> tuple[Quantity, ...]:

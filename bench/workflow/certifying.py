@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
+from typing import Any
 
 from bench import laboratory as laboratories
 from bench import limits as limit_files
@@ -56,16 +58,25 @@ def certificate(folder: Path, wishes: Wishes, out: Path | None) -> Answer:
         f"Certificate {content['number']}{' (simulated: certifies nothing)' if content['simulated'] else ''}",
         f"as found {as_found:.4g} deg/h RMS, as left {as_left:.4g} deg/h ({content['as_left']['what']})",
         f"U = {total.expanded_dph:.2g} deg/h (k = 2); conformity: {content['verdict'] or 'no limits given'}",
+        *_told_verification(content["verification"]),
         *([] if tools else ["warning: no equipment was stated: the results are not metrologically traceable"]),
         *([] if lab else ["warning: no laboratory was stated"]),
         "",
         f"pdf   {target}",
         f"json  {target.with_suffix('.json')}",
     ]
-    failed = evidence.judgement is not None and not evidence.judgement.verdict.within
+    failed = evidence.verdict is not None and not evidence.verdict.within
     answer = {"run": str(folder), "pdf": str(target), "json": str(target.with_suffix(".json"))}
     keys = ("number", "verdict", "issued", "as_found", "as_left", "simulated")
     return Answer({**answer, **{key: content[key] for key in keys}}, "\n".join(lines), 1 if failed else 0)
+
+
+def _told_verification(known: Mapping[str, Any] | None) -> list[str]:
+    if known is None:
+        return []
+    (low, high), (first, last) = known["covered_degc"], known["validity_degc"]
+    covers = f"{known['covered_percent']:.0f} % of {first:.1f} to {last:.1f} degC ({low:.1f} to {high:.1f} degC)"
+    return [f"verification: {known['verdict'] or 'not judged by itself'}, goes through {covers}"]
 
 
 def _limits(folder: Path, wishes: Wishes) -> Limits | None:
