@@ -1,9 +1,14 @@
 """Fixtures of several test files."""
 
+import signal
+
 import acquisition
 import pytest
 
 from bench.runner import run_job
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background: benches would ignore it, too
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Iterable
 
@@ -55,7 +56,8 @@ class ForeignChamber:
         if self.pair:
             return f"rtu://{self.pair.left}?baudrate=19200"
         for _ in range(5000):
-            if self.server._sock is not None and self.server._sock.getsockname()[1]:
+            listener = self.server._sock
+            if listener is not None and listener.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
                 break
             time.sleep(0.001)
         return f"tcp://127.0.0.1:{self.server._sock.getsockname()[1]}"

@@ -14,7 +14,7 @@ from bench.workflow.answer import Answer
 from bench.workflow.several import report_on_all
 
 if TYPE_CHECKING:
-    from bench.runner import RunResult
+    from bench.runner import Job, RunResult
 
 QUIET_S = 3.0
 """A bench that runs writes its journals at least once a second."""
@@ -24,9 +24,10 @@ def go_on(run: RunFolder, station_path: Path | None, quiet: bool) -> Answer:
     """Append what is left of a recovered run as a new part, and analyse it."""
     from bench.model import load_model
 
+    job = _rest(run, station_path)
     files = sorted(run.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
     models = [load_model(model) for model in files or DEFAULT_MODELS]
-    result = continued(run, station_path, quiet)
+    result = _carry_out(job, quiet)
     if len(result.units) > 1:
         return report_on_all(result.units, models)
     return report_on(result.run, models, result.error)
@@ -34,14 +35,16 @@ def go_on(run: RunFolder, station_path: Path | None, quiet: bool) -> Answer:
 
 def continued(run: RunFolder, station_path: Path | None, quiet: bool) -> RunResult:
     """Append what is left of a recovered run as a new part; InputError when there is nothing to go on with."""
+    return _carry_out(_rest(run, station_path), quiet)
+
+
+def _rest(run: RunFolder, station_path: Path | None) -> Job:
+    """What is left to do; InputError when there is nothing to go on with."""
     from bench import preflight
     from bench import profile as profiles
     from bench.continuation import plan
-    from bench.control import Desk
     from bench.equipment import StationSettings
-    from bench.keyboard import Keyboard
-    from bench.progress import Progress
-    from bench.runner import Job, run_job
+    from bench.runner import Job
 
     profile_path, own_station = run.path / "profile.yaml", run.path / "station.yaml"
     if not any(run.journal.glob("*.gtbj")):
@@ -52,7 +55,7 @@ def continued(run: RunFolder, station_path: Path | None, quiet: bool) -> RunResu
     continuation = plan(run, profile, station)
     if not station.simulated:
         _refuse_growing(run)
-    job = Job(
+    return Job(
         profile=profile,
         profile_text=config.read_text(profile_path),
         station=continuation.units(station).remembering(run.path.parent.parent),
@@ -62,8 +65,16 @@ def continued(run: RunFolder, station_path: Path | None, quiet: bool) -> RunResu
         compensation="on" if run.manifest().get("purpose") == "verification" else "off",
         continuation=continuation,
     )
+
+
+def _carry_out(job: Job, quiet: bool) -> RunResult:
+    from bench.control import Desk
+    from bench.keyboard import Keyboard
+    from bench.progress import Progress
+    from bench.runner import run_job
+
     desk = Desk()
-    with Keyboard(desk) as keyboard, Progress(profile, quiet, lambda: keyboard.notice) as progress:
+    with Keyboard(desk) as keyboard, Progress(job.profile, quiet, lambda: keyboard.notice) as progress:
         return run_job(job, progress, desk)
 
 
