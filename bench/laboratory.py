@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 from pydantic import BaseModel, Field, model_validator
 
 from bench import config
 from bench.config import STRICT
 from bench.errors import InputError
+from bench.yaml12 import dump
 
 
 class Instrument(BaseModel):
@@ -106,6 +108,17 @@ class Laboratory(BaseModel):
 def load_equipment(path: Path) -> tuple[Instrument, ...]:
     """The instruments of a file; InputError with file and line where something is wrong."""
     return config.load(path, EquipmentFile).equipment
+
+
+def of_registry(row: Mapping[str, Any]) -> Instrument:
+    """The instrument of a row of the registry; its kind stands as the model."""
+    days = {"calibrated": row["calibrated_on"], "due": row["due_on"]}
+    return Instrument.model_construct(name=row["name"], serial=row["serial"], model=row["kind"], **days)
+
+
+def to_yaml(equipment: Sequence[Instrument]) -> str:
+    """The text of an equipment file."""
+    return dump({"equipment": [tool.model_dump(mode="json", exclude_none=True) for tool in equipment]})
 
 
 def load_laboratory(path: Path) -> Laboratory:

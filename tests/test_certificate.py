@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from run_folders import CYCLE, make_run, ramp_run
 
 from bench.cli import main
+from bench.errors import InputError
 from bench.laboratory import Instrument, load_equipment, refuse_overdue
 from bench.model import load_model
 from bench.report.analysis import analyse
@@ -328,6 +329,53 @@ def test_a_production_run_is_blocked_by_overdue_or_unknown_equipment(made, tmp_p
         assert done.exit_code == 2
         assert said in done.stderr
         assert not (tmp_path / "out").exists()
+
+
+def production_run(out, monkeypatch, *equipment):
+    """What `bench run --production` says with equipment in the registry; the texts that its run folder would keep."""
+    kept = {}
+
+    def conduct(profile, station, task, quiet):
+        kept.update(task.texts)
+        raise InputError("the run itself is of no interest here")
+
+    monkeypatch.delenv("BENCH_REGISTRY", raising=False)
+    monkeypatch.setattr("bench.workflow.acquisition.conduct", conduct)
+    out.mkdir()
+    for name, *days in equipment:
+        add = ["registry", "equipment", "add", name, "S-1", "--kind", "sensor", *days, "--out", str(out)]
+        assert CliRunner().invoke(main, add, catch_exceptions=False).exit_code == 0
+    profile = Path(__file__).parent.parent / "profiles" / "quick.yaml"
+    done = CliRunner().invoke(main, ["run", str(profile), "--production", "--out", str(out)], catch_exceptions=False)
+    assert done.exit_code == 2
+    assert done.stderr.count("\n") == 1
+    return done.stderr, kept
+
+
+def test_a_production_run_without_a_file_takes_the_registrys_equipment(tmp_path, monkeypatch):
+    valid = ("Pt100", "--calibrated", "2026-03-01", "--due", "2999-03-01")
+    said, kept = production_run(tmp_path / "out", monkeypatch, valid, ("time base",))
+    assert "of no interest" in said
+    (tmp_path / "equipment.yaml").write_text(kept["equipment.yaml"])
+    tools = load_equipment(tmp_path / "equipment.yaml")
+    assert [(tool.name, tool.serial, tool.model, str(tool.due)) for tool in tools] == [
+        ("time base", "S-1", "sensor", "None"),
+        ("Pt100", "S-1", "sensor", "2999-03-01"),
+    ]
+
+
+def test_a_production_run_is_blocked_by_what_is_overdue_in_the_registry(tmp_path, monkeypatch):
+    equipment = ("Pt100", "--due", "2999-03-01"), ("rate table", "--due", "2026-03-01")
+    said, kept = production_run(tmp_path / "out", monkeypatch, *equipment)
+    assert "rate table S-1, due 2026-03-01" in said
+    assert "Pt100" not in said
+    assert not kept
+
+
+def test_a_registry_without_equipment_is_none_for_production(tmp_path, monkeypatch):
+    said, kept = production_run(tmp_path / "out", monkeypatch)
+    assert "equipment in the registry, which holds none" in said
+    assert not kept
 
 
 def test_equipment_that_was_calibrated_later_was_not_calibrated_then(made):

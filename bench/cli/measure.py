@@ -30,8 +30,10 @@ if TYPE_CHECKING:
 @click.option("--unit", "serials", multiple=True, help="Serial number; may be repeated. Default: all of the station.")
 @model_option
 @limits_option
-@click.option("--production", is_flag=True, help="Refuse to start without equipment whose calibrations are valid.")
-@click.option("--equipment", type=click.Path(path_type=Path), help="Reference equipment with its due dates (YAML).")
+@click.option("--production", is_flag=True, help="Refuse to start without valid equipment.")
+@click.option(
+    "--equipment", type=click.Path(path_type=Path), help="Equipment with due dates (YAML) [production: registry's]"
+)
 @effect_option
 @out_option
 @click.option("--quiet", is_flag=True, help="No progress display.")
@@ -43,7 +45,8 @@ def run(profile: Path, station: Path | None, out: Path, quiet: bool, **wishes: A
     """Run PROFILE: drive the chamber, capture the units, fit the models, write the reports."""
     from bench.workflow import acquisition
 
-    return acquisition.run(profile, station, acquisition.Wishes(**wishes), out, quiet)
+    registry = click.get_current_context().params["where"]  # taken by `registers` before it gets here
+    return acquisition.run(profile, station, acquisition.Wishes(**wishes, registry=registry), out, quiet)
 
 
 @click.command()

@@ -34,12 +34,6 @@ def equipment(registry: Registry) -> Found:
     return _found(registry, select(table).order_by(table.c.due_on, table.c.name, table.c.serial))
 
 
-def overdue(registry: Registry, on: date) -> Found:
-    """Equipment whose calibration is not valid any more on a day."""
-    table = TABLES["equipment"]
-    return _found(registry, select(table).where(table.c.due_on < on).order_by(table.c.due_on))
-
-
 def show(registry: Registry, name: str) -> dict[str, Any]:
     """A unit with its runs, or a run with all that is known of it; InputError where the registry has neither."""
     unit, run = TABLES["units"], TABLES["runs"]

@@ -53,6 +53,8 @@ class Wishes:
     limits: Path | None = None
     production: bool = False
     equipment: Path | None = None
+    registry: str | None = None
+    """Where the equipment of a production run stands without a file; None: in the folder of the runs."""
 
 
 def run(profile_path: Path, station_path: Path | None, wishes: Wishes, out: Path, quiet: bool) -> Answer:
@@ -60,7 +62,7 @@ def run(profile_path: Path, station_path: Path | None, wishes: Wishes, out: Path
     from bench.model import load_model
 
     chosen = [load_model(model) for model in wishes.models or DEFAULT_MODELS]
-    given, texts = _given(wishes)
+    given, texts = _given(wishes, out)
     texts |= {_model_file(i): model.to_yaml() for i, model in enumerate(chosen)}
     result = conduct(profile_path, station_path, Task(wishes.serials, texts, out), quiet)
     if len(result.units) > 1:
@@ -105,7 +107,7 @@ def conduct(profile_path: Path, station_path: Path | None, task: Task, quiet: bo
         return run_job(job, progress, desk)
 
 
-def _given(wishes: Wishes) -> tuple[Limits | None, dict[str, str]]:
+def _given(wishes: Wishes, out: Path) -> tuple[Limits | None, dict[str, str]]:
     """Limits, and the files that the run folder keeps; InputError where equipment is overdue, or unknown in production.
 
     The day is today's, as the run's is.
@@ -123,8 +125,29 @@ def _given(wishes: Wishes) -> tuple[Limits | None, dict[str, str]]:
         if wishes.production:
             laboratory.refuse_overdue(tools, datetime.now(UTC).date(), wishes.equipment)
     elif wishes.production:
-        raise InputError("a production run needs --equipment: a file that says when each calibration is due")
+        texts["equipment.yaml"] = _registered(out, wishes.registry)
     return found, texts
+
+
+def _registered(out: Path, where: str | None) -> str:
+    """The registry's equipment as an equipment file; InputError where it has none, or one is not calibrated today."""
+    from bench import laboratory
+    from bench.registry.asking import equipment
+    from bench.registry.opening import FILE
+    from bench.workflow.registering import open_in
+
+    tools, url = [], where or str(out / FILE)
+    if where is not None or (out / FILE).is_file():
+        with open_in(out, where) as registry:
+            tools, url = [laboratory.of_registry(row) for row in equipment(registry)], registry.url
+    if not tools:
+        raise InputError(
+            "a production run needs --equipment FILE, or equipment in the registry, which holds none: add it with "
+            "`bench registry equipment add`",
+            url,
+        )
+    laboratory.refuse_overdue(tools, datetime.now(UTC).date(), url)
+    return laboratory.to_yaml(tools)
 
 
 def _model_file(order: int) -> str:
