@@ -15,6 +15,7 @@ from bench.noise import AllanCurve, allan_deviation
 from bench.noise.allan import FLICKER_FLOOR, SECONDS_PER_HOUR
 from bench.report.drawing import Axis, band, dots, figure, line
 from bench.report.evidence import Evidence
+from bench.report.quantities import turning
 
 TEMPERATURE = "temperature of the unit [°C]"
 BRANCHES = ((1, "warm", "heating"), (-1, "accent", "cooling"))
@@ -33,7 +34,7 @@ def figures(evidence: Evidence, expanded_dph: float) -> dict[str, Any]:
 
 
 def _bias(data: Dataset, left: FloatArray) -> dict[str, Any]:
-    x, y = data.channel("temperature"), data.bias
+    x, y = data.channel("temperature"), np.where(turning(data), np.nan, data.bias)  # turning, it is the scale factor's
     axes = Axis.around(TEMPERATURE, x), Axis.around("bias [deg/h]", y)
     series = [dots(*_branch(data, sign, y), axes, colour, name) for sign, colour, name in BRANCHES]
     model = y - left

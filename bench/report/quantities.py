@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench import effects
-from bench.channels import DPH_PER_DPS, FloatArray
+from bench.channels import DPH_PER_DPS, BoolArray, FloatArray
 from bench.dataset import Dataset
 from bench.diagnosis.compare import Score
 from bench.errors import InputError
@@ -199,5 +199,10 @@ def _present(data: Dataset) -> FloatArray:
 
 def standing(data: Dataset) -> Dataset:
     """The rows in which no rate table turns: elsewhere the scale factor is part of the bias."""
-    applied = data.channels.get("applied_rate")
-    return data if applied is None else data.select(~(np.abs(applied) > _STANDS_DPS))
+    return data if "applied_rate" not in data.channels else data.select(~turning(data))
+
+
+def turning(data: Dataset) -> BoolArray:
+    """Rows (n,) in which a rate table turns."""
+    applied = data.channels.get("applied_rate", np.zeros(len(data)))
+    return np.asarray(np.abs(applied) > _STANDS_DPS)
