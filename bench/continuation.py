@@ -9,7 +9,7 @@ same folder, on the same bench time; the gap stays a gap (docs/decisions/0005-pa
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -272,7 +272,10 @@ def _number(value: float) -> float | None:
 def _say(state: Mapping[str, Any]) -> str:
     if "chamber_degc" not in state:
         return "not known"
-    degc: Callable[[float | None], str] = lambda value: "unknown" if value is None else f"{value:.1f} degC"  # noqa: E731
-    units = ", ".join(f"{serial} {degc(value)}" for serial, value in state["units_degc"].items())
+    units = ", ".join(f"{serial} {_degc(value)}" for serial, value in state["units_degc"].items())
     mode = "on" if state["on"] else "off"
-    return f"{degc(state['chamber_degc'])} ({mode}, set point {degc(state['setpoint_degc'])}; {units})"
+    return f"{_degc(state['chamber_degc'])} ({mode}, set point {_degc(state['setpoint_degc'])}; {units})"
+
+
+def _degc(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.1f} degC"

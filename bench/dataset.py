@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,6 +14,7 @@ import pandas as pd
 from bench.channels import CHANNELS, DPH_PER_DPS, BoolArray, FloatArray, IntArray
 from bench.errors import InputError
 from bench.means import write_means
+from bench.store import MANIFEST, read_json
 
 __all__ = ["Dataset", "Segment", "load", "write_means"]
 
@@ -208,7 +208,8 @@ def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S, *, whol
     folder = Path(run_folder)
     if not folder.is_dir():
         raise InputError("no such run folder", folder)
-    manifest = _manifest(folder / "manifest.json")
+    missing = "missing: this folder is not a run; `bench import FILE` makes one from a table"
+    manifest = read_json(folder / MANIFEST, missing)
     path = folder / "means.parquet"
     if not path.is_file():
         raise InputError("missing; the run was not finished: recover it with `bench resume` or `bench report`", path)
@@ -264,18 +265,6 @@ def _dataset(table: pd.DataFrame, manifest: Mapping[str, Any], folder: Path) -> 
 def _is_corrected(manifest: Mapping[str, Any]) -> bool:
     identity = manifest.get("unit_identity") or {}
     return manifest.get("purpose") == "verification" or bool(identity.get("coefficient_set"))
-
-
-def _manifest(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise InputError("missing: this folder is not a run; `bench import FILE` makes one from a table", path)
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"not readable as JSON ({error})", path) from error
-    if not isinstance(manifest, dict):
-        raise InputError("is not a JSON object", path)
-    return manifest
 
 
 def _segment(entry: Mapping[str, Any]) -> Segment:

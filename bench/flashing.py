@@ -10,7 +10,7 @@ import getpass
 import hashlib
 import json
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +22,7 @@ from bench.errors import InputError
 from bench.export.delivering import Wishes, prepare
 from bench.export.image import Image, read
 from bench.export.words import to_bytes, to_words
-from bench.store import MANIFEST, slug, write_atomically
+from bench.store import MANIFEST, slug, write_atomically, write_json
 from bench.unit_memory import open_alone
 from drivers.coefficients import Programmed, program
 from drivers.errors import DriverError
@@ -137,7 +137,7 @@ def flash(
         with open_alone(settings.remembering(out), unit) as store:
             done = program(store, calibration.content, archive, onlooker)
     except DriverError as error:
-        _write(folder / f"{stem}.json", {**record, "state": "failed", "error": str(error)})
+        write_json(folder / f"{stem}.json", {**record, "state": "failed", "error": str(error)})
         raise
     record |= {
         "state": "done",
@@ -145,9 +145,9 @@ def flash(
         **_outcome(done),
         "record": str(folder / f"{stem}.json"),
     }
-    _write(folder / f"{stem}.json", record)
+    write_json(folder / f"{stem}.json", record)
     if calibration.run is not None:
-        _write(calibration.run / FLASH_JSON, record)
+        write_json(calibration.run / FLASH_JSON, record)
     return record
 
 
@@ -224,10 +224,6 @@ def _date(seconds: int) -> str:
 def _free(folder: Path, stem: str) -> str:
     names = (stem, *(f"{stem}_{n}" for n in range(2, 1000)))
     return next(name for name in names if not list(folder.glob(f"{name}[._]*")))
-
-
-def _write(path: Path, record: Mapping[str, Any]) -> None:
-    write_atomically(path, (json.dumps(record, indent=1, allow_nan=False) + "\n").encode())
 
 
 def _json(path: Path) -> dict[str, Any]:

@@ -66,6 +66,24 @@ def copy_whole(source: Path, target: Path) -> None:
     partial.replace(target)
 
 
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Replace a JSON file atomically; ValueError where a number is not finite."""
+    write_atomically(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def read_json(path: Path, missing: str) -> dict[str, Any]:
+    """The JSON object in a file; InputError that says `missing` where there is none, or what is wrong with it."""
+    if not path.is_file():
+        raise InputError(missing, path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"not readable as JSON ({error})", path) from error
+    if not isinstance(content, dict):
+        raise InputError("is not a JSON object", path)
+    return content
+
+
 def sha256(path: Path) -> str:
     """SHA-256 of a file's contents, hexadecimal."""
     with path.open("rb") as file:

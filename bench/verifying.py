@@ -20,7 +20,7 @@ from bench.diagnosis.digits import finite
 from bench.diagnosis.floor import Floor, noise_floor
 from bench.errors import InputError
 from bench.limits import Limits, Quantity, Verdict, judge
-from bench.store import VERIFICATION_JSON, RunFolder, sha256, write_atomically
+from bench.store import VERIFICATION_JSON, RunFolder, sha256, write_json
 
 FLOOR_RATIO = 1.2
 """Without limits the error must stay below this times the noise floor, its 95 % interval taken into account."""
@@ -141,8 +141,7 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
     content = {**judged, "in_unit": dict(serials), "calibration_run": None if calibration is None else str(calibration)}
     content["quantities"] = [quantity.to_json() for quantity in quantities]
     verification = Verification(run, after, error, floor, before, verdict, content)
-    text = json.dumps(verification.to_json(), indent=1, allow_nan=False)
-    write_atomically(run.path / VERIFICATION_JSON, f"{text}\n".encode())
+    write_json(run.path / VERIFICATION_JSON, verification.to_json())
     return verification
 
 

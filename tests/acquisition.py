@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from bench import config
 from bench.profile import Profile, from_text
 from bench.runner import Job
-from bench.station import StationSettings
+from bench.sequencer import Status
+from bench.station import Station, StationSettings
 
 STATION = Path(__file__).parent.parent / "profiles" / "stations" / "simulated.yaml"
 SHORT = """\
@@ -45,3 +47,14 @@ def job(out: Path, text: str = SHORT, settings: StationSettings | None = None) -
     return Job(
         profile, text, settings or station(), json.dumps(station_content()), {"model.yaml": "name: m\n"}, out=out
     )
+
+
+def at(t_s: float, action: Callable[[Station], Any]) -> Callable[[Station, Status], None]:
+    """An onlooker that does something once, when bench time has come."""
+    done: list[Any] = []
+
+    def look(station: Station, status: Status) -> None:
+        if status.t_s >= t_s and not done:
+            done.append(action(station))
+
+    return look

@@ -5,6 +5,7 @@ import signal
 import acquisition
 import pytest
 
+import bench.station
 from bench.runner import run_job
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -17,3 +18,17 @@ def short_run(tmp_path_factory):
     result = run_job(acquisition.job(tmp_path_factory.mktemp("short")))
     assert result.error is None
     return result.run
+
+
+@pytest.fixture
+def world(monkeypatch):
+    """The simulated station of the run, to be spoilt and to be asked what it was told."""
+    opened = []
+
+    def simulate(*args):
+        opened.append(original(*args))
+        return opened[-1]
+
+    original = bench.station.simulate
+    monkeypatch.setattr(bench.station, "simulate", simulate)
+    return opened

@@ -15,6 +15,7 @@ import acquisition
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from acquisition import at
 
 import bench.runner
 import bench.station
@@ -25,31 +26,6 @@ from bench.runner import run_job
 from bench.store import RunFolder, open_run, sha256
 from drivers.journal import Kind, read_blocks
 from drivers.sim.station import SimulatedStation
-
-
-@pytest.fixture
-def world(monkeypatch):
-    """The simulated station of the run, to be spoilt and to be asked what it was told."""
-    opened: list[SimulatedStation] = []
-
-    def simulate(*args):
-        opened.append(original(*args))
-        return opened[-1]
-
-    original = bench.station.simulate
-    monkeypatch.setattr(bench.station, "simulate", simulate)
-    return opened
-
-
-def at(t_s, action):
-    """An onlooker that does something once, when bench time has come."""
-    done = []
-
-    def look(station, status):
-        if status.t_s >= t_s and not done:
-            done.append(action(station))
-
-    return look
 
 
 def raising(error):

@@ -8,6 +8,7 @@ import acquisition
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from acquisition import at
 from click.testing import CliRunner
 
 import bench.station
@@ -25,31 +26,6 @@ from drivers.clock import SimClock
 
 FOUR = acquisition.STATION.parent / "four_units.yaml"
 SERIALS = ["SIM-0001", "SIM-0002", "SIM-0003", "SIM-0004"]
-
-
-@pytest.fixture
-def world(monkeypatch):
-    """The simulated station of the run, to be spoilt."""
-    opened = []
-
-    def simulate(*args):
-        opened.append(original(*args))
-        return opened[-1]
-
-    original = bench.station.simulate
-    monkeypatch.setattr(bench.station, "simulate", simulate)
-    return opened
-
-
-def at(t_s, action):
-    """An onlooker that does something once, when bench time has come."""
-    done = []
-
-    def look(station, status):
-        if status.t_s >= t_s and not done:
-            done.append(action(station))
-
-    return look
 
 
 def job(out, **changes):

@@ -6,7 +6,6 @@ tell how the effects were scaled, and prove by the residual that they belong tog
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -22,6 +21,7 @@ from bench.fit import Fit, fit
 from bench.fit.design import Problem, assemble
 from bench.fit.rate_surface import binned_record
 from bench.model import Model, load_model, model_from
+from bench.store import read_json
 
 MAX_CONDITION = 1e9
 """Of the scaled columns; above it the coefficients hang on the last digits of the data."""
@@ -152,13 +152,5 @@ def objections_to(found: Fit, dataset: Dataset) -> Iterator[str]:
 
 
 def _json(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        hint = "make it with `bench report`" if path.parent.is_dir() else "no such run folder"
-        raise InputError(f"missing; {hint}", path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"not readable as JSON ({error})", path) from error
-    if not isinstance(content, dict):
-        raise InputError("is not a JSON object", path)
-    return content
+    hint = "make it with `bench report`" if path.parent.is_dir() else "no such run folder"
+    return read_json(path, f"missing; {hint}")

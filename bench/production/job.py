@@ -13,7 +13,7 @@ from typing import Any
 
 from bench import __version__
 from bench.errors import InputError
-from bench.store import slug, write_atomically
+from bench.store import slug, write_json
 
 JOB = "job.json"
 FORMAT = 1
@@ -78,7 +78,7 @@ class JobFile:
 
     def save(self) -> None:
         """Write it: a reader, or a bench that is started again, sees the job before or after, never between."""
-        write_atomically(self.folder / JOB, (json.dumps(self.content, indent=1, allow_nan=False) + "\n").encode())
+        write_json(self.folder / JOB, self.content)
 
     @contextmanager
     def locked(self) -> Iterator[None]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,7 +27,7 @@ from bench.report.parts import Joint, joints
 from bench.report.quantities import quantities
 from bench.report.validity import refusals
 from bench.report.verdict import Verdict, judge, with_diagnosis
-from bench.store import Manifest, RunFolder, write_atomically
+from bench.store import Manifest, RunFolder, write_atomically, write_json
 
 BASELINES = 3
 """Models at the start of the ladder that every comparison shows: what is common practice."""
@@ -164,7 +163,7 @@ def judged_by(analysis: Analysis, limits: Limits) -> Analysis:
     """The analysis with the limits' verdict, written as limits.json beside the data."""
     judged = replace(analysis, judgement=judge_limits(limits, quantities(analysis), refusals(analysis)))
     if judged.judgement is not None:
-        _dump(analysis.run.path / LIMITS_JSON, judged.judgement.to_json())
+        write_json(analysis.run.path / LIMITS_JSON, judged.judgement.to_json())
     return judged
 
 
@@ -242,16 +241,12 @@ def _write(result: Analysis) -> None:
     folder = result.run.path
     answer = result.to_json()
     compared = result.comparison.to_json() if result.comparison else {"runs": [folder.name], "models": []}
-    _dump(folder / "compare.json", {**compared, "verdict": answer["verdict"]})
+    write_json(folder / "compare.json", {**compared, "verdict": answer["verdict"]})
     content = calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
     content["quantities"] = [quantity.to_json() for quantity in quantities(result)]
     content["refusals"] = list(refusals(result))
-    _dump(folder / "calibration.json", content)
+    write_json(folder / "calibration.json", content)
     if result.diagnosed.answer is not None:
-        _dump(folder / SAVED, result.diagnosed.answer.to_json())
+        write_json(folder / SAVED, result.diagnosed.answer.to_json())
     if result.diagnosed.profile_yaml:
         write_atomically(folder / NEXT_PROFILE, result.diagnosed.profile_yaml.encode())
-
-
-def _dump(path: Path, content: dict[str, Any]) -> None:
-    write_atomically(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
