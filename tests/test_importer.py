@@ -372,3 +372,18 @@ def test_mf4_is_read_with_its_units(tmp_path):
     plan = plan_import(tmp_path / "x.mf4")
     np.testing.assert_allclose(plan.channels["rate"], 3600 * np.sin(fast), rtol=1e-12)
     assert np.count_nonzero(np.isfinite(plan.channels["temperature"])) == 10
+
+
+def test_a_capital_t_in_degrees_is_a_temperature_and_no_time(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("t [s],T (degC),rate [deg/h]\n" + "".join(f"{i},{25 + i / 10},1.5\n" for i in range(50)))
+    plan = plan_import(file)
+    assert plan.time_source.column == "t [s]"
+    assert plan.to_json()["columns"]["temperature"]["column"] == "T (degC)"
+
+
+def test_a_header_that_no_person_wrote_is_refused_before_it_is_taken_apart(tmp_path):
+    for header, said in (("a," * 60_000, "bytes"), ("c,b" + ",a" * 2000, "columns"), ("time,ra\0te", "control")):
+        (tmp_path / "odd.csv").write_text(f"{header}\n1,2\n")
+        with pytest.raises(InputError, match=said):
+            plan_import(tmp_path / "odd.csv")

@@ -173,11 +173,22 @@ def _obvious(table: Table, taken: set[str | None]) -> dict[str, list[str]]:
     """Columns by the channel that their header names."""
     found: dict[str, list[str]] = {}
     for name in table.columns:
-        channel = name if name in CHANNELS else _BY_WORD.get(_word(split_header(name, table.units.get(name))[0]))
+        word, unit = split_header(name, table.units.get(name))
+        channel = name if name in CHANNELS else _BY_WORD.get(_word(word))
+        if channel == "time" and unit is not None and _measures(unit, "temperature"):
+            channel = "temperature"  # T in degC is no time
         if channel is not None and name not in taken:
             found.setdefault(channel, []).append(name)
     exact = {channel: [channel] for channel in found if channel in found[channel]}
     return {**found, **exact}
+
+
+def _measures(unit: str, channel: str) -> bool:
+    try:
+        conversion(unit, channel)
+    except InputError:
+        return False
+    return True
 
 
 def _word(name: str) -> str:

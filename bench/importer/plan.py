@@ -97,8 +97,11 @@ def plan_import(
     path: Path | str, columns: ColumnMap | None = None, serial: str = "unknown", dbc: Path | str | None = None
 ) -> ImportPlan:
     """Read and judge a table; InputError, one line with file and line number, when it cannot become a run."""
-    table = read_table(path, dbc)
-    columns = columns or ColumnMap()
+    return plan_table(read_table(path, dbc), columns or ColumnMap(), serial)
+
+
+def plan_table(table: Table, columns: ColumnMap, serial: str) -> ImportPlan:
+    """Judge a table that was read; InputError when it cannot become a run."""
     source = find_time(table, columns)
     mapped = find_channels(table, columns)
     time = _time(table, source)
@@ -113,10 +116,12 @@ def plan_import(
     return ImportPlan(table, serial, source, time, channels, used, branches, warnings)
 
 
-def write_import(plan: ImportPlan, out: Path, created: datetime | None = None) -> RunFolder:
+def write_import(
+    plan: ImportPlan, out: Path, created: datetime | None = None, operator: str | None = None
+) -> RunFolder:
     """Make the run folder of a plan under `out`: data, means, events, column map and manifest; InputError if it cannot.
 
-    `created` is the calendar time of the import, for a folder with a known name.
+    `created` is the calendar time of the import, for a folder with a known name; `operator` is who asked for it.
     """
     created = created or datetime.now(UTC)
     run = create_run(out, plan.serial, f"import_{plan.table.path.stem}", created)
@@ -127,7 +132,8 @@ def write_import(plan: ImportPlan, out: Path, created: datetime | None = None) -
         (run.path / "columns.yaml").write_text(_column_map(plan), encoding="utf-8")
         notes = [{"t_s": 0.0, "kind": "import", "text": warning} for warning in plan.warnings]
         (run.path / "events.jsonl").write_text("".join(f"{json.dumps(note)}\n" for note in notes), encoding="utf-8")
-        run.write_manifest(_manifest(plan, run, created))
+        people = {} if operator is None else {"operator": operator}
+        run.write_manifest({**_manifest(plan, run, created), **people})
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}; choose another place with --out", run.path) from None
     return run

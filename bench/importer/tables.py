@@ -24,6 +24,9 @@ CAN_LOGS = (".blf", ".asc", ".log", ".trc")
 _DELIMITERS = (";", "\t", ",", "|", " ")
 _GAPS = {"", "nan", "na", "n/a", "null", "none"}
 TIME = "time"
+LONGEST_HEADER = 100_000
+"""Bytes of a header line that a person or a logger may have written."""
+MOST_COLUMNS = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +79,8 @@ def _read_csv(path: Path) -> Table:
         start, line = end, line + 1
     else:
         raise InputError("holds no table: every line is empty or a comment", path)
+    if end - start > LONGEST_HEADER:
+        raise InputError(f"the header has {end - start:,} bytes, allowed are {LONGEST_HEADER:,}: no table", path, line)
     header = data[start:end].decode("utf-8", errors="replace").strip("\r\n")
     delimiter = _delimiter(header, path, line)
     names = [name.strip() for name in _split(header, delimiter)]
@@ -147,13 +152,20 @@ def _delimiter(header: str, path: Path, line: int) -> str:
 def _split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         return line.split()
-    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    try:
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    except csv.Error as error:  # a NUL byte, or a quoted field without end
+        raise InputError(f"a line is no text table: {error}") from None
 
 
 def _check_header(names: list[str], path: Path, line: int) -> None:
     if all(_number(name) is not None for name in names):
         raise InputError("the first line holds numbers, not names; add a header line", path, line)
+    if len(names) > MOST_COLUMNS:
+        raise InputError(f"has {len(names):,} columns, allowed are {MOST_COLUMNS:,}", path, line)
     for name in names:
+        if any(ord(sign) < 32 for sign in name):
+            raise InputError(f"column name {name!r} holds control characters; rename it", path, line)
         if not name:
             raise InputError(f"column {names.index(name) + 1} has no name in the header", path, line)
         if names.count(name) > 1:
