@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import click
 
 from bench import __version__
-from bench.cli import analyse, deliver, measure, stock
+from bench.cli import analyse, deliver, measure, pages, stock
 
 SECTIONS: dict[str, Sequence[click.Command]] = {
     "Measure": (measure.run, measure.check, measure.doctor, measure.sim, measure.init),
@@ -21,6 +21,7 @@ SECTIONS: dict[str, Sequence[click.Command]] = {
         analyse.import_, analyse.replay, analyse.diff, analyse.mystery, analyse.reveal,
     ),
     "Deliver": (deliver.calibrate, deliver.export, deliver.flash, deliver.verify, deliver.certificate),
+    "In a browser": (pages.ui,),
     "Many units": (stock.fleet, stock.registry),
 }  # fmt: skip
 

@@ -1,0 +1,52 @@
+"""The application: gate, problems, API, page."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+
+from fastapi import Depends, FastAPI
+
+from bench import __version__
+from bench.web.access import Access, requires
+from bench.web.gate import Gate
+from bench.web.pages import add_pages
+from bench.web.problems import RESPONSES, add_problems
+from bench.web.routers import modules
+from bench.web.settings import Settings
+
+API = "/api/v1"
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The application of one server; InputError when its access file is not sound."""
+    routers = modules()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        async with AsyncExitStack() as stack:
+            for module in routers:
+                if hasattr(module, "lifespan"):
+                    await stack.enter_async_context(module.lifespan(app))
+            yield
+
+    app = FastAPI(
+        title="Thermal test bench for gyroscopes",
+        version=__version__,
+        openapi_url=f"{API}/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+        lifespan=lifespan,
+        redirect_slashes=False,
+        responses=RESPONSES,
+    )
+    app.state.settings = settings
+    app.state.access = Access(settings)
+    add_problems(app)
+    for module in routers:
+        # Looking needs to be asked for too; who may do more is said at each route.
+        guards = [] if module.__name__.endswith(".session") else [Depends(requires("viewer"))]
+        app.include_router(module.router, prefix=API, dependencies=guards)
+    add_pages(app)
+    app.add_middleware(Gate, settings=settings)
+    return app
