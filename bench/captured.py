@@ -10,6 +10,7 @@ from bench.assemble import Decoded
 from bench.equipment import UnitSettings
 from bench.errors import InputError
 from bench.guards import Signal
+from bench.trace import Envelope
 from drivers.clock import Clock
 from drivers.gyro import GyroDecoder
 from drivers.journal import FrameArray
@@ -42,6 +43,8 @@ class LiveUnit:
         self.sample_clock = SampleClock(self.decoder.interval_s)
         self.temperature: Signal | None = None
         self.newest_frame_s: float | None = None
+        self.rates = Envelope()
+        """Of all samples since an onlooker took them [deg/h]."""
         self._clock = clock
         self._next_reset, self._doubted = 1, False
         self._counts: deque[tuple[float, int, int, int]] = deque()  # bench time [s], resets, misfits, received
@@ -55,6 +58,7 @@ class LiveUnit:
         """Decode newly captured frames of this unit's bus."""
         block = self.decoder.decode(frames)
         self.sample_clock.add(block.index, block.t_ns)
+        self.rates.add(block.rate_dph)
         if len(block.t_ns):
             self.newest_frame_s = float(block.t_ns[-1]) * 1e-9
         if "temperature" in block.slow and len(block.slow["temperature"].value):

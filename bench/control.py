@@ -24,9 +24,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal, Protocol, get_args
 
+from bench.guards import Guards, Light
 from bench.remote import HOST, LIVE, LiveFile, read_line
-from bench.sequencer import Status
+from bench.sequencer import TICK_S, Status
 from bench.station import LiveUnit, Station
+from bench.trace import Trace
 
 Action = Literal["hold", "pause", "resume", "abort"]
 ACTIONS: tuple[Action, ...] = get_args(Action)
@@ -66,14 +68,24 @@ class Desk:
         self._picture: dict[str, Any] = {"state": "starting"}
         self._seen_wall_s = time.monotonic()
         self._ending = ""
+        self._guards: Guards | None = None
+        self._lights: list[Light] = []
+        self._expected_s: float | None = None
+        self._trace = Trace(tick_s=TICK_S, origin=int(time.time()))
 
-    def attach(self, sequencer: Requests, nominal_s: float) -> None:
-        """Requests go to this sequencer from now on; its legs take `nominal_s` [s]."""
-        self._sequencer, self._nominal_s = sequencer, nominal_s
+    def attach(self, sequencer: Requests, nominal_s: float, guards: Guards | None = None) -> None:
+        """Requests go to this sequencer from now on; its legs take `nominal_s` [s] and these guards watch over it."""
+        self._sequencer, self._nominal_s, self._guards = sequencer, nominal_s, guards
 
     def look(self, station: Station, status: Status) -> None:
         """Take in one tick; called by the loop of the run, which alone may read the station."""
-        self._picture = picture(station, status, self._nominal_s)
+        seen = picture(station, status, self._nominal_s)
+        end_s = status.t_s + time_left(status, self._nominal_s)[1]
+        self._expected_s = end_s if self._expected_s is None else self._expected_s
+        self._picture = {**seen, "late_s": round(end_s - self._expected_s, 1)}
+        if self._guards is not None:
+            self._lights = self._guards.lights()
+        _add(self._trace, station, status)
         self._seen_wall_s = time.monotonic()
 
     def watched(self, onlooker: Onlooker) -> Onlooker:
@@ -86,9 +98,19 @@ class Desk:
         return look
 
     def status(self) -> dict[str, Any]:
-        """The newest picture; `age_s` is how old it is [s of wall time]."""
+        """The newest picture; `age_s` is how old it is [s of wall time].
+
+        `late_s` is by how much the run is later now than was expected when it began [s], `guards` are lights.
+        """
         state = {"state": "ending", "ending": self._ending} if self._ending else {}
-        return {**self._picture, **state, "age_s": round(time.monotonic() - self._seen_wall_s, 3)}
+        guards = [{**vars(light), "value": _known(light.value)} for light in self._lights]
+        age_s = round(time.monotonic() - self._seen_wall_s, 3)
+        return {**self._picture, **state, "guards": guards, "age_s": age_s}
+
+    def trace(self, since: Any, generation: Any) -> dict[str, Any]:
+        """A page of what the run has done so far (`bench.trace`); what is asked for may be nonsense."""
+        index, known = (value if type(value) is int else None for value in (since, generation))
+        return self._trace.since(index or 0, known)
 
     def ask(self, action: Action, who: str) -> None:
         """Ask the run for something; RuntimeError before there is a sequencer to ask."""
@@ -136,6 +158,17 @@ def picture(station: Station, status: Status, nominal_s: float) -> dict[str, Any
         ],
         "holding": list(status.holding),
     }
+
+
+def _add(trace: Trace, station: Station, status: Status) -> None:
+    """Let the trace take in a tick, with the set point in force where the controller tells it."""
+    reading = status.reading
+    setpoint = reading.setpoint if reading.working_setpoint is None else reading.working_setpoint
+    units = [
+        (unit.serial, math.nan if unit.temperature is None else unit.temperature.value, unit.rates.take())
+        for unit in (*station.units, *(gone.unit for gone in station.dropped))
+    ]
+    trace.add(status.t_s, (setpoint, reading.temperature), units)
 
 
 def _unit(unit: LiveUnit, dropped: str | None) -> dict[str, Any]:
@@ -227,8 +260,11 @@ class _Client(socketserver.BaseRequestHandler):
                 self.server.desk.ask(action, str(request.get("who", "unknown")))
             except RuntimeError as error:
                 return _refused(str(error))
+        elif action == "trace":
+            trace = self.server.desk.trace(request.get("since"), request.get("generation"))
+            return {"ok": True, **self.server.desk.status(), "trace": trace}
         elif action != "status":
-            return _refused(f"do is {str(action)[:40]!r}, must be one of status, {', '.join(ACTIONS)}")
+            return _refused(f"do is {str(action)[:40]!r}, must be one of status, trace, {', '.join(ACTIONS)}")
         return {"ok": True, **self.server.desk.status()}
 
 

@@ -159,9 +159,24 @@ class Trip:
     text: str
 
 
+@dataclass(frozen=True)
+class Light:
+    """A guard as a traffic light: `waiting` is trouble within its delay, `tripped` lasts until it releases."""
+
+    name: str
+    state: Literal["ok", "waiting", "tripped"]
+    text: str
+    """What is wrong; empty when nothing is."""
+    action: Action
+    signal: Name
+    value: float | None
+    """Of the signal when it was looked at last; None: never, or not a number."""
+
+
 @dataclass
 class _Guard:
     settings: GuardSettings
+    value: float | None = None
     tripped: bool = False
     trouble: str | None = None
     bad_since: float | None = None
@@ -170,6 +185,7 @@ class _Guard:
 
     def evaluate(self, signal: Signal | None, now_s: float) -> Trip | None:
         silent = self._silent(signal, now_s)
+        self.value = None if signal is None else signal.value
         self.trouble = silent or (None if signal is None else self._beyond(signal))
         if self.trouble is None:
             self.bad_since = None
@@ -180,6 +196,14 @@ class _Guard:
             return None
         self.tripped = True
         return Trip(self.settings, True, now_s, f"{self.settings.name}: {self.trouble}")
+
+    def light(self) -> Light:
+        """What it shows now."""
+        state: Literal["ok", "waiting", "tripped"] = "ok" if self.trouble is None else "waiting"
+        text = self.trouble or ("waits for its release" if self.tripped else "")
+        value = None if self.value is None or not math.isfinite(self.value) else self.value
+        rule = self.settings
+        return Light(rule.name, "tripped" if self.tripped else state, text, rule.action, rule.signal, value)
 
     def _release(self, signal: Signal | None, now_s: float) -> Trip | None:
         if not self.tripped or signal is None:
@@ -245,6 +269,10 @@ class Guards:
         """The tripped guards that demand `action`, each with what is wrong (or was, until it releases)."""
         tripped = [guard for guard in self._guards if guard.tripped and guard.settings.action == action]
         return [f"{guard.settings.name}: {guard.trouble or 'waits for its release'}" for guard in tripped]
+
+    def lights(self) -> list[Light]:
+        """All of them, in the order of the settings."""
+        return [guard.light() for guard in self._guards]
 
     def troubles(self) -> list[str]:
         """What was wrong at the last evaluation, tripped already or still within its delay."""

@@ -121,9 +121,14 @@ def _named(folder: Path) -> LiveRun:
     return found
 
 
-def ask(run: LiveRun, action: str, patience_s: float = PATIENCE_S) -> dict[str, Any]:
-    """Send one request; the answer. EquipmentError when the process is gone or hangs, InputError when it refuses."""
-    request = {"token": run.file.token, "do": action, "who": whoami()}
+def ask(
+    run: LiveRun, action: str, patience_s: float = PATIENCE_S, *, who: str | None = None, **more: Any
+) -> dict[str, Any]:
+    """Send one request; the answer. EquipmentError when the process is gone or hangs, InputError when it refuses.
+
+    `who` asks, if not the user of this process; `more` belongs to the action: since and generation of a trace.
+    """
+    request = {"token": run.file.token, "do": action, "who": who or whoami(), **more}
     try:
         with socket.create_connection((HOST, run.file.port), patience_s) as connection:
             connection.sendall(json.dumps(request).encode() + b"\n")

@@ -28,6 +28,7 @@ from bench.errors import BenchError, EquipmentError, InputError, RunAborted
 from bench.guards import Guards, Signal, guards_of
 from bench.profile import Leg, Profile
 from bench.recorder import BENCH_JOURNAL, Recorder
+from bench.remote import whoami
 from bench.safety import SafeState, failures
 from bench.sequencer import Sequencer, Status
 from bench.station import Dropped, LiveUnit, Station, StationSettings, open_station
@@ -57,6 +58,8 @@ class Job:
     """Whether the units correct their rate: off for a calibration, on for a verification."""
     continuation: Continuation | None = None
     """How to go on with a run whose bench was killed; none: a new run."""
+    operator: str = ""
+    """Who started it, for events and manifest; empty: who this process runs for."""
 
     def legs(self) -> tuple[Leg, ...]:
         """What is to be run."""
@@ -163,6 +166,7 @@ def _meta(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime) -> dic
         "simulated": job.station.simulated,
         "purpose": "calibration" if job.compensation == "off" else "verification",
         "gyro": {"layout": settings.gyro, "number": settings.number, "bus": settings.bus},
+        **({"operator": job.operator} if job.operator else {}),
         "seeds": job.station.seeds(job.profile.name),
         "versions": versions(),
     }
@@ -217,7 +221,7 @@ def _conduct(
     sequencer = Sequencer(station, guards, recorder, look)
     if station.turntable is not None:
         sequencer.turning = station.turntable.begin
-    desk.attach(sequencer, job.profile.duration_s)
+    desk.attach(sequencer, job.profile.duration_s, guards)
     sequencer.signals.extra = lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)}
     station.on_write = recorder.write
     error: BenchError | None = None
@@ -225,7 +229,7 @@ def _conduct(
     with _stop_signals(sequencer):
         try:
             station.start_capture(recorder)
-            recorder.event("run", "start")
+            recorder.event("run", "start", who=job.operator or whoami())
             sequencer.check_before_start()
             output.establish()
             _record_gap(job, station, recorder)

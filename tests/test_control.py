@@ -7,13 +7,16 @@ import stat
 import threading
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from bench import control, remote
 from bench.control import Desk
 from bench.errors import EquipmentError, InputError
+from bench.guards import Guards, GuardSettings, Signal
 from bench.profile import from_text
 from bench.sequencer import Status
+from bench.trace import Envelope
 from drivers.chamber import ChamberReading
 
 PROFILE = from_text(
@@ -21,7 +24,10 @@ PROFILE = from_text(
 )
 LOSSES = SimpleNamespace(as_dict=lambda: {"received": 6010, "lost": 3})
 UNIT = SimpleNamespace(
-    serial="G-1", temperature=SimpleNamespace(value=float("nan")), decoder=SimpleNamespace(losses=LOSSES)
+    serial="G-1",
+    temperature=SimpleNamespace(value=float("nan")),
+    decoder=SimpleNamespace(losses=LOSSES),
+    rates=Envelope(),
 )
 STATION = SimpleNamespace(units=[UNIT], dropped=[])
 
@@ -93,6 +99,60 @@ def test_status_is_the_newest_tick(desk, live):
     assert 0 <= answer["age_s"] < 5
 
 
+def test_status_shows_the_guards_as_lights(sequencer, folder):
+    rules = [
+        GuardSettings(name="hot", signal="unit_temperature", above=60.0, delay_s=5.0),
+        GuardSettings(name="door", signal="door", above=0.5, action="hold"),
+        GuardSettings(name="disk", signal="disk_free_mb", below=100.0),
+    ]
+    guards, desk = Guards(rules), Desk()
+    desk.attach(sequencer, PROFILE.duration_s, guards)
+    signals = {"unit_temperature": 61.5, "door": 1.0, "disk_free_mb": 5e5}
+    guards.evaluate({name: Signal(value, 100.0) for name, value in signals.items()}, 100.0)
+    desk.look(STATION, status())
+    with control.serve(desk, [folder]):
+        lights = remote.ask(remote.at(folder), "status")["guards"]
+    assert [(light["name"], light["state"], light["action"]) for light in lights] == [
+        ("hot", "waiting", "abort"),
+        ("door", "tripped", "hold"),
+        ("disk", "ok", "abort"),
+    ]
+    assert lights[0]["text"] == "unit_temperature = 61.5 is above 60"
+    assert (lights[0]["value"], lights[2]["text"]) == (61.5, "")
+
+
+def test_status_says_how_far_the_estimate_was_off_so_far(desk):
+    desk.look(STATION, status(10.0))
+    assert desk.status()["late_s"] == 0.0
+    desk.look(STATION, status(200.0))
+    assert desk.status()["late_s"] == 0.0
+    desk.look(STATION, status(430.0))  # the ramp was to take 300 s
+    assert desk.status()["late_s"] == 130.0
+
+
+def test_the_trace_comes_with_the_status_and_only_what_is_new(desk, live):
+    UNIT.rates.add(np.array([-5.0, 7.25]))
+    desk.look(STATION, status(100.0))
+    answer = remote.ask(live, "trace")
+    assert (answer["t_s"], answer["trace"]["serials"]) == (100.0, ["G-1"])
+    assert answer["trace"]["points"] == [[100.0, 25.1, 25.04, [None], [[-5.0, 7.25]]]]
+    desk.look(STATION, status(101.0))
+    known = {"since": answer["trace"]["next"], "generation": answer["trace"]["generation"]}
+    (news,) = remote.ask(live, "trace", **known)["trace"]["points"]
+    assert (news[0], news[4]) == (101.0, [[None, None]])
+
+
+@pytest.mark.parametrize("since", [None, "x", -1, 1e300, [], True])
+def test_nonsense_about_the_trace_is_answered_from_the_beginning(desk, live, since):
+    desk.look(STATION, status())
+    assert remote.ask(live, "trace", since=since, generation=since)["trace"]["first"] == 0
+
+
+def test_who_asks_may_be_somebody_else_than_the_user_of_the_process(live, sequencer):
+    remote.ask(live, "hold", who="Olena (operator, 10.0.0.7)")
+    assert sequencer.asked == [("request_hold", "Olena (operator, 10.0.0.7)")]
+
+
 @pytest.mark.parametrize(
     ("action", "request_"),
     [("hold", "request_hold"), ("pause", "request_pause"), ("resume", "request_resume"), ("abort", "request_stop")],
@@ -153,7 +213,7 @@ def shout(run, data):
 
 
 def test_an_action_that_does_not_exist_is_answered_with_those_that_do(live):
-    with pytest.raises(InputError, match="must be one of status, hold, pause, resume, abort"):
+    with pytest.raises(InputError, match="must be one of status, trace, hold, pause, resume, abort"):
         remote.ask(live, "explode")
 
 

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 @effect_option
 @out_option
 @click.option("--quiet", is_flag=True, help="No progress display.")
+@click.option("--operator", default="", help="Who starts it, for the record. Default: the user.")
 @registry_option
 @json_option
 @answers

@@ -55,6 +55,8 @@ class Wishes:
     equipment: Path | None = None
     registry: str | None = None
     """Where the equipment of a production run stands without a file; None: in the folder of the runs."""
+    operator: str = ""
+    """Who starts it, if not the user of this process."""
 
 
 def run(profile_path: Path, station_path: Path | None, wishes: Wishes, out: Path, quiet: bool) -> Answer:
@@ -64,7 +66,7 @@ def run(profile_path: Path, station_path: Path | None, wishes: Wishes, out: Path
     chosen = [load_model(model) for model in wishes.models or DEFAULT_MODELS]
     given, texts = _given(wishes, out)
     texts |= {_model_file(i): model.to_yaml() for i, model in enumerate(chosen)}
-    result = conduct(profile_path, station_path, Task(wishes.serials, texts, out), quiet)
+    result = conduct(profile_path, station_path, Task(wishes.serials, texts, out, operator=wishes.operator), quiet)
     if len(result.units) > 1:
         return report_on_all(result.units, chosen, given)
     return report_on(result.run, chosen, result.error, limits=given)
@@ -78,6 +80,7 @@ class Task:
     texts: Mapping[str, str]
     out: Path
     compensation: Compensated = "off"
+    operator: str = ""
 
 
 def conduct(profile_path: Path, station_path: Path | None, task: Task, quiet: bool) -> RunResult:
@@ -101,6 +104,7 @@ def conduct(profile_path: Path, station_path: Path | None, task: Task, quiet: bo
         serials=task.serials,
         out=task.out,
         compensation=task.compensation,
+        operator=task.operator,
     )
     desk = Desk()
     with Keyboard(desk) as keyboard, Progress(profile, quiet, lambda: keyboard.notice) as progress:
