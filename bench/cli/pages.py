@@ -49,13 +49,12 @@ def _serve(**wishes: Any) -> None:
 
     try:
         from bench.web import serving
+        from bench.web.settings import Settings
     except ModuleNotFoundError as error:
         raise InputError(f"`bench ui` needs {error.name}; pip install 'gyro-thermal-bench[web]'") from error
     certificate, key = wishes["certificate"], wishes["key"]
     if (certificate is None) != (key is None):
         raise InputError("--certificate and --key belong together; give both or neither")
     tls = serving.Tls(certificate, key) if certificate else None
-    settings = serving.Settings(
-        wishes["out"].resolve(), access=wishes["access"], host=wishes["host"], names=wishes["names"]
-    )
+    settings = Settings(wishes["out"].resolve(), access=wishes["access"], host=wishes["host"], names=wishes["names"])
     serving.serve(settings, wishes["port"], tls, not wishes["no_browser"])

@@ -14,48 +14,13 @@ from typing import NamedTuple
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from bench.web.policy import HEADERS
+from bench.web.policy import REPORT as REPORT_POLICY
 from bench.web.problems import problem
 from bench.web.settings import Settings
 
-EMPTY_STYLE = "'sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU='"
-"""plotly makes one style element, empty, and fills it through the object model: SHA-256 of nothing."""
+__all__ = ["REPORT_POLICY", "Gate", "is_loopback"]
 
-POLICY = "; ".join(
-    (
-        "default-src 'none'",
-        "script-src 'self'",
-        f"style-src 'self' {EMPTY_STYLE}",
-        "img-src 'self' data: blob:",
-        "connect-src 'self'",
-        "font-src 'self'",
-        "frame-src 'self'",
-        "manifest-src 'self'",
-        "form-action 'self'",
-        "base-uri 'none'",
-        "frame-ancestors 'none'",
-    )
-)
-
-REPORT_POLICY = "; ".join(
-    (
-        "sandbox allow-scripts allow-downloads",
-        "default-src 'none'",
-        "script-src 'unsafe-inline'",
-        "style-src 'unsafe-inline'",
-        "img-src data: blob:",
-        "frame-ancestors 'self'",
-    )
-)
-"""For a report, which is one file with everything in it: in an origin of its own that reaches nothing."""
-
-_HEADERS = {
-    "Content-Security-Policy": POLICY,
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
-}
 _HARMLESS = {"GET", "HEAD", "OPTIONS"}
 IMPORTS = "/api/v1/imports"
 
@@ -93,7 +58,7 @@ class Gate:
             if message["type"] == "http.response.start":
                 started = True
                 answer = MutableHeaders(scope=message)
-                for name, value in _HEADERS.items():
+                for name, value in HEADERS.items():
                     answer.setdefault(name, value)
                 answer.setdefault("Cache-Control", "no-store" if path.startswith("/api/") else "no-cache")
             await send(message)

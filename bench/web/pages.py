@@ -11,7 +11,18 @@ from starlette.staticfiles import StaticFiles
 STATIC = Path(__file__).with_name("static")
 PLOTLY = Path(__file__).parents[1] / "report" / "assets" / "plotly-cartesian.min.js"
 
-ADDRESSES = ("/", "/start", "/live", "/verdict", "/workbench", "/units", "/units/{serial}", "/fleet", "/login")
+ADDRESSES = (
+    "/",
+    "/start",
+    "/live",
+    "/verdict",
+    "/workbench",
+    "/units",
+    "/units/{serial}",
+    "/fleet",
+    "/import",
+    "/login",
+)
 """What the page's own router knows; below `/live`, `/verdict` and `/workbench` it may go on as it likes."""
 
 

@@ -66,8 +66,8 @@ def serve(settings: Settings, port: int, tls: Tls | None = None, browser: bool =
             lifespan="on",
             limit_concurrency=_CONNECTIONS,
             timeout_graceful_shutdown=GOODBYE_S,
-            ssl_certfile=tls and tls.certificate,
-            ssl_keyfile=tls and tls.key,
+            ssl_certfile=tls.certificate if tls else None,
+            ssl_keyfile=tls.key if tls else None,
         )
         scheme = "https" if tls else "http"
         name = f"[{settings.host}]" if ":" in settings.host else settings.host
