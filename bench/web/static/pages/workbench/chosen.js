@@ -1,0 +1,28 @@
+// The runs that are worked on, each with its part: fitted, held out to check, or standing still to tell the noise.
+import { html, t, runName, unitOf } from "./parts.js";
+import { ROLES } from "./session.js";
+
+const WORDS = () => ({ fit: t("workbench.role.fit"), check: t("workbench.role.check"), static: t("workbench.role.static") });
+const HINTS = () => ({ fit: t("workbench.role.fit_hint"), check: t("workbench.role.check_hint"), static: t("workbench.role.static_hint") });
+const SHAPES = { fit: "●", check: "◇", static: "▬" };
+
+/** `chosen`: [{run, role}]; the bar also opens the list again, to add a run or to begin with another one. */
+export function Chosen({ chosen, act, onAdd, onOther, onCompare }) {
+  const words = WORDS();
+  const hints = HINTS();
+  return html`<section class="wb-chosen" aria-label=${t("workbench.chosen.title")}>
+    <ul>${chosen.map((one) => html`<li key=${one.run} class=${`wb-chip wb-role-${one.role}`} title=${hints[one.role]}>
+      <span class="wb-shape" aria-hidden="true">${SHAPES[one.role]}</span>
+      <span class="wb-chip-name"><b>${unitOf(one.run)}</b> ${runName(one.run)}</span>
+      <select value=${one.role} aria-label=${t("workbench.role.of", { run: one.run })} onChange=${(event) => act({ type: "role", run: one.run, role: event.target.value })}>
+        ${ROLES.map((role) => html`<option key=${role} value=${role} selected=${role === one.role}>${words[role]}</option>`)}
+      </select>
+      <button type="button" class="wb-x" aria-label=${t("workbench.chosen.drop", { run: one.run })} onClick=${() => act({ type: "drop", run: one.run })}>×</button>
+    </li>`)}</ul>
+    <div class="wb-chosen-tools">
+      <button type="button" class="narrow" onClick=${onAdd}>${t("workbench.chosen.add")}</button>
+      <button type="button" class="narrow" onClick=${onCompare}>${t("workbench.chosen.compare")}</button>
+      <button type="button" class="narrow" onClick=${onOther}>${t("workbench.chosen.other")}</button>
+    </div>
+  </section>`;
+}

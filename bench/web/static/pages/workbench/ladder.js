@@ -1,0 +1,127 @@
+// The ladder: error of each model so far, in-sample and held-out, beside the noise floor. A new rung falls into place.
+import { html, t, useEffect, useRef, useState, number } from "./parts.js";
+import { saveCsv, savePng, saveSvg } from "../../lib/download.js";
+import { palette } from "../../lib/figure.js";
+
+const WIDTH = 420;
+const HEIGHT = 250;
+const EDGE = { left: 48, right: 16, top: 16, bottom: 46 };
+const FALL_MS = 900;
+const MOST_RUNGS = 7;
+
+/** Error a reader looks at first: held-out where there is one. */
+export const headline = (rung) => rung.heldOut ?? rung.inSample;
+
+const still = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
+
+/** 0 → 1 once for every new `key`, eased; 1 at once where motion is not wanted. */
+function useFall(key, enabled) {
+  const [progress, setProgress] = useState(1);
+  const last = useRef(key);
+  useEffect(() => {
+    if (last.current === key) return undefined;
+    last.current = key;
+    if (!enabled || still()) return setProgress(1);
+    let frame = 0;
+    const begin = performance.now();
+    const step = (now) => {
+      const x = Math.min(1, Math.max(0, (now - begin) / FALL_MS));
+      setProgress(x * x * (3 - 2 * x));
+      if (x < 1) frame = requestAnimationFrame(step);
+    };
+    setProgress(0);
+    frame = requestAnimationFrame(step);
+    return () => cancelAnimationFrame(frame);
+  }, [key, enabled]);
+  return progress;
+}
+
+/** The rungs as they stand while the last one falls from its forerunner's place. */
+function falling(rungs, progress) {
+  if (rungs.length < 2 || progress >= 1) return rungs;
+  const [before, last] = rungs.slice(-2);
+  const between = (a, b) => (a === null || b === null ? b : a + (b - a) * progress);
+  const moved = { ...last, inSample: between(before.inSample, last.inSample), heldOut: between(before.heldOut, last.heldOut) };
+  return [...rungs.slice(0, -1), moved];
+}
+
+/** Round step for about four grid lines up to `top`. */
+function gridStep(top) {
+  const raw = top / 4;
+  const decade = 10 ** Math.floor(Math.log10(raw));
+  return [1, 2, 5, 10].find((digit) => digit * decade >= raw) * decade;
+}
+
+const short = (name, room) => (name.length > room ? `${name.slice(0, room - 1)}…` : name);
+
+function Drawing({ rungs, shown, floor, refer }) {
+  const colours = palette();
+  const all = rungs.flatMap((rung) => [rung.inSample, rung.heldOut]).filter((value) => value !== null);
+  const top = 1.08 * Math.max(...all, floor ?? 0, 1e-9);
+  const step = gridStep(top);
+  const slots = Math.max(rungs.length, 3);
+  const x = (i) => EDGE.left + ((WIDTH - EDGE.left - EDGE.right) * (i + 0.5)) / slots;
+  const y = (value) => HEIGHT - EDGE.bottom - ((HEIGHT - EDGE.top - EDGE.bottom) * value) / top;
+  const lines = Array.from({ length: Math.floor(top / step) + 1 }, (_, i) => i * step);
+  const held = shown.map((rung, i) => [x(i), rung.heldOut]).filter(([, value]) => value !== null);
+  const path = held.map(([at, value], i) => `${i ? "L" : "M"}${at.toFixed(1)},${y(value).toFixed(1)}`).join("");
+  const room = Math.floor((WIDTH - EDGE.left - EDGE.right) / slots / 6.6);
+  const label = { fontSize: 12, fill: colours.soft };
+  return html`<svg ref=${refer} class="wb-ladder" viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} width=${WIDTH} height=${HEIGHT}
+      xmlns="http://www.w3.org/2000/svg" font-family="system-ui, 'Segoe UI', 'Liberation Sans', sans-serif" aria-hidden="true">
+    <rect class="wb-paper" width=${WIDTH} height=${HEIGHT} fill="none" />
+    ${lines.map((value) => html`<g key=${value}>
+      <line x1=${EDGE.left} x2=${WIDTH - EDGE.right} y1=${y(value)} y2=${y(value)} stroke=${colours.grid} />
+      <text ...${label} x=${EDGE.left - 7} y=${y(value) + 4} text-anchor="end" font-size="12">${Number(value.toPrecision(3))}</text>
+    </g>`)}
+    <text ...${label} x="2" y="11" font-size="11">deg/h</text>
+    <path d=${path} fill="none" stroke=${colours.heldOut} stroke-width="2" />
+    ${shown.map((rung, i) => html`<g key=${i}>
+      ${rung.inSample !== null && html`<circle cx=${x(i)} cy=${y(rung.inSample)} r="8" fill="none" stroke=${colours.inSample} stroke-width="2.5" />`}
+      ${rung.heldOut !== null && html`<circle cx=${x(i)} cy=${y(rung.heldOut)} r="5" fill=${colours.heldOut} />`}
+      ${headline(rung) !== null && html`<text x=${x(i)} y=${Math.max(11, y(Math.max(rung.heldOut ?? 0, rung.inSample ?? 0)) - 13)} text-anchor="middle"
+        font-size="12.5" font-weight="600" fill=${colours.ink}>${number(headline(rung))}</text>`}
+      <text ...${label} x=${x(i)} y=${HEIGHT - EDGE.bottom + 18} text-anchor="middle" font-size="12">${short(rung.label, room)}</text>
+    </g>`)}
+    ${floor !== null && html`<g>
+      <line x1=${EDGE.left} x2=${WIDTH - EDGE.right} y1=${y(floor)} y2=${y(floor)} stroke=${colours.floor} stroke-width="2" stroke-dasharray="7 5" />
+      <text x=${WIDTH - EDGE.right} y=${y(floor) + 16} text-anchor="end" font-size="12" fill=${colours.floor}>${t("workbench.ladder.floor")} ${number(floor)}</text>
+    </g>`}
+  </svg>`;
+}
+
+/** `rungs`: [{label, inSample, heldOut, heldOutBy}] [deg/h], oldest first; `floor` [deg/h] or null. */
+export function Ladder({ rungs, floor, name }) {
+  const drawing = useRef(null);
+  const last = rungs[rungs.length - 1];
+  const before = rungs[rungs.length - 2];
+  const fell = before && headline(last) !== null && headline(before) !== null && headline(last) < headline(before);
+  const progress = useFall(`${rungs.length} ${last?.label}`, Boolean(fell));
+  if (!last) return null;
+  const recent = rungs.slice(-MOST_RUNGS);
+  const shown = falling(recent, progress);
+  const svg = () => {
+    const copy = drawing.current.cloneNode(true);
+    copy.querySelector(".wb-paper").setAttribute("fill", palette().paper);
+    return new XMLSerializer().serializeToString(copy);
+  };
+  const table = [
+    ["model", "in_sample_rms_dph", "held_out_rms_dph", "noise_floor_dph"],
+    ...rungs.map((rung) => [rung.label, rung.inSample, rung.heldOut, floor]),
+  ];
+  const tell = (rung) => t("workbench.ladder.rung", { model: rung.label, inside: number(rung.inSample), outside: number(rung.heldOut) });
+  return html`<figure class="wb-figure" aria-label=${t("workbench.ladder.title")}>
+    <div class="wb-ladder-frame"><${Drawing} rungs=${recent} shown=${shown} floor=${floor} refer=${drawing} /></div>
+    <p class="wb-legend" aria-hidden="true">
+      <span class="wb-mark wb-mark-held"></span>${t("workbench.ladder.held_out")}
+      <span class="wb-mark wb-mark-in"></span>${t("workbench.ladder.in_sample")}
+      <span class="wb-mark wb-mark-floor"></span>${t("workbench.ladder.floor")}
+    </p>
+    <ol class="unseen">${rungs.map((rung, i) => html`<li key=${i}>${tell(rung)}</li>`)}</ol>
+    <p class="wb-tools">
+      <button type="button" class="narrow" onClick=${() => savePng(name, svg(), [WIDTH, HEIGHT])}>PNG</button>
+      <button type="button" class="narrow" onClick=${() => saveSvg(name, svg())}>SVG</button>
+      <button type="button" class="narrow" onClick=${() => saveCsv(name, table)}>CSV</button>
+    </p>
+  </figure>`;
+}

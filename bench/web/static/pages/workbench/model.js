@@ -1,0 +1,61 @@
+// The model in hand: its effects one by one, another one to begin with, a name to keep it by.
+import { html, t, api, useEffect, useState } from "./parts.js";
+import { effectWord } from "./effects.js";
+import { OwnTerm } from "./term.js";
+
+const optionsOf = ({ effect, ...options }) => Object.entries(options).map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`).join(", ");
+
+/** Models out of the library, fetched once; `again()` after one was saved. */
+function useModels() {
+  const [models, setModels] = useState([]);
+  const again = () => api.get("/models").then((found) => setModels(found.models), () => setModels([]));
+  useEffect(() => void again(), []);
+  return [models, again];
+}
+
+function Save({ model, onSaved }) {
+  const [name, setName] = useState("");
+  const [told, setTold] = useState(null);
+  const save = async (event) => {
+    event.preventDefault();
+    try {
+      await api.post("/models", { name, model: { ...model, name } });
+      setTold({ good: true, text: t("workbench.model.saved", { name }) });
+      onSaved();
+    } catch (error) {
+      setTold({ good: false, text: error.message });
+    }
+  };
+  return html`<form class="wb-save" onSubmit=${save}>
+    <label for="wb-model-name">${t("workbench.model.save_as")}</label>
+    <div class="wb-field">
+      <input id="wb-model-name" type="text" value=${name} placeholder="my_model" spellcheck="false" autocomplete="off" onInput=${(event) => setName(event.target.value)} />
+      <button type="submit" class="narrow" disabled=${!name.trim()}>${t("workbench.model.save")}</button>
+    </div>
+    <p role="status" class=${told?.good ? "wb-good" : "wb-bad"}>${told ? `${told.good ? "✓" : "✕"} ${told.text}` : ""}</p>
+  </form>`;
+}
+
+/** `steps` are the models so far, the last one in hand; `act` changes it. */
+export function ModelPanel({ model, steps, busy, act }) {
+  const [models, again] = useModels();
+  const choose = (event) => {
+    const found = models.find((one) => one.name === event.target.value);
+    if (found) act({ type: "model", model: { name: found.name, effects: found.effects, ...(found.rows && found.rows !== "all" ? { rows: found.rows } : {}) } });
+  };
+  return html`<section class="wb-card wb-model" aria-labelledby="wb-model-title">
+    <div class="wb-card-head"><h3 id="wb-model-title">${t("workbench.model.title")}</h3>
+      <label class="wb-inline">${t("workbench.model.begin")}
+        <select value=${steps[0].model.name} onChange=${choose}>
+          ${models.every((one) => one.name !== steps[0].model.name) && html`<option value=${steps[0].model.name}>${steps[0].model.name}</option>`}
+          ${models.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === steps[0].model.name}>${one.name}</option>`)}
+        </select></label></div>
+    <ol class="wb-effects">${model.effects.map((effect, i) => html`<li key=${`${i} ${effect.effect}`}>
+      <span>${effectWord(effect.effect)} <code>${effect.effect}</code> <span class="wb-soft">${optionsOf(effect)}</span></span>
+      ${model.effects.length > 1 && html`<button type="button" class="wb-x" disabled=${busy} aria-label=${t("workbench.model.remove", { effect: effectWord(effect.effect) })}
+        onClick=${() => act({ type: "remove", index: i })}>×</button>`}
+    </li>`)}</ol>
+    <${OwnTerm} busy=${busy} onAdd=${(effect) => act({ type: "add", effect })} />
+    <${Save} model=${model} onSaved=${again} />
+  </section>`;
+}

@@ -1,0 +1,95 @@
+// What is missing: the verdict as a sentence, the suspects best first, what to do with each.
+import { html, t, useState, measured, number } from "./parts.js";
+import { effectWord } from "./effects.js";
+
+const SHOWN = 4;
+const TONES = { adequate: "good", missing_effect: "warn", unknown_effect: "bad" };
+const VERDICTS = () => ({
+  adequate: t("workbench.verdict.adequate"),
+  missing_effect: t("workbench.verdict.missing_effect"),
+  unknown_effect: t("workbench.verdict.unknown_effect"),
+});
+
+/** Evidence as a bar with a mark where chance ends. */
+function Evidence({ value, threshold, most }) {
+  const share = (x) => `${Math.max(0, Math.min(100, (100 * x) / most))}%`;
+  const beyond = value > threshold;
+  return html`<div class="wb-evidence">
+    <div class="wb-bar" aria-hidden="true">
+      <span class=${beyond ? "wb-fill" : "wb-fill wb-faint"} style=${{ width: share(value) }}></span>
+      <span class="wb-threshold" style=${{ left: share(threshold) }}></span>
+    </div>
+    <span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(value) })},${" "}
+      ${beyond ? t("workbench.suspect.beyond", { threshold: number(threshold, 2) }) : t("workbench.suspect.chance", { threshold: number(threshold, 2) })}</span>
+  </div>`;
+}
+
+function Parameters({ parameters }) {
+  const names = Object.keys(parameters ?? {});
+  if (!names.length) return null;
+  return html`<dl class="wb-parameters">${names.map((name) => html`<div key=${name}>
+    <dt>${name}</dt>
+    <dd>${measured(parameters[name])}${parameters[name].interval
+      ? html` <span class="wb-soft">[${parameters[name].interval.map((end) => number(end)).join(" … ")}]</span>` : null}
+      ${parameters[name].at_bound ? html` <span class="wb-warn">${t("workbench.suspect.at_bound")}</span>` : null}</dd>
+  </div>`)}</dl>`;
+}
+
+function Suspect({ suspect, rank, found, most, busy, picked, onAdd, onPicture }) {
+  const first = rank === 0 && suspect.found;
+  const removes = suspect.removes;
+  const name = effectWord(suspect.effect);
+  return html`<li class=${`wb-suspect ${suspect.found ? "wb-found" : ""}`}>
+    <div class="wb-suspect-head">
+      <h4>${name} <code>${suspect.effect}</code></h4>
+      <button type="button" class=${first ? "primary narrow" : "narrow"} disabled=${busy} onClick=${() => onAdd(suspect)}
+        aria-label=${t("workbench.suspect.add_named", { effect: name })}>${t("workbench.suspect.add")}</button>
+    </div>
+    <${Evidence} value=${suspect.evidence} threshold=${found.threshold} most=${most} />
+    <p class="wb-suspect-fact">
+      ${suspect.held_out_rms_dph === null ? null : html`<b>${number(suspect.held_out_before_dph)} → ${number(suspect.held_out_rms_dph)} deg/h</b> ${t("workbench.suspect.unseen")}`}
+      ${removes === null || removes === undefined ? null : html`, ${t("workbench.suspect.removes", { percent: Math.round(100 * removes) })}`}
+    </p>
+    ${(suspect.found || picked) && html`<${Parameters} parameters=${suspect.parameters} />`}
+    ${suspect.look_alikes.length > 0 && html`<p class="wb-warn">⇄ ${t("workbench.suspect.look_alikes", { effects: suspect.look_alikes.map(effectWord).join(", ") })}</p>`}
+    ${suspect.reason && html`<p class="wb-soft">${suspect.reason}</p>`}
+    ${suspect.why && suspect.why !== suspect.reason && (suspect.found || picked) && html`<p class="wb-soft">${suspect.why}</p>`}
+    ${suspect.partial && html`<button type="button" class="wb-link" aria-pressed=${picked ? "true" : "false"} onClick=${() => onPicture(picked ? null : suspect)}>
+      ${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
+  </li>`;
+}
+
+function Where({ places }) {
+  if (!places?.length) return null;
+  return html`<details class="wb-where" open><summary>${t("workbench.where.title")}</summary><ul>
+    ${places.slice(0, 5).map((place, i) => html`<li key=${i}>
+      <b>${place.channel.replaceAll("_", " ")}</b> ${number(place.from, 4)} … ${number(place.to, 4)}:
+      ${place.floor_ratio === null ? `${number(place.rms_dph)} deg/h` : t("workbench.where.ratio", { ratio: number(place.floor_ratio, 2) })}
+      ${place.note ? html` <span class="wb-soft">${place.note}</span>` : null}</li>`)}
+  </ul></details>`;
+}
+
+/** `found`: content of `bench diagnose`, or null while it is computed; `failed`: its message. */
+export function Suspects({ found, failed, busy, picked, onAdd, onPicture }) {
+  const [all, setAll] = useState(false);
+  if (failed) return html`<p class="wb-bad" role="alert">${failed}</p>`;
+  if (!found) return html`<div class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.diagnosis.running")}</div>`;
+  const most = Math.max(found.threshold * 1.5, ...found.suspects.map((suspect) => suspect.evidence ?? 0));
+  const shown = all ? found.suspects : found.suspects.slice(0, Math.max(SHOWN, found.suspects.filter((s) => s.found).length));
+  return html`<div class="wb-diagnosis">
+    <div class=${`wb-verdict wb-${TONES[found.verdict] ?? "warn"}`} role="status">
+      <p class="wb-word">${VERDICTS()[found.verdict] ?? found.verdict}</p>
+      <p lang="en">${found.sentence}</p>
+    </div>
+    ${found.suspects.length > 0 && html`<h3>${t("workbench.suspect.title")}</h3>`}
+    <ol class="wb-suspects">${shown.map((suspect, i) => html`<${Suspect} key=${suspect.effect} ...${{ suspect, found, most, busy, onAdd, onPicture }}
+      rank=${i} picked=${picked === suspect.effect} />`)}</ol>
+    ${found.suspects.length > shown.length && html`<button type="button" class="wb-link" onClick=${() => setAll(true)}>
+      ${t("workbench.suspect.more", { count: found.suspects.length - shown.length })}</button>`}
+    <${Where} places=${found.verdict === "unknown_effect" ? [...found.unexplained, ...found.where] : found.where} />
+    ${(found.notes?.length > 0 || found.not_excited?.length > 0) && html`<details><summary>${t("workbench.diagnosis.notes")}</summary><ul lang="en">
+      ${found.noise_finding && html`<li>${found.noise_finding}</li>`}
+      ${found.notes.map((note) => html`<li key=${note}>${note}</li>`)}
+      ${found.not_excited.map((one) => html`<li key=${one.effect}><code>${one.effect}</code>: ${one.reason}</li>`)}</ul></details>`}
+  </div>`;
+}

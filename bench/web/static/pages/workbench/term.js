@@ -1,0 +1,63 @@
+// A term of one's own: typed as an expression, checked while it is typed, added like any other effect.
+import { html, t, api, useEffect, useState } from "./parts.js";
+
+const PAUSE_MS = 250;
+
+/** Answer of POST /effects/formula to what stands in the field; null while it is empty or on its way. */
+function useCheck(expression, bounds) {
+  const [answer, setAnswer] = useState(null);
+  const asked = JSON.stringify([expression, bounds]);
+  useEffect(() => {
+    setAnswer(null);
+    if (!expression.trim()) return undefined;
+    let wanted = true;
+    const timer = setTimeout(() => {
+      api.post("/effects/formula", Object.keys(bounds).length ? { expression, bounds } : { expression }).then(
+        (found) => wanted && setAnswer(found),
+        (error) => wanted && setAnswer({ ok: false, detail: error.message, parameters: [] }),
+      );
+    }, PAUSE_MS);
+    return () => { wanted = false; clearTimeout(timer); };
+  }, [asked]);
+  return answer;
+}
+
+const nameOf = (parameter) => (typeof parameter === "string" ? parameter : parameter.name);
+
+/** A pair of numbers for a parameter inside a function. */
+function Bounds({ name, value, onChange }) {
+  const set = (i) => (event) => onChange(name, value.map((old, k) => (k === i ? event.target.value : old)));
+  return html`<fieldset class="wb-bounds"><legend>${t("workbench.term.bounds", { name })}</legend>
+    <input inputmode="decimal" aria-label=${t("workbench.term.low", { name })} value=${value[0]} onInput=${set(0)} /> …
+    <input inputmode="decimal" aria-label=${t("workbench.term.high", { name })} value=${value[1]} onInput=${set(1)} />
+  </fieldset>`;
+}
+
+/** `onAdd(effect)` gets {effect: "expression", formula, bounds}. */
+export function OwnTerm({ busy, onAdd }) {
+  const [expression, setExpression] = useState("");
+  const [typed, setTyped] = useState({});
+  const inside = [...new Set([...expression.matchAll(/\b(?:lag|play)\([^()]*(?:\([^()]*\))?[^()]*,\s*([A-Za-z_]\w*)\s*\)/g)].map((found) => found[1]))];
+  const bounds = Object.fromEntries(inside.filter((name) => (typed[name] ?? ["10", "3600"]).every((end) => end !== "" && Number.isFinite(Number(end))))
+    .map((name) => [name, (typed[name] ?? ["10", "3600"]).map(Number)]));
+  const answer = useCheck(expression, bounds);
+  const wrong = answer && !answer.ok;
+  const add = (event) => {
+    event.preventDefault();
+    if (!answer?.ok || busy) return;
+    onAdd({ effect: "expression", formula: expression.trim(), ...(Object.keys(bounds).length ? { bounds } : {}) });
+    setExpression("");
+  };
+  return html`<form class="wb-term" onSubmit=${add}>
+    <label for="wb-term">${t("workbench.term.title")}</label>
+    <div class="wb-field">
+      <input id="wb-term" class="wb-code" type="text" value=${expression} spellcheck="false" autocomplete="off" autocapitalize="off" placeholder="k * dT_dt * quadrature"
+        aria-invalid=${wrong ? "true" : "false"} aria-describedby="wb-term-check" onInput=${(event) => setExpression(event.target.value)} />
+      <button type="submit" class="narrow" disabled=${busy || !answer?.ok}>${t("workbench.suspect.add")}</button>
+    </div>
+    ${inside.map((name) => html`<${Bounds} key=${name} name=${name} value=${typed[name] ?? ["10", "3600"]}
+      onChange=${(which, pair) => setTyped((old) => ({ ...old, [which]: pair }))} />`)}
+    <p id="wb-term-check" class=${wrong ? "wb-bad" : "wb-soft"} role="status">
+      ${!answer ? t("workbench.term.hint") : wrong ? html`✕ <span lang="en">${answer.detail}</span>` : `✓ ${t("workbench.term.good", { parameters: (answer.parameters ?? []).map(nameOf).join(", ") || "–" })}`}</p>
+  </form>`;
+}
