@@ -1,0 +1,80 @@
+// All words of the page from one catalogue a language, and numbers as that language writes them.
+import { remembered, store } from "./store.js";
+
+/** Languages of the catalogues, each by its own name. */
+export const LANGUAGES = { en: "English", uk: "Українська", zh: "中文" };
+
+const chosen = remembered("language", null);
+/** The language in use; set when its catalogue is there. */
+export const language = store("en");
+let words = {};
+let english = {};
+
+const wanted = () => {
+  const known = [chosen.get(), ...navigator.languages.map((name) => name.slice(0, 2).toLowerCase())];
+  return known.find((name) => name in LANGUAGES) ?? "en";
+};
+
+const catalogue = async (name) => (await fetch(`/static/words/${name}.json`)).json();
+
+/** Fetch the words of a language and use it; without one: of the one chosen before, else the browser's. */
+export async function speak(name) {
+  if (name) chosen.set(name);
+  const next = name ?? wanted();
+  [english, words] = await Promise.all([
+    Object.keys(english).length ? english : catalogue("en"),
+    catalogue(next),
+  ]);
+  document.documentElement.lang = next === "zh" ? "zh-Hans" : next;
+  language.set(next);
+}
+
+/**
+ * The words of a key with `{name}` replaced by `values.name`; what is not translated is English, else the key.
+ * An entry may be an object of plural forms (one, few, many, other), chosen by `values.n`.
+ */
+export function t(key, values = {}) {
+  let text = words[key] ?? english[key] ?? key;
+  if (typeof text === "object") text = text[new Intl.PluralRules(language.get()).select(values.n)] ?? text.other;
+  return text.replace(/\{(\w+)\}/g, (whole, name) => {
+    const value = values[name];
+    return value === undefined ? whole : typeof value === "number" ? number(value) : value;
+  });
+}
+
+/** Whether the catalogue has this key. */
+export const known = (key) => key in words || key in english;
+
+/** The words of a key, or else what is given. */
+export const or = (key, otherwise) => (known(key) ? t(key) : otherwise);
+
+const MINUS = /^-(?=[\d.,]*[1-9])/;
+
+/** A number with so many decimals, a real minus sign and none before zero; a dash when it is not known. */
+export function number(value, decimals) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const digits = decimals === undefined ? { maximumFractionDigits: 3 } : { minimumFractionDigits: decimals, maximumFractionDigits: decimals };
+  const text = new Intl.NumberFormat(language.get(), { ...digits, useGrouping: Math.abs(value) >= 1e4 }).format(value);
+  return text.replace(MINUS, "−").replace(/^-/, "");
+}
+
+/** A temperature with its unit. */
+export const degrees = (value, decimals = 1) => `${number(value, decimals)} °C`;
+
+/** A time of seconds, at most two units of it: 3 h 05 min, 4 min 20 s, 12 s. */
+export function duration(seconds) {
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return "–";
+  const whole = Math.max(0, Math.round(seconds));
+  if (whole < 60) return t("time.s", { s: String(whole) });
+  const two = (value) => String(value).padStart(2, "0");
+  if (whole < 3600) return t("time.min_s", { min: String(Math.floor(whole / 60)), s: two(whole % 60) });
+  const minutes = Math.round(whole / 60);
+  return t("time.h_min", { h: String(Math.floor(minutes / 60)), min: two(minutes % 60) });
+}
+
+/** A moment (ISO 8601) in local time; nothing for nothing. */
+export function moment(iso) {
+  const date = new Date(iso);
+  if (!iso || Number.isNaN(date.valueOf())) return "–";
+  return new Intl.DateTimeFormat(language.get(), { dateStyle: "medium", timeStyle: "short" }).format(date);
+}
