@@ -17,6 +17,7 @@ from bench.cli.options import (
     out_option,
     registers,
     registry_option,
+    server_option,
     station_option,
 )
 
@@ -65,10 +66,15 @@ def check(profile: Path, station: Path | None) -> Answer:
 @click.command()
 @live_argument
 @out_option
+@server_option
 @json_option
 @answers
-def status(run_folder: Path | None, out: Path) -> Answer:
+def status(run_folder: Path | None, out: Path, server: str | None) -> Answer:
     """What a live RUN does just now; without RUN: all of them."""
+    if server:
+        from bench.web import client
+
+        return client.status(client.of(server), run_folder)
     from bench.workflow import live
 
     return live.status(run_folder, out)
@@ -77,10 +83,15 @@ def status(run_folder: Path | None, out: Path) -> Answer:
 @click.command()
 @live_argument
 @out_option
+@server_option
 @json_option
 @answers
-def hold(run_folder: Path | None, out: Path) -> Answer:
+def hold(run_folder: Path | None, out: Path, server: str | None) -> Answer:
     """Hold a live RUN at once, where its chamber is; without RUN: the only one."""
+    if server:
+        from bench.web import client
+
+        return client.act(client.of(server), "hold", run_folder)
     from bench.workflow import live
 
     return live.act("hold", run_folder, out)
@@ -89,10 +100,15 @@ def hold(run_folder: Path | None, out: Path) -> Answer:
 @click.command()
 @live_argument
 @out_option
+@server_option
 @json_option
 @answers
-def pause(run_folder: Path | None, out: Path) -> Answer:
+def pause(run_folder: Path | None, out: Path, server: str | None) -> Answer:
     """Hold a live RUN after its present segment; without RUN: the only one."""
+    if server:
+        from bench.web import client
+
+        return client.act(client.of(server), "pause", run_folder)
     from bench.workflow import live
 
     return live.act("pause", run_folder, out)
@@ -103,11 +119,16 @@ def pause(run_folder: Path | None, out: Path) -> Answer:
 @click.option("--station", type=click.Path(path_type=Path), help="Station file, where the one of the run is outdated.")
 @effect_option
 @out_option
+@server_option
 @click.option("--quiet", is_flag=True, help="No progress display.")
 @json_option
 @answers
-def resume(run_folder: Path | None, station: Path | None, out: Path, quiet: bool) -> Answer:
+def resume(run_folder: Path | None, station: Path | None, out: Path, server: str | None, quiet: bool) -> Answer:
     """Go on: with a live RUN that holds, or with one whose bench was killed, from where its journals end."""
+    if server:
+        from bench.web import client
+
+        return client.act(client.of(server), "resume", run_folder)
     from bench.workflow import live
 
     return live.resume(run_folder, station, out, quiet)
@@ -116,10 +137,15 @@ def resume(run_folder: Path | None, station: Path | None, out: Path, quiet: bool
 @click.command()
 @live_argument
 @out_option
+@server_option
 @json_option
 @answers
-def abort(run_folder: Path | None, out: Path) -> Answer:
+def abort(run_folder: Path | None, out: Path, server: str | None) -> Answer:
     """End a live RUN and say what the safe state reached; asks nothing. Without RUN: the only one."""
+    if server:
+        from bench.web import client
+
+        return client.abort(client.of(server), run_folder)
     from bench.workflow import live
 
     return live.abort(run_folder, out)

@@ -40,6 +40,12 @@ limits_option = click.option("--limits", type=click.Path(path_type=Path), help="
 out_option = click.option(
     "--out", type=click.Path(path_type=Path), default=Path("reports"), show_default=True, help="Where run folders go."
 )
+server_option = click.option(
+    "--server",
+    envvar="BENCH_SERVER",
+    metavar="URL",
+    help="Ask this `bench ui` (its token in BENCH_TOKEN) instead of this machine; RUN is UNIT/RUN there.",
+)
 
 registry_option = click.option(
     "--registry", "where", envvar="BENCH_REGISTRY", help="Registry: file, or postgresql://… [default: in --out]"

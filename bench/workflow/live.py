@@ -16,18 +16,19 @@ REACTION_S = 10.0
 ENDING_S = 180.0
 """The safe state is reached and read back within this time, or the operator is told that it is not known."""
 
-_DONE = {
+REACHED = {
     "hold": ({"holding"}, "holding"),
     "pause": ({"pausing", "holding"}, "will hold after this segment"),
     "resume": ({"running"}, "goes on"),
 }
+"""What each request leads to: states, and the words for it."""
 
 
 def status(folder: Path | None, out: Path) -> Answer:
     """`bench status`: one live run, or all of them."""
     runs = remote.below(out) if folder is None else [remote.the_run(folder, out)]
     answers = [_state(run) for run in runs]
-    text = "\n\n".join(_text(answer) for answer in answers) or f"no live run below {out}"
+    text = "\n\n".join(text_of(answer) for answer in answers) or f"no live run below {out}"
     silent = any(answer["state"] == "silent" for answer in answers)
     return Answer({"runs": answers}, text, 4 if silent else 0)
 
@@ -36,7 +37,7 @@ def act(action: str, folder: Path | None, out: Path) -> Answer:
     """`bench hold`, `pause` and `resume` of a live run: ask, and see it done."""
     run = remote.the_run(folder, out)
     remote.ask(run, action)
-    states, words = _DONE[action]
+    states, words = REACHED[action]
     try:
         answer = remote.wait(run, lambda answer: answer["state"] in states, REACTION_S)
     except EquipmentError:
@@ -45,9 +46,9 @@ def act(action: str, folder: Path | None, out: Path) -> Answer:
         raise
     content = _describe(run, answer)
     if answer["state"] in states:
-        return Answer(content, f"{words}\n{_text(content)}")
+        return Answer(content, f"{words}\n{text_of(content)}")
     guards = f": {'; '.join(answer['holding'])}" if answer.get("holding") else ""
-    return Answer(content, f"asked to {action}, but the run is {answer['state']}{guards}\n{_text(content)}", 1)
+    return Answer(content, f"asked to {action}, but the run is {answer['state']}{guards}\n{text_of(content)}", 1)
 
 
 def resume(folder: Path | None, station: Path | None, out: Path, quiet: bool) -> Answer:
@@ -74,19 +75,24 @@ def abort(folder: Path | None, out: Path) -> Answer:
     end = next((event for event in events if event["kind"] == "end"), None)
     if end is None:
         raise EquipmentError(f"{run.path}: told to abort, but how it ended is not known; LOOK AT THE CHAMBER")
-    lines = [f"{'ok  ' if step['ok'] else 'FAIL'}  {step['text']}" for step in steps]
-    safe = all(step["ok"] for step in steps)
-    lines = lines or ["nothing had moved: the chamber is as it was found"]
     content = {
         "run": str(run.path),
         "state": end["state"],
         "cause": end["text"],
-        "safe": safe,
+        "safe": all(step["ok"] for step in steps),
         "safe_state": [{"text": step["text"], "ok": step["ok"]} for step in steps],
     }
-    if not safe:
+    return how_it_ended(content)
+
+
+def how_it_ended(content: dict[str, Any]) -> Answer:
+    """An end (`run`, `cause`, `safe`, `safe_state`) as text, and its exit code."""
+    lines = [f"{'ok  ' if step['ok'] else 'FAIL'}  {step['text']}" for step in content["safe_state"]]
+    lines = lines or ["nothing had moved: the chamber is as it was found"]
+    if not content["safe"]:
         lines += ["SAFE STATE NOT VERIFIED: switch the chamber off by hand"]
-    return Answer(content, "\n".join([end["text"], *lines, f"run     {run.path}"]), 0 if safe else 4)
+    text = "\n".join([content["cause"], *lines, f"run     {content['run']}"])
+    return Answer(content, text, 0 if content["safe"] else 4)
 
 
 def _state(run: LiveRun) -> dict[str, Any]:
@@ -107,7 +113,8 @@ def _describe(run: LiveRun, answer: dict[str, Any]) -> dict[str, Any]:
     return {"run": str(run.path), "folders": [str(folder) for folder in run.folders], **known}
 
 
-def _text(run: dict[str, Any]) -> str:
+def text_of(run: dict[str, Any]) -> str:
+    """A live run as lines for a terminal."""
     lines = [f"{run['run']}  {run['state']}"]
     if "error" in run:
         lines.append(f"  {run['error']}")
