@@ -76,11 +76,18 @@ class Signal:
         if physical.dtype.kind in "iub" and self.is_plain:
             raw = physical
         else:
-            raw = np.rint((physical.astype(np.float64) - self.offset) / self.scale)
+            raw = physical.astype(np.float64)
+            if self.offset != 0.0:
+                raw -= self.offset
+            if self.scale != 1.0:
+                raw /= self.scale
+            raw = np.rint(raw)
         low = -(1 << self.length - 1) if self.signed else 0
         high = low + (1 << self.length) - 1
         # Python compares an int with a float exactly; numpy would round `high` to a float first. NaN fits nothing.
-        if raw.size and not (raw.min().item() >= low and raw.max().item() <= high):
+        if raw.size and not (
+            np.minimum.reduce(raw, None).item() >= low and np.maximum.reduce(raw, None).item() <= high
+        ):
             wrong = next(v for v, r in zip(physical.flat, raw.flat, strict=True) if not low <= r.item() <= high)
             limits = f"{low * self.scale + self.offset:g} to {high * self.scale + self.offset:g}"
             raise LimitError(f"{self.name} = {wrong:g} [{self.unit}] does not fit its signal ({limits})")
@@ -105,22 +112,26 @@ class Message:
 
     def pack(self, count: int, values: Mapping[str, npt.ArrayLike]) -> ByteArray:
         """Payloads (count, 8) from physical values, scalars or (count,); every signal but Crc8 must be given."""
-        missing = set(self.signals) - set(values) - {"Crc8"}
-        if missing or not set(values) <= set(self.signals):
-            names = ", ".join(sorted(missing | (set(values) - set(self.signals))))
-            raise ConfigError(f"{self.name}: signals missing or unknown: {names}")
-        little, big, constant = np.zeros(count, dtype=_LITTLE), np.zeros(count, dtype=_BIG), 0
+        known = self.signals.keys()
+        if wrong := (known - values.keys() - {"Crc8"}) | (values.keys() - known):
+            raise ConfigError(f"{self.name}: signals missing or unknown: {', '.join(sorted(wrong))}")
+        little, big, constant = np.zeros(count, dtype=_LITTLE), None, 0
         for name, value in values.items():
             signal = self.signals[name]
             if isinstance(value, int) and signal.is_plain and 0 <= value < 1 << signal.length - signal.signed:
                 constant |= signal.bits(value)
                 continue
             raw = signal.raw(value)
-            lifted = raw.view(f"u{raw.itemsize}").astype(np.uint64) << np.uint64(64 - signal.length)
+            lifted = raw.view(_LITTLE) if raw.itemsize == 8 else raw.view(f"u{raw.itemsize}").astype(np.uint64)
+            lifted = lifted << np.uint64(64 - signal.length)
             lifted >>= np.uint64(signal.shift_up)
-            target = big if signal.big_endian else little
-            target |= lifted
-        little |= big.view(_LITTLE) | np.uint64(constant)
+            if signal.big_endian:
+                big = lifted if big is None else big | lifted
+            else:
+                little |= lifted
+        if big is not None:
+            little |= np.broadcast_to(big, count).astype(_BIG).view(_LITTLE)
+        little |= np.uint64(constant)
         return little.view(np.uint8).reshape(count, 8)
 
     def crc(self, data: ByteArray, data_id: int) -> ByteArray:

@@ -5,6 +5,9 @@ Shares with the driver the description of the wire and nothing else.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -15,11 +18,15 @@ import numpy.typing as npt
 from drivers.errors import ConfigError
 from drivers.frames import to_messages
 from drivers.journal import FLAG_EXTENDED, FRAME, FrameArray
-from drivers.wire import ByteArray, Message, load_dbc
+from drivers.wire import Message, load_dbc
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+WordArray = npt.NDArray[np.uint64]
+"""Payloads of eight bytes, (n,)."""
 
+_WORD = np.dtype("<u8")
+_SENT = ("GYRO_RATE", "GYRO_RES", "GYRO_AMP", "GYRO_SUPPLY", "GYRO_HEARTBEAT")
 BOOT_UP, OPERATIONAL = 0, 5
 
 
@@ -75,6 +82,7 @@ class CanGyro:
         self._interval_ms = self._messages["GYRO_RATE"].cycle_ms or 2.0
         self._counter = 0
         self._booted = False
+        self._plans: dict[tuple[int, int], _Plan] = {}
         self.status = 0
         """Fault code of the rate message."""
 
@@ -88,68 +96,86 @@ class CanGyro:
         LimitError when a value does not fit its frame (nothing is sent); CanError when the bus refuses.
         """
         count = len(signals.rate_dph)
-        sample = self._counter + np.arange(count)
-        parts = [self._rate(sample, signals), *self._slow(sample, signals)]
-        t0_ns = round(t0_s * 1e9)
-        frames = np.concatenate([self._frames(message, t0_ns, at, data) for message, at, data in parts])
-        frames = frames[np.argsort(frames["t_ns"], kind="stable")]  # at one instant the lower identifier wins the bus
+        plan = self._plan(count)
+        words = [self._rate(plan.at[0], signals), *self._slow(plan.at[1:], signals)]
+        frames = self._stamped(plan, round(t0_s * 1e9), np.concatenate(words))
         if not self._booted:
-            boot = self._heartbeat(BOOT_UP, np.zeros(1, dtype=np.int64))
-            frames = np.concatenate([self._frames(boot[0], t0_ns, boot[1], boot[2]), frames])
+            boot = self._planned([(self._messages["GYRO_HEARTBEAT"], np.zeros(1, dtype=np.int64))])
+            frames = np.concatenate([self._stamped(boot, round(t0_s * 1e9), self._heartbeat(BOOT_UP, 1)), frames])
         self._transmit(frames)
         self._counter += count
         self._booted = True
 
-    def _rate(self, sample: IntArray, signals: Signals) -> _Part:
+    def _rate(self, at: IntArray, signals: Signals) -> WordArray:
         values: dict[str, npt.ArrayLike] = {
             "Rate": np.asarray(signals.rate_dph) / 3600.0,
-            "SampleCounter": sample & 0xFFFF,
+            "SampleCounter": (at + self._counter) & 0xFFFF,
             "Status": self.status,
             "RateValid": 1,
             "LoopLocked": 1,
             "CompensationActive": int(self.coefficient_set != 0),
             "RateSaturated": 0,
         }
-        message = self._messages["GYRO_RATE"]
-        return message, sample - self._counter, message.pack(len(sample), values)
+        return self._payloads("GYRO_RATE", len(at), values)
 
-    def _slow(self, sample: IntArray, signals: Signals) -> list[_Part]:
-        def due(name: str) -> IntArray:
-            every = round((self._messages[name].cycle_ms or self._interval_ms) / self._interval_ms)
-            at: IntArray = sample[sample % every == 0]
-            return at
-
-        def part(name: str, values: dict[str, npt.ArrayLike]) -> _Part:
-            at, message = due(name), self._messages[name]
-            return message, at - self._counter, message.pack(len(at), {**values, "SlowCounter": at & 0xFF})
-
-        return [
-            part("GYRO_RES", {"ResonanceFrequency": signals.frequency, "Temperature": signals.temperature}),
-            part("GYRO_AMP", {"DriveAmplitude": signals.drive, "QuadratureAmplitude": signals.quadrature}),
-            part("GYRO_SUPPLY", {"SupplyVoltage": signals.supply}),
-            self._heartbeat(OPERATIONAL, due("GYRO_HEARTBEAT") - self._counter),
+    def _slow(self, at: Sequence[IntArray], signals: Signals) -> Iterator[WordArray]:
+        values: list[dict[str, npt.ArrayLike]] = [
+            {"ResonanceFrequency": signals.frequency, "Temperature": signals.temperature},
+            {"DriveAmplitude": signals.drive, "QuadratureAmplitude": signals.quadrature},
+            {"SupplyVoltage": signals.supply},
         ]
+        for name, given, due in zip(_SENT[1:], values, at, strict=False):
+            yield self._payloads(name, len(due), {**given, "SlowCounter": (due + self._counter) & 0xFF})
+        yield self._heartbeat(OPERATIONAL, len(at[-1]))
 
-    def _heartbeat(self, state: int, at: IntArray) -> _Part:
-        message = self._messages["GYRO_HEARTBEAT"]
+    def _heartbeat(self, state: int, count: int) -> WordArray:
         values = {
             "State": state,
             "Serial": self.serial,
             "Firmware": self.firmware,
             "CoefficientSet": self.coefficient_set,
         }
-        return message, at, message.pack(len(at), values)
+        return self._payloads("GYRO_HEARTBEAT", count, values)
 
-    def _frames(self, message: Message, t0_ns: int, at: IntArray, data: ByteArray) -> FrameArray:
-        frames = np.zeros(len(at), dtype=FRAME)
-        frames["t_ns"] = t0_ns + at * round(self._interval_ms * 1e6)
-        frames["id"] = message.id + self.number
-        frames["flags"] = FLAG_EXTENDED * message.extended
-        frames["len"] = message.length
+    def _payloads(self, name: str, count: int, values: Mapping[str, npt.ArrayLike]) -> WordArray:
+        """Payloads of a message, (count,), with their CRC."""
+        message = self._messages[name]
+        data = message.pack(count, values)
         if "Crc8" in message.signals:
             data[:, message.length - 1] = message.crc(data, message.id + self.number)
-        frames["data"] = data
-        return frames
+        return data.view(_WORD)[:, 0]
+
+    def _plan(self, count: int) -> _Plan:
+        """Which frames a piece of `count` samples has; pieces alike, as those of a clock are, share one plan."""
+        messages = [self._messages[name] for name in _SENT]
+        every = [round((message.cycle_ms or self._interval_ms) / self._interval_ms) for message in messages]
+        key = count, self._counter % math.lcm(*every)
+        if key not in self._plans:
+            sample = self._counter + np.arange(count)
+            due = [np.flatnonzero(sample % period == 0) for period in every]
+            self._plans = {key: self._planned(list(zip(messages, due, strict=True)))}
+        return self._plans[key]
+
+    def _planned(self, parts: Sequence[tuple[Message, IntArray]]) -> _Plan:
+        """Messages with the samples after which each is sent; at one instant the lower identifier wins the bus."""
+        frames = np.zeros(sum(len(at) for _, at in parts), dtype=FRAME)
+        start = 0
+        for message, at in parts:
+            block = frames[start : start + len(at)]
+            block["t_ns"] = at * round(self._interval_ms * 1e6)
+            block["id"] = message.id + self.number
+            block["flags"] = FLAG_EXTENDED * message.extended
+            block["len"] = message.length
+            start += len(at)
+        order = np.argsort(frames["t_ns"], kind="stable")
+        return _Plan([at for _, at in parts], order, frames[order].view(np.int64).reshape(len(frames), -1))
+
+    def _stamped(self, plan: _Plan, t0_ns: int, words: WordArray) -> FrameArray:
+        """The frames of a plan from bench time `t0_ns` [ns] on, with these payloads."""
+        whole = plan.frames.copy()
+        whole[:, 0] += t0_ns
+        whole[:, 2] = words[plan.order]
+        return whole.view(FRAME)[:, 0]
 
     def _transmit(self, frames: FrameArray) -> None:
         if hasattr(self.bus, "send_block"):
@@ -159,5 +185,13 @@ class CanGyro:
             self.bus.send(message)
 
 
-_Part = tuple[Message, IntArray, ByteArray]
-"""A message of the DBC, the samples after which it is sent, counted from the start of the piece, and its payloads."""
+@dataclass(frozen=True)
+class _Plan:
+    """What a piece of time sends, but for the time of its start and the payloads."""
+
+    at: list[IntArray]
+    """For each message the samples after which it is sent, counted from the start of the piece."""
+    order: IntArray
+    """Of its frames on the bus, message by message."""
+    frames: IntArray
+    """FRAME records as numbers of eight bytes, (n, 3): time from the start of the piece [ns], head, no payload."""
