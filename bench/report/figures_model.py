@@ -33,11 +33,21 @@ def spline_pieces(dataset: Dataset, knots: FloatArray, pieces: FloatArray) -> Pl
     return plotting.plot(traces, {"xaxis": axis(TEMPERATURE), "yaxis": axis(BIAS)}, 480)
 
 
-def compensation(dataset: Dataset, model: FloatArray, name: str, floor_dph: float | None) -> Plot:
-    """Over time: measured bias and the model (n,); what is left after compensation; the temperature that drove it."""
+def compensation(
+    dataset: Dataset,
+    model: FloatArray,
+    name: str,
+    floor_dph: float | None,
+    extremes: tuple[FloatArray, FloatArray] | None = None,
+) -> Plot:
+    """Over time: measured bias and the model (n,); what is left after compensation; the temperature that drove it.
+
+    `extremes` are the lowest and highest values (n,) behind each mean, drawn as a band: a spike shows in it.
+    """
     hours = dataset.time / HOUR_S
     left = dataset.bias - model
     traces = [
+        *([] if extremes is None else [band(hours, *extremes)]),
         plotting.dots(hours, dataset.bias, "measured", GREY, size=3),
         plotting.line(hours, model, name, VERMILION, width=2),
         plotting.line(hours, left, "compensated", BLUE, yaxis="y2", width=1.2),
@@ -52,6 +62,20 @@ def compensation(dataset: Dataset, model: FloatArray, name: str, floor_dph: floa
     if floor_dph is not None:
         layout["shapes"] = [plotting.shade(-floor_dph, floor_dph, GREEN, "y", yref="y2", xref="paper")]
     return plotting.plot(traces, layout, 640)
+
+
+def band(x: FloatArray, low: FloatArray, high: FloatArray, name: str = "lowest to highest") -> go.Scatter:
+    """A pale area between two curves (n,), interrupted in gaps."""
+    pieces = np.split(np.arange(x.size), np.flatnonzero(np.diff(np.isfinite(low + high).astype(np.int8))) + 1)
+    at, around = [], []
+    for piece in pieces:
+        if np.all(np.isfinite(low[piece] + high[piece])):
+            at += [x[piece], x[piece][::-1], [np.nan]]
+            around += [low[piece], high[piece][::-1], [np.nan]]
+    return go.Scatter(
+        x=plotting.plain(np.concatenate(at) if at else x[:0]), y=plotting.plain(np.concatenate(around) if at else x[:0]),
+        fill="toself", fillcolor="rgba(138,148,157,0.30)", line={"width": 0}, mode="lines", name=name, hoverinfo="skip",
+    )  # fmt: skip
 
 
 def ladder(
