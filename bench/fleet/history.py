@@ -84,7 +84,7 @@ def calibrations(
     rows, numbers = _rows(registry, [run["id"] for run in runs])
     printed = dict(_printed(archive.root, slug(str(runs[0]["unit"])))) if runs else {}
     held = next((one["run"] for one in memory if one["state"] == "done"), None)
-    out = []
+    out: list[Found] = []
     for run in runs:
         row = rows.get(run["id"])
         if row is None or row["model"] is None:
@@ -115,7 +115,7 @@ def _rows(registry: Registry, ids: Sequence[str]) -> tuple[dict[str, Found], dic
     out: list[dict[str, Found]] = []
     with registry.reading() as connection:
         for name in ("calibrations", "certificates"):
-            table, found = TABLES[name], {}
+            table, found = TABLES[name], dict[str, Found]()
             for start in range(0, len(ids), 500):
                 chosen = select(table).where(table.c.run.in_(ids[start : start + 500]))
                 found |= {row["run"]: dict(row) for row in connection.execute(chosen).mappings()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -30,16 +31,16 @@ class Confines:
 
 
 def confined(do: str, wanted: Mapping[str, Any], folder: Path, confines: Confines | None = None) -> dict[str, Any]:
-    """The result of `bench.web.parsing` for a request about a file in `folder`, which is where it runs.
+    """The result of `bench.web.parsing` for a request about a file in `folder/file`, which is where it runs.
 
     InputError, one line, where it refused the file, or used more than it may.
     """
     confines = confines or Confines()
-    limits = {key: value for key, value in asdict(confines).items() if key != "wall_s"}
+    limits = asdict(confines)
     request, answer = folder / "request.json", folder / "answer.json"
     request.write_text(json.dumps({"do": do, **wanted, "confines": limits}), encoding="utf-8")
     answer.unlink(missing_ok=True)
-    code, said = _run([sys.executable, "-P", "-m", "bench.web.parsing", request.name, answer.name], folder, confines)
+    code, said = _run([sys.executable, "-P", "-m", "bench.web.parsing", str(request), str(answer)], folder, confines)
     if code == 0 and answer.is_file() and answer.stat().st_size <= ANSWER_BYTES:
         content = json.loads(answer.read_bytes())
         if "result" in content:
@@ -48,6 +49,15 @@ def confined(do: str, wanted: Mapping[str, Any], folder: Path, confines: Confine
         refused = str(content["refused"])
         raise InputError(_too_much(confines) if refused == "memory" else refused)
     raise InputError(_in_words(code, said, confines))
+
+
+def ask(wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """The same as a job of the server (`bench.web.jobs`): `do`, `folder` and the request beside them."""
+    folder = Path(wanted["folder"])
+    result = confined(str(wanted["do"]), {key: value for key, value in wanted.items() if key != "do"}, folder)
+    if wanted["do"] == "make":
+        shutil.rmtree(folder, ignore_errors=True)
+    return result
 
 
 def _run(command: list[str], folder: Path, confines: Confines) -> tuple[int | None, str]:
@@ -60,8 +70,8 @@ def _run(command: list[str], folder: Path, confines: Confines) -> tuple[int | No
     words = folder / "stderr.txt"
     with words.open("wb") as stderr:
         child = subprocess.Popen(
-            command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=stderr,
-            start_new_session=True,
+            command, cwd=folder / "file", env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=stderr, start_new_session=True,
         )  # fmt: skip
         try:
             code: int | None = child.wait(confines.wall_s)
@@ -75,7 +85,7 @@ def _run(command: list[str], folder: Path, confines: Confines) -> tuple[int | No
 
 
 def _in_words(code: int | None, said: str, confines: Confines) -> str:
-    if code is None:
+    if code in {None, -signal.SIGALRM}:
         return f"reading took longer than {confines.wall_s:g} s and was stopped; use `bench import` on the command line"
     if code in {-signal.SIGXCPU, -signal.SIGKILL}:
         return f"reading took more than {confines.cpu_s} s of processor time and was stopped: no ordinary table"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import resource
+import signal
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,7 +33,7 @@ def main(request: Path, answer: Path) -> None:
     from bench.errors import BenchError
 
     try:
-        content = {"result": DOES[wanted["do"]](wanted)}
+        content: dict[str, Any] = {"result": DOES[wanted["do"]](wanted)}
     except BenchError as error:
         content = {"refused": shortened(str(error))}
     except MemoryError:
@@ -43,11 +44,14 @@ def main(request: Path, answer: Path) -> None:
     answer.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
 
 
-def confine(limits: Mapping[str, int]) -> None:
-    """Limits that this process cannot take back."""
+def confine(limits: Mapping[str, float]) -> None:
+    """Limits that this process cannot take back; the alarm ends it even where its server is gone."""
+    signal.setitimer(signal.ITIMER_REAL, limits["wall_s"] + 1.0)
     for name, kind in (("memory_bytes", resource.RLIMIT_AS), ("cpu_s", resource.RLIMIT_CPU),
                        ("written_bytes", resource.RLIMIT_FSIZE)):  # fmt: skip
-        resource.setrlimit(kind, (limits[name], limits[name]))
+        own = resource.getrlimit(kind)[1]
+        most = int(limits[name]) if own == resource.RLIM_INFINITY else min(int(limits[name]), own)
+        resource.setrlimit(kind, (most, most))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_NOFILE, (128, 128))
 
