@@ -1,0 +1,73 @@
+"""Finds live runs among many run folders without looking into all of them every time."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from bench import remote
+from bench.remote import LIVE, LiveRun
+
+YOUNG_S = 10.0
+"""A unit's folder that changed so recently may get a run that goes live a moment later [s]."""
+_SHARE = 0.02
+"""Of the time may go into looking everywhere."""
+_LEAST_S = 5.0
+
+
+class Finder:
+    """A run is found in a second when its folder is new, and in some more when an old one is gone on with."""
+
+    def __init__(self, root: Path, now: Callable[[], float] = time.monotonic) -> None:
+        self._root, self._now = root, now
+        self._changed: dict[str, int] = {}
+        self._live: set[Path] = set()
+        self._everywhere_s = now()
+
+    def look(self) -> list[LiveRun]:
+        """All runs with a `live.json`, oldest first, whatever their condition."""
+        began_s = self._now()
+        whole = began_s >= self._everywhere_s
+        self._live = {folder for folder in {*self._live, *self._candidates(whole)} if (folder / LIVE).exists()}
+        if whole:
+            self._everywhere_s = began_s + max(_LEAST_S, (self._now() - began_s) / _SHARE)
+        runs: dict[str, LiveRun] = {}
+        for folder in sorted(self._live):
+            if found := remote.at(folder):
+                known = runs.get(found.file.token)
+                folders = (*known.folders, folder) if known else found.folders
+                runs[found.file.token] = replace(found, folders=folders)
+        return sorted(runs.values(), key=lambda run: run.file.start)
+
+    def _candidates(self, whole: bool) -> Iterator[Path]:
+        """Run folders with a `live.json` in the units that changed, or in all."""
+        for unit in _folders(self._root):
+            changed = unit.stat().st_mtime_ns
+            young = time.time_ns() - changed < YOUNG_S * 1e9
+            if whole or young or self._changed.get(unit.name) != changed:
+                self._changed[unit.name] = changed
+                yield from (Path(run.path) for run in _folders(Path(unit.path)) if (Path(run.path) / LIVE).exists())
+
+
+def ids(folders: Sequence[Path]) -> list[str]:
+    """Run ids of run folders: `<unit>/<run>`."""
+    return [f"{folder.parent.name}/{folder.name}" for folder in folders]
+
+
+def _folders(path: Path) -> list[os.DirEntry[str]]:
+    try:
+        with os.scandir(path) as entries:
+            return [entry for entry in entries if entry.name[0] != "." and entry.is_dir()]
+    except OSError:
+        return []
+
+
+def folder_of(root: Path, unit: str, run: str) -> Path | None:
+    """The run folder of this id, looked up in the listings of folders; None when there is none."""
+    for parent in _folders(root):
+        if parent.name == unit:
+            return next((Path(found.path) for found in _folders(Path(parent.path)) if found.name == run), None)
+    return None

@@ -1,0 +1,161 @@
+"""The answers of `/live` as they stand in the API's description."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+Number = float | None
+"""None: not known."""
+
+
+class StepTaken(BaseModel):
+    """A step on the way to the safe state, read back or not."""
+
+    text: str
+    ok: bool
+
+
+class RequestMade(BaseModel):
+    """What an operator asked of the run, and when (UTC)."""
+
+    request: str | None
+    who: str | None
+    utc: str | None
+
+
+class UnitVerdict(BaseModel):
+    """The verdict on a unit; `limits`: against limits, where it was made with some."""
+
+    unit: str
+    run: str = ""
+    verdict: str | None
+    sentence: str = ""
+    limits: str | None = None
+
+
+class End(BaseModel):
+    """How a run ended; `verdict` follows when it is analysed."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    run: str
+    runs: list[str]
+    state: str
+    """done, aborted or failed."""
+    cause: str
+    safe: bool | None
+    """Whether the safe state was read back; None: nothing had moved, or nobody knows."""
+    safe_state: list[StepTaken]
+    requests: list[RequestMade]
+    analysing: bool
+    units: list[UnitVerdict]
+    verdict: str | None
+    sentence: str
+
+
+class SegmentNow(BaseModel):
+    """The segment in force."""
+
+    index: int
+    of: int
+    name: str
+    kind: str
+    target_degc: float
+    rate_degc_per_min: Number
+    from_s: float
+    left_s: float
+
+
+class ChamberNow(BaseModel):
+    """The chamber as it was read last."""
+
+    temperature_degc: Number
+    setpoint_degc: Number
+    working_setpoint_degc: Number
+    on: bool | None
+    alarm: list[str]
+
+
+class UnitNow(BaseModel):
+    """A unit, its frames by what became of them, and why it left, if it did."""
+
+    serial: str
+    temperature_degc: Number
+    losses: dict[str, int]
+    dropped: str | None
+
+
+class GuardLight(BaseModel):
+    """A guard as a traffic light."""
+
+    name: str
+    state: Literal["ok", "waiting", "tripped"]
+    text: str
+    action: str
+    signal: str
+    value: Number
+
+
+class Run(BaseModel):
+    """A live run, or one that has ended; what is not known yet is missing or null."""
+
+    run: str
+    runs: list[str]
+    unit: str
+    profile: str
+    station: str
+    simulated: bool
+    started: str
+    start: str | None
+    """The start that made it, if the page did."""
+    who: dict[str, str] | None
+    nominal_s: float
+    curve: list[tuple[float, float]]
+    condition: Literal["live", "silent", "gone", "ended"]
+    detail: str = ""
+    state: str
+    ending: str | None = None
+    """Who aborted it."""
+    t_s: Number = None
+    left_s: Number = None
+    late_s: Number = None
+    segment: SegmentNow | None = None
+    chamber: ChamberNow | None = None
+    units: list[UnitNow] = []
+    holding: list[str] = []
+    guards: list[GuardLight] = []
+    age_s: Number = None
+    ended: End | None = None
+
+
+class Pictures(BaseModel):
+    """All live runs."""
+
+    runs: list[Run]
+
+
+class TraceAnswer(BaseModel):
+    """A trace from point `first` on; a point is [t_s, set point, chamber, [unit…], [[rate_min, rate_max]…]]."""
+
+    generation: int
+    first: int
+    next: int
+    count: int
+    every_s: float
+    serials: list[str]
+    points: list[list[Any]]
+    open: list[Any] | None
+    """The newest point, which is not complete."""
+
+
+class Asked(BaseModel):
+    """What came of a request: `done`, or the state that the run is in instead."""
+
+    run: str
+    asked: str
+    done: bool
+    state: str
+    holding: list[str] = []
+    ended: End | None = None

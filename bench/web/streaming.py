@@ -1,0 +1,109 @@
+"""Server-sent events for many browsers: each event is written once, each browser has a short queue.
+
+A browser that is slower than the runs loses updates of the picture, which the next one replaces, and catches up with
+the traces through `since`; ends of runs have a queue of their own. Nothing grows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections import deque
+from collections.abc import AsyncIterator, Mapping
+from typing import Any
+
+KEPT, KEPT_ENDS = 4, 64
+"""Pictures and ends that wait for a slow browser; ends also for one that comes back."""
+MOST = 64
+"""Browsers."""
+STILL_HERE_S = 10.0
+RETRY_MS = 1000
+
+Numbered = tuple[int, bytes]
+
+
+class _Browser:
+    """Who listens: what it has not been sent yet."""
+
+    def __init__(self) -> None:
+        self.live: deque[Numbered] = deque(maxlen=KEPT)
+        self.ends: deque[Numbered] = deque(maxlen=KEPT_ENDS)
+        self.news = asyncio.Event()
+
+    def take(self) -> list[Numbered]:
+        """What waits, in its order."""
+        taken = sorted((*self.live, *self.ends))
+        self.live.clear()
+        self.ends.clear()
+        self.news.clear()
+        return taken
+
+
+class Stream:
+    """One sequence of events; lives in the server's loop."""
+
+    def __init__(self) -> None:
+        self._sequence = 0
+        self._browsers: set[_Browser] = set()
+        self._ends: deque[Numbered] = deque(maxlen=KEPT_ENDS)
+        self._last: Numbered | None = None
+
+    @property
+    def listeners(self) -> int:
+        """How many browsers listen."""
+        return len(self._browsers)
+
+    @property
+    def full(self) -> bool:
+        """Whether there is no place for another one."""
+        return len(self._browsers) >= MOST
+
+    def live(self, content: Mapping[str, Any]) -> None:
+        """A new picture of all live runs."""
+        self._last = self._written("live", content)
+        for browser in self._browsers:
+            browser.live.append(self._last)
+            browser.news.set()
+
+    def ended(self, content: Mapping[str, Any]) -> None:
+        """A run has ended, or its verdict has come."""
+        end = self._written("ended", content)
+        self._ends.append(end)
+        for browser in self._browsers:
+            browser.ends.append(end)
+            browser.news.set()
+
+    def _written(self, event: str, content: Mapping[str, Any]) -> Numbered:
+        self._sequence += 1
+        data = json.dumps(content, allow_nan=False, separators=(",", ":"))
+        return self._sequence, f"id: {self._sequence}\nevent: {event}\ndata: {data}\n\n".encode()
+
+    async def listen(self, since: int | None = None, most: int = 0) -> AsyncIterator[bytes]:
+        """Events from now on, and the ends after `since`, the number of the last event that was got.
+
+        Ends after `most` events; 0: never.
+        """
+        browser, sent = _Browser(), 0
+        if self._last is not None:
+            browser.live.append(self._last)
+        if since is not None and since <= self._sequence:
+            browser.ends.extend(end for end in self._ends if end[0] > since)
+        if browser.live or browser.ends:
+            browser.news.set()
+        self._browsers.add(browser)
+        try:
+            yield f"retry: {RETRY_MS}\n\n".encode()
+            while True:
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(browser.news.wait(), STILL_HERE_S)
+                events = browser.take()
+                for _, event in events:
+                    yield event
+                    sent += 1
+                    if sent == most:
+                        return
+                if not events:
+                    yield b": still here\n\n"
+        finally:
+            self._browsers.discard(browser)

@@ -1,0 +1,190 @@
+"""Watches live runs: one thread asks each at most five times a second, however many browsers look.
+
+What it sees goes to one listener, which hands it on. Runs that ended are told twice: when the equipment is safe, and
+when the verdict is there.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from bench import remote
+from bench.errors import EquipmentError, InputError
+from bench.remote import LiveRun
+from bench.web import story
+from bench.web.finding import Finder, ids
+from bench.web.mirror import Mirror
+from bench.web.starts import Starts
+from bench.web.subject import describe
+
+PERIOD_S = 0.2
+"""Shortest time between two questions to a run."""
+IDLE_S = 1.0
+"""The same when nobody looks; live runs are looked for as often."""
+PATIENCE_S = 1.0
+SILENT_S = 3.0
+"""A run that did not answer is left alone for this long."""
+VERDICT_S = 3600.0
+"""An analysis that has not come after this is not waited for."""
+
+Listener = Callable[[list["Watched"], list[dict[str, Any]]], None]
+
+
+class Watched:
+    """A live run as it was seen last; written by the watcher's thread alone, which replaces values whole."""
+
+    def __init__(self, live: LiveRun, started_by: dict[str, Any] | None) -> None:
+        self.live, self.mirror = live, Mirror()
+        self.about = describe(live, started_by)
+        self.picture: dict[str, Any] = {"state": "starting"}
+        self.condition, self.detail = "live", ""
+        self.next_s = 0.0
+        self.killed = False
+        """Its process is gone and has written no end."""
+
+    @property
+    def runs(self) -> list[str]:
+        """Ids of all its run folders."""
+        runs: list[str] = self.about["runs"]
+        return runs
+
+    def told(self) -> dict[str, Any]:
+        """Everything about it, for `/live`."""
+        return {**self.about, **self.picture, "condition": self.condition, "detail": self.detail}
+
+    def ask(self, now_s: float) -> None:
+        """One question."""
+        since, generation = self.mirror.wanted
+        try:
+            answer = remote.ask(self.live, "trace", PATIENCE_S, since=since, generation=generation)
+        except InputError as error:  # another process has its port now
+            self.condition, self.detail = "gone", _gone(self.live, str(error))
+        except EquipmentError as error:
+            silent = isinstance(error.__cause__, TimeoutError)
+            self.condition = "silent" if silent else "gone"
+            self.detail = str(error) if silent else _gone(self.live, "")
+        else:
+            self.mirror.take(answer.pop("trace"))
+            self.picture = {key: value for key, value in answer.items() if key not in {"ok", "pid"}}
+            self.condition, self.detail, self.killed = "live", "", False
+        self.next_s = now_s + (PERIOD_S if self.condition == "live" else SILENT_S)
+
+
+class Watcher:
+    """The thread and what it knows; reading is safe from any thread."""
+
+    def __init__(self, out: Path, starts: Starts, listener: Listener) -> None:
+        """`listener` is called by the thread with all live runs and with the ends that are news."""
+        self._finder, self._starts, self._listener = Finder(out), starts, listener
+        self._watched: dict[str, Watched] = {}
+        self._analysed: list[tuple[float, Watched, dict[str, Any]]] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="watcher", daemon=True)
+        self._looked_s = -IDLE_S
+        self.wanted: Callable[[], bool] = lambda: True
+        """Whether somebody looks."""
+
+    def start(self) -> None:
+        """Watch from now on."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Watch no longer."""
+        self._stop.set()
+        self._thread.join()
+
+    @property
+    def runs(self) -> list[Watched]:
+        """The live runs, oldest first."""
+        return list(self._watched.values())
+
+    def find(self, run: str) -> Watched | None:
+        """The live run with this id."""
+        return next((watched for watched in self.runs if run in watched.runs), None)
+
+    def _run(self) -> None:
+        while not self._stop.wait(PERIOD_S if self.wanted() or any(run.mirror.behind for run in self.runs) else IDLE_S):
+            self.turn(time.monotonic())
+
+    def turn(self, now_s: float) -> None:
+        """Look, ask, tell; `now_s` is monotonic."""
+        ends: list[dict[str, Any]] = []
+        if now_s - self._looked_s >= IDLE_S:
+            self._looked_s = now_s
+            self._look()
+            self._starts.reap()
+            ends += self._verdicts(now_s)
+        for token, watched in list(self._watched.items()):
+            if now_s >= watched.next_s:
+                watched.ask(now_s)
+            if watched.condition != "live" and (end := self._end(watched)) is not None:
+                self._watched = {key: one for key, one in self._watched.items() if key != token}
+                self._analysed.append((now_s + VERDICT_S, watched, end))
+                ends.append(end)
+        self._listener(self.runs, ends)
+
+    def _look(self) -> None:
+        known = self._watched
+        found: dict[str, Watched] = {}
+        for run in self._finder.look():
+            watched = known.get(run.file.token)
+            if watched is None or watched.live.folders != run.folders:
+                watched = Watched(run, self._starts.saw(run.file.pid, ids(run.folders)))
+            found[run.file.token] = watched
+        # One whose file is gone stays until it was asked and its end is read.
+        gone = {token: watched for token, watched in known.items() if token not in found}
+        self._watched = {**gone, **found}
+
+    def _end(self, watched: Watched) -> dict[str, Any] | None:
+        """How a run that does not answer has ended; None: it has not, or was killed and waits to be gone on with."""
+        file = watched.live.path / remote.LIVE
+        if watched.condition == "silent" or (watched.killed and file.exists()):
+            return None
+        if (end := story.ending(watched.live)) is None:
+            watched.killed = file.exists()
+            if watched.killed:
+                return None
+            end = story.told([])
+        return {**_head(watched), **end, **story.verdicts(watched.live.folders)} | {"analysing": True}
+
+    def _verdicts(self, now_s: float) -> list[dict[str, Any]]:
+        """The ends whose verdict has come since."""
+        waiting, news = self._analysed, []
+        self._analysed = []
+        for until_s, watched, end in waiting:
+            verdicts = story.verdicts(watched.live.folders)
+            if self.find(end["run"]):  # a killed run goes on
+                continue
+            if not verdicts["analysing"] or now_s > until_s or not _lives(watched.live.file.pid):
+                news.append({**end, **verdicts, "analysing": False})
+            else:
+                self._analysed.append((until_s, watched, end))
+        return news
+
+    def ended(self, run: str) -> dict[str, Any] | None:
+        """The end of a run whose tables are not made yet."""
+        return next((end for _, watched, end in self._analysed if run in watched.runs), None)
+
+
+def _head(watched: Watched) -> dict[str, Any]:
+    return {key: watched.about[key] for key in ("run", "runs", "unit", "profile", "station", "start", "who")}
+
+
+def _gone(run: LiveRun, why: str) -> str:
+    text = f"its process {run.file.pid} is gone; `bench resume {run.path}` goes on with it"
+    return f"{text} ({why})" if why else text
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # it is somebody else's
+        return True
+    return True
