@@ -67,7 +67,7 @@ def diagnosed(
         proposal = next_experiment(answer, [data], static=static)
         proposed = {} if proposal is None else proposal.to_json(str(plan))
         yaml = "" if proposal is None else proposal.profile_yaml
-        rungs = _rungs(answer, data, tuple(check))
+        rungs = ladder(answer, [data], check)
         return Diagnosed(replace(answer, next_experiment=proposed or None), rungs, profile_yaml=yaml)
     except (InputError, ArithmeticError, ValueError) as error:
         # Numerics on data that nobody foresaw must not cost the operator the report of hours in the chamber.
@@ -75,17 +75,17 @@ def diagnosed(
         return Diagnosed(reason=str(error) if known else f"the diagnosis failed ({type(error).__name__}: {error})")
 
 
-def _rungs(answer: Diagnosis, data: Dataset, check: tuple[Dataset, ...]) -> tuple[Rung, ...]:
-    """The model, each effect found added to it, strongest first, then the rivals of the strongest."""
+def ladder(answer: Diagnosis, runs: Sequence[Dataset], check: Sequence[Dataset]) -> tuple[Rung, ...]:
+    """The model, each effect found added to it, strongest first, then the rivals of the strongest; on the same runs."""
     rungs = [Rung(answer.model.name, answer.rms_dph, answer.held_out_rms_dph)]
     if answer.found:
-        base = fit(answer.model, data, covariance="none")
-        rows = assemble(base.model, (data,), [np.isfinite(residual) for residual in base.residuals])
+        base = fit(answer.model, runs, covariance="none")
+        rows = assemble(base.model, tuple(runs), [np.isfinite(residual) for residual in base.residuals])
         theta = np.array(list(base.theta.values()), dtype=np.float64)
         for suspect in answer.found:
             rows = replace(rows, model=rows.model.adding(suspect.model.effects[-1]))
             theta = np.append(theta, suspect.theta)
-            rungs.append(_rung(f"+ {suspect.effect}", rows, theta, check))
+            rungs.append(_rung(f"+ {suspect.effect}", rows, theta, tuple(check)))
     return (*rungs, *_rivals(answer))
 
 

@@ -72,8 +72,9 @@ def band(x: FloatArray, low: FloatArray, high: FloatArray, name: str = "lowest t
         if np.all(np.isfinite(low[piece] + high[piece])):
             at += [x[piece], x[piece][::-1], [np.nan]]
             around += [low[piece], high[piece][::-1], [np.nan]]
+    x_shown, y_shown = (plotting.plain(np.concatenate(parts) if parts else x[:0]) for parts in (at, around))
     return go.Scatter(
-        x=plotting.plain(np.concatenate(at) if at else x[:0]), y=plotting.plain(np.concatenate(around) if at else x[:0]),
+        x=x_shown, y=y_shown,
         fill="toself", fillcolor="rgba(138,148,157,0.30)", line={"width": 0}, mode="lines", name=name, hoverinfo="skip",
     )  # fmt: skip
 

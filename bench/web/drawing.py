@@ -16,6 +16,7 @@ from bench.diagnosis.digits import finite, listed, number
 from bench.errors import InputError
 from bench.report import figures_diagnosis, figures_model, figures_run, figures_workbench, plotting
 from bench.report.described import columns, described, floor_words
+from bench.report.figures_run import HOUR_S
 from bench.web import computing
 from bench.web.asking import ModelJson, model_json
 from bench.web.computing import FINE_S, Run, Runs
@@ -74,6 +75,8 @@ class Wish:
         found = computing.floor(self.runs, self.static)
         if interval_s == DEFAULT_INTERVAL_S or found.noise is None:
             return found.floor_dph
+        if interval_s < FINE_S:  # only white noise is as fast
+            return found.noise.white / float(np.sqrt(interval_s / HOUR_S))
         return found.noise.std_of_means(interval_s, float(np.ptp(self.data().time)))
 
 

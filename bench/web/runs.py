@@ -14,8 +14,8 @@ from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
 from bench.store import RunFolder
-from bench.web.gate import REPORT_POLICY
 from bench.web.indexing import index_of, ordered
+from bench.web.policy import REPORT
 
 _FIELDS = ("run", "unit", "profile", "start", "state", "verdict", "rms_dph", "held_out_rms_dph", "floor_dph",
            "duration_s")  # fmt: skip
@@ -150,7 +150,7 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
 def report(request: Request, unit: str, run: str) -> FileResponse:
     """The run's HTML report, in a sandbox: its scripts reach neither the page nor the API."""
     path = _existing(index_of(request).folder(unit, run) / "report.html", "report: make one with `bench report`")
-    return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
+    return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT})
 
 
 @router.get("/runs/{unit}/{run}/certificate", response_class=Response)
