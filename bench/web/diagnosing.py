@@ -72,7 +72,7 @@ def _partial(data: Dataset, found: Diagnosis, suspect: SuspectedEffect) -> dict[
     plot = figures_diagnosis.partial(data, x, left, shape, suspect.effect)
     span = shape[np.isfinite(shape)]
     words = (
-        f"{suspect.effect} alone over {x.title}: dots are the data, diamonds their means while heating and cooling; the "
+        f"{suspect.effect} alone over {x.title}: dots are data, diamonds their means while heating and cooling; the "
         f"fitted effect goes from {number(float(span.min()))} to {number(float(span.max()))} deg/h "
         f"({added.family})."
     )
