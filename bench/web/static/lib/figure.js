@@ -6,7 +6,7 @@ import { saveCsv, savePng, saveSvg } from "./download.js";
 
 const PLOTLY = "/static/vendor/plotly-cartesian.min.js";
 const EXPORT_SIZE = [1200, 700];
-const CONFIG = { displayModeBar: false, responsive: false, doubleClick: "reset", showTips: false };
+const CONFIG = { displayModeBar: false, responsive: false, doubleClick: false, showTips: false };
 const KEY_STEP = 0.2;
 
 let loading = null;
@@ -33,7 +33,7 @@ export function palette() {
   const of = (name, otherwise) => style.getPropertyValue(name).trim() || otherwise;
   return {
     paper: of("--paper", "#ffffff"), ink: of("--ink", "#16202a"), soft: of("--soft", "#56636f"),
-    line: of("--line", "#d7dee4"), grid: of("--grid", "#e3e8ec"),
+    line: of("--line", "#d7dee4"), grid: of("--grid", "#e3e8ec"), raised: of("--raised", "#ffffff"),
     heldOut: of("--figure-blue", "#0072B2"), inSample: of("--figure-orange", "#E69F00"), floor: of("--figure-green", "#009E73"),
   };
 }
@@ -95,6 +95,8 @@ export class Drawn {
     await Plotly.react(this.place, data, themed(layout, palette(), this.zoom), CONFIG);
     if (!this.listening) {
       this.place.on("plotly_relayout", (change) => this.relayout(change));
+      // Plotly itself would go back to the range that was drawn last, which after finer data came is the narrow one.
+      this.place.on("plotly_doubleclick", () => this.reset());
       this.listening = true;
     }
   }

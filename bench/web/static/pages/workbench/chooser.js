@@ -39,7 +39,7 @@ function Row({ row, index, active, count, taken, onChoose }) {
     <span class="wb-row-unit">${taken ? "✓ " : ""}${row.unit}</span>
     <span class="wb-row-name">${row.profile ?? runName(row.run)}</span>
     <span class="wb-row-day">${row.start ? moment(row.start) : ""}</span>
-    <span class="wb-row-state">${row.verdict ?? row.state ?? ""}</span>
+    <span class="wb-row-state">${row.verdict || row.state}</span>
     <span class="wb-row-error">${ratio === null ? "" : t("workbench.chooser.ratio", { ratio: number(ratio, 2) })}</span>
   </div>`;
 }
@@ -50,6 +50,7 @@ export function Chooser({ taken, onChoose, label }) {
   const [active, setActive] = useState(0);
   const [view, setView] = useState({ top: 0, height: 520 });
   const frame = useRef(null);
+  const field = useRef(null);
   const rows = useRows(query);
   const first = Math.max(0, Math.floor(view.top / ROW_PX) - SPARE);
   const last = Math.min(rows.matched - 1, Math.ceil((view.top + view.height) / ROW_PX) + SPARE);
@@ -57,6 +58,7 @@ export function Chooser({ taken, onChoose, label }) {
     if (last >= 0 && rows.matched) [first, last].forEach(rows.need);
   }, [first, last, rows.matched, rows.query]);
   useEffect(() => setActive(0), [query]);
+  useEffect(() => field.current.focus({ preventScroll: true }), []);
   const look = () => frame.current && setView({ top: frame.current.scrollTop, height: frame.current.clientHeight });
   useEffect(look, [rows.matched]);
   const move = (to) => {
@@ -77,7 +79,7 @@ export function Chooser({ taken, onChoose, label }) {
   const shown = Array.from({ length: Math.max(0, last - first + 1) }, (_, i) => first + i);
   return html`<div class="wb-chooser">
     <label class="wb-filter"><span>${label ?? t("workbench.chooser.title")}</span>
-      <input type="search" role="combobox" aria-expanded="true" aria-controls="wb-rows" aria-autocomplete="list" autocomplete="off" spellcheck="false"
+      <input type="search" ref=${field} role="combobox" aria-expanded="true" aria-controls="wb-rows" aria-autocomplete="list" autocomplete="off" spellcheck="false"
         aria-activedescendant=${rows.at(active) ? `wb-row-${active}` : null} value=${query} placeholder=${t("workbench.chooser.placeholder")}
         onInput=${(event) => setQuery(event.target.value)} onKeyDown=${key} />
     </label>

@@ -10,10 +10,12 @@ const SHAPES = { fit: "●", check: "◇", static: "▬" };
 export function Chosen({ chosen, act, onAdd, onOther, onCompare }) {
   const words = WORDS();
   const hints = HINTS();
+  const units = [...new Set(chosen.map((one) => unitOf(one.run)))];
   return html`<section class="wb-chosen" aria-label=${t("workbench.chosen.title")}>
+    ${units.length === 1 && html`<b class="wb-unit">${units[0]}</b>`}
     <ul>${chosen.map((one) => html`<li key=${one.run} class=${`wb-chip wb-role-${one.role}`} title=${hints[one.role]}>
       <span class="wb-shape" aria-hidden="true">${SHAPES[one.role]}</span>
-      <span class="wb-chip-name"><b>${unitOf(one.run)}</b> ${runName(one.run)}</span>
+      <span class="wb-chip-name">${units.length > 1 && html`<b>${unitOf(one.run)}</b> `}${runName(one.run)}</span>
       <select value=${one.role} aria-label=${t("workbench.role.of", { run: one.run })} onChange=${(event) => act({ type: "role", run: one.run, role: event.target.value })}>
         ${ROLES.map((role) => html`<option key=${role} value=${role} selected=${role === one.role}>${words[role]}</option>`)}
       </select>

@@ -4,8 +4,8 @@ import { saveCsv, savePng, saveSvg } from "../../lib/download.js";
 import { palette } from "../../lib/figure.js";
 
 const WIDTH = 420;
-const HEIGHT = 250;
-const EDGE = { left: 48, right: 16, top: 16, bottom: 46 };
+const HEIGHT = 200;
+const EDGE = { left: 48, right: 16, top: 16, bottom: 30 };
 const FALL_MS = 900;
 const MOST_RUNGS = 7;
 
@@ -80,7 +80,7 @@ function Drawing({ rungs, shown, floor, refer }) {
       ${rung.inSample !== null && html`<circle cx=${x(i)} cy=${y(rung.inSample)} r="8" fill="none" stroke=${colours.inSample} stroke-width="2.5" />`}
       ${rung.heldOut !== null && html`<circle cx=${x(i)} cy=${y(rung.heldOut)} r="5" fill=${colours.heldOut} />`}
       ${headline(rung) !== null && html`<text x=${x(i)} y=${Math.max(11, y(Math.max(rung.heldOut ?? 0, rung.inSample ?? 0)) - 13)} text-anchor="middle"
-        font-size="12.5" font-weight="600" fill=${colours.ink}>${number(headline(rung))}</text>`}
+        font-size="12.5" font-weight="600" fill=${colours.ink} stroke=${colours.raised} stroke-width="4" paint-order="stroke" stroke-linejoin="round">${number(headline(rung))}</text>`}
       <text ...${label} x=${x(i)} y=${HEIGHT - EDGE.bottom + 18} text-anchor="middle" font-size="12">${short(rung.label, room)}</text>
     </g>`)}
     ${floor !== null && html`<g>
@@ -88,6 +88,16 @@ function Drawing({ rungs, shown, floor, refer }) {
       <text x=${WIDTH - EDGE.right} y=${y(floor) + 16} text-anchor="end" font-size="12" fill=${colours.floor}>${t("workbench.ladder.floor")} ${number(floor)}</text>
     </g>`}
   </svg>`;
+}
+
+/** By how much the last step changed the error on unseen data, in words. */
+function Change({ before, last }) {
+  if (!before || before.heldOut === null || last.heldOut === null || before.heldOutBy !== last.heldOutBy) return null;
+  const percent = Math.round(100 * (last.heldOut / before.heldOut - 1));
+  if (percent === 0) return html`<p class="wb-fell">${t("workbench.ladder.same")}</p>`;
+  const lower = percent < 0;
+  return html`<p class=${`wb-fell ${lower ? "wb-good" : "wb-bad"}`}>${lower ? "↓" : "↑"} ${" "}
+    ${lower ? t("workbench.ladder.fell", { percent: -percent }) : t("workbench.ladder.rose", { percent })}</p>`;
 }
 
 /** `rungs`: [{label, inSample, heldOut, heldOutBy}] [deg/h], oldest first; `floor` [deg/h] or null. */
@@ -112,13 +122,9 @@ export function Ladder({ rungs, floor, name }) {
   const tell = (rung) => t("workbench.ladder.rung", { model: rung.label, inside: number(rung.inSample), outside: number(rung.heldOut) });
   return html`<figure class="wb-figure" aria-label=${t("workbench.ladder.title")}>
     <div class="wb-ladder-frame"><${Drawing} rungs=${recent} shown=${shown} floor=${floor} refer=${drawing} /></div>
-    <p class="wb-legend" aria-hidden="true">
-      <span class="wb-mark wb-mark-held"></span>${t("workbench.ladder.held_out")}
-      <span class="wb-mark wb-mark-in"></span>${t("workbench.ladder.in_sample")}
-      <span class="wb-mark wb-mark-floor"></span>${t("workbench.ladder.floor")}
-    </p>
+    <${Change} before=${before} last=${last} />
     <ol class="unseen">${rungs.map((rung, i) => html`<li key=${i}>${tell(rung)}</li>`)}</ol>
-    <p class="wb-tools">
+    <p class="wb-tools" role="group" aria-label=${t("workbench.ladder.title")}>
       <button type="button" class="narrow" onClick=${() => savePng(name, svg(), [WIDTH, HEIGHT])}>PNG</button>
       <button type="button" class="narrow" onClick=${() => saveSvg(name, svg())}>SVG</button>
       <button type="button" class="narrow" onClick=${() => saveCsv(name, table)}>CSV</button>

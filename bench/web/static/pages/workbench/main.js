@@ -1,5 +1,5 @@
 // The engineer's workbench: choose a run, see where the model fails, what is missing, add it, watch the error fall.
-import { html, t, api, number, useEffect, useState, unitOf } from "./parts.js";
+import { html, t, api, number, useEffect, useRef, useState, unitOf } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Chosen } from "./chosen.js";
 import { Compare } from "./compare.js";
@@ -28,10 +28,18 @@ function rungOf(step, runs) {
   return found ? { label: step.label, inSample: found.rms_dph, heldOut: found.held_out_rms_dph, heldOutBy: found.held_out_by } : null;
 }
 
-function Tile({ value, floor, title, mark, hint }) {
+const WHERE = () => ({
+  check: t("workbench.ladder.by_check"),
+  blocks: t("workbench.ladder.by_blocks"),
+  segments: t("workbench.ladder.by_segments"),
+  soaks: t("workbench.ladder.by_blocks"),
+});
+
+function Tile({ value, floor, title, mark, hint, where }) {
   return html`<div class="wb-tile"><span class="wb-tile-what"><span class=${`wb-mark wb-mark-${mark}`} aria-hidden="true"></span>${title}</span>
     <b>${number(value)} <small>deg/h</small></b>
-    <span class="wb-soft">${hint ?? (value && floor ? t("workbench.ladder.times_floor", { ratio: number(value / floor, 3) }) : "")}</span></div>`;
+    <span class="wb-soft">${hint ?? (value && floor ? t("workbench.ladder.times_floor", { ratio: number(value / floor, 3) }) : "")}</span>
+    ${where && html`<span class="wb-soft">${where}</span>`}</div>`;
 }
 
 /** How well the model does: numbers, ladder, undo. */
@@ -44,7 +52,7 @@ function Standing({ session, analysis, floor }) {
       ${steps.length > 1 && html`<button type="button" class="narrow" onClick=${() => act({ type: "undo" })}>↶ ${t("workbench.model.undo")}</button>`}</div>
     ${analysis.failed && html`<p class="wb-bad" role="alert">${analysis.failed}</p>`}
     ${last && html`<div class="wb-tiles" role="status">
-      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" />
+      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${WHERE()[last.heldOutBy]} />
       <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />
       <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t("workbench.ladder.noise")} />
     </div>`}
@@ -53,27 +61,37 @@ function Standing({ session, analysis, floor }) {
   </section>`;
 }
 
+/** Bring a part into sight where it is not: what a click has changed must be seen to change. */
+const show = (part) => part.current?.scrollIntoView({ block: "nearest", behavior: "smooth" });
+
 function Bench({ session }) {
   const { runs, model, steps, act } = session;
   const [picked, setPicked] = useState(null);
   const analysis = useJob("/analyses", analysisOf(runs, model));
   const diagnosis = useJob("/diagnoses", { ...runs, model });
   const floor = (analysis.result ?? analysis.stale)?.floor_dph ?? null;
-  const shown = picked && diagnosis.result?.suspects.includes(picked) ? picked : null;
+  // A picture belongs to the diagnosis that it came with.
+  const shown = picked && picked.of === diagnosis.result ? picked : null;
+  const [standing, pictures] = [useRef(null), useRef(null)];
   const add = (suspect) => {
     setPicked(null);
-    act({ type: "add", effect: { effect: suspect.effect, ...suspect.options } });
+    act({ type: "add", effect: suspect.add ?? { effect: suspect.effect, ...suspect.options } });
+    show(standing);
+  };
+  const pick = (picture) => {
+    setPicked(picture && { ...picture, of: diagnosis.result });
+    if (picture) show(pictures);
   };
   return html`<div class="wb-bench">
     <div class="wb-side">
-      <${Standing} session=${session} analysis=${analysis} floor=${floor} />
+      <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} /></div>
       <section class="wb-card" aria-labelledby="wb-missing-title"><h3 id="wb-missing-title">${t("workbench.diagnosis.title")}</h3>
-        <${Suspects} found=${diagnosis.result} failed=${diagnosis.failed} busy=${analysis.running} picked=${shown?.effect} onAdd=${add} onPicture=${setPicked} />
+        <${Suspects} found=${diagnosis.result} failed=${diagnosis.failed} busy=${analysis.running} picked=${shown?.id} onAdd=${add} onPicture=${pick} />
       </section>
       <${NextExperiment} next=${diagnosis.result?.next_experiment} unit=${unitOf(runs.runs[0])} />
     </div>
     <div class="wb-main">
-      <${Pictures} runs=${runs} model=${model} partial=${shown} onPartialOff=${() => setPicked(null)} />
+      <div ref=${pictures}><${Pictures} runs=${runs} model=${model} picked=${shown} onPickedOff=${() => setPicked(null)} /></div>
       <${ModelPanel} model=${model} steps=${steps} busy=${analysis.running} act=${act} />
     </div>
   </div>`;

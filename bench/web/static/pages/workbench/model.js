@@ -8,7 +8,7 @@ const optionsOf = ({ effect, ...options }) => Object.entries(options).map(([name
 /** Models out of the library, fetched once; `again()` after one was saved. */
 function useModels() {
   const [models, setModels] = useState([]);
-  const again = () => api.get("/models").then((found) => setModels(found.models), () => setModels([]));
+  const again = () => api.get("/models").then((found) => setModels(found.models.filter((one) => one.model)), () => setModels([]));
   useEffect(() => void again(), []);
   return [models, again];
 }
@@ -41,7 +41,7 @@ export function ModelPanel({ model, steps, busy, act }) {
   const [models, again] = useModels();
   const choose = (event) => {
     const found = models.find((one) => one.name === event.target.value);
-    if (found) act({ type: "model", model: { name: found.name, effects: found.effects, ...(found.rows && found.rows !== "all" ? { rows: found.rows } : {}) } });
+    if (found) act({ type: "model", model: { ...found.model, name: found.name } });
   };
   return html`<section class="wb-card wb-model" aria-labelledby="wb-model-title">
     <div class="wb-card-head"><h3 id="wb-model-title">${t("workbench.model.title")}</h3>

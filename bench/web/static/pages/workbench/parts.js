@@ -7,7 +7,9 @@ export { api, duration, moment, t };
 /** A number in a few significant digits, or a dash where there is none. */
 export const number = (value, digits = 3) =>
   value === null || value === undefined || !Number.isFinite(value) ? "–"
-    : new Intl.NumberFormat(language.get(), { maximumSignificantDigits: digits, useGrouping: Math.abs(value) >= 1e4 }).format(value).replace("-", "−");
+    : new Intl.NumberFormat(language.get(), {
+      maximumSignificantDigits: digits, minimumSignificantDigits: Number.isInteger(value) ? 1 : digits, useGrouping: Math.abs(value) >= 1e4,
+    }).format(value).replace("-", "−");
 
 /** "8.6 ± 1.2 s": as many digits as the uncertainty allows. */
 export function measured({ value, std, unit }) {

@@ -1,5 +1,5 @@
 // The figures of the chosen runs: one at a time, under tabs. Zooming in time or temperature fetches finer data.
-import { html, t, useEffect, useRef, useState } from "./parts.js";
+import { html, runName, t, useEffect, useRef, useState } from "./parts.js";
 import { useJob } from "./session.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 
@@ -11,17 +11,16 @@ const TABS = () => ({
   loop: t("workbench.figure.loop"),
   allan: t("workbench.figure.allan"),
   channels: t("workbench.figure.channels"),
-  partial: t("workbench.figure.partial"),
 });
 const HOUR_S = 3600;
 const ZOOM_PAUSE_MS = 250;
-const WIDTHS = [400, 800, 1200, 1600, 2400];
+const WIDTHS = [400, 800, 1200, 1600, 2000];
 
 /** Number of points worth fetching for an element so wide; in steps, so that answers can be kept. */
 const pointsFor = (element) => WIDTHS.find((width) => width >= (element?.clientWidth || 800)) ?? WIDTHS[WIDTHS.length - 1];
 
 /** A figure with its words, keys and files. `figure`: {figure, words, csv}; `onZoom(range|null)`. */
-export function Picture({ answer, name, title, running, onZoom, keep }) {
+export function Picture({ answer, name, title, running, waiting, onZoom, keep }) {
   const place = useRef(null);
   const drawn = useRef(null);
   const [failed, setFailed] = useState("");
@@ -41,9 +40,9 @@ export function Picture({ answer, name, title, running, onZoom, keep }) {
   const save = (kind) => drawn.current.save(kind, name).catch((error) => setFailed(error.message));
   const none = !answer;
   return html`<figure class="wb-figure">
-    <div class="wb-picture ${running ? "wb-busy" : ""}" aria-busy=${running ? "true" : "false"}>
+    <div class=${`wb-picture ${none ? "wb-none" : running ? "wb-busy" : ""}`} aria-busy=${running ? "true" : "false"}>
       <div class="wb-plot" ref=${place} tabindex="0" role="group" aria-roledescription=${t("workbench.figure.role")} aria-label=${`${title}. ${t("workbench.figure.keys")}`} onKeyDown=${key}></div>
-      ${none && html`<p class="wb-veil" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.figure.waiting")}</p>`}
+      ${waiting && html`<p class="wb-veil" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.figure.waiting")}</p>`}
     </div>
     <figcaption>
       <p class="wb-words" lang="en">${failed ? html`<span class="wb-bad">${failed}</span>` : answer?.words ?? ""}</p>
@@ -57,8 +56,7 @@ export function Picture({ answer, name, title, running, onZoom, keep }) {
   </figure>`;
 }
 
-function Tabs({ kinds, kind, onKind }) {
-  const words = TABS();
+function Tabs({ kinds, words, kind, onKind }) {
   const bar = useRef(null);
   const key = (event) => {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
@@ -74,56 +72,68 @@ function Tabs({ kinds, kind, onKind }) {
   </div>`;
 }
 
-/** Range of x as the API's from_s and to_s. */
-const spanOf = (range) => (range ? { from_s: Math.max(0, range[0] * HOUR_S), to_s: range[1] * HOUR_S } : {});
-
-/** Figures of `runs` {runs, check, static} under `model`; `partial` is the suspect whose picture is asked for. */
-export function Pictures({ runs, model, partial, onPartialOff }) {
-  const [kind, setKind] = useState("time");
-  const [span, setSpan] = useState({});
-  const frame = useRef(null);
-  const timer = useRef(0);
-  const shown = partial ? "partial" : kind;
-  const zoomable = shown === "time";
-  const body = partial ? null : { kind, ...runs, model, ...(zoomable ? span : {}), width: pointsFor(frame.current) };
-  const job = useJob("/figures", body);
-  const lastKind = useRef(shown);
-  const whole = useRef(body && JSON.stringify([kind, runs]));
-  useEffect(() => setSpan({}), [runs, kind]);
-  const zoom = (range) => {
-    if (!zoomable) return;
-    clearTimeout(timer.current);
-    timer.current = setTimeout(() => setSpan(spanOf(range)), ZOOM_PAUSE_MS);
-  };
-  useEffect(() => () => clearTimeout(timer.current), []);
-  // A figure of another kind must not be seen under this tab's name, not even while its own is on the way.
-  const key = partial ? `partial ${partial.effect}` : JSON.stringify([kind, runs]);
-  const stays = whole.current === key || lastKind.current === shown;
-  const latest = useRef({ key: null, answer: null });
-  if (partial) latest.current = { key, answer: { figure: partial.partial.figure ?? partial.partial, words: partial.partial.words ?? partial.why ?? "", csv: partial.partial.csv ?? csvOf(partial.partial.figure ?? partial.partial) } };
-  else if (job.result) latest.current = { key, answer: job.result };
-  const answer = latest.current.key === key ? latest.current.answer : null;
-  whole.current = key;
-  lastKind.current = shown;
-  const words = TABS();
-  const pick = (next) => {
-    if (partial) onPartialOff();
-    if (next !== "partial") setKind(next);
-  };
-  const title = partial ? `${words.partial}: ${partial.effect}` : words[kind];
-  return html`<section class="wb-card wb-pictures" ref=${frame} aria-label=${t("workbench.figure.title")}>
-    <${Tabs} kinds=${partial ? [...KINDS, "partial"] : KINDS} kind=${shown} onKind=${pick} />
-    <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
-      ${job.failed && html`<p class="wb-bad" role="alert">${job.failed}</p>`}
-      <${Picture} key=${shown === "partial" ? "partial" : kind} answer=${answer} running=${job.running} title=${title} onZoom=${zoom} keep=${stays}
-        name=${`${runs.runs[0]} ${model.name} ${shown}`} />
-    </div>
-  </section>`;
+/** Range of x as the API wants it; figures over other quantities are whole already. */
+function spanOf(kind, range) {
+  if (!range) return {};
+  if (kind === "time") return { from_s: Math.max(0, range[0] * HOUR_S), to_s: range[1] * HOUR_S };
+  return kind === "temperature" || kind === "loop" ? { from_degc: range[0], to_degc: range[1] } : {};
 }
 
-/** The points of a figure's lines as rows, where the server sent no table. */
-export function csvOf(figure) {
-  const rows = [["trace", "x", "y"]];
-  for (const trace of figure.data) (trace.x ?? []).forEach((x, i) => rows.push([trace.name ?? "", x, trace.y?.[i]]));
-  return rows;
+/** Which of the runs is drawn, and whether the model is taken off the loop. */
+function Choices({ runs, kind, of, onOf, left, onLeft }) {
+  const all = [...runs.runs, ...runs.check];
+  return html`<div class="wb-choices">
+    ${all.length > 1 && kind !== "allan" && html`<label class="wb-inline">${t("workbench.figure.shown")}
+      <select value=${of} onChange=${(event) => onOf(event.target.value)}>
+        ${all.map((run) => html`<option key=${run} value=${run} selected=${run === of}>${runName(run)}${runs.check.includes(run) ? ` (${t("workbench.role.check")})` : ""}</option>`)}
+      </select></label>`}
+    ${kind === "loop" && html`<label class="wb-inline"><input type="checkbox" checked=${left} onChange=${(event) => onLeft(event.target.checked)} />${t("workbench.figure.left")}</label>`}
+  </div>`;
+}
+
+/** Figures of `runs` {runs, check, static} under `model`; `picked` {id, title, answer} is a picture of the diagnosis that takes their place. */
+export function Pictures({ runs, model, picked, onPickedOff }) {
+  const [kind, setKind] = useState("time");
+  const [asked, setOf] = useState(null);
+  const [left, setLeft] = useState(false);
+  const [zoomed, setZoomed] = useState({ what: null, span: {} });
+  const frame = useRef(null);
+  const timer = useRef(0);
+  const of = [...runs.runs, ...runs.check].includes(asked) ? asked : runs.runs[0];
+  // What stays the same while finer data arrive, and while the model changes: the same picture keeps its zoom.
+  const what = picked ? `picked ${picked.id}` : JSON.stringify([kind, of, left, runs]);
+  const span = zoomed.what === what ? zoomed.span : {};
+  const body = picked ? null : { kind, ...runs, of, model: kind === "loop" && !left ? null : model, ...span, width: pointsFor(frame.current) };
+  const job = useJob("/figures", body);
+  const last = useRef({ what: null, answer: null });
+  const keep = last.current.what === what;
+  const fresh = picked?.answer ?? job.result;
+  if (fresh) last.current = { what, answer: fresh };
+  // A figure of another kind must not be seen under this tab's name, not even while its own is on the way.
+  const answer = last.current.what === what ? last.current.answer : null;
+  useEffect(() => () => clearTimeout(timer.current), []);
+  const zoom = (range) => {
+    const next = spanOf(kind, range);
+    if (picked || (range && !Object.keys(next).length)) return;
+    clearTimeout(timer.current);
+    timer.current = setTimeout(() => setZoomed({ what, span: next }), ZOOM_PAUSE_MS);
+  };
+  const words = { ...TABS(), picked: picked?.title };
+  const shown = picked ? "picked" : kind;
+  const pick = (next) => {
+    if (next === "picked") return;
+    if (picked) onPickedOff();
+    setKind(next);
+  };
+  const title = words[shown];
+  return html`<section class="wb-card wb-pictures" ref=${frame} aria-label=${t("workbench.figure.title")}>
+    <div class="wb-head">
+      <${Tabs} kinds=${picked ? [...KINDS, "picked"] : KINDS} words=${words} kind=${shown} onKind=${pick} />
+      ${!picked && html`<${Choices} runs=${runs} kind=${kind} of=${of} onOf=${setOf} left=${left} onLeft=${setLeft} />`}</div>
+    <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
+      ${job.failed && html`<p class="wb-bad" role="alert">${job.failed}</p>`}
+      <${Picture} answer=${answer} running=${job.running} waiting=${job.running && !answer} title=${title} onZoom=${zoom} keep=${keep}
+        name=${`${of} ${model.name} ${shown}`} />
+    </div>
+  </section>`;
 }

@@ -35,28 +35,47 @@ function Parameters({ parameters }) {
   </div>`)}</dl>`;
 }
 
-function Suspect({ suspect, rank, found, most, busy, picked, onAdd, onPicture }) {
-  const first = rank === 0 && suspect.found;
-  const removes = suspect.removes;
+/** What adding it does to the error on data that the fit has not seen. */
+function Gain({ suspect }) {
+  if (suspect.held_out_rms_dph === null) return suspect.reason ? html`<p class="wb-soft" lang="en">${suspect.reason}</p>` : null;
+  return html`<p><b>${number(suspect.held_out_before_dph)} → ${number(suspect.held_out_rms_dph)} deg/h</b> ${t("workbench.suspect.unseen")}${
+    suspect.removes === null ? "" : `, ${t("workbench.suspect.removes", { percent: Math.round(100 * suspect.removes) })}`}</p>`;
+}
+
+function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }) {
   const name = effectWord(suspect.effect);
+  const whole = suspect.found || picked;
   return html`<li class=${`wb-suspect ${suspect.found ? "wb-found" : ""}`}>
     <div class="wb-suspect-head">
       <h4>${name} <code>${suspect.effect}</code></h4>
+      ${suspect.partial && html`<button type="button" class="wb-link" aria-pressed=${picked ? "true" : "false"}
+        aria-label=${`${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}: ${name}`}
+        onClick=${() => onPicture(picked ? null : pictureOf(suspect))}>${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
       <button type="button" class=${first ? "primary narrow" : "narrow"} disabled=${busy} onClick=${() => onAdd(suspect)}
         aria-label=${t("workbench.suspect.add_named", { effect: name })}>${t("workbench.suspect.add")}</button>
     </div>
     <${Evidence} value=${suspect.evidence} threshold=${found.threshold} most=${most} />
-    <p class="wb-suspect-fact">
-      ${suspect.held_out_rms_dph === null ? null : html`<b>${number(suspect.held_out_before_dph)} → ${number(suspect.held_out_rms_dph)} deg/h</b> ${t("workbench.suspect.unseen")}`}
-      ${removes === null || removes === undefined ? null : html`, ${t("workbench.suspect.removes", { percent: Math.round(100 * removes) })}`}
-    </p>
-    ${(suspect.found || picked) && html`<${Parameters} parameters=${suspect.parameters} />`}
+    ${whole && html`<${Gain} suspect=${suspect} />
+      <${Parameters} parameters=${suspect.parameters} />
+      ${suspect.summary && html`<p class="wb-soft" lang="en">${suspect.summary}</p>`}`}
     ${suspect.look_alikes.length > 0 && html`<p class="wb-warn">⇄ ${t("workbench.suspect.look_alikes", { effects: suspect.look_alikes.map(effectWord).join(", ") })}</p>`}
-    ${suspect.reason && html`<p class="wb-soft">${suspect.reason}</p>`}
-    ${suspect.why && suspect.why !== suspect.reason && (suspect.found || picked) && html`<p class="wb-soft">${suspect.why}</p>`}
-    ${suspect.partial && html`<button type="button" class="wb-link" aria-pressed=${picked ? "true" : "false"} onClick=${() => onPicture(picked ? null : suspect)}>
-      ${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
   </li>`;
+}
+
+/** A suspect alone against what it depends on. */
+const pictureOf = ({ effect, partial }) => ({ id: effect, title: `${t("workbench.figure.partial")}: ${effectWord(effect)}`, answer: partial });
+
+/** Pictures of the whole diagnosis: the map before and after, the evidence by segment, where it fails most. */
+function Further({ figures, picked, onPicture }) {
+  const words = {
+    map: t("workbench.diagnosis.map"),
+    legs: t("workbench.diagnosis.legs"),
+    misfit: t("workbench.diagnosis.misfit"),
+  };
+  const there = Object.keys(words).filter((key) => figures?.[key]);
+  if (!there.length) return null;
+  return html`<p class="wb-further">${there.map((key) => html`<button type="button" key=${key} class="wb-link" aria-pressed=${picked === key ? "true" : "false"}
+    onClick=${() => onPicture(picked === key ? null : { id: key, title: words[key], answer: figures[key] })}>${words[key]}</button>`)}</p>`;
 }
 
 function Where({ places }) {
@@ -79,13 +98,14 @@ export function Suspects({ found, failed, busy, picked, onAdd, onPicture }) {
   return html`<div class="wb-diagnosis">
     <div class=${`wb-verdict wb-${TONES[found.verdict] ?? "warn"}`} role="status">
       <p class="wb-word">${VERDICTS()[found.verdict] ?? found.verdict}</p>
-      <p lang="en">${found.sentence}</p>
+      <p lang="en">${found.sentence.replaceAll("+-", "±")}</p>
     </div>
     ${found.suspects.length > 0 && html`<h3>${t("workbench.suspect.title")}</h3>`}
     <ol class="wb-suspects">${shown.map((suspect, i) => html`<${Suspect} key=${suspect.effect} ...${{ suspect, found, most, busy, onAdd, onPicture }}
-      rank=${i} picked=${picked === suspect.effect} />`)}</ol>
+      first=${i === 0 && suspect.found} picked=${picked === suspect.effect} />`)}</ol>
     ${found.suspects.length > shown.length && html`<button type="button" class="wb-link" onClick=${() => setAll(true)}>
       ${t("workbench.suspect.more", { count: found.suspects.length - shown.length })}</button>`}
+    <${Further} figures=${found.figures} picked=${picked} onPicture=${onPicture} />
     <${Where} places=${found.verdict === "unknown_effect" ? [...found.unexplained, ...found.where] : found.where} />
     ${(found.notes?.length > 0 || found.not_excited?.length > 0) && html`<details><summary>${t("workbench.diagnosis.notes")}</summary><ul lang="en">
       ${found.noise_finding && html`<li>${found.noise_finding}</li>`}
