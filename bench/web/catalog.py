@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from bench import config, effects, preflight
+from bench import limits as limit_files
 from bench import profile as profiles
 from bench.equipment import StationSettings
 from bench.errors import BenchError, InputError
@@ -101,6 +102,15 @@ def plan(path: Path) -> dict[str, Any]:
         "kind": "rate" if turns else "temperature",
         "segments": len(profile.legs()),
     }
+
+
+def limits(path: Path) -> dict[str, Any]:
+    """A limits file in short; one that cannot be read says why in `problem`."""
+    try:
+        found = limit_files.load(path)
+    except (BenchError, OSError) as error:
+        return {"title": path.stem, "problem": str(error).splitlines()[0]}
+    return {"title": found.name, "summary": " ".join(found.description.split())}
 
 
 def curve(profile: Profile) -> list[tuple[float, float]]:

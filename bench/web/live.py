@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, FastAPI, HTTPException, Query, Request
+from fastapi import APIRouter, Depends, FastAPI, HTTPException, Query, Request
 from fastapi import Path as Part
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
@@ -21,22 +21,20 @@ from bench.store import MANIFEST
 from bench.web import story
 from bench.web.access import Operator
 from bench.web.finding import folder_of, ids
-from bench.web.picture import Asked, Pictures, Run, TraceAnswer
+from bench.web.picture import Asked, End, Pictures, Run, TraceAnswer
 from bench.web.settings import Here
 from bench.web.starts import Starts
 from bench.web.streaming import Stream
 from bench.web.subject import describe
 from bench.web.telling import Teller
 from bench.web.watching import Watched, Watcher
+from bench.workflow.live import ENDING_S, REACHED, REACTION_S
 
 router = APIRouter(tags=["live"])
 
-REACTION_S = 5.0
-"""A run does what it is asked at its next tick, a second."""
-ENDING_S = 15.0
-"""The answer to an abort waits so long for the safe state; after it the state is `ending`, and the stream goes on."""
+PATIENCE_S = 15.0
+"""The answer to a request waits so long; an abort that takes longer is `ending`, and the stream goes on telling."""
 _LOOK_S = 0.1
-_DONE = {"hold": {"holding"}, "pause": {"pausing", "holding"}, "resume": {"running"}}
 
 Name = Annotated[str, Part(min_length=1, max_length=200)]
 
@@ -63,7 +61,40 @@ def watcher_of(request: Request) -> Watcher:
     return watcher
 
 
-@router.get("/live")
+class _Which:
+    """The run that an address names."""
+
+    def __init__(self, unit: Name, run: Name, request: Request, here: Here) -> None:
+        self.id = f"{unit}/{run}"
+        self._unit, self._run, self._out, self._watcher = unit, run, here.out, watcher_of(request)
+
+    @property
+    def watched(self) -> Watched | None:
+        """It as a live run, if it is one."""
+        return self._watcher.find(self.id)
+
+    def folder(self) -> Path:
+        """Its folder; HTTPException 404 when there is none."""
+        folder = folder_of(self._out, self._unit, self._run)
+        if folder is None:
+            raise HTTPException(404, f"no run {self.id}; GET /api/v1/runs lists them")
+        return folder
+
+    def live(self) -> Watched:
+        """The live run; HTTPException 404 when there is no such run, 409 when it is not live."""
+        watched = self.watched
+        if watched is None:
+            self.folder()
+            raise HTTPException(409, f"{self.id} is not live (any more); GET /api/v1/live/{self.id} says how it ended")
+        if watched.condition == "gone":
+            raise HTTPException(409, f"{self.id} is not live: {watched.detail}")
+        return watched
+
+
+Which = Annotated[_Which, Depends()]
+
+
+@router.get("/live", response_model_exclude_unset=True)
 def live(request: Request) -> Pictures:
     """All live runs, those that were killed or do not answer included."""
     return Pictures(runs=[Run(**watched.told()) for watched in watcher_of(request).runs])
@@ -84,94 +115,70 @@ async def stream(request: Request, events: Annotated[int, Query(ge=0, le=1_000_0
     return StreamingResponse(found.listen(since, events), media_type="text/event-stream", headers=headers)
 
 
-@router.get("/live/{unit}/{run}")
-def one(unit: Name, run: Name, request: Request, here: Here) -> Run:
+@router.get("/live/{unit}/{run}", response_model_exclude_unset=True)
+def one(which: Which, request: Request) -> Run:
     """One run: live, or how it ended."""
-    watched = watcher_of(request).find(f"{unit}/{run}")
+    watched = which.watched
     if watched is not None:
         return Run(**watched.told())
-    folder = _folder(here.out, unit, run)
-    end = watcher_of(request).ended(f"{unit}/{run}") or _end(folder)
+    folder = which.folder()
+    end = watcher_of(request).ended(which.id) or _end(folder)
     if end is None:
-        raise HTTPException(409, f"{unit}/{run} is not live and has no end: `bench resume {folder}` goes on with it")
-    gone = LiveRun((folder,), remote.LiveFile(0, 0, "", [], ""))
-    about = describe(gone, request.app.state.starts.of_run(f"{unit}/{run}"))
-    about["started"] = str(story.manifest(folder).get("created", ""))
-    runs = end.get("runs") or ids(_companions(folder))
-    return Run(**{**about, "runs": runs, "state": end["state"], "condition": "ended", "ended": end})
+        raise HTTPException(409, f"{which.id} is not live and has no end: `bench resume {folder}` goes on with it")
+    gone = LiveRun((folder,), remote.LiveFile(0, 0, str(story.manifest(folder).get("created", "")), [], ""))
+    about = describe(gone, request.app.state.starts.of_run(which.id))
+    return Run(**{**about, "runs": end["runs"], "state": end["state"], "condition": "ended", "ended": end})
 
 
 @router.get("/live/{unit}/{run}/trace")
 def trace(
-    unit: Name,
-    run: Name,
-    request: Request,
-    here: Here,
+    which: Which,
     since: Annotated[int, Query(ge=0, le=1 << 40)] = 0,
     generation: Annotated[int | None, Query(ge=-1, le=1 << 50)] = None,
 ) -> TraceAnswer:
     """What a live run has done so far, from point `since` on; all of it where `generation` is another one now."""
-    return TraceAnswer(**_live(request, here.out, unit, run).mirror.since(since, generation))
+    return TraceAnswer(**which.live().mirror.since(since, generation))
 
 
-@router.post("/live/{unit}/{run}/{action}")
+@router.post("/live/{unit}/{run}/{action}", response_model_exclude_unset=True)
 async def act(
-    unit: Name,
-    run: Name,
+    which: Which,
     action: Literal["hold", "pause", "resume", "abort"],
     request: Request,
-    here: Here,
     who: Operator,
+    wait_s: Annotated[float, Query(ge=0.0, le=ENDING_S)] = PATIENCE_S,
 ) -> Asked:
-    """Ask a live run for something, and see it done; who asked stands in its events."""
-    watched = await run_in_threadpool(_live, request, here.out, unit, run)
+    """Ask a live run for something, and see it done within `wait_s`; who asked stands in its events."""
+    watched = await run_in_threadpool(which.live)
     try:
         await run_in_threadpool(remote.ask, watched.live, action, who=str(who))
     except InputError as error:
         raise HTTPException(409, str(error)) from None
-    if action == "abort":
-        return await _aborted(watcher_of(request), watched)
-    until_s, picture = time.monotonic() + REACTION_S, watched.picture
-    while time.monotonic() < until_s:
-        picture = await run_in_threadpool(remote.ask, watched.live, "status")
-        if picture["state"] in _DONE[action]:
-            break
-        await asyncio.sleep(_LOOK_S)
-    done = picture["state"] in _DONE[action]
-    return Asked(
-        run=watched.runs[0], asked=action, done=done, state=picture["state"], holding=picture.get("holding", [])
-    )
+    watcher, reached = watcher_of(request), REACHED.get(action, ((), ""))[0]
+    with watcher.eagerly():
+        if action == "abort":
+            return await _aborted(watcher, watched, wait_s)
+        await _until(lambda: watched.picture["state"] in reached, min(wait_s, REACTION_S))
+    state = watched.picture["state"]
+    holding = watched.picture.get("holding", [])
+    return Asked(run=watched.runs[0], asked=action, done=state in reached, state=state, holding=holding)
 
 
-async def _aborted(watcher: Watcher, watched: Watched) -> Asked:
+async def _aborted(watcher: Watcher, watched: Watched, wait_s: float) -> Asked:
     """Wait for the safe state, not for ever."""
-    until_s = time.monotonic() + ENDING_S
-    end = None
-    while end is None and time.monotonic() < until_s:
+    run = watched.runs[0]
+    await _until(lambda: watcher.ended(run) is not None, wait_s)
+    end = watcher.ended(run)
+    if end is None:
+        return Asked(run=run, asked="abort", done=False, state="ending")
+    known = {key: end[key] for key in ("state", "cause", "safe", "safe_state")}
+    return Asked(run=run, asked="abort", done=True, ended=End(**end), **known)
+
+
+async def _until(reached: Callable[[], bool], limit_s: float) -> None:
+    until_s = time.monotonic() + limit_s
+    while not reached() and time.monotonic() < until_s:
         await asyncio.sleep(_LOOK_S)
-        end = watcher.ended(watched.runs[0])
-    state = end["state"] if end else "ending"
-    return Asked(run=watched.runs[0], asked="abort", done=end is not None, state=state, ended=end)
-
-
-def _live(request: Request, out: Path, unit: str, run: str) -> Watched:
-    """The live run with this id; HTTPException 404 when there is no such run, 409 when it is not live."""
-    watched = watcher_of(request).find(f"{unit}/{run}")
-    if watched is None:
-        _folder(out, unit, run)
-        raise HTTPException(
-            409, f"{unit}/{run} is not live (any more); GET /api/v1/live/{unit}/{run} says how it ended"
-        )
-    if watched.condition == "gone":
-        raise HTTPException(409, f"{unit}/{run} is not live: {watched.detail}")
-    return watched
-
-
-def _folder(out: Path, unit: str, run: str) -> Path:
-    folder = folder_of(out, unit, run)
-    if folder is None:
-        raise HTTPException(404, f"no run {unit}/{run}; GET /api/v1/runs lists them")
-    return folder
 
 
 def _companions(folder: Path) -> list[Path]:

@@ -46,7 +46,7 @@ class End(BaseModel):
     """done, aborted or failed."""
     cause: str
     safe: bool | None
-    """Whether the safe state was read back; None: nothing had moved, or nobody knows."""
+    """Whether the safe state was read back, or nothing had moved; None: nobody knows."""
     safe_state: list[StepTaken]
     requests: list[RequestMade]
     analysing: bool
@@ -115,6 +115,8 @@ class Run(BaseModel):
     curve: list[tuple[float, float]]
     condition: Literal["live", "silent", "gone", "ended"]
     detail: str = ""
+    error: str = ""
+    """Why nothing new comes: the same as `detail`, where it does not."""
     state: str
     ending: str | None = None
     """Who aborted it."""
@@ -158,4 +160,8 @@ class Asked(BaseModel):
     done: bool
     state: str
     holding: list[str] = []
+    cause: str | None = None
+    safe: bool | None = None
+    safe_state: list[StepTaken] = []
+    """Of an abort, when the end is known."""
     ended: End | None = None

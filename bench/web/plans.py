@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from fastapi import APIRouter
 from pydantic import BaseModel
 
@@ -54,6 +56,28 @@ class Stations(BaseModel):
     stations: list[StationInShort]
 
 
+class LimitsInShort(BaseModel):
+    """A limits file: what a unit must keep to pass."""
+
+    id: str
+    title: str
+    summary: str = ""
+    problem: str = ""
+
+
+class LimitsListed(BaseModel):
+    """All limits of the library and of the project."""
+
+    limits: list[LimitsInShort]
+
+
+@router.get("/limits")
+def limits(here: Here) -> LimitsListed:
+    """The limits there are."""
+    found = Catalog(here.project, here.own).limits()
+    return LimitsListed(limits=[LimitsInShort(id=id_, **_read(path, catalog.limits)) for id_, path in found.items()])
+
+
 @router.get("/plans")
 def plans(here: Here) -> Plans:
     """The profiles there are."""
@@ -68,7 +92,7 @@ def stations(here: Here) -> Stations:
     return Stations(stations=[_station(id_, path) for id_, path in found.items()])
 
 
-def _station(id_: str, path: catalog.Path) -> StationInShort:
+def _station(id_: str, path: Path) -> StationInShort:
     try:
         settings = _read(path, catalog.station)
     except (BenchError, DriverError, OSError) as error:

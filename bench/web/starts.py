@@ -216,7 +216,7 @@ def _alive(folder: Path) -> bool:
 
 def _outcome(folder: Path, about: Mapping[str, Any], alive: bool, out: Path) -> dict[str, Any]:
     """State, exit code, verdict and message of a start."""
-    nothing = {"exit_code": None, "verdict": None, "sentence": "", "message": "", "verdicts": []}
+    nothing: dict[str, Any] = {"exit_code": None, "verdict": None, "sentence": "", "message": "", "verdicts": []}
     if alive:
         return {**nothing, "state": "running" if about["runs"] else "starting"}
     code = _exit_code(folder)

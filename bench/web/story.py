@@ -33,7 +33,7 @@ def told(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "state": end["state"] if end else "aborted",
         "cause": end["text"] if end else "the bench was killed",
-        "safe": all(step["ok"] for step in steps) if steps else None,
+        "safe": all(step["ok"] for step in steps) if end else None,
         "safe_state": steps,
         "requests": asked,
     }

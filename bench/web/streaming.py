@@ -17,7 +17,8 @@ KEPT, KEPT_ENDS = 4, 64
 """Pictures and ends that wait for a slow browser; ends also for one that comes back."""
 MOST = 64
 """Browsers."""
-STILL_HERE_S = 10.0
+BEAT_S = 4.0
+"""An event comes at least as often: a page that hears nothing knows that it is blind [s]."""
 RETRY_MS = 1000
 
 Numbered = tuple[int, bytes]
@@ -96,7 +97,7 @@ class Stream:
             yield f"retry: {RETRY_MS}\n\n".encode()
             while True:
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(browser.news.wait(), STILL_HERE_S)
+                    await asyncio.wait_for(browser.news.wait(), BEAT_S)
                 events = browser.take()
                 for _, event in events:
                     yield event
@@ -104,6 +105,6 @@ class Stream:
                     if sent == most:
                         return
                 if not events:
-                    yield b": still here\n\n"
+                    yield b"event: beat\ndata: {}\n\n"
         finally:
             self._browsers.discard(browser)

@@ -6,10 +6,11 @@ when the verdict is there.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,8 @@ class Watched:
 
     def told(self) -> dict[str, Any]:
         """Everything about it, for `/live`."""
-        return {**self.about, **self.picture, "condition": self.condition, "detail": self.detail}
+        told = {**self.about, **self.picture, "condition": self.condition, "detail": self.detail}
+        return told if self.condition == "live" else {**told, "state": self.condition, "error": self.detail}
 
     def ask(self, now_s: float) -> None:
         """One question."""
@@ -86,6 +88,7 @@ class Watcher:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="watcher", daemon=True)
         self._looked_s = -IDLE_S
+        self._eager = 0
         self.wanted: Callable[[], bool] = lambda: True
         """Whether somebody looks."""
 
@@ -108,8 +111,20 @@ class Watcher:
         return next((watched for watched in self.runs if run in watched.runs), None)
 
     def _run(self) -> None:
-        while not self._stop.wait(PERIOD_S if self.wanted() or any(run.mirror.behind for run in self.runs) else IDLE_S):
+        while not self._stop.wait(IDLE_S if self._idle() else PERIOD_S):
             self.turn(time.monotonic())
+
+    def _idle(self) -> bool:
+        return not (self._eager or self.wanted() or any(watched.mirror.behind for watched in self.runs))
+
+    @contextlib.contextmanager
+    def eagerly(self) -> Iterator[None]:
+        """Ask as often as may be meanwhile, looked at or not; of the server's loop alone."""
+        self._eager += 1
+        try:
+            yield
+        finally:
+            self._eager -= 1
 
     def turn(self, now_s: float) -> None:
         """Look, ask, tell; `now_s` is monotonic."""
