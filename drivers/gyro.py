@@ -13,7 +13,7 @@ signals:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,6 +45,9 @@ _UNITS: dict[str, dict[str, float]] = {  # channel: unit in the DBC: factor to t
 }
 _GOOD = {"RateValid": 1, "LoopLocked": 1, "RateSaturated": 0}
 _WORD = np.dtype("<u8")
+_HEAD, _IDENTIFIED = np.uint64(0xFFFF_FFFF_FFFF), np.uint64(0xFF_FFFF_FFFF)
+"""Of the second word of a FRAME record: identifier, flags and length; identifier and flags."""
+WordArray = npt.NDArray[np.uint64]
 BOOT_UP = 0
 
 
@@ -64,7 +67,7 @@ class Losses:
 
     def as_dict(self) -> dict[str, int]:
         """Counts by name."""
-        return asdict(self)
+        return dict(vars(self))
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,8 @@ class GyroDecoder:
         self._slow = [_SlowMessage(message, self.interval_s) for message in messages.values() if _is_slow(message)]
         self.counter_bits = self._rate.signals["SampleCounter"].length
         self._track = CounterTrack(self.counter_bits, self._interval_ns, late_s)
+        self._look = b"?"  # heads of the last block; found in it: how many frames, and which have the right length
+        self._found: dict[str, tuple[int, IntArray]] = {}
         self._reference: Reference | None = None  # the last sound rate frame
         self._said = b""  # the last heartbeats, as long as they are no news
         self._claim: tuple[int, ...] = ()  # who the last heartbeat says that it is
@@ -122,13 +127,14 @@ class GyroDecoder:
 
     def decode(self, frames: FrameArray) -> GyroBlock:
         """Samples of FRAME records in the order of capture; frames of other units are left alone."""
-        keys = frames["id"] | (frames["flags"].astype(np.uint32) << np.uint32(29))
-        boot = self._read_heartbeat(frames, keys)
-        at, data = self._sound(frames, keys, self._rate)
-        t_ns = frames["t_ns"][at]
+        words = np.ascontiguousarray(frames).view(_WORD).reshape(-1, 3)
+        self._sort(words)
+        boot = self._read_heartbeat(words)
+        at, data = self._sound(words, self._rate)
+        t_ns = words[at, 0].view(np.int64)
         counter = self._rate.signals["SampleCounter"].unpack(data).astype(np.int64)
         placed = self._track.unwrap(counter, t_ns, self._boot_rows(at, boot))
-        slow = self._read_slow(frames, keys, at, Reference(placed.index, counter, t_ns))
+        slow = self._read_slow(words, at, Reference(placed.index, counter, t_ns))
         rows = placed.take
         rate_dph, valid = self._read_rate(data[rows])
         self._count(
@@ -165,23 +171,32 @@ class GyroDecoder:
             if count:
                 self._counts[name] = self._counts.get(name, 0) + count
 
-    def _sound(self, frames: FrameArray, keys: npt.NDArray[np.uint32], message: Message) -> tuple[IntArray, ByteArray]:
+    def _sort(self, words: WordArray) -> None:
+        """Find the frames of each message among FRAME records (n, 3); blocks that look alike are sorted once."""
+        heads = words[:, 1] & _HEAD
+        if (look := heads.tobytes()) == self._look:
+            return
+        self._look = look
+        for message in (self._rate, self._heartbeat, *(slow.message for slow in self._slow)):
+            head = message.id + self._number | FLAG_EXTENDED * message.extended << 32
+            at = np.flatnonzero(heads & _IDENTIFIED == np.uint64(head))
+            whole = heads[at] >> np.uint64(40) == np.uint64(message.length)
+            self._found[message.name] = len(at), at if whole.all() else at[whole]
+
+    def _sound(self, words: WordArray, message: Message) -> tuple[IntArray, ByteArray]:
         """Positions (n,) and payloads (n, 8) of the frames of a message whose length and CRC are right."""
-        identifier = message.id + self._number
-        at = np.flatnonzero(keys == np.uint32(identifier | (FLAG_EXTENDED * message.extended) << 29))
-        data = frames["data"][at]
-        sound = frames["len"][at] == message.length
+        found, at = self._found[message.name]
+        data = words[at, 2].view(np.uint8).reshape(-1, 8)
         if "Crc8" in message.signals:
-            sound &= message.crc(data, identifier) == data[:, message.length - 1]
-        found = len(at)
-        if not sound.all():
-            at, data = at[sound], data[sound]
+            sound = message.crc(data, message.id + self._number) == data[:, message.length - 1]
+            if not sound.all():
+                at, data = at[sound], data[sound]
         self._count(received=found, corrupt=found - len(at))
         return at, data
 
-    def _read_heartbeat(self, frames: FrameArray, keys: npt.NDArray[np.uint32]) -> IntArray:
+    def _read_heartbeat(self, words: WordArray) -> IntArray:
         """Take in the identity; positions of boot-up heartbeats."""
-        at, data = self._sound(frames, keys, self._heartbeat)
+        at, data = self._sound(words, self._heartbeat)
         if not len(at):
             return at
         said = data.tobytes()
@@ -217,9 +232,7 @@ class GyroDecoder:
             rate_dph[~valid] = np.nan
         return rate_dph, valid
 
-    def _read_slow(
-        self, frames: FrameArray, keys: npt.NDArray[np.uint32], rate_at: IntArray, rate: Reference
-    ) -> dict[str, Series]:
+    def _read_slow(self, words: WordArray, rate_at: IntArray, rate: Reference) -> dict[str, Series]:
         """Slow channels, tied to the rate samples by the low bits of the counter."""
         before = self._reference
         if before is not None:
@@ -227,9 +240,10 @@ class GyroDecoder:
             rate_at = np.concatenate(([-1], rate_at))
         series: dict[str, Series] = {}
         for slow in self._slow:
-            at, data = self._sound(frames, keys, slow.message)
+            at, data = self._sound(words, slow.message)
             if len(rate_at):
-                index, rows, repeated, lost = slow.place(data, at, frames["t_ns"][at], rate_at, rate)
+                t_ns = words[at, 0].view(np.int64)
+                index, rows, repeated, lost = slow.place(data, at, t_ns, rate_at, rate)
                 self._count(repeated=repeated, slow_lost=lost)
                 data = data[rows]
             else:

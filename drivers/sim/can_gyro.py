@@ -168,7 +168,7 @@ class CanGyro:
             block["len"] = message.length
             start += len(at)
         order = np.argsort(frames["t_ns"], kind="stable")
-        return _Plan([at for _, at in parts], order, frames[order].view(np.int64).reshape(len(frames), -1))
+        return _Plan([at for _, at in parts], order, frames[order].view(np.int64).reshape(-1, 3))
 
     def _stamped(self, plan: _Plan, t0_ns: int, words: WordArray) -> FrameArray:
         """The frames of a plan from bench time `t0_ns` [ns] on, with these payloads."""
