@@ -1,4 +1,4 @@
-// The next experiment: why the runs so far cannot decide, the temperature that would, and its start.
+// The next experiment: why the runs so far cannot decide, the temperature that would, and the way to its start.
 import { html, t, api, duration, useEffect, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { palette, onTheme } from "../../lib/figure.js";
@@ -31,50 +31,8 @@ export function Curve({ curve, label }) {
   </svg>`;
 }
 
-/** Asks for the station, then starts the proposed run; it moves equipment, so it is never one click. */
-function Start({ plan, unit, onClose }) {
-  const [stations, setStations] = useState([]);
-  const [station, setStation] = useState("");
-  const [units, setUnits] = useState(unit);
-  const [busy, setBusy] = useState(false);
-  const [failed, setFailed] = useState("");
-  useEffect(() => {
-    api.get("/stations").then(({ stations: found }) => {
-      setStations(found);
-      const own = found.find((one) => one.units.includes(unit)) ?? found[0];
-      if (own) choose(own);
-    }, (error) => setFailed(error.message));
-  }, []);
-  const choose = (one) => {
-    setStation(one.id);
-    setUnits(one.units.includes(unit) ? unit : one.units[0] ?? unit);
-  };
-  const start = async () => {
-    setBusy(true);
-    try {
-      await api.post("/starts", { plan, station, units: [units] });
-      globalThis.location.assign("/live");
-    } catch (error) {
-      setFailed(error.message);
-      setBusy(false);
-    }
-  };
-  const offered = stations.find((one) => one.id === station)?.units ?? [];
-  return html`<div class="wb-start" role="group" aria-label=${t("workbench.next.run")}>
-    <label>${t("workbench.next.station")}<select value=${station} onChange=${(event) => choose(stations.find((one) => one.id === event.target.value))}>
-      ${stations.map((one) => html`<option key=${one.id} value=${one.id} selected=${one.id === station}>${one.title || one.id}</option>`)}</select></label>
-    <label>${t("workbench.next.unit")}<select value=${units} onChange=${(event) => setUnits(event.target.value)}>
-      ${[...new Set([...offered, ...(offered.length ? [] : [unit])])].map((one) => html`<option key=${one} value=${one} selected=${one === units}>${one}</option>`)}</select></label>
-    ${!offered.includes(unit) && offered.length > 0 && html`<p class="wb-warn">${t("workbench.next.other_unit", { unit })}</p>`}
-    ${failed && html`<p class="wb-bad" role="alert">${failed}</p>`}
-    <p><button type="button" class="primary narrow" disabled=${busy || !station} onClick=${start}>${t("workbench.next.start")}</button>${" "}
-      <button type="button" class="narrow" onClick=${onClose}>${t("workbench.next.cancel")}</button></p>
-  </div>`;
-}
-
 /** `next`: `next_experiment` of a diagnosis. */
 export function NextExperiment({ next, unit }) {
-  const [asked, setAsked] = useState(false);
   if (!next) return null;
   const rivals = next.separates.map(effectWord).join(" ⇄ ");
   return html`<section class="wb-card wb-next" aria-labelledby="wb-next-title">
@@ -84,8 +42,6 @@ export function NextExperiment({ next, unit }) {
     <${Curve} curve=${next.curve} label=${t("workbench.next.curve", { duration: duration(60 * next.duration_min) })} />
     ${next.probability_after !== null && next.probability_after !== undefined && html`<p class="wb-soft">
       ${t("workbench.next.chance", { before: Math.round(100 * (next.probability_before ?? 0)), after: Math.round(100 * next.probability_after) })}</p>`}
-    ${next.plan && (asked
-      ? html`<${Start} plan=${next.plan} unit=${unit} onClose=${() => setAsked(false)} />`
-      : html`<button type="button" class="primary narrow" onClick=${() => setAsked(true)}>${t("workbench.next.run")} (${duration(60 * next.duration_min)})</button>`)}
+    ${next.plan && html`<p><a class="button primary narrow" href=${`/start${api.query({ plan: next.plan, unit })}`}>${t("workbench.next.run")} (${duration(60 * next.duration_min)})</a></p>`}
   </section>`;
 }

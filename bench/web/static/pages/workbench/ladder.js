@@ -1,5 +1,6 @@
 // The ladder: error of each model so far, in-sample and held-out, beside the noise floor. A new rung falls into place.
 import { html, t, useEffect, useRef, useState, number } from "./parts.js";
+import { number as plain } from "../../lib/words.js";
 import { saveCsv, savePng, saveSvg } from "../../lib/download.js";
 import { palette } from "../../lib/figure.js";
 
@@ -72,7 +73,7 @@ function Drawing({ rungs, shown, floor, refer }) {
     <rect class="wb-paper" width=${WIDTH} height=${HEIGHT} fill="none" />
     ${lines.map((value) => html`<g key=${value}>
       <line x1=${EDGE.left} x2=${WIDTH - EDGE.right} y1=${y(value)} y2=${y(value)} stroke=${colours.grid} />
-      <text ...${label} x=${EDGE.left - 7} y=${y(value) + 4} text-anchor="end" font-size="12">${Number(value.toPrecision(3))}</text>
+      <text ...${label} x=${EDGE.left - 7} y=${y(value) + 4} text-anchor="end" font-size="12">${plain(value)}</text>
     </g>`)}
     <text ...${label} x="2" y="11" font-size="11">deg/h</text>
     <path d=${path} fill="none" stroke=${colours.heldOut} stroke-width="2" />

@@ -37,9 +37,19 @@ const WHERE = () => ({
 
 function Tile({ value, floor, title, mark, hint, where }) {
   return html`<div class="wb-tile"><span class="wb-tile-what"><span class=${`wb-mark wb-mark-${mark}`} aria-hidden="true"></span>${title}</span>
-    <b>${number(value)} <small>deg/h</small></b>
+    <b>${number(value)}</b>
     <span class="wb-soft">${hint ?? (value && floor ? t("workbench.ladder.times_floor", { ratio: number(value / floor, 3) }) : "")}</span>
     ${where && html`<span class="wb-soft">${where}</span>`}</div>`;
+}
+
+/** The error of each part of the run, as multiples of the floor. */
+function BySegment({ segments }) {
+  if (!segments?.length) return null;
+  const most = Math.max(1, ...segments.map((one) => one.floor_ratio ?? 0));
+  return html`<details class="wb-segments"><summary>${t("workbench.ladder.segments")}</summary>
+    <ul>${segments.map((one, i) => html`<li key=${i}><span>${one.name}</span>
+      <span class="wb-bar" aria-hidden="true"><span class="wb-fill" style=${{ width: `${(100 * (one.floor_ratio ?? 0)) / most}%` }}></span></span>
+      <b>${number(one.floor_ratio, 2)} ×</b></li>`)}</ul></details>`;
 }
 
 /** How well the model does: numbers, ladder, undo. */
@@ -57,6 +67,7 @@ function Standing({ session, analysis, floor }) {
       <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t("workbench.ladder.noise")} />
     </div>`}
     ${last && html`<${Ladder} rungs=${rungs} floor=${floor} name=${`${runs.runs[0]} ladder`} />`}
+    <${BySegment} segments=${analysis.result?.models[0].segments} />
     ${analysis.running && html`<p class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.analysis.running")}</p>`}
   </section>`;
 }
@@ -92,7 +103,7 @@ function Bench({ session }) {
     </div>
     <div class="wb-main">
       <div ref=${pictures}><${Pictures} runs=${runs} model=${model} picked=${shown} onPickedOff=${() => setPicked(null)} /></div>
-      <${ModelPanel} model=${model} steps=${steps} busy=${analysis.running} act=${act} />
+      <${ModelPanel} model=${model} fitted=${analysis.result?.models[0]} steps=${steps} busy=${analysis.running} act=${act} />
     </div>
   </div>`;
 }

@@ -1,5 +1,5 @@
 // The model in hand: its effects one by one, another one to begin with, a name to keep it by.
-import { html, t, api, useEffect, useState } from "./parts.js";
+import { html, t, api, measured, useEffect, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { OwnTerm } from "./term.js";
 
@@ -36,8 +36,15 @@ function Save({ model, onSaved }) {
   </form>`;
 }
 
-/** `steps` are the models so far, the last one in hand; `act` changes it. */
-export function ModelPanel({ model, steps, busy, act }) {
+/** Parameters that were searched for, of one effect of the fit. */
+function Found({ fitted, effect }) {
+  const own = (fitted?.parameters ?? []).filter(({ key }) => key.split(".")[0].replace(/_\d+$/, "") === effect);
+  return own.map((one) => html`<span key=${one.key} class="wb-parameter"><code>${one.key.split(".")[1]}</code> ${measured(one)}${
+    one.at_bound ? html` <span class="wb-warn">${t("workbench.suspect.at_bound")}</span>` : null}</span>`);
+}
+
+/** `steps` are the models so far, the last one in hand; `fitted` its scores; `act` changes it. */
+export function ModelPanel({ model, fitted, steps, busy, act }) {
   const [models, again] = useModels();
   const choose = (event) => {
     const found = models.find((one) => one.name === event.target.value);
@@ -51,7 +58,7 @@ export function ModelPanel({ model, steps, busy, act }) {
           ${models.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === steps[0].model.name}>${one.name}</option>`)}
         </select></label></div>
     <ol class="wb-effects">${model.effects.map((effect, i) => html`<li key=${`${i} ${effect.effect}`}>
-      <span>${effectWord(effect.effect)} <code>${effect.effect}</code> <span class="wb-soft">${optionsOf(effect)}</span></span>
+      <span>${effectWord(effect.effect)} <code>${effect.effect}</code> <span class="wb-soft">${optionsOf(effect)}</span> <${Found} fitted=${fitted} effect=${effect.effect} /></span>
       ${model.effects.length > 1 && html`<button type="button" class="wb-x" disabled=${busy} aria-label=${t("workbench.model.remove", { effect: effectWord(effect.effect) })}
         onClick=${() => act({ type: "remove", index: i })}>×</button>`}
     </li>`)}</ol>

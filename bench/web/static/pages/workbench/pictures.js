@@ -83,7 +83,7 @@ function spanOf(kind, range) {
 function Choices({ runs, kind, of, onOf, left, onLeft }) {
   const all = [...runs.runs, ...runs.check];
   return html`<div class="wb-choices">
-    ${all.length > 1 && kind !== "allan" && html`<label class="wb-inline">${t("workbench.figure.shown")}
+    ${all.length > 1 && kind !== "allan" && html`<label class="wb-inline"><span class="unseen">${t("workbench.figure.shown")}</span>
       <select value=${of} onChange=${(event) => onOf(event.target.value)}>
         ${all.map((run) => html`<option key=${run} value=${run} selected=${run === of}>${runName(run)}${runs.check.includes(run) ? ` (${t("workbench.role.check")})` : ""}</option>`)}
       </select></label>`}
