@@ -55,7 +55,7 @@ def _whole_seconds(source: pq.ParquetFile, names: list[str], where: Path | str) 
     wanted = [name for name in ("time", "segment", *names) if name in source.schema_arrow.names]
     carried: dict[str, FloatArray] = {}
     for batch in source.iter_batches(batch_size=_BATCH_ROWS, columns=wanted):
-        columns = {name: _floats(batch.column(name)) for name in wanted}
+        columns = {name: floats(batch.column(name)) for name in wanted}
         if carried:
             columns = {name: np.concatenate([carried[name], columns[name]]) for name in wanted}
         time = columns["time"]
@@ -71,7 +71,7 @@ def _whole_seconds(source: pq.ParquetFile, names: list[str], where: Path | str) 
         yield carried
 
 
-def _floats(column: pa.Array) -> FloatArray:
+def floats(column: pa.Array) -> FloatArray:
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.uint8())
     values: FloatArray = column.cast(pa.float64()).to_numpy(zero_copy_only=False)  # nulls become NaN

@@ -32,14 +32,21 @@ if TYPE_CHECKING:
 @effect_option
 @check_option
 @static_option
+@click.option("--every-sample", is_flag=True, help="Fit every sample, in one pass over the run, instead of its means.")
 @json_option
 @answers
 def compare(
-    runs: tuple[Path, ...], models: tuple[str, ...], check_runs: tuple[Path, ...], static: Path | None
+    runs: tuple[Path, ...],
+    models: tuple[str, ...],
+    check_runs: tuple[Path, ...],
+    static: Path | None,
+    every_sample: bool,
 ) -> Answer:
     """Model against measurement: in-sample and held-out error beside the noise floor, models side by side."""
     from bench.workflow import analysis
 
+    if every_sample:
+        return analysis.compare_every_sample(runs, models, check_runs, static)
     return analysis.compare(runs, models, check_runs, static)
 
 

@@ -193,7 +193,7 @@ def _left_out(model: Model, found: Fit, records: tuple[Dataset, ...], by: str, p
 
 def _named(record: Dataset, by: str, piece: int) -> str:
     if by == "segments":
-        return f"segment '{_segment_name(record, piece)}' of {record.name}"
+        return f"segment '{segment_name(record, piece)}' of {record.name}"
     return f"block {piece + 1} of {record.name}"
 
 
@@ -205,10 +205,11 @@ def _segments(
             own = record.segment == index
             if np.any(np.isfinite(residual[own])):
                 rms = _rms((record.select(own),), (residual[own],))
-                yield SegmentScore(record.name, _segment_name(record, index), rms, rms / floor_dph)
+                yield SegmentScore(record.name, segment_name(record, index), rms, rms / floor_dph)
 
 
-def _segment_name(record: Dataset, index: int) -> str:
+def segment_name(record: Dataset, index: int) -> str:
+    """Name of a segment of a record."""
     named = {segment.index: segment.name for segment in record.segments}
     return named.get(index, "outside segments" if index < 0 else f"segment {index}")
 
@@ -240,8 +241,12 @@ def _interval(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) -
     """95 % interval of the RMS by resampling contiguous blocks (seeded: the same data gives the same interval)."""
     squares, weights = _squares(records, residuals)
     starts = np.unique(np.linspace(0, squares.size, BLOCKS + 1).astype(np.int64)[:-1])
-    own, weight = np.add.reduceat(squares, starts), np.add.reduceat(weights, starts)
-    drawn = np.random.default_rng(0).integers(0, starts.size, (_RESAMPLES, starts.size))
+    return interval_of(np.add.reduceat(squares, starts), np.add.reduceat(weights, starts))
+
+
+def interval_of(own: FloatArray, weight: FloatArray) -> tuple[float, float]:
+    """95 % interval of the RMS from square sums (b,) of contiguous blocks and their weights (b,)."""
+    drawn = np.random.default_rng(0).integers(0, own.size, (_RESAMPLES, own.size))
     total = weight[drawn].sum(axis=1)
     rms = np.sqrt(own[drawn].sum(axis=1)[total > 0] / total[total > 0])
     low, high = np.quantile(rms, [0.025, 0.975]) if rms.size else (np.nan, np.nan)
@@ -279,6 +284,6 @@ def _held_out_json(part: HeldOut) -> dict[str, Any]:
         "rms_dph": finite(part.rms_dph),
         "interval_dph": [finite(end) for end in part.interval_dph],
         "peak_dph": finite(part.peak_dph),
-        "out_of_range": part.out_of_range,
+        "out_of_range": finite(part.out_of_range),
         "reason": part.reason,
     }

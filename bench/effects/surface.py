@@ -75,13 +75,18 @@ class Surface:
     def physical(self) -> Physical:
         """Coefficients c_ij of x^i T^j, c00 the constant."""
         rate, temperature = (np.hstack([np.eye(self.order + 1, 1), s.powers()]) for s in self._pair)
-        rows = [(0, 0), *self._powers]
+        rows = self.terms
         matrix = np.array([[rate[i, k] * temperature[j, m] for k, m in rows] for i, j in rows])
         return Physical(tuple(f"c{i}{j}" for i, j in rows), tuple(self._unit(i, j) for i, j in rows), matrix)
 
     def state(self) -> dict[str, Any]:
         """Scales of rate and temperature."""
         return {series.channel: [series.scale.low, series.scale.high] for series in self._pair}
+
+    @property
+    def terms(self) -> tuple[tuple[int, int], ...]:
+        """Degrees (i, j) of the constant and of each column."""
+        return ((0, 0), *self._powers)
 
     @property
     def _powers(self) -> list[tuple[int, int]]:

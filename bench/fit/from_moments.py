@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from math import comb
 from typing import Any
 
 import numpy as np
@@ -17,8 +15,10 @@ from bench.effects.polynomial import Polynomial
 from bench.effects.regression import Regression
 from bench.effects.spline import MIN_ROWS, Spline
 from bench.errors import InputError
+from bench.fit.cells import Cells
 from bench.fit.design import Bound
 from bench.fit.moments import CELLS, CHANNELS, ORDER, Moments, Ranges
+from bench.fit.smooth import solve_spline
 from bench.fit.solve import MAX_CONDITION
 from bench.model import Model
 
@@ -116,34 +116,12 @@ def _solve_spline(spline: Spline, moments: Moments) -> tuple[FloatArray, float, 
     if visited.min() < MIN_ROWS:
         i = int(visited.argmin())
         raise InputError(f"spline: interval {i + 1} of {m} has {visited[i]:.0f} rows, at least {MIN_ROWS} are needed")
-    pieces = _pieces(m, spline.ends)
-    hankel = moments.powers[:, np.add.outer(np.arange(4), np.arange(4))]
-    flat = pieces.reshape(4 * CELLS, -1)
-    gram = flat.T @ (hankel @ pieces).reshape(4 * CELLS, -1)
-    right = flat.T @ moments.products.ravel()
-    scale = np.sqrt(np.diag(gram))
-    scaled = gram / np.outer(scale, scale)
-    spectrum = linalg.eigvalsh(scaled)
-    if not spectrum[0] > spectrum[-1] * np.finfo(float).eps:
-        return np.full(scale.size, np.nan), np.inf, np.inf
-    beta = linalg.cho_solve(linalg.cho_factor(scaled), right / scale) / scale
-    rss = moments.square - 2 * float(right @ beta) + float(beta @ gram @ beta)
-    beta[0] += moments.offset
-    return beta, rss, float(np.sqrt(spectrum[-1] / spectrum[0]))
-
-
-@lru_cache(maxsize=64)
-def _pieces(m: int, ends: str) -> FloatArray:
-    """Coefficients (48, 4, 1 + k) of u^0..u^3 in every cell of the constant and of the basis of a spline."""
-    unit = Spline(m, ends, Scale(0.0, float(m)))
-    powers = unit.physical().matrix.reshape(m, 4, -1)  # of (v - knot)^j, intervals of width one
-    each = CELLS // m
-    half = 0.5 / each
-    out = np.zeros((CELLS, 4, powers.shape[2]))
-    for cell in range(CELLS):
-        centre = (cell % each + 0.5) / each
-        for j in range(4):
-            for i in range(j + 1):  # (centre + half u)^j
-                out[cell, i] += comb(j, i) * centre ** (j - i) * half**i * powers[cell // each, j]
-    out.flags.writeable = False
-    return out
+    cells = Cells(*moments.ranges[0].tolist(), CELLS, moments.offset)
+    squares = np.zeros((CELLS, 1))
+    squares[0] = moments.square
+    sums = np.hstack([moments.powers, moments.products, squares]).ravel()
+    try:
+        solved = solve_spline(cells, sums, m, spline.ends)
+    except InputError:  # said by the caller, which knows the model
+        return np.full(0, np.nan), np.inf, np.inf
+    return solved.beta, solved.rss, solved.condition

@@ -26,6 +26,7 @@ from bench.dataset import Dataset
 from bench.effects.base import LEAST_RANGE_DEGC, Scale, Series
 from bench.effects.regression import Regression
 from bench.errors import InputError
+from bench.fit.cells import POWERS, SUMS, Cells
 
 CELLS = 48
 """Splines of 2, 3, 4, 6, 8, 12, 16, 24 and 48 intervals have their knots on borders."""
@@ -91,7 +92,7 @@ class Moments:
         y, weight = record.bias[mask], np.minimum(record.count("rate")[mask] / self.full, 1.0)
         x = record.channel("temperature")[mask]
         offset = float(np.mean(y)) if not self.rows[0] and y.size else self.offset
-        cell_rows, powers, products = _cells(x, y - offset, weight, self.ranges[0])
+        cell_rows, powers, products, square = _cells(x, y - offset, weight, self.ranges[0])
         own = replace(
             self,
             offset=offset,
@@ -100,7 +101,7 @@ class Moments:
             cell_rows=cell_rows,
             powers=powers,
             products=products,
-            square=float(np.sum(weight * (y - offset) ** 2)),
+            square=float(square),
             static=_factor([_series("temperature", self.ranges, "static")], record.select(mask), weight),
             joint=np.zeros((_JOINT, _JOINT)),
         )
@@ -158,16 +159,12 @@ def merged(first: Moments, second: Moments) -> Moments:
 
 
 def _cells(x: FloatArray, y: FloatArray, weight: FloatArray, bounds: FloatArray) -> tuple[FloatArray, ...]:
-    v = (x - bounds[0]) * (CELLS / (bounds[1] - bounds[0]))
-    cell = np.clip(np.floor(v), 0, CELLS - 1).astype(np.int64)
-    u = 2.0 * (v - cell) - 1.0
-    power, powers, products = weight, np.zeros((CELLS, 7)), np.zeros((CELLS, 4))
-    for k in range(7):
-        powers[:, k] = np.bincount(cell, power, CELLS)
-        if k < 4:
-            products[:, k] = np.bincount(cell, power * y, CELLS)
-        power = power * u
-    return np.bincount(cell, minlength=CELLS).astype(np.float64), powers, products
+    """Rows, powers, products and square sum of y in the cells."""
+    low, high = bounds.tolist()
+    cells = Cells(low, high, CELLS)
+    sums = cells.of(x, y, weight).reshape(CELLS, SUMS)
+    rows = cells.of(x, y, np.ones_like(x)).reshape(CELLS, SUMS)[:, 0]
+    return rows, sums[:, :POWERS], sums[:, POWERS:-1], sums[:, -1].sum()
 
 
 def _factor(series: Sequence[Series], record: Dataset, weight: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.errors import BenchError, InputError
 from bench.store import MANIFEST, RunFolder, open_run
@@ -115,11 +115,35 @@ def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], 
     floor_dph = floor_of(runs, datasets[0].interval_s, static)
     # A model that nobody asked for may lack its channels; one that was asked for is an error without them.
     content = compare_models(datasets, chosen, floor_dph, checks or None, strict=bool(models)).to_json()
+    return _compared(content, runs)
+
+
+def _compared(content: dict[str, Any], runs: Sequence[Path]) -> Answer:
+    """Scores as a table, with what could not be fitted and what is to be known."""
     if not content["models"]:
         raise InputError(content["refused"][0]["reason"], runs[0])
     warned = [f"warning: {model['name']}: {text}" for model in content["models"] for text in model["warnings"]]
     refused = [f"not fitted: {entry['name']}: {entry['reason']}" for entry in content["refused"]]
     return Answer(content, "\n".join([ladder(content), *([""] if warned or refused else []), *refused, *warned]))
+
+
+def compare_every_sample(
+    runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], static: Path | None = None
+) -> Answer:
+    """`bench compare --every-sample`: the same fitted to all samples of the runs in one pass over each."""
+    from bench.dataset import load
+    from bench.diagnosis.every_sample import compare as compare_models
+    from bench.fit.every_sample import Record
+    from bench.fit.samples import Samples
+    from bench.model import load_model
+
+    if check:
+        raise InputError("--every-sample scores blocks and segments left out; a check run is scored on means", check[0])
+    chosen = [load_model(model) for model in models or DEFAULT_MODELS]
+    folders = [recover(path) for path in runs]
+    records = [Record(Samples(folder.data), load(folder.path, 1.0), load(folder.path)) for folder in folders]
+    content = compare_models(records, chosen, floor_of(runs, 1.0, static), strict=bool(models)).to_json()
+    return _compared({**content, "samples": sum(record.samples.rows for record in records)}, runs)
 
 
 def floor_of(runs: Sequence[Path], interval_s: float, static: Path | None) -> float:
