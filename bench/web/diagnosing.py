@@ -46,7 +46,7 @@ def diagnosis(wanted: dict[str, Any]) -> dict[str, Any]:
     content["figures"] = _figures(data, checks, found)
     content["model_json"], content["improved"] = model_json(found.model), model_json(found.improved)
     proposal = next_experiment(found, data, static=still)
-    content["next_experiment"] = None if proposal is None else _written(proposal, Path(wanted["plans"]), data[0].name)
+    content["next_experiment"] = None if proposal is None else planned(proposal, Path(wanted["plans"]), data[0].name)
     return content
 
 
@@ -149,7 +149,7 @@ def _misfit(data: Dataset, found: Diagnosis) -> dict[str, Any] | None:
     return described(plot, words)
 
 
-def _written(proposal: Proposal, plans: Path, run: str) -> dict[str, Any]:
+def planned(proposal: Proposal, plans: Path, run: str) -> dict[str, Any]:
     """The proposal, its profile written as a plan that can be started, and the curve of its set point."""
     from bench import profile as profiles
     from bench.web.catalog import curve

@@ -61,15 +61,17 @@ def view(
     read = _samples(samples, begin, end) if end - begin <= SAMPLES_WITHIN_S and samples.is_file() else None
     if read is not None and read[0].size:
         time, bias, temperature = read
-        interval = max(width, float(np.median(np.diff(time))) if time.size > 1 else width)
+        step = float(np.median(np.diff(time))) if time.size > 1 else width
         known = None if fitted is None else np.interp(time, base.time, fitted)
-        return _binned((time, bias, temperature, known), begin, interval, "samples")
+        # Half a step before the first: a sample that jitters stays in its bin.
+        return _binned((time, bias, temperature, known), float(time[0]) - step / 2, max(width, step), "samples")
     rows = (base.time >= begin) & (base.time <= end)
     if not rows.any():
         raise InputError(f"{base.name}: nothing was captured from {begin:g} to {end:g} s")
     known = None if fitted is None else fitted[rows]
     columns = base.time[rows], base.bias[rows], base.channel("temperature")[rows], known
-    return _binned(columns, begin, max(width, base.interval_s), f"{base.interval_s:g} s means")
+    at = float(columns[0][0]) - base.interval_s / 2
+    return _binned(columns, at, max(width, base.interval_s), f"{base.interval_s:g} s means")
 
 
 def _binned(
@@ -90,7 +92,7 @@ def _binned(
     middle = begin + (which[0] + np.arange(size) + 0.5) * interval
     with np.errstate(invalid="ignore"):
         return View(
-            time=middle if interval > 1e-9 else time,
+            time=middle,
             bias=spread(_means(bias, starts)),
             low=spread(np.fmin.reduceat(bias, starts)),
             high=spread(np.fmax.reduceat(bias, starts)),
