@@ -12,6 +12,7 @@ import socket
 from typing import NamedTuple
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from bench.web.policy import HEADERS
@@ -32,10 +33,6 @@ class Refusal(NamedTuple):
     detail: str
 
 
-class _TooLargeError(Exception):
-    """A body that is longer than it may be."""
-
-
 class Gate:
     """ASGI middleware around the whole application."""
 
@@ -51,12 +48,9 @@ class Gate:
             await self._app(scope, receive, send)
             return
         headers, path = Headers(scope=scope), scope["path"]
-        started = False
 
         async def dressed(message: Message) -> None:
-            nonlocal started
             if message["type"] == "http.response.start":
-                started = True
                 answer = MutableHeaders(scope=message)
                 for name, value in HEADERS.items():
                     answer.setdefault(name, value)
@@ -67,13 +61,7 @@ class Gate:
         if refusal:
             await problem(*refusal)(scope, receive, dressed)
             return
-        limit = self._limit(path)
-        try:
-            await self._app(scope, _bounded(receive, limit), dressed)
-        except _TooLargeError:
-            if started:
-                raise
-            await problem(*_too_large(limit))(scope, receive, dressed)
+        await self._app(scope, _bounded(receive, self._limit(path)), dressed)
 
     def _refusal(self, method: str, path: str, headers: Headers) -> Refusal | None:
         host = headers.get("host", "")
@@ -131,7 +119,7 @@ def _too_large(limit: int) -> Refusal:
 
 
 def _bounded(receive: Receive, limit: int) -> Receive:
-    """Count what comes in; _TooLargeError when it is more than the limit."""
+    """Count what comes in; HTTPException 413 when it is more than the limit, whatever was announced."""
     seen = 0
 
     async def counted() -> Message:
@@ -139,7 +127,7 @@ def _bounded(receive: Receive, limit: int) -> Receive:
         message = await receive()
         seen += len(message.get("body", b""))
         if seen > limit:
-            raise _TooLargeError
+            raise HTTPException(*_too_large(limit))
         return message
 
     return counted
