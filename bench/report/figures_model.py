@@ -67,11 +67,12 @@ def compensation(
 def band(x: FloatArray, low: FloatArray, high: FloatArray, name: str = "lowest to highest") -> go.Scatter:
     """A pale area between two curves (n,), interrupted in gaps."""
     pieces = np.split(np.arange(x.size), np.flatnonzero(np.diff(np.isfinite(low + high).astype(np.int8))) + 1)
-    at, around = [], []
+    at: list[FloatArray] = []
+    around: list[FloatArray] = []
     for piece in pieces:
         if np.all(np.isfinite(low[piece] + high[piece])):
-            at += [x[piece], x[piece][::-1], [np.nan]]
-            around += [low[piece], high[piece][::-1], [np.nan]]
+            at += [x[piece], x[piece][::-1], np.array([np.nan])]
+            around += [low[piece], high[piece][::-1], np.array([np.nan])]
     x_shown, y_shown = (plotting.plain(np.concatenate(parts) if parts else x[:0]) for parts in (at, around))
     return go.Scatter(
         x=x_shown, y=y_shown,

@@ -136,7 +136,7 @@ def ladder(found: Comparison) -> dict[str, Any]:
     plot = figures_model.ladder(names, inside, outside, band, finite(found.floor_dph))
     rows = [[n, finite(i), finite(o)] for n, i, o in zip(names, inside.tolist(), outside.tolist(), strict=True)]
     words = ladder_words(names, inside, outside, found.floor_dph)
-    table = [["model", "in-sample RMS [deg/h]", "held-out RMS [deg/h]"], *rows]
+    table: list[list[Any]] = [["model", "in-sample RMS [deg/h]", "held-out RMS [deg/h]"], *rows]
     return described(plot, words, [*table, ["noise floor", None, finite(found.floor_dph)]])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -240,7 +240,7 @@ def ladder(wish: Wish) -> Figure:
     scores = tuple(score for part in parts for score in part.scores)
     if not scores:
         raise InputError(parts[0].refused[0][1])
-    return computing.ladder(computing.replace(parts[0], scores=scores))
+    return computing.ladder(replace(parts[0], scores=scores))
 
 
 def channels(wish: Wish) -> Figure:

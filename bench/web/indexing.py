@@ -195,7 +195,7 @@ def _judged(path: str) -> dict[str, Any]:
     compared = _json(f"{path}/compare.json")
     judged = _json(f"{path}/limits.json") or _json(f"{path}/verification.json")
     models = [model for model in compared.get("models", ()) if model.get("held_out_rms_dph") is not None]
-    best = min(models, key=lambda model: float(model["held_out_rms_dph"]), default={})
+    best: Mapping[str, Any] = min(models, key=lambda model: float(model["held_out_rms_dph"]), default={})
     return {
         "verdict": str(judged.get("verdict") or compared.get("verdict") or ""),
         "rms_dph": _number(best.get("rms_dph")),

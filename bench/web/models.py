@@ -23,12 +23,15 @@ from drivers.errors import DriverError
 
 router = APIRouter(tags=["workbench"])
 
+Where = Literal["shipped", "project", "saved"]
+"""Where a model comes from."""
+
 
 class KnownModel(BaseModel):
     """A model by name; one that cannot be read says why in `problem`."""
 
     name: str
-    where: Literal["shipped", "project", "saved"]
+    where: Where
     effects: list[dict[str, Any]] = []
     """Each `{effect, ...options}`."""
     rows: str = "all"
@@ -174,13 +177,14 @@ def formula(wish: FormulaWish) -> FormulaAnswer:
     )
 
 
-def model_files(here: Settings) -> dict[str, tuple[Path, Literal["shipped", "project", "saved"]]]:
+def model_files(here: Settings) -> dict[str, tuple[Path, Where]]:
     """Model files by name; the project's own take the place of shipped ones."""
-    found: dict[str, tuple[Path, Literal["shipped", "project", "saved"]]] = {}
-    for folder, where in (
+    found: dict[str, tuple[Path, Where]] = {}
+    folders: tuple[tuple[Path, Where], ...] = (
         (library() / "models", "shipped"), (here.project / "profiles" / "models", "project"),
         (here.own / "models", "saved"),
-    ):  # fmt: skip
+    )  # fmt: skip
+    for folder, where in folders:
         for path in sorted(folder.glob("*.yaml")) if folder.is_dir() else ():
             same = path.stem in found and path.samefile(found[path.stem][0])
             if path.is_file() and not same:
@@ -196,7 +200,7 @@ def model_file(here: Settings, name: str) -> Path:
     return known[name][0].resolve()
 
 
-def _known(path: Path, where: Literal["shipped", "project", "saved"]) -> KnownModel:
+def _known(path: Path, where: Where) -> KnownModel:
     try:
         model = load_model(path)
     except (BenchError, DriverError, OSError) as error:
