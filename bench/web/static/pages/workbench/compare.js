@@ -1,12 +1,12 @@
 // Two runs side by side, of one unit or of two: only what differs, worst first.
 import { html, t, number, runName, unitOf, useState } from "./parts.js";
 import { Chooser } from "./chooser.js";
+import { Picture } from "./pictures.js";
 import { useJob } from "./session.js";
 import { saveCsv } from "../../lib/download.js";
 
 const MOST_ROWS = 40;
 const PARTS = () => ({
-  curves: t("workbench.compare.curves"),
   quantities: t("workbench.compare.quantities"),
   coefficients: t("workbench.compare.coefficients"),
   segments: t("workbench.compare.segments"),
@@ -17,26 +17,56 @@ const PARTS = () => ({
   versions: t("workbench.compare.versions"),
 });
 
-const cell = (value) => {
+const OPEN = ["quantities", "coefficients"];
+
+/** Whatever a cell holds as people read it: 4 digits, a value with its interval, `key value` of an object. */
+function cell(value) {
   if (value === null || value === undefined) return "–";
   if (typeof value === "number") return number(value, 4);
   if (typeof value === "boolean") return value ? "✓" : "✕";
-  return typeof value === "object" ? JSON.stringify(value) : String(value);
-};
+  if (Array.isArray(value)) return value.map(cell).join(", ");
+  if (typeof value !== "object") return String(value);
+  if ("value" in value) {
+    const { value: middle, low, high, reason } = value;
+    const spread = low !== null && high !== null && low !== high ? ` (${number(low, 3)} … ${number(high, 3)})` : "";
+    return middle === null ? reason || "–" : `${number(middle, 4)}${spread}`;
+  }
+  return Object.entries(value).map(([key, inner]) => `${key.replaceAll("_", " ")} ${cell(inner)}`).join(", ");
+}
 
-/** A list of objects as a table of their keys. */
-function Table({ rows, caption, name }) {
-  const list = Array.isArray(rows) ? rows : Object.entries(rows ?? {}).map(([key, value]) => ({ name: key, value }));
-  if (!list.length) return null;
-  const flat = list.map((row) => (row && typeof row === "object" ? row : { value: row }));
-  const keys = [...new Set(flat.flatMap((row) => Object.keys(row)))].filter((key) => !Array.isArray(flat[0][key]) || typeof flat[0][key][0] !== "number");
-  const csv = [keys, ...flat.map((row) => keys.map((key) => (typeof row[key] === "object" && row[key] !== null ? JSON.stringify(row[key]) : row[key])))];
-  return html`<section class="wb-card wb-table">
-    <div class="wb-card-head"><h3>${caption}</h3><button type="button" class="narrow" onClick=${() => saveCsv(name, csv)}>CSV</button></div>
-    <div class="wb-scroll" tabindex="0" role="region" aria-label=${caption}><table><thead><tr>${keys.map((key) => html`<th key=${key} scope="col">${key.replaceAll("_", " ")}</th>`)}</tr></thead>
-      <tbody>${flat.slice(0, MOST_ROWS).map((row, i) => html`<tr key=${i}>${keys.map((key) => html`<td key=${key} class=${typeof row[key] === "number" ? "wb-n" : ""}>${cell(row[key])}</td>`)}</tr>`)}</tbody></table></div>
-    ${flat.length > MOST_ROWS && html`<p class="wb-soft">${t("workbench.compare.more", { count: String(flat.length - MOST_ROWS) })}</p>`}
-  </section>`;
+const plainOf = (value) => (value && typeof value === "object" ? value.value ?? JSON.stringify(value) : value);
+
+/** A part of the answer as rows; a part that is one object with a list in it is that list. */
+function rowsOf(part) {
+  if (Array.isArray(part)) return part.map((row) => (row && typeof row === "object" ? row : { value: row }));
+  const list = Object.values(part ?? {}).find((value) => Array.isArray(value));
+  return list ?? Object.entries(part ?? {}).map(([name, value]) => ({ name, value }));
+}
+
+function Table({ part, caption, name, open }) {
+  const rows = rowsOf(part);
+  if (!rows.length && !part?.reason) return null;
+  const keys = [...new Set(rows.flatMap((row) => Object.keys(row)))];
+  const csv = [keys, ...rows.map((row) => keys.map((key) => plainOf(row[key])))];
+  return html`<details class="wb-card wb-table" open=${open}>
+    <summary><h3>${caption}</h3> <span class="wb-soft">${rows.length || "–"}</span></summary>
+    ${part?.reason && html`<p class="wb-soft" lang="en">${part.reason}</p>`}
+    ${rows.length > 0 && html`<div class="wb-scroll" tabindex="0" role="region" aria-label=${caption}><table><thead><tr>${keys.map((key) => html`<th key=${key} scope="col">${key.replaceAll("_", " ")}</th>`)}</tr></thead>
+      <tbody>${rows.slice(0, MOST_ROWS).map((row, i) => html`<tr key=${i}>${keys.map((key) => html`<td key=${key} class=${typeof row[key] === "number" ? "wb-n" : ""}>${cell(row[key])}</td>`)}</tr>`)}</tbody></table></div>`}
+    ${rows.length > MOST_ROWS && html`<p class="wb-soft">${t("workbench.compare.more", { count: String(rows.length - MOST_ROWS) })}</p>`}
+    ${rows.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => saveCsv(name, csv)}>CSV</button></p>`}
+  </details>`;
+}
+
+/** Both runs in one picture; the difference of their model curves where both have one. */
+function Pictured({ a, b, difference }) {
+  const both = useJob("/figures", { kind: "temperature", runs: [a], check: [b], model: null });
+  return html`<div class="wb-pair-pictures">
+    <section class="wb-card"><h3>${t("workbench.figure.temperature")}</h3>${both.failed && html`<p class="wb-bad" role="alert">${both.failed}</p>`}
+      <${Picture} answer=${both.result} running=${both.running} waiting=${both.running} title=${t("workbench.figure.temperature")} name=${`${a} ${b}`} /></section>
+    ${difference?.figure && html`<section class="wb-card"><h3>${t("workbench.compare.curves")}</h3>
+      <${Picture} answer=${difference} title=${t("workbench.compare.curves")} name=${`${a} ${b} curves`} /></section>`}
+  </div>`;
 }
 
 /** `a` is a run id; the other one is chosen here. */
@@ -46,14 +76,15 @@ export function Compare({ a, onClose }) {
   const parts = PARTS();
   const told = (run) => html`<b>${unitOf(run)}</b> ${runName(run)}`;
   const found = job.result;
-  const differing = found ? Object.keys(parts).filter((key) => found[key] && Object.keys(found[key]).length) : [];
+  const differing = found ? Object.keys(parts).filter((key) => found[key] && (rowsOf(found[key]).length || found[key].reason)) : [];
   return html`<div class="wb-compare">
     <div class="wb-card-head"><h2>${t("workbench.compare.title")}</h2><button type="button" class="narrow" onClick=${onClose}>${t("workbench.compare.close")}</button></div>
     <p class="wb-pair"><span>A ${told(a)}</span> ${b && html`<span>B ${told(b)} <button type="button" class="wb-link" onClick=${() => setB(null)}>${t("workbench.compare.another")}</button></span>`}</p>
     ${!b && html`<${Chooser} label=${t("workbench.compare.choose")} taken=${new Set([a])} onChoose=${(row) => row.run !== a && setB(row.run)} />`}
+    ${b && html`<${Pictured} a=${a} b=${b} difference=${found?.figure} />`}
     ${job.running && html`<p class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.compare.running")}</p>`}
     ${job.failed && html`<p class="wb-bad" role="alert">${job.failed}</p>`}
     ${found && !differing.length && html`<p role="status">${t("workbench.compare.same")}</p>`}
-    ${differing.map((key) => html`<${Table} key=${key} rows=${found[key]} caption=${parts[key]} name=${`${a} ${b} ${key}`} />`)}
+    ${differing.map((key) => html`<${Table} key=${key} part=${found[key]} caption=${parts[key]} open=${OPEN.includes(key)} name=${`${a} ${b} ${key}`} />`)}
   </div>`;
 }
