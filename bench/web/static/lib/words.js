@@ -59,7 +59,7 @@ export function number(value, decimals) {
 }
 
 /** A temperature with its unit. */
-export const degrees = (value, decimals = 1) => `${number(value, decimals)} °C`;
+export const degrees = (value, decimals = 1) => `${number(value, decimals)}\u00a0°C`;
 
 /** A time of seconds, at most two units of it: 3 h 05 min, 4 min 20 s, 12 s. */
 export function duration(seconds) {

@@ -20,10 +20,10 @@ export function RunView({ run }) {
     <${Troubles} run=${run} />
     <div class="live-body">
       <div class="live-charts">
-        <${Temperatures} run=${run} trace=${trace} height=${units.length > 1 ? 240 : 250} />
+        <${Temperatures} run=${run} trace=${trace} height=${units.length > 1 ? 200 : 260} />
         <div class=${units.length > 1 ? "outputs many" : "outputs"}>
           ${units.map((unit, index) => html`<div key=${unit.serial} class="output">
-            <${Output} run=${run} trace=${trace} unit=${unit} index=${units.length > 1 ? index : null} height=${units.length > 1 ? 140 : 190} />
+            <${Output} run=${run} trace=${trace} unit=${unit} index=${units.length > 1 ? index : null} height=${units.length > 1 ? 92 : 200} />
             ${units.length > 1 && html`<${UnitLine} unit=${unit} index=${index} />`}
           </div>`)}
         </div>

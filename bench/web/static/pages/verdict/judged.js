@@ -1,0 +1,22 @@
+// One word for how a run ended for a unit: equipment and operator first, then the limits, then the analysis.
+
+/** Worst first; the tone of each. */
+const WORDS = {
+  equipment_failed: "bad", invalid: "bad", fail: "bad", aborted: "idle", partial: "bad", no_data: "bad",
+  unproven: "warn", marginal: "warn", model_error: "warn", unknown_effect: "warn", missing_effect: "warn",
+  analysing: "link", measured: "good", adequate: "good", pass: "good",
+};
+
+/** Key of the verdict on a unit: `end` is that of the run, `unit` its {verdict, limits}. */
+export function judged(end, unit) {
+  if (end.state === "failed") return "equipment_failed";
+  if (end.state === "aborted") return "aborted";
+  if (unit.limits?.toLowerCase() in WORDS) return unit.limits.toLowerCase();
+  if (unit.verdict in WORDS) return unit.verdict;
+  return end.analysing ? "analysing" : "measured";
+}
+
+export const toneOf = (word) => WORDS[word] ?? "idle";
+
+/** The worst of some words. */
+export const worst = (words) => Object.keys(WORDS).find((word) => words.includes(word)) ?? "measured";
