@@ -74,11 +74,10 @@ def figure(trend: Mapping[str, Any]) -> Plot:
             text=[point["run"] for point in own],
         ))  # fmt: skip
     values = [point["value"] for point in trend["points"]]
-    room = (max(values) - min(values)) or abs(values[-1]) or 1.0
+    most = 6 * max(abs(value) for value in values)
     ends = ((trend["lower"], "lower limit"), (trend["upper"], "upper limit"))
     # A limit far away would press the values into a line; the table beside the figure has it.
-    near = [(end, text) for end, text in ends
-            if end is not None and min(values) - 3 * room < end < max(values) + 3 * room]  # fmt: skip
+    near = [(end, text) for end, text in ends if end is not None and abs(end) <= most]
     levels = [plotting.level(end, text, VERMILION) for end, text in near]
     layout = {
         "xaxis": axis("", type="date"),

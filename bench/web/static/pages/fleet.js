@@ -40,10 +40,13 @@ function Headline({ fleet }) {
 }
 
 function Capability({ fleet, chosen, choose }) {
+  const [all, setAll] = useState(false);
+  const told = fleet.quantities.filter((one) => one.signals !== null || one.capability);
+  const rest = fleet.quantities.filter((one) => !told.includes(one));
   const head = ["quantity", "units", "signals", "mean", "limits", "cpk", "ppk", "outside"];
   return html`<div class="scroll"><table class="st-table st-quantities">
     <thead><tr>${head.map((key, i) => html`<th key=${key} scope="col" class=${i ? "n" : undefined}>${t(`fleet.head.${key}`)}</th>`)}</tr></thead>
-    <tbody>${fleet.quantities.map((one) => {
+    <tbody>${[...told, ...(all ? rest : [])].map((one) => {
       const able = one.capability;
       const limits = [one.lower !== null && `≥ ${sig(one.lower)}`, one.upper !== null && `≤ ${sig(one.upper)}`].filter(Boolean).join(", ");
       return html`<tr key=${one.name} aria-current=${one.name === chosen ? "true" : undefined}>
@@ -51,11 +54,12 @@ function Capability({ fleet, chosen, choose }) {
           <span class="soft small"> ${unitText(one.unit)}</span></th>
         <td class="n">${one.units}</td>
         <td class="n">${one.signals === null ? "–" : one.signals ? html`<${Lamp} tone="warn">${one.signals}<//>` : "0"}</td>
-        <td class="n">${able ? sig(able.mean) : "–"}</td><td class="n">${limits || "–"}</td>
+        <td class="n">${sig(one.mean)}</td><td class="n">${limits || "–"}</td>
         <td class="n">${able ? html`${sig(able.cpk)} <span class="soft small">${sig(able.cpk_interval[0], 2)} … ${sig(able.cpk_interval[1], 2)}</span>` : "–"}</td>
         <td class="n">${able ? html`<${Lamp} tone=${one.capable ? "good" : "bad"}>${sig(able.ppk)}<//>` : "–"}</td>
         <td class="n">${able ? able.outside : "–"}</td></tr>`;
-    })}</tbody></table></div>`;
+    })}</tbody></table></div>
+    ${rest.length > 0 && html`<button class="narrow quiet" aria-expanded=${String(all)} onClick=${() => setAll(!all)}>${t("fleet.rest", { n: rest.length })}</button>`}`;
 }
 
 function Control({ name, wanted, anchor }) {

@@ -29,7 +29,7 @@ function Range({ validity }) {
   const x = (degc) => 8 + (284 * (Math.min(RAIL[1], Math.max(RAIL[0], degc)) - RAIL[0])) / (RAIL[1] - RAIL[0]);
   const [from, to] = [held.from, held.to].map((end) => number(end, 0));
   const middle = (x(held.from) + x(held.to)) / 2;
-  return html`<svg class="st-range" viewBox="0 0 300 40" role="img" aria-label=${t("units.range", { from, to })}>
+  return html`<svg class="st-range" viewBox="0 0 300 40" preserveAspectRatio="xMinYMid" role="img" aria-label=${t("units.range", { from, to })}>
     <line class="rail" x1="8" x2="292" y1="26" y2="26" /><line class="held" x1=${x(held.from)} x2=${x(held.to)} y1="26" y2="26" />
     <text x=${Math.min(230, Math.max(70, middle))} y="14" text-anchor="middle">${from} … ${to} °C</text>
     ${x(held.from) > 60 && html`<text class="soft" x="8" y="14">${number(RAIL[0], 0)}</text>`}
@@ -98,8 +98,8 @@ function Runs({ unit }) {
       <td>${run.profile}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
       <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft">${run.cause}</div>`}</td>
       <td>${duration(run.duration_s)}</td><td class="wide">${run.station ?? "–"}</td><td class="wide">${run.operator ?? "–"}</td>
-      <td class="row">${run.here ? html`<a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
-        ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</td>
+      <td><span class="st-links">${run.here ? html`<a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
+        ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
     </tr>`)}</tbody></table></div>`;
 }
 

@@ -35,9 +35,11 @@ export function useGet(path) {
 export function sig(value, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
-  const far = size !== 0 && (size < 1e-4 || size >= 1e6);
-  const format = { maximumSignificantDigits: digits, minimumSignificantDigits: size ? Math.min(2, digits) : 1, ...(far ? { notation: "scientific" } : {}) };
-  return new Intl.NumberFormat(language.get(), format).format(value).replace(/^-/, "−");
+  const power = size ? Math.floor(Math.log10(size)) : 0;
+  const far = power < -4 || power >= 6;
+  const format = { maximumSignificantDigits: digits, minimumSignificantDigits: size ? Math.min(2, digits) : 1 };
+  const text = new Intl.NumberFormat(language.get(), format).format(far ? value / 10 ** power : value).replace(/^-/, "−");
+  return far ? `${text}·10${String(power).replace(/[-0-9]/g, (sign) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(sign)])}` : text;
 }
 
 /** A unit as people write it. */
@@ -69,10 +71,12 @@ export function Outcome({ run }) {
 export function Spark({ values, lower, upper }) {
   if (values.length < 2) return html`<span class="soft" aria-hidden="true">·</span>`;
   const inside = [lower, upper].filter((end) => end !== null && end !== undefined);
-  let [low, high] = [Math.min(...values), Math.max(...values)];
-  const room = high - low || Math.abs(high) || 1;
-  const near = inside.filter((end) => end > low - 2 * room && end < high + 2 * room);
-  [low, high] = [Math.min(low, ...near), Math.max(high, ...near)];
+  const size = Math.max(...values.map(Math.abs));
+  const near = inside.filter((end) => Math.abs(end) < 6 * size);
+  const middle = (Math.min(...values) + Math.max(...values)) / 2;
+  // A tenth of the value fills at most the height: what hardly moves must not look like a slope.
+  const low = Math.min(...values, ...near, middle - 0.1 * size);
+  const high = Math.max(...values, ...near, middle + 0.1 * size);
   const x = (i) => 3 + (114 * i) / (values.length - 1);
   const y = (value) => 25 - 22 * ((value - low) / (high - low || 1));
   const points = values.map((value, i) => `${x(i).toFixed(1)},${y(value).toFixed(1)}`).join(" ");
