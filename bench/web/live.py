@@ -53,6 +53,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         yield
     finally:
         await asyncio.to_thread(watcher.close)
+        starts.close()
 
 
 def watcher_of(request: Request) -> Watcher:

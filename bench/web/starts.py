@@ -133,6 +133,14 @@ class Starts:
         with self._lock:
             self._children = [child for child in self._children if child.poll() is None]
 
+    def close(self) -> None:
+        """Let all children go their way: the server ends, they do not."""
+        with self._lock:
+            self.reap()
+            for child in self._children:
+                child.returncode = 0  # nobody will wait for it, and that is no mistake: Popen need not warn
+            self._children = []
+
     def saw(self, pid: int, runs: Sequence[str]) -> dict[str, Any] | None:
         """A live run of process `pid` has these folders: the start that it belongs to remembers them."""
         with self._lock:
