@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from bench.assemble import Decoded
+from bench.channels import FloatArray
 from bench.equipment import UnitSettings
 from bench.errors import InputError
 from bench.guards import Signal
@@ -34,6 +38,27 @@ class Trouble:
     sound_until_s: float
 
 
+class Level:
+    """Mean of the samples since it was taken last."""
+
+    __slots__ = ("_count", "_sum")
+
+    def __init__(self) -> None:
+        self._sum, self._count = 0.0, 0
+
+    def add(self, values: FloatArray) -> None:
+        """Take in samples (n,); NaN is none."""
+        present = values[np.isfinite(values)]
+        self._sum += float(present.sum())
+        self._count += present.size
+
+    def take(self) -> float:
+        """Mean of what was added since the last call, NaN without any."""
+        mean = self._sum / self._count if self._count else math.nan
+        self._sum, self._count = 0.0, 0
+        return mean
+
+
 class LiveUnit:
     """A unit while it is being captured: newest values for guards, settling and the display."""
 
@@ -45,6 +70,7 @@ class LiveUnit:
         self.newest_frame_s: float | None = None
         self.rates = Envelope()
         """Of all samples since an onlooker took them [deg/h]."""
+        self.level = Level()
         self._clock = clock
         self._next_reset, self._doubted = 1, False
         self._counts: deque[tuple[float, int, int, int]] = deque()  # bench time [s], resets, misfits, received
@@ -59,6 +85,7 @@ class LiveUnit:
         block = self.decoder.decode(frames)
         self.sample_clock.add(block.index, block.t_ns)
         self.rates.add(block.rate_dph)
+        self.level.add(block.rate_dph)
         if len(block.t_ns):
             self.newest_frame_s = float(block.t_ns[-1]) * 1e-9
         if "temperature" in block.slow and len(block.slow["temperature"].value):

@@ -71,6 +71,8 @@ class Desk:
         self._guards: Guards | None = None
         self._lights: list[Light] = []
         self._expected_s: float | None = None
+        self.notes: Callable[[], dict[str, Any]] = dict
+        """What others have to say in the status: how well models fit so far. Called from any thread."""
         self._trace = Trace(tick_s=TICK_S, origin=int(time.time()))
 
     def attach(self, sequencer: Requests, nominal_s: float, guards: Guards | None = None) -> None:
@@ -105,7 +107,7 @@ class Desk:
         state = {"state": "ending", "ending": self._ending} if self._ending else {}
         guards = [{**vars(light), "value": _known(light.value)} for light in self._lights]
         age_s = round(time.monotonic() - self._seen_wall_s, 3)
-        return {**self._picture, **state, "guards": guards, "age_s": age_s}
+        return {**self._picture, **state, **self.notes(), "guards": guards, "age_s": age_s}
 
     def trace(self, since: Any, generation: Any) -> dict[str, Any]:
         """A page of what the run has done so far (`bench.trace`); what is asked for may be nonsense."""

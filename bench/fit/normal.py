@@ -12,6 +12,7 @@ from bench.errors import InputError
 from bench.fit.solve import MAX_CONDITION
 
 _EPS = np.finfo(float).eps
+_RIDGE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +87,14 @@ def solve(form: Normal, *, least_norm: bool = False) -> Solved:
     return Solved(form.model(inner), inner, float(form.error(inner)), float(form.rows), condition)
 
 
+def penalised_rms(form: Normal, penalty: FloatArray) -> float:
+    """RMS [deg/h] of the rows beside the fit that a penalty (p, p) holds where no rows are."""
+    scale = np.sqrt(np.diag(form.gram + penalty))
+    scaled = (form.gram + penalty) / np.outer(scale, scale) + _RIDGE * np.eye(scale.size)
+    inner = np.linalg.solve(scaled, form.right / scale) / scale
+    return float(np.sqrt(form.error(inner) / form.rows))
+
+
 def condition_of(form: Normal, scale: FloatArray) -> float:
     """Condition of the model's own columns, each scaled to norm one, as `bench.fit.solve` has it."""
     try:
@@ -124,8 +133,10 @@ def left_out(groups: Normal, penalty: FloatArray | None = None, fitted: Normal |
     lost = np.any(scale <= 1e-12 * np.sqrt(np.diag(whole.gram)), axis=-1)
     scale = np.where(scale > 0.0, scale, 1.0)
     scaled = gram / (scale[:, :, None] * scale[:, None, :])
-    if penalty is None:  # with one, nothing is singular that the penalty reaches
+    if penalty is None:
         lost |= np.linalg.eigvalsh(scaled)[:, 0] < 1e-13
+    else:  # what neither rows nor penalty determine stays near zero
+        scaled += _RIDGE * np.eye(scale.shape[1])
     scaled[lost] = np.eye(scale.shape[1])
     inner = np.linalg.solve(scaled, (right / scale)[..., None])[..., 0] / scale
     return np.where(lost, np.nan, groups.error(inner))

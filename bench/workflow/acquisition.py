@@ -91,6 +91,7 @@ def conduct(profile_path: Path, station_path: Path | None, task: Task, quiet: bo
     from bench.keyboard import Keyboard
     from bench.progress import Progress
     from bench.runner import Job, run_job
+    from bench.workflow.following import Following
 
     profile = profiles.load(profile_path)
     station = load_station(station_path).remembering(task.out)
@@ -108,7 +109,7 @@ def conduct(profile_path: Path, station_path: Path | None, task: Task, quiet: bo
     )
     desk = Desk()
     with Keyboard(desk) as keyboard, Progress(profile, quiet, lambda: keyboard.notice) as progress:
-        return run_job(job, progress, desk)
+        return run_job(job, Following(profile, desk, progress), desk)
 
 
 def _given(wishes: Wishes, out: Path) -> tuple[Limits | None, dict[str, str]]:

@@ -132,10 +132,20 @@ def text_of(run: dict[str, Any]) -> str:
             + (f", dropped: {unit['dropped']}" if unit["dropped"] else "")
             for unit in run["units"]
         ]
+        lines += [_fits(serial, found) for serial, found in run.get("fits", {}).items()]
         lines += [f"  HOLD     {cause}" for cause in run["holding"]]
     if run.get("age_s", 0.0) > remote.PATIENCE_S:
         lines.append(f"  the loop of this run has not ticked for {run['age_s']:.0f} s")
     return "\n".join(lines)
+
+
+def _fits(serial: str, found: dict[str, Any]) -> str:
+    scores = ", ".join(
+        f"{model['name']} {_number(model['rms_dph'])} (held out {_number(model['held_out_rms_dph'])})"
+        for model in found["models"]
+    )
+    seen = f"{found['from_degc']:.1f} to {found['to_degc']:.1f} degC, {_clock(found['seconds'])}"
+    return f"  model    {serial}: {scores} deg/h RMS of 1 s means, {seen}"
 
 
 def _number(value: float | None) -> str:

@@ -72,10 +72,11 @@ def _carry_out(job: Job, quiet: bool) -> RunResult:
     from bench.keyboard import Keyboard
     from bench.progress import Progress
     from bench.runner import run_job
+    from bench.workflow.following import Following
 
     desk = Desk()
     with Keyboard(desk) as keyboard, Progress(job.profile, quiet, lambda: keyboard.notice) as progress:
-        return run_job(job, progress, desk)
+        return run_job(job, Following(job.profile, desk, progress), desk)
 
 
 def _refuse_growing(run: RunFolder) -> None:
