@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import struct
 import time
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -29,6 +30,8 @@ READING = np.dtype(
     ]
 )
 """One chamber reading in the journal; NaN where the controller does not tell."""
+
+_ROW = struct.Struct(f"<{len(READING)}d")
 
 BENCH_JOURNAL = "bench.gtbj"
 SYNC_INTERVAL_S = 1.0
@@ -75,11 +78,9 @@ class Recorder:
 
     def reading(self, reading: ChamberReading) -> None:
         """Record what the chamber said."""
-        row = np.zeros(1, READING)
-        for name in READING.names or ():
-            value = getattr(reading, name)
-            row[name] = math.nan if value is None else float(bool(value) if name == "alarm" else value)
-        self._append(Kind.READING, row.tobytes(), reading.t_s)
+        told = {**vars(reading), "alarm": bool(reading.alarm)}
+        row = (math.nan if told[name] is None else told[name] for name in READING.names or ())
+        self._append(Kind.READING, _ROW.pack(*row), reading.t_s)
 
     def table(self, readings: TableArray) -> None:
         """Record what the encoder of the rate table said, (n,)."""

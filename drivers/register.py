@@ -10,6 +10,7 @@ import math
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
+from functools import cache, cached_property
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, FiniteFloat
@@ -88,12 +89,12 @@ class Register:
         if outside := [name for name, code in self.values.items() if code & ~mask]:
             raise ValueError(f"{', '.join(outside)} has bits outside the mask {mask:#x}")
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Length [words]."""
         return self.words or struct.calcsize(_FORMATS[self.type]) // 2
 
-    @property
+    @cached_property
     def end(self) -> int:
         """First address behind the register."""
         return self.address + self.count
@@ -121,7 +122,8 @@ class Register:
                 raise LimitError(f"{self.name} reads {text!r}, which is no text")
             return text
         ordered = words if self.word_order == "high_first" else tuple(reversed(words))
-        (raw,) = struct.unpack(">" + _FORMATS[self.type], struct.pack(f">{self.count}H", *ordered))
+        as_words, as_number = _coding(self.count, self.type)
+        (raw,) = as_number.unpack(as_words.pack(*ordered))
         if self.values:
             raw &= 0xFFFF if self.mask is None else self.mask
             return next((name for name, code in self.values.items() if code == raw), f"code {raw}")
@@ -141,11 +143,12 @@ class Register:
         number = self._number(value)
         if self.type != "float32":
             number = round(number / self.scale)
+        as_words, as_number = _coding(self.count, self.type)
         try:
-            packed = struct.pack(">" + _FORMATS[self.type], number)
+            packed = as_number.pack(number)
         except (struct.error, OverflowError):
             raise LimitError(f"{self.name}: {value} {self.unit} does not fit {self.type} x {self.scale:g}") from None
-        words = struct.unpack(f">{self.count}H", packed)
+        words = as_words.unpack(packed)
         return words if self.word_order == "high_first" else tuple(reversed(words))
 
     def agrees(self, written: Value, read: Value) -> bool:
@@ -186,6 +189,12 @@ class Register:
         return LimitError(f"{self.name} {what} {value:g} {self.unit}; limits {low} to {high}{hint}")
 
 
+@cache
+def _coding(count: int, kind: str) -> tuple[struct.Struct, struct.Struct]:
+    """The same bytes as words and as a number."""
+    return struct.Struct(f">{count}H"), struct.Struct(">" + _FORMATS[kind])
+
+
 def _possible(value: float) -> bool:
     """Finite, and not what a round float32 looks like with its two words swapped."""
     return math.isfinite(value) and not 0 < abs(value) < _TINY
@@ -197,6 +206,8 @@ def block_of(registers: Iterable[Register]) -> tuple[int, int, int]:
     Raises ValueError when there is none.
     """
     members = tuple(registers)
+    if len(members) == 1:
+        return members[0].read, members[0].address, members[0].count
     codes = {register.read for register in members}
     if len(codes) != 1:
         raise ValueError(f"a block is read with one function code, not {sorted(codes)}")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import field, replace
+from functools import cached_property
 from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
@@ -173,7 +174,7 @@ class RegisterMap:
     def __contains__(self, name: str) -> bool:
         return name in self.registers
 
-    @property
+    @cached_property
     def blocks(self) -> tuple[tuple[Register, ...], ...]:
         """The polled registers, grouped into one request each."""
         groups: list[list[Register]] = []
@@ -190,7 +191,7 @@ class RegisterMap:
             return False
         return not any(low < last.end and first.address <= high for low, high in self.unreadable)
 
-    @property
+    @cached_property
     def decimals(self) -> tuple[str, ...]:
         """Registers that hold how many decimals others imply."""
         return tuple(sorted({r.decimals for r in self.registers.values() if r.decimals}))

@@ -187,7 +187,7 @@ def test_two_counters_without_heartbeats_are_a_conflict_too(bench):
     bench.bus.inject("twin")
     bench.gyro.serial = 0
     bench.decoder._heartbeat = bench.decoder._rate  # a family whose heartbeats nobody hears
-    bench.decoder._read_heartbeat = lambda frames, keys: np.zeros(0, dtype=np.int64)
+    bench.decoder._read_heartbeat = lambda words: np.zeros(0, dtype=np.int64)
     bench.run(4)
     assert "second sample counter" in bench.decoder.conflict
 

@@ -56,6 +56,8 @@ class ModbusChamber:
         self._words = [0] * max(register.end for register in everything)
         self._writable = {address: r.name for r in everything if r.write for address in range(r.address, r.end)}
         self._codes = {register.read for register in everything}
+        self._silent = {r.name: _status(r, False) for r in everything if r.normal or r.alarming}
+        """Registers that can be an alarm, each with its code for none."""
         self._limits = limits
         self._boot(temperature, places)
         self._wire = ModbusWire(self._answer, self._spans(), wire=wire, port=port, device_id=device_id)
@@ -168,12 +170,13 @@ class ModbusChamber:
         self._words[register.address : register.end] = words
 
     def _publish_alarms(self, active: set[str]) -> None:
-        known = [r for r in self._map.registers.values() if r.normal or r.alarming]
-        if unknown := active - {register.name for register in known}:
+        if unknown := active - self._silent.keys():
             raise ConfigError(f"no alarm register {', '.join(sorted(unknown))}")
-        for register in known:
-            if register.name not in (self._map.run.register, self._map.run.state) or register.name in active:
-                self._put(register, (_status(register, register.name in active),))
+        for name, silent in self._silent.items():
+            if name in active:
+                self._put(self._map[name], (_status(self._map[name], True),))
+            elif name not in (self._map.run.register, self._map.run.state):
+                self._put(self._map[name], (silent,))
 
     def _ramp_rate(self) -> float | None:
         ramp = self._map.ramp
