@@ -6,6 +6,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import httpx
 import uvicorn
@@ -27,9 +28,9 @@ class _Server(uvicorn.Server):
 
 
 @contextmanager
-def served(settings: Settings) -> Iterator[httpx.Client]:
-    """A client of a server with these settings; both end with the block."""
-    server = _Server(uvicorn.Config(create_app(settings), log_level="warning", access_log=False, ws="none"))
+def served(settings: Settings, **options: Any) -> Iterator[httpx.Client]:
+    """A client of a server with these settings; both end with the block. `options` are those of uvicorn."""
+    server = _Server(uvicorn.Config(create_app(settings), log_level="warning", access_log=False, ws="none", **options))
     with socket.create_server(("127.0.0.1", 0)) as listener:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()

@@ -16,6 +16,8 @@ from bench.web.throttle import Throttle
 
 __all__ = ["Access", "Engineer", "Operator", "Role", "Viewer", "Who", "requires"]
 
+_LOOKING = ("/figures", "/effects/formula")
+"""What changes nothing, and is a POST only because the question is long."""
 RANKS: dict[Role, int] = {"viewer": 0, "operator": 1, "engineer": 2}
 
 
@@ -117,6 +119,12 @@ def requires(role: Role) -> Callable[[Request], Who]:
         return who
 
     return dependency
+
+
+def at_least(request: Request) -> Who:
+    """What every route of the API asks for, whatever else it asks: looking a viewer, changing an operator."""
+    looking = request.method in {"GET", "HEAD"} or request.url.path.endswith(_LOOKING)
+    return requires("viewer" if looking else "operator")(request)
 
 
 Viewer = Annotated[Who, Depends(requires("viewer"))]

@@ -8,7 +8,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from fastapi import Depends, FastAPI
 
 from bench import __version__
-from bench.web.access import Access, requires
+from bench.web.access import Access, at_least
 from bench.web.gate import Gate
 from bench.web.pages import add_pages
 from bench.web.problems import RESPONSES, add_problems
@@ -44,8 +44,8 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.access = Access(settings)
     add_problems(app)
     for module in routers:
-        # Looking needs to be asked for too; who may do more is said at each route.
-        guards = [] if module.__name__.endswith(".session") else [Depends(requires("viewer"))]
+        # A route that says nothing of roles is not open to everybody.
+        guards = [] if module.__name__.endswith(".session") else [Depends(at_least)]
         app.include_router(module.router, prefix=API, dependencies=guards)
     add_pages(app)
     app.add_middleware(Gate, settings=settings)

@@ -105,7 +105,7 @@ def act(server: Server, action: str, run: Path | None) -> Answer:
 def abort(server: Server, run: Path | None) -> Answer:
     """`bench abort --server`: end a live run, and say what the safe state reached."""
     which = _the_run(server, run)
-    answer = server.post(f"/live/{which}/abort", ENDING_S + PATIENCE_S)
+    answer = server.post(f"/live/{which}/abort?wait_s={ENDING_S:g}", ENDING_S + PATIENCE_S)
     if "safe" not in answer:
         raise EquipmentError(f"{which}: told to abort, but how it ended is not known; LOOK AT THE CHAMBER")
     return how_it_ended({"run": which, **answer})

@@ -22,7 +22,7 @@ Role = Literal["viewer", "operator", "engineer"]
 NAME = r"^[^\W_](?:[\w .@'-]{0,38}[\w.])?$"
 _BYTES = 32
 """Of chance in a token: with so many a plain SHA-256 is as good as a slow hash."""
-_HEAD = "# Who may use `bench ui`. A token is stored as its SHA-256 only; delete an entry and its token is not valid any more.\n"
+_HEAD = "# Who may use `bench ui`. A token stands here as its SHA-256; without its entry it is not valid any more.\n"
 
 
 class Person(BaseModel):
