@@ -24,7 +24,9 @@ def ending(run: LiveRun) -> dict[str, Any] | None:
 def told(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """State, cause, what became of the equipment and who asked for what, from the events of a run."""
     end = next((event for event in reversed(events) if event["kind"] == "end"), None)
-    steps = [{"text": event["text"], "ok": bool(event["ok"])} for event in events if event["kind"] == "safe_state"]
+    # What is only on the way to the safe state (warming up, another try) has no `ok` yet.
+    said = [event for event in events if event["kind"] == "safe_state" and "ok" in event]
+    steps = [{"text": event["text"], "ok": bool(event["ok"])} for event in said]
     asked = [
         {"request": event.get("request"), "who": event.get("who"), "utc": event.get("utc")}
         for event in events
