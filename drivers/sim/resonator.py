@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import lru_cache
 from importlib import resources
 from typing import Any
 
@@ -173,7 +174,7 @@ class Resonator:
             (k, m.start(self._node_s, self._rng(k))) for k, m in self._named("bias")
         ]
         self._on_s = 0.0
-        self._parts: dict[str, FloatArray] = {}
+        self._lived: tuple[Scene, list[FloatArray], list[FloatArray]] | None = None
 
     def advance(self, environment: Environment) -> Signals:
         """Live through one step and report it; `samples` must be a multiple of 10."""
@@ -183,13 +184,12 @@ class Resonator:
         self._channels.fill(scene)
         static = [bias(scene.resonator) for _, bias in self._static]
         dynamic = [contribute(scene) for _, contribute in self._dynamic]
-        self._remember(scene, static, dynamic)
+        self._lived = scene, static, dynamic
         slow = self._noise.slow(len(scene.time))
         for part in (*static, *dynamic):
             slow = slow + part
         slow += 3600.0 * scene.applied_rate
-        samples = np.arange(environment.samples) * (1.0 / DIVIDER)
-        rate = np.interp(samples, np.arange(len(slow)), slow)
+        rate = np.interp(*_straight(environment.samples), slow)
         rate += self._noise.white(environment.samples, self._rate_hz)
         return Signals(rate, *self._channels.read(scene), supply=float(scene.supply[0]))
 
@@ -202,19 +202,18 @@ class Resonator:
         """
         # Mean over the samples of the straight lines between nodes.
         late = 0.5 - 0.5 / DIVIDER
-        return {k: float(part[:-1].mean() * (1.0 - late) + part[1:].mean() * late) for k, part in self._parts.items()}
+        return {k: float(p[:-1].mean() * (1.0 - late) + p[1:].mean() * late) for k, p in self._parts().items()}
 
     def _scene(self, environment: Environment) -> Scene:
         n = environment.samples // DIVIDER
-        share = np.arange(n + 1) / n
+        share, elapsed = _grid(n, self._node_s)
         case, air = (
             first + (last - first) * share
             for first, last in (environment.fixture_temperature, environment.air_temperature)
         )
         turned = np.asarray(environment.applied_rate_dps, dtype=np.float64)
-        applied = np.interp(share, np.linspace(0.0, 1.0, len(turned)), turned)
+        applied = np.interp(share, np.linspace(0.0, 1.0, len(turned)), turned) if turned.any() else np.zeros(n + 1)
         paths = self._thermometry(case, self._node_s)
-        elapsed = self._node_s * np.arange(n + 1, dtype=np.float64)
         on = self._on_s + elapsed if environment.powered else np.zeros(n + 1)
         self._on_s = float(on[-1])
         return Scene(
@@ -233,14 +232,19 @@ class Resonator:
             powered=environment.powered,
         )
 
-    def _remember(self, scene: Scene, static: list[FloatArray], dynamic: list[FloatArray]) -> None:
-        self._parts = {k: part for (k, _), part in zip(self._dynamic, dynamic, strict=True)}
+    def _parts(self) -> dict[str, FloatArray]:
+        """What each mechanism added at the nodes of the last step [deg/h]."""
+        if self._lived is None:
+            return {}
+        scene, static, dynamic = self._lived
+        parts = {k: part for (k, _), part in zip(self._dynamic, dynamic, strict=True)}
         lagging = np.zeros(len(scene.time))
         for (k, bias), part in zip(self._static, static, strict=True):
-            self._parts[k] = bias(scene.sensor) if self._thermal else part
-            lagging = lagging + (part - self._parts[k])
+            parts[k] = bias(scene.sensor) if self._thermal else part
+            lagging = lagging + (part - parts[k])
         for k in self._thermal:
-            self._parts[k] = lagging
+            parts[k] = lagging
+        return parts
 
     def _named(self, kind: str) -> list[tuple[str, Any]]:
         return [(k, m) for k, m in zip(self._labels, self.settings.truth, strict=True) if m.kind == kind]
@@ -248,6 +252,24 @@ class Resonator:
     def _rng(self, purpose: str) -> np.random.Generator:
         """A stream of its own for each purpose, so that adding a mechanism leaves all other randomness as it was."""
         return np.random.default_rng([self._seed, zlib.crc32(purpose.encode())])
+
+
+@lru_cache(maxsize=16)
+def _grid(n: int, node_s: float) -> tuple[FloatArray, FloatArray]:
+    """Share of a step of `n` nodes that is over at each node, and the time [s], (n + 1,); shared, so read only."""
+    return _kept(np.arange(n + 1) / n), _kept(node_s * np.arange(n + 1, dtype=np.float64))
+
+
+@lru_cache(maxsize=16)
+def _straight(samples: int) -> tuple[FloatArray, FloatArray]:
+    """Places of the samples (n,) and of the nodes (m + 1,) of a step, in nodes; shared, so read only."""
+    nodes = np.arange(samples // DIVIDER + 1, dtype=np.float64)
+    return _kept(np.arange(samples) * (1.0 / DIVIDER)), _kept(nodes)
+
+
+def _kept(table: FloatArray) -> FloatArray:
+    table.setflags(write=False)
+    return table
 
 
 def _labels(names: list[str]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from drivers.sim.truth.base import Contribution, FloatArray, Mechanism, Scene
+from drivers.sim.truth.base import Contribution, FloatArray, Mechanism, Scene, straight
 
 
 class Aging(Mechanism):
@@ -30,6 +30,6 @@ class Aging(Mechanism):
             growth = np.log1p(passed_h / (self.settled_h + age_h))
             bias += self.linear_dph_per_h * passed_h + self.logarithmic_dph * float(growth)
             age_h += passed_h
-            return np.linspace(before, bias, len(scene.time))
+            return straight(before, bias, len(scene.time))
 
         return contribute

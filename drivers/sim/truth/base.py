@@ -98,10 +98,25 @@ class Lag:
         first, slope = float(u[0]), float(u[-1] - u[0]) / (n * node_s)
         start = first if self.value is None else self.value
         offset = -slope * self.tau_s
-        steady = first + offset + slope * node_s * np.arange(n + 1)
+        steady = first + offset + slope * node_s * _count(n + 1)
         response: FloatArray = steady + (start - first - offset) * decay(self.tau_s, node_s, n + 1)
         self.value = float(response[-1])
         return response
+
+
+def straight(first: float, last: float, nodes: int) -> FloatArray:
+    """Straight line over the nodes of a step, shape `(nodes,)`: `numpy.linspace`, at a fifth of what it costs."""
+    line = _count(nodes) * ((last - first) / (nodes - 1))
+    line += first
+    line[-1] = last
+    return line
+
+
+@lru_cache(maxsize=16)
+def _count(nodes: int) -> FloatArray:
+    numbers = np.arange(nodes, dtype=np.float64)
+    numbers.setflags(write=False)
+    return numbers
 
 
 @lru_cache(maxsize=256)

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from drivers.sim.truth.base import Contribution, FloatArray, Mechanism, Scene
+from drivers.sim.truth.base import Contribution, FloatArray, Mechanism, Scene, straight
 
 
 class Preisach(Mechanism):
@@ -39,7 +39,7 @@ class Preisach(Mechanism):
                 relays = _Relays(centre, half, float(scene.sensor[0]))
             before = relays.mean
             after = relays.move_to(float(scene.sensor[-1]))
-            return self.amplitude_dph * np.linspace(before, after, len(scene.sensor))
+            return self.amplitude_dph * straight(before, after, len(scene.sensor))
 
         return contribute
 
