@@ -98,7 +98,8 @@ async def _ended(jobs: Jobs, job: Job, wait_s: float) -> None:
             loop.call_soon_threadsafe(ended.set)
 
     jobs.listen(job, call)
-    with contextlib.suppress(TimeoutError):
+    # Cancelled by the server's end: the page hears how far it was, and asks the next server.
+    with contextlib.suppress(TimeoutError, asyncio.CancelledError):
         await asyncio.wait_for(ended.wait(), wait_s)
 
 

@@ -129,10 +129,11 @@ class Jobs:
         call()
 
     def warm(self) -> None:
-        """Have a quick process ready soon."""
+        """Have the processes ready soon."""
         with self._changed:
-            self._warm.add("quick")
-            self._start("quick")
+            for lane in self._waiting:
+                self._warm.add(lane)
+                self._start(lane)
             self._changed.notify_all()
 
     def close(self) -> None:

@@ -101,7 +101,7 @@ class Worker:
         if self._child is not None and self._child.poll() is None:
             return self._child
         self.close()
-        threads = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")}
+        threads = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")} | {"MALLOC_ARENA_MAX": "2"}
         self._child = subprocess.Popen(
             [sys.executable, "-P", "-m", "bench.web.work"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             env={**os.environ, **threads}, start_new_session=True,
