@@ -5,7 +5,7 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { t } from "../lib/words.js";
+import { moment, t } from "../lib/words.js";
 import { planName } from "./live/words.js";
 import { judged, toneOf, worst } from "./verdict/judged.js";
 
@@ -63,12 +63,15 @@ export default function Verdict({ params }) {
   </article>`;
 }
 
-const next = (word, end) => (word === "equipment_failed" && end.safe !== true ? "verdict.equipment_failed.next_unsafe" : `verdict.${word}.next`);
+/** What to do; whoever cannot be sure of the safe state goes to the chamber first. */
+const next = (word, end) =>
+  end.state !== "done" && (end.safe === false || (end.state === "failed" && !end.safe)) ? "verdict.equipment_failed.next_unsafe" : `verdict.${word}.next`;
 
 function Word({ word }) {
   const heading = useRef(null);
   useEffect(() => heading.current.focus({ preventScroll: true }), [word]);
-  return html`<header class="verdict-word">
+  const letters = [...t(`verdict.${word}`)].reduce((sum, letter) => sum + (letter.codePointAt(0) > 0x2e80 ? 1.6 : 1), 0);
+  return html`<header class="verdict-word" ref=${(element) => element?.style.setProperty("--letters", letters)}>
     ${word === "analysing" ? html`<span class="spinner"></span>` : html`<${Shape} tone=${toneOf(word)} />`}
     <h1 tabindex="-1" ref=${heading} aria-live="assertive">${t(`verdict.${word}`)}</h1>
   </header>`;
@@ -85,9 +88,11 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
 /** What happened and what the bench did, as it stands in the run's events. */
 function Fault({ end }) {
   const steps = end.safe_state ?? [];
+  const abort = (end.requests ?? []).findLast(({ request }) => request === "abort");
   const safe = end.safe === true ? "good" : end.safe === false ? "bad" : "warn";
   return html`<div class="fault">
-    <section><h2>${t("fault.happened")}</h2><p lang="en">${end.cause || t("fault.unknown")}</p></section>
+    <section><h2>${t("fault.happened")}</h2>
+      ${abort ? html`<p>${t("fault.aborted_by", { who: abort.who, time: moment(abort.utc) })}</p>` : html`<p lang="en">${end.cause || t("fault.unknown")}</p>`}</section>
     <section><h2>${t("fault.did")}</h2>
       <p><${Lamp} tone=${safe}>${t(`fault.safe.${safe}`)}<//></p>
       ${steps.length > 0 && html`<details><summary>${t("fault.steps", { n: steps.length })}</summary><ul class="findings" lang="en">
