@@ -22,6 +22,7 @@ from bench.journals import BenchJournal, Readings, bus_blocks, fetch, read_bench
 from bench.means import write_means
 from bench.parts import Counted
 from bench.store import RunFolder
+from drivers.frames import joined
 from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
 from drivers.journal import Damage, FrameArray
 
@@ -130,13 +131,15 @@ def _decode_all(source: Path, gyro: Mapping[str, Any], until_ns: int | None) -> 
 def _joined(blocks: Iterable[FrameArray]) -> Iterator[FrameArray]:
     """The same frames in fewer, larger blocks: they decode several times faster."""
     waiting: list[FrameArray] = []
+    count = 0
     for block in blocks:
         waiting.append(block)
-        if sum(map(len, waiting)) >= FRAMES_AT_ONCE:
-            yield np.concatenate(waiting)
-            waiting = []
+        count += len(block)
+        if count >= FRAMES_AT_ONCE:
+            yield joined(waiting)
+            waiting, count = [], 0
     if waiting:
-        yield np.concatenate(waiting)
+        yield joined(waiting)
 
 
 class _Grid:

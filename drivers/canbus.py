@@ -21,7 +21,7 @@ import numpy as np
 
 from drivers.capture import Recorder, event, one_line, raise_priority, stop_when, summarise
 from drivers.errors import DriverError, LinkError
-from drivers.frames import NO_FRAMES, to_frames, to_record
+from drivers.frames import NO_FRAMES, joined, to_frames, to_record
 from drivers.health import Beat, CaptureHealth, Tally
 from drivers.interfaces import BusSettings, open_bus
 from drivers.journal import FLAG_ERROR, MAX_PAYLOAD, FrameArray, JournalTail, JournalWriter, Kind
@@ -176,7 +176,7 @@ class ProcessCapture:
     def poll(self) -> FrameArray:
         """Frames that were journalled since the last call, (n,); the last ones are there after `close()`."""
         parts = [block.frames() for block in self._tail.poll() if block.kind is Kind.FRAMES]
-        return np.concatenate(parts) if parts else NO_FRAMES
+        return joined(parts) if parts else NO_FRAMES
 
     def health(self) -> CaptureHealth:
         """The last heartbeat; a process that has died or is silent for a second is an error."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import can
 import numpy as np
@@ -31,6 +31,14 @@ def to_record(message: can.Message, t_ns: int, channel: int = 0) -> bytes:
 def to_frames(records: Iterable[bytes]) -> FrameArray:
     """FRAME records (n,) from records made by `to_record`; read-only."""
     return np.frombuffer(b"".join(records), dtype=FRAME)
+
+
+def joined(blocks: Sequence[FrameArray]) -> FrameArray:
+    """All FRAME records of several blocks (n,), in order, as bytes: numpy joins named fields ten times slower."""
+    if len(blocks) == 1:
+        return blocks[0]
+    whole: FrameArray = np.concatenate([block.view(np.uint8) for block in blocks]).view(FRAME)
+    return whole
 
 
 def to_messages(frames: FrameArray, channel: str | None = None) -> Iterator[can.Message]:

@@ -15,7 +15,7 @@ from typing import Any
 import can
 import numpy as np
 
-from drivers.frames import NO_FRAMES, to_frames, to_messages, to_record
+from drivers.frames import NO_FRAMES, joined, to_frames, to_messages, to_record
 from drivers.journal import FLAG_EXTENDED, FrameArray
 
 _members: defaultdict[str, list[BlockBus]] = defaultdict(list)
@@ -85,7 +85,7 @@ class BlockBus(can.BusABC):
             self._blocks.clear()
         if not blocks:
             return NO_FRAMES
-        frames = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+        frames = joined(blocks)
         return frames[self._accepted(frames)] if self.filters else frames
 
     def shutdown(self) -> None:
