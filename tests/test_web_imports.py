@@ -2,7 +2,7 @@
 
 import io
 import json
-from pathlib import Path
+import os
 
 import numpy as np
 import pyarrow as pa
@@ -50,6 +50,7 @@ def test_a_table_whose_unit_is_unclear_is_shown_then_mapped_then_imported(client
     assert "does not say its unit" in shown["problem"]
     assert [one["name"] for one in shown["columns"]] == ["time [s]", "gx", "T (degC)"]
     assert shown["columns"][0]["first"] == [0, 1, 2, 3, 4]
+    assert shown["guess"] == {"time": "time [s]", "rate": "gx", "temperature": "T (degC)"}
 
     place = f"{API}/{sent.json()['import']}"
     wanted = {"unit": "GX-7", "columns": {"rate": {"column": "gx", "unit": "deg/s"}}}
@@ -89,7 +90,9 @@ def test_an_upload_is_bounded_while_it_comes_in(client, tmp_path):
         for _ in range(60):
             yield b"1,2,3\n" * 10_000
 
-    answer = client.post(API, content=of_unknown_length(), headers={**HEADERS, "Content-Type": "multipart/form-data; boundary=b"})
+    answer = client.post(
+        API, content=of_unknown_length(), headers={**HEADERS, "Content-Type": "multipart/form-data; boundary=b"}
+    )
     assert answer.status_code == 413
     assert not list((tmp_path / "out" / ".web" / "imports").iterdir()), "nothing is left of it"
 
@@ -122,7 +125,9 @@ def test_a_name_that_climbs_stays_in_its_folder(client, tmp_path):
 def test_a_file_of_another_kind_or_another_form_is_refused(client):
     assert "not of a kind" in send(client, b"MZ", name="tool.exe").json()["detail"]
     assert client.post(API, files={"other": ("a.csv", b"x")}, headers=HEADERS).status_code == 400
-    assert client.post(API, content=b"junk", headers={**HEADERS, "Content-Type": "multipart/form-data"}).status_code == 400
+    assert (
+        client.post(API, content=b"junk", headers={**HEADERS, "Content-Type": "multipart/form-data"}).status_code == 400
+    )
 
 
 def test_a_unit_is_no_path_and_no_formula(client):
@@ -202,8 +207,6 @@ def test_what_is_no_table_is_refused_in_one_line(tmp_path, name, content, said):
 def test_uploads_of_the_day_before_are_swept_at_the_start(tmp_path):
     old = tmp_path / ".web" / "imports" / "old"
     old.mkdir(parents=True)
-    import os
-
     os.utime(old, (0, 0))
     with served(Settings(out=tmp_path)):
         assert not old.exists()
@@ -214,6 +217,3 @@ def test_the_kinds_name_every_channel_with_its_units(client):
     assert {one["name"] for one in kinds["channels"] if one["required"]} == {"time", "rate", "temperature"}
     assert kinds["most_bytes"] == 2_000_000
     assert json.dumps(kinds).isascii()
-
-
-assert Path

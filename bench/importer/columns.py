@@ -169,6 +169,11 @@ def time_conversion(table: Table, source: TimeSource) -> Conversion:
     return _convert(table, source.unit or header or "s", "time")
 
 
+def guess(table: Table) -> dict[str, str]:
+    """For every channel the one column whose header names it: a beginning, where the whole is not clear yet."""
+    return {channel: names[0] for channel, names in _obvious(table, set()).items() if len(names) == 1}
+
+
 def _obvious(table: Table, taken: set[str | None]) -> dict[str, list[str]]:
     """Columns by the channel that their header names."""
     found: dict[str, list[str]] = {}

@@ -7,6 +7,7 @@ It limits its own memory, processor time and written bytes before it opens the f
 from __future__ import annotations
 
 import json
+import re
 import resource
 import signal
 import sys
@@ -22,6 +23,8 @@ MOST_COLUMNS = 300
 """Columns that the page lists."""
 FIRST_ROWS = 5
 _DRAWN = 600
+_MAP = re.compile(r"[;:,]?\s*(?:choose one |name it )?in a column map, `[^`]*`(?: or `[^`]*`)?")
+"""What the command line says of its file of columns; the page has fields for them."""
 _LONGEST = 600
 """Characters of a message: names of columns are the file's."""
 
@@ -66,6 +69,7 @@ def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """What the table holds and how it was understood; where it was not, `problem` says what is missing."""
     from bench.errors import InputError
     from bench.importer import plan_table
+    from bench.importer.columns import guess
 
     table = _table(wanted)
     understood, figure, problem = None, None, None
@@ -73,11 +77,12 @@ def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
         plan = plan_table(table, _columns(wanted), wanted["serial"])
         understood, figure = _understood(plan), _figure(plan)
     except InputError as error:
-        problem = shortened(str(error))
+        problem = shortened(_MAP.sub("; choose it below", str(error)))
     return {
         "rows": table.rows,
         "columns": [_column(table, name) for name in list(table.columns)[:MOST_COLUMNS]],
         "left_out": max(0, len(table.columns) - MOST_COLUMNS),
+        "guess": guess(table),
         "understood": understood,
         "problem": problem,
         "figure": figure,

@@ -53,6 +53,12 @@ function choiceOf(understood) {
   return out;
 }
 
+/** What the headers alone tell, where the whole is not clear. */
+function guessOf({ guess, columns }) {
+  const unit = (name) => columns.find((one) => one.name === name)?.unit ?? "";
+  return Object.fromEntries(Object.entries(guess).map(([channel, column]) => [channel, { column, unit: unit(column) }]));
+}
+
 function Channel({ kind, seen, columns, choice, change }) {
   const known = columns.find((one) => one.name === (choice.column || seen?.column));
   const id = `unit-${kind.name}`;
@@ -109,7 +115,7 @@ export default function Import() {
   async function read(job, mine) {
     const shown = await finished(job);
     if (turn.current !== mine) return;
-    if (shown.understood) setChoice(choiceOf(shown.understood));
+    setChoice((now) => (shown.understood ? choiceOf(shown.understood) : Object.keys(now).length ? now : guessOf(shown)));
     merge({ step: "look", shown, busy: false, error: null });
   }
   async function take(file, dbc) {
