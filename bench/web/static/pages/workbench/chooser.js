@@ -79,7 +79,7 @@ export function Chooser({ taken, onChoose, label }) {
   const shown = Array.from({ length: Math.max(0, last - first + 1) }, (_, i) => first + i);
   return html`<div class="wb-chooser">
     <label class="wb-filter"><span>${label ?? t("workbench.chooser.title")}</span>
-      <input type="search" ref=${field} role="combobox" aria-expanded="true" aria-controls="wb-rows" aria-autocomplete="list" autocomplete="off" spellcheck="false"
+      <input type="search" ref=${field} role="combobox" aria-expanded="true" aria-controls="wb-rows" aria-autocomplete="list" autocomplete="off" spellcheck=${false}
         aria-activedescendant=${rows.at(active) ? `wb-row-${active}` : null} value=${query} placeholder=${t("workbench.chooser.placeholder")}
         onInput=${(event) => setQuery(event.target.value)} onKeyDown=${key} />
     </label>

@@ -75,7 +75,7 @@ function Drawing({ rungs, shown, floor, refer }) {
       <line x1=${EDGE.left} x2=${WIDTH - EDGE.right} y1=${y(value)} y2=${y(value)} stroke=${colours.grid} />
       <text ...${label} x=${EDGE.left - 7} y=${y(value) + 4} text-anchor="end" font-size="12">${plain(value)}</text>
     </g>`)}
-    <text ...${label} x="2" y="11" font-size="11">deg/h</text>
+    <text ...${label} x=${WIDTH - 4} y="11" text-anchor="end" font-size="11">RMS [deg/h]</text>
     <path d=${path} fill="none" stroke=${colours.heldOut} stroke-width="2" />
     ${shown.map((rung, i) => html`<g key=${i}>
       ${rung.inSample !== null && html`<circle cx=${x(i)} cy=${y(rung.inSample)} r="8" fill="none" stroke=${colours.inSample} stroke-width="2.5" />`}

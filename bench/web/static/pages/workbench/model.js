@@ -29,7 +29,7 @@ function Save({ model, onSaved }) {
   return html`<form class="wb-save" onSubmit=${save}>
     <label for="wb-model-name">${t("workbench.model.save_as")}</label>
     <div class="wb-field">
-      <input id="wb-model-name" type="text" value=${name} placeholder="my_model" spellcheck="false" autocomplete="off" onInput=${(event) => setName(event.target.value)} />
+      <input id="wb-model-name" type="text" value=${name} placeholder="my_model" spellcheck=${false} autocomplete="off" onInput=${(event) => setName(event.target.value)} />
       <button type="submit" class="narrow" disabled=${!name.trim()}>${t("workbench.model.save")}</button>
     </div>
     <p role="status" class=${told?.good ? "wb-good" : "wb-bad"}>${told ? `${told.good ? "✓" : "✕"} ${told.text}` : ""}</p>

@@ -17,7 +17,7 @@ export function measured({ value, std, unit }) {
   if (!std || !Number.isFinite(std)) return `${number(value, 4)} ${unit ?? ""}`.trim();
   const digits = Math.max(0, 1 - Math.floor(Math.log10(std)));
   const written = digits > 6 ? [value.toExponential(2), std.toExponential(1)] : [value.toFixed(digits), std.toFixed(digits)];
-  return `${written[0]} ± ${written[1]} ${unit ?? ""}`.trim();
+  return `${written[0].replace("-", "−")} ± ${written[1]} ${unit ?? ""}`.trim();
 }
 
 /** Folder of a run without its time stamp: what a person calls it. */

@@ -78,11 +78,17 @@ function Further({ figures, picked, onPicture }) {
     onClick=${() => onPicture(picked === key ? null : { id: key, title: words[key], answer: figures[key] })}>${words[key]}</button>`)}</p>`;
 }
 
+/** Ends of a place, in as many digits as tell them apart. */
+function span({ from, to }) {
+  const digits = [4, 6, 8].find((many) => number(from, many) !== number(to, many)) ?? 8;
+  return `${number(from, digits)} … ${number(to, digits)}`;
+}
+
 function Where({ places }) {
   if (!places?.length) return null;
   return html`<details class="wb-where" open><summary>${t("workbench.where.title")}</summary><ul>
     ${places.slice(0, 5).map((place, i) => html`<li key=${i}>
-      <b>${place.channel.replaceAll("_", " ")}</b> ${number(place.from, 4)} … ${number(place.to, 4)}:
+      <b>${place.channel.replaceAll("_", " ")}</b> ${span(place)}:${" "}
       ${place.floor_ratio === null ? `${number(place.rms_dph)} deg/h` : t("workbench.where.ratio", { ratio: number(place.floor_ratio, 2) })}
       ${place.note ? html` <span class="wb-soft">${place.note}</span>` : null}</li>`)}
   </ul></details>`;
@@ -94,11 +100,13 @@ export function Suspects({ found, failed, busy, picked, onAdd, onPicture }) {
   if (failed) return html`<p class="wb-bad" role="alert">${failed}</p>`;
   if (!found) return html`<div class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.diagnosis.running")}</div>`;
   const most = Math.max(found.threshold * 1.5, ...found.suspects.map((suspect) => suspect.evidence ?? 0));
+  const [, first, rest] = found.sentence.replaceAll("+-", "±").match(/^(.*?[.:])(?:\s+(?=[A-Z])(.*))?$/s) ?? [null, found.sentence, ""];
   const shown = all ? found.suspects : found.suspects.slice(0, Math.max(SHOWN, found.suspects.filter((s) => s.found).length));
   return html`<div class="wb-diagnosis">
     <div class=${`wb-verdict wb-${TONES[found.verdict] ?? "warn"}`} role="status">
       <p class="wb-word">${VERDICTS()[found.verdict] ?? found.verdict}</p>
-      <p lang="en">${found.sentence.replaceAll("+-", "±")}</p>
+      <p lang="en">${first}</p>
+      ${rest && html`<details><summary>${t("workbench.diagnosis.whole")}</summary><p lang="en">${rest}</p></details>`}
     </div>
     ${found.suspects.length > 0 && html`<h3>${t("workbench.suspect.title")}</h3>`}
     <ol class="wb-suspects">${shown.map((suspect, i) => html`<${Suspect} key=${suspect.effect} ...${{ suspect, found, most, busy, onAdd, onPicture }}

@@ -51,7 +51,7 @@ export function OwnTerm({ busy, onAdd }) {
   return html`<form class="wb-term" onSubmit=${add}>
     <label for="wb-term">${t("workbench.term.title")}</label>
     <div class="wb-field">
-      <input id="wb-term" class="wb-code" type="text" value=${expression} spellcheck="false" autocomplete="off" autocapitalize="off" placeholder="k * dT_dt * quadrature"
+      <input id="wb-term" class="wb-code" type="text" value=${expression} spellcheck=${false} autocomplete="off" autocapitalize="off" placeholder="k * dT_dt * quadrature"
         aria-invalid=${wrong ? "true" : "false"} aria-describedby="wb-term-check" onInput=${(event) => setExpression(event.target.value)} />
       <button type="submit" class="narrow" disabled=${busy || !answer?.ok}>${t("workbench.suspect.add")}</button>
     </div>

@@ -1,0 +1,177 @@
+"""The engineer's workbench in a real browser: a hidden effect is found by clicking, everything can be taken away."""
+
+import csv
+import io
+import json
+
+import pytest
+from conftest import serving
+
+from bench.mystery import make_mystery
+from bench.workflow.acquisition import library
+
+SEED = 7  # hides `aging`
+MANY = 3000
+PATIENCE_MS = 60_000
+
+
+@pytest.fixture(scope="module")
+def mystery(tmp_path_factory):
+    """Runs of a unit that hides one effect, and so many empty ones of others that a page cannot draw them all."""
+    out = tmp_path_factory.mktemp("runs")
+    profiles = library()
+    made = make_mystery(SEED, 1, out, profiles / "ramp_-40_85.yaml", profiles / "check_minor_loops.yaml")
+    manifest = json.loads((made.run / "manifest.json").read_text())
+    for number in range(MANY):
+        unit = f"U-{number:05d}"
+        folder = out / unit / made.run.name
+        folder.mkdir(parents=True)
+        (folder / "manifest.json").write_text(json.dumps({**manifest, "unit": unit, "files": {}}))
+    return out
+
+
+@pytest.fixture(scope="module")
+def address(mystery):
+    with serving(mystery) as found:
+        yield found
+
+
+@pytest.fixture
+def page(chromium, address):
+    """The start page; whatever the browser complains about fails the test."""
+    context = chromium.new_context(viewport={"width": 1440, "height": 900}, locale="en", reduced_motion="reduce")
+    context.set_default_timeout(PATIENCE_MS)
+    page, complaints = context.new_page(), []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+    page.goto(address)
+    yield page
+    context.close()
+    assert complaints == []
+
+
+def choose(page, words="MYSTERY ramp"):
+    page.get_by_role("link", name="Workbench").click()
+    page.get_by_role("combobox", name="Find a run").fill(words)
+    page.locator("[role=option]", has_text="MYSTERY").first.click()
+
+
+def held_out(page):
+    return float(page.locator(".wb-tile b").first.inner_text())
+
+
+def diagnosed(page):
+    page.locator(".wb-verdict").wait_for()
+    return page.locator(".wb-word").inner_text()
+
+
+def test_the_hidden_effect_is_found_in_at_most_five_clicks_and_the_error_falls(page):
+    clicks = []
+    page.expose_function("clicked", lambda: clicks.append(1))
+    page.evaluate("addEventListener('click', () => clicked(), true)")
+    choose(page)
+    assert diagnosed(page) == "An effect is missing"
+    before = held_out(page)
+    page.get_by_role("button", name="Add: Aging").or_(page.get_by_role("button", name="Add Aging")).click()
+    page.locator(".wb-fell").wait_for()
+    assert held_out(page) < 0.5 * before
+    assert "lower" in page.locator(".wb-fell").inner_text()
+    page.get_by_text("Nothing is missing", exact=True).wait_for()
+    assert len(clicks) <= 5
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_text("An effect is missing", exact=True).wait_for()
+    assert held_out(page) == before
+
+
+def test_runs_of_the_same_days_take_their_parts_by_themselves(page):
+    choose(page)
+    parts = page.locator(".wb-chip")
+    parts.nth(2).wait_for()
+    assert [chip.locator("select").input_value() for chip in parts.all()] == ["fit", "check", "static"]
+    page.locator(".wb-tile", has_text="on the check run").wait_for()
+    parts.nth(1).get_by_role("button").click()
+    page.locator(".wb-tile", has_text="on blocks left out").wait_for()
+
+
+def test_only_the_rows_in_sight_are_drawn(page):
+    page.get_by_role("link", name="Workbench").click()
+    page.get_by_text(f"{MANY + 3} of {MANY + 3} runs").wait_for()
+    assert page.locator("[role=option]").count() < 60
+    page.get_by_role("combobox", name="Find a run").fill("U-02718")
+    page.get_by_text("1 of ").wait_for()
+    assert page.locator("[role=option]").count() == 1
+    page.keyboard.press("Control+a")
+    page.keyboard.press("Delete")
+    page.keyboard.press("End")
+    page.keyboard.press("PageDown")
+    page.locator(".wb-active").wait_for()
+
+
+@pytest.mark.parametrize("tab", ["Over temperature", "Residual map", "Loop", "Allan deviation", "Channels"])
+def test_every_figure_is_drawn_with_words(page, tab):
+    choose(page)
+    page.get_by_role("tab", name=tab).click()
+    page.locator(".wb-words", has_text="MYSTERY" if tab != "Allan deviation" else "Allan").wait_for()
+    page.locator(".wb-plot .main-svg").first.wait_for()
+
+
+def test_a_zoom_by_keyboard_fetches_finer_data(page):
+    choose(page)
+    words = page.locator(".wb-words")
+    words.filter(has_text="means over 2").wait_for()
+    page.locator(".wb-plot").focus()
+    for _ in range(5):
+        page.keyboard.press("+")
+    words.filter(has_text="1 s means").filter(has_not_text="from 0.00 h").wait_for()
+    page.keyboard.press("0")
+    words.filter(has_text="from 0.00 h").wait_for()
+
+
+def test_figure_and_data_can_be_taken_away(page):
+    choose(page)
+    page.locator(".wb-words", has_text="MYSTERY").wait_for()
+    files = {}
+    for kind in ("PNG", "SVG", "CSV"):
+        with page.expect_download() as download:
+            page.locator(".wb-pictures").get_by_role("button", name=kind).click()
+        files[kind] = download.value.path().read_bytes()
+    assert files["PNG"].startswith(b"\x89PNG")
+    assert b"<svg" in files["SVG"]
+    assert b"deg/h" in files["SVG"]
+    rows = list(csv.reader(io.StringIO(files["CSV"].decode())))
+    assert rows[0][:2] == ["time [s]", "bias [deg/h]"]
+    assert len(rows) > 300
+
+
+def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, mystery):
+    choose(page)
+    diagnosed(page)
+    term, said = page.get_by_label("A term of your own"), page.locator("#wb-term-check")
+    term.fill("k * quadratur")
+    said.filter(has_text="did you mean 'quadrature'").wait_for()
+    term.fill("k * time")
+    said.filter(has_text="fitted: k").wait_for()
+    before = held_out(page)
+    term.press("Enter")
+    page.locator(".wb-fell").wait_for()
+    assert held_out(page) < 0.5 * before
+    page.get_by_label("Save as model").fill("mine")
+    page.get_by_label("Save as model").press("Enter")
+    page.get_by_text("Saved as mine").wait_for()
+    assert "k * time" in (mystery / ".web" / "models" / "mine.yaml").read_text()
+
+
+def test_two_runs_are_compared(page):
+    choose(page)
+    page.get_by_role("button", name="Compare").click()
+    page.get_by_role("combobox").fill("MYSTERY check")
+    page.locator("[role=option]", has_text="check_minor_loops").click()
+    page.get_by_text("How they were made").or_(page.get_by_text("Segments")).first.wait_for()
+    page.locator(".wb-words", has_text="MYSTERY").wait_for()
+
+
+def test_the_address_names_the_runs(page, address):
+    choose(page)
+    page.locator(".wb-chip").nth(2).wait_for()
+    page.goto(page.url)
+    assert page.locator(".wb-chip").nth(2).inner_text()
