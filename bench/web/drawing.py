@@ -90,7 +90,8 @@ def time(wish: Wish) -> Figure:
     fitted = None if wish.model is None else wish.fitted(FINE_S)
     shown = view(wish.data(FINE_S), Path(wish.of.path) / "data.parquet", wish.span_s, wish.width, fitted)
     data, extremes = shown.dataset(wish.of.id), (shown.low, shown.high)
-    floor_dph = wish.floor_dph(shown.interval_s)  # of means over the same time
+    # The floor of means over the same time.
+    floor_dph = float("nan") if fitted is None else wish.floor_dph(shown.interval_s)
     if shown.fitted is None:
         plot = figures_workbench.measured(data, extremes)
     else:

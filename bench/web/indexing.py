@@ -6,6 +6,7 @@ replaced whole. So a look costs one `stat` a run, and reading only what changed;
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import threading
@@ -17,7 +18,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from fastapi import HTTPException, Request
+from fastapi import FastAPI, HTTPException, Request
 
 from bench.remote import LIVE
 from bench.store import MANIFEST, write_atomically
@@ -125,13 +126,19 @@ class Index:
         self._unsaved |= changed
         if self._unsaved and self._now() - self._saved >= SAVE_S:
             content = {"format": FORMAT, "runs": [asdict(entry) for entry in entries.values()]}
-            write_atomically(self._file, json.dumps(content).encode())
+            with contextlib.suppress(OSError):  # a full disk costs the next start a few seconds, and nobody the list
+                write_atomically(self._file, json.dumps(content).encode())
             self._saved, self._unsaved = self._now(), False
 
 
 def index_of(request: Request) -> Index:
     """The index of the server that got this request."""
-    state = request.app.state
+    return index_in(request.app)
+
+
+def index_in(app: FastAPI) -> Index:
+    """The index of a server."""
+    state = app.state
     if not hasattr(state, "index"):
         state.index = Index(state.settings.out, state.settings.own)
     index: Index = state.index

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
-from collections.abc import Iterator
+import threading
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, HTTPException, Query, Request, Response
+from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
 from bench.store import RunFolder
-from bench.web.indexing import index_of, ordered
+from bench.web.indexing import index_in, index_of, ordered
 from bench.web.policy import REPORT
 
 _FIELDS = ("run", "unit", "profile", "start", "state", "verdict", "rms_dph", "held_out_rms_dph", "floor_dph",
@@ -23,6 +25,14 @@ _MOST_EVENTS = 2000
 _BATCH_ROWS = 4096
 
 router = APIRouter(tags=["runs"])
+
+
+@contextlib.asynccontextmanager
+async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+    """Read the list while nobody asks for it yet: the first time it takes seconds for ten thousand runs."""
+    threading.Thread(target=index_in(app).entries, name="index", daemon=True).start()
+    yield
+
 
 Sort = Literal[
     "run", "unit", "profile", "start", "state", "verdict", "rms_dph", "held_out_rms_dph", "floor_dph", "duration_s",
