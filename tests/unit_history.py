@@ -46,8 +46,8 @@ def _run(root: Path, number: int, days: int) -> Path:
     if number == WRITTEN:
         record = {
             "utc": created.isoformat(), "operator": "O. Koval", "calibration_id": "0x87323979", "bank": 2,
-            "state": "done", "coefficient_set": 7, "crc": "0x17FED789", "run": f"/elsewhere/{folder.name}", "new": {"words": 115},
-            "old": {"calibration_id": "0x1144AA07"},
+            "state": "done", "coefficient_set": 7, "crc": "0x17FED789", "new": {"words": 115},
+            "run": f"/elsewhere/{folder.name}", "old": {"calibration_id": "0x1144AA07"},
         }  # fmt: skip
         flash = root / UNIT / "flash"
         flash.mkdir()

@@ -1,0 +1,144 @@
+"""Units, fleet and imports in a real browser: found, looked at, opened, imported; by mouse and by keyboard."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import serving
+from fleet_runs import line
+from unit_history import PDF, UNIT, unit_with_history
+
+PATIENCE_MS = 30_000
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("fleet")
+    unit_with_history(out)
+    line(out, 48, odd=20)
+    return out
+
+
+@pytest.fixture(scope="module")
+def address(folder):
+    with serving(folder) as found:
+        yield found
+
+
+@pytest.fixture
+def page(chromium, address):
+    """A page that fails the test when it says anything wrong on its console."""
+    context = chromium.new_context(locale="en-GB", base_url=address, viewport={"width": 1280, "height": 900})
+    context.set_default_timeout(PATIENCE_MS)
+    page, said = context.new_page(), []
+    page.on("console", lambda message: said.append(message.text) if message.type in {"error", "warning"} else None)
+    page.on("pageerror", lambda error: said.append(str(error)))
+    yield page
+    context.close()
+    assert not said
+
+
+def test_the_registry_is_made_from_the_page_and_a_unit_is_found(page):
+    page.goto("/units")
+    page.get_by_role("button", name="Make it from the run folders").click()
+    page.get_by_role("link", name=UNIT).wait_for()
+    page.get_by_role("searchbox").fill("gx 42")
+    page.get_by_text("1 of 49 units").wait_for()
+    assert "q=gx+42" in page.url, "the filter is in the address"
+    page.get_by_role("link", name=UNIT).click()
+    page.get_by_role("heading", name=UNIT).wait_for()
+
+
+def test_a_unit_shows_which_calibration_counts_and_opens_its_certificate(page, address):
+    page.goto(f"/units/{UNIT}")
+    cards = page.locator(".st-card")
+    cards.first.wait_for()
+    assert cards.count() == 5
+    assert "In the unit's memory" in cards.nth(2).inner_text()
+    assert "Must not be used" in cards.nth(0).inner_text()
+    link = cards.nth(2).get_by_role("link", name="Open certificate")
+    assert page.request.get(address + link.get_attribute("href")).body() == PDF
+    page.get_by_text("0x87323979").wait_for()
+
+
+def test_a_trend_is_chosen_by_keyboard_and_drawn_with_its_limit(page):
+    page.goto(f"/units/{UNIT}")
+    page.get_by_text("upper limit").wait_for()
+    page.get_by_role("button", name="Noise floor").press("Enter")
+    page.get_by_role("group", name="Noise floor over 5 calibrated runs").wait_for()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save the figure as CSV").click()
+    assert "noise_floor" in download.value.suggested_filename
+
+
+def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
+    page.goto("/fleet?q=L")
+    page.get_by_text("Unlike their lot:").wait_for()
+    page.get_by_role("group", name="Angle random walk of 48 units").wait_for()
+    page.locator(".main-svg").first.wait_for()
+    page.locator(".st-attention").get_by_role("link", name="L0-0020").click()
+    page.get_by_role("heading", name="L0-0020").wait_for()
+
+
+def test_a_point_of_a_chart_opens_its_unit(page):
+    page.goto("/fleet?q=L")
+    page.get_by_role("button", name="Angle random walk").click()
+    drawn = page.get_by_role("group", name="Angle random walk of 48 units")
+    drawn.locator(".scatterlayer .points path").first.wait_for()
+    drawn.scroll_into_view_if_needed()
+    box = drawn.locator(".scatterlayer .points path").first.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    drawn.locator(".hovertext").first.wait_for()
+    page.mouse.down()
+    page.mouse.up()
+    page.wait_for_url("**/units/L0-0020")
+
+
+def table(path):
+    time = np.arange(2000) * 2.0
+    temperature = 25 + 50 * np.sin(2 * np.pi * time / time[-1])
+    rate = (3 + 0.02 * temperature) / 3600
+    rows = zip(time, rate, temperature, strict=True)
+    path.write_text("t [s],gx,T (degC),=1+1\n" + "".join(f"{a},{b:.8f},{c:.4f},7\n" for a, b, c in rows))
+    return path
+
+
+def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
+    page.goto("/import")
+    page.locator("input[type=file]").set_input_files(str(table(tmp_path / "лог 7.csv")))
+    page.get_by_text("does not say its unit").wait_for()
+    assert page.get_by_label("Column of: Rate").input_value() == "gx", "what is clear is chosen already"
+    unit = page.get_by_label("Unit of: Rate")
+    unit.fill("deg/s")
+    unit.press("Tab")
+    page.get_by_text("Everything that is needed is clear").wait_for()
+    page.get_by_text("Not used: =1+1").wait_for()
+    page.locator(".main-svg").first.wait_for()
+    serial = page.get_by_label("Serial number of the unit")
+    serial.fill("../escape")
+    assert page.get_by_role("button", name="Import").is_disabled()
+    serial.fill("IMP-7")
+    serial.press("Enter")
+    page.get_by_role("heading", name="Imported").wait_for()
+    made = json.loads(next(folder.glob("IMP-7/*/manifest.json")).read_text())
+    assert made["rows"] == 2000
+    page.get_by_role("link", name="History of IMP-7").click()
+    page.get_by_role("cell", name="Import", exact=True).wait_for()
+
+
+def test_what_is_no_table_is_refused_in_a_line_and_another_may_be_tried(page, tmp_path):
+    page.goto("/import")
+    bad = tmp_path / "bomb.parquet"
+    bad.write_bytes(b"PAR1" + b"\xff" * 100 + b"PAR1")
+    page.locator("input[type=file]").set_input_files(str(bad))
+    assert "not a readable Parquet file" in page.get_by_role("alert").inner_text()
+    page.get_by_role("button", name="Choose a file").wait_for()
+
+
+@pytest.mark.parametrize("language", ["uk", "zh"])
+def test_the_pages_speak_other_languages(page, language):
+    page.goto("/units")
+    page.locator(".bar select").select_option(language)
+    page.get_by_role("heading", name={"uk": "Вироби", "zh": "器件"}[language]).wait_for()
+    page.goto(f"/units/{UNIT}")
+    page.get_by_text({"uk": "Чинне калібрування", "zh": "有效校准"}[language]).first.wait_for()
