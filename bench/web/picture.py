@@ -128,6 +128,8 @@ class Run(BaseModel):
     units: list[UnitNow] = []
     holding: list[str] = []
     guards: list[GuardLight] = []
+    fits: dict[str, Any] = {}
+    """How well models fit the run so far, by unit, as `bench status` tells it."""
     age_s: Number = None
     ended: End | None = None
 
