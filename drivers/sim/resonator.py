@@ -264,7 +264,7 @@ def _grid(n: int, node_s: float) -> tuple[FloatArray, FloatArray]:
 def _straight(samples: int) -> tuple[FloatArray, FloatArray]:
     """Places of the samples (n,) and of the nodes (m + 1,) of a step, in nodes; shared, so read only."""
     nodes = np.arange(samples // DIVIDER + 1, dtype=np.float64)
-    return _kept(np.arange(samples) * (1.0 / DIVIDER)), _kept(nodes)
+    return _kept(np.arange(samples, dtype=np.float64) * (1.0 / DIVIDER)), _kept(nodes)
 
 
 def _kept(table: FloatArray) -> FloatArray:
