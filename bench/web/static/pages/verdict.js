@@ -5,7 +5,7 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { moment, t } from "../lib/words.js";
+import { moment, number, or, t } from "../lib/words.js";
 import { planName } from "./live/words.js";
 import { judged, toneOf, worst } from "./verdict/judged.js";
 
@@ -56,6 +56,7 @@ export default function Verdict({ params }) {
       <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}</p>
       <p class="verdict-sentence">${t(`verdict.${word}.sentence`)}</p>
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
+      ${["fail", "marginal", "invalid"].includes(word) && html`<${Reasons} unit=${units[words.indexOf(word)]} />`}
       ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail" lang="en">${units[0].sentence}</p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end))}</p></section>
       <${Ways} units=${units} word=${word} />
@@ -84,6 +85,30 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
       ${unit.run && words[index] !== "analysing" && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}</div>
   </li>`)}
 </ul>`;
+
+/** Why the limits say so: what forbids a judgement, and each quantity that is not clearly inside. */
+function Reasons({ unit }) {
+  const [limits, setLimits] = useState(null);
+  useEffect(() => {
+    const [serial, folder] = unit.run.split("/");
+    get(url`/runs/${serial}/${folder}`).then((run) => setLimits(run.limits), () => setLimits(null));
+  }, [unit.run]);
+  if (!limits) return null;
+  const off = (limits.results ?? []).filter(({ verdict }) => verdict === limits.verdict);
+  return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.reasons")}>
+    ${(limits.refusals ?? []).map((text) => html`<li key=${text} lang="en"><span class="tone-bad"><${Shape} tone="bad" /></span><span>${text}</span></li>`)}
+    ${off.map((result) => html`<li key=${result.name}><span class=${`tone-${toneOf(result.verdict.toLowerCase())}`}><${Shape} tone=${toneOf(result.verdict.toLowerCase())} /></span>
+      <span class="figures">${allowed(result)}</span></li>`)}
+  </ul>`;
+}
+
+function allowed({ name, value, unit, lower, upper, reason }) {
+  const told = { what: or(`quantity.${name}`, name.replaceAll("_", " ")), value: number(value), unit: unit === "1" ? "" : unit.replace("deg/h", t("unit.dph")) };
+  const sides = [lower, upper].map((side) => side !== null && side !== undefined);
+  if (reason) return html`<span>${told.what}: <span lang="en">${reason}</span></span>`;
+  const key = sides[0] && sides[1] ? "between" : sides[0] ? "least" : "most";
+  return t(`verdict.limit.${key}`, { ...told, lower: number(lower), upper: number(upper) });
+}
 
 /** What happened and what the bench did, as it stands in the run's events. */
 function Fault({ end }) {

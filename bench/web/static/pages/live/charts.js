@@ -72,7 +72,7 @@ export function Temperatures({ run, trace, height = 260 }) {
 const fill = (tone) => () => `${colour(tone)}55`;
 
 /** A unit's output: smallest and largest of all samples in each point, so that a spike of one sample is seen. */
-export function Output({ run, trace, unit, index, height = 200 }) {
+export function Output({ run, trace, unit, index, height = 200, children }) {
   const [pointed, setPointed] = useState(null);
   const tone = "--rate";
   const series = useMemo(() => [line(tone, 1.25), line(tone, 1.25)], []);
@@ -89,7 +89,7 @@ export function Output({ run, trace, unit, index, height = 200 }) {
   const told = low === null || low === undefined ? "–" : `${number(low, 1)} … ${number(high, 1)}`;
   return html`<section class="chart" aria-label=${`${t("live.output")} ${unit.serial}`}>
     <header><h2>${index === null ? t("live.output") : unit.serial} <small class="soft">${t("unit.dph")}</small></h2>
-      <${Legend} entries=${[{ name: t("live.envelope", { s: number(trace.every_s) }), tone, band: true, value: told }]} /></header>
+      ${children}<${Legend} entries=${[{ name: t("live.envelope", { s: number(trace.every_s) }), tone, band: true, value: told }]} /></header>
     <${Plot} label=${t("live.output_label", { serial: unit.serial, low: number(low, 1), high: number(high, 1) })}
       series=${series} bands=${bands} data=${data} version=${trace.version} span=${spanOf(run)} least=${0.5} height=${height} pointed=${setPointed} />
   </section>`;

@@ -23,8 +23,8 @@ export function RunView({ run }) {
         <${Temperatures} run=${run} trace=${trace} height=${units.length > 1 ? 200 : 260} />
         <div class=${units.length > 1 ? "outputs many" : "outputs"}>
           ${units.map((unit, index) => html`<div key=${unit.serial} class="output">
-            <${Output} run=${run} trace=${trace} unit=${unit} index=${units.length > 1 ? index : null} height=${units.length > 1 ? 92 : 200} />
-            ${units.length > 1 && html`<${UnitLine} unit=${unit} index=${index} />`}
+            <${Output} run=${run} trace=${trace} unit=${unit} index=${units.length > 1 ? index : null} height=${units.length > 1 ? 105 : 200}>
+              ${units.length > 1 && html`<${UnitLine} unit=${unit} index=${index} />`}<//>
           </div>`)}
         </div>
       </div>

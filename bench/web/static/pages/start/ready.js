@@ -68,7 +68,7 @@ export function Ready({ order, plan, station, limits, begun }) {
   return html`<div class="ready">
     <div class="ready-plan panel">
       <${Facts} plan=${plan} result=${result} station=${station} units=${order.units} />
-      <${Curve} curve=${result?.curve ?? plan.curve} width=${760} height=${250} axes />
+      <${Curve} curve=${result?.curve ?? plan.curve} width=${760} height=${300} axes />
     </div>
     <div class="ready-go">
       <${Checked} result=${result} error=${error} again=${again} />
