@@ -164,7 +164,7 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
 def test_two_runs_are_compared(page):
     choose(page)
     page.get_by_role("button", name="Compare").click()
-    page.get_by_role("combobox").fill("MYSTERY check")
+    page.get_by_role("combobox", name="Compare with").fill("MYSTERY check")
     page.locator("[role=option]", has_text="check_minor_loops").click()
     page.get_by_text("How they were made").or_(page.get_by_text("Segments")).first.wait_for()
     page.locator(".wb-words", has_text="MYSTERY").wait_for()

@@ -36,7 +36,7 @@ export function NextExperiment({ next, unit }) {
   if (!next) return null;
   const rivals = next.separates.map(effectWord).join(" ⇄ ");
   return html`<section class="wb-card wb-next" aria-labelledby="wb-next-title">
-    <h3 id="wb-next-title">${t("workbench.next.title")}</h3>
+    <h2 id="wb-next-title">${t("workbench.next.title")}</h2>
     <p class="wb-lead">⇄ ${t("workbench.next.cannot", { effects: rivals })}</p>
     <p lang="en">${next.why}</p>
     <${Curve} curve=${next.curve} label=${t("workbench.next.curve", { duration: duration(60 * next.duration_min) })} />

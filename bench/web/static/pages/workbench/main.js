@@ -58,7 +58,7 @@ function Standing({ session, analysis, floor }) {
   const rungs = steps.map((step) => rungOf(step, runs)).filter(Boolean);
   const last = rungs[rungs.length - 1];
   return html`<section class="wb-card wb-standing" aria-labelledby="wb-ladder-title" aria-busy=${analysis.running ? "true" : "false"}>
-    <div class="wb-card-head"><h3 id="wb-ladder-title">${t("workbench.ladder.title")}</h3>
+    <div class="wb-card-head"><h2 id="wb-ladder-title">${t("workbench.ladder.title")}</h2>
       ${steps.length > 1 && html`<button type="button" class="narrow" onClick=${() => act({ type: "undo" })}>↶ ${t("workbench.model.undo")}</button>`}</div>
     ${analysis.failed && html`<p class="wb-bad" role="alert">${analysis.failed}</p>`}
     ${last && html`<div class="wb-tiles" role="status">
@@ -96,7 +96,7 @@ function Bench({ session }) {
   return html`<div class="wb-bench">
     <div class="wb-side">
       <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} /></div>
-      <section class="wb-card" aria-labelledby="wb-missing-title"><h3 id="wb-missing-title">${t("workbench.diagnosis.title")}</h3>
+      <section class="wb-card" aria-labelledby="wb-missing-title"><h2 id="wb-missing-title">${t("workbench.diagnosis.title")}</h2>
         <${Suspects} found=${diagnosis.result} failed=${diagnosis.failed} busy=${analysis.running} picked=${shown?.id} onAdd=${add} onPicture=${pick} />
       </section>
       <${NextExperiment} next=${diagnosis.result?.next_experiment} unit=${unitOf(runs.runs[0])} />
@@ -127,13 +127,15 @@ export function Page() {
   const [mode, setMode] = useState("bench");
   useEffect(() => {
     const runs = addressed();
-    if (runs.length) act({ type: "choose", runs });
+    if (runs.length === 1) begin(runs[0]);
+    else if (runs.length) act({ type: "choose", runs });
   }, []);
   useEffect(() => remember(chosen), [chosen]);
   const begin = async (row) => {
     const own = { ...row, role: "fit" };
     // What belongs to the run is looked up first: fitting it once alone and then with its check run would be work twice.
-    const near = await api.get(`/runs${api.query({ unit: row.unit, limit: 200 })}`).then((found) => companions(row, found.runs), () => []);
+    const near = await api.get(`/runs${api.query({ unit: row.unit, limit: 200 })}`)
+      .then((found) => companions(found.runs.find((one) => one.run === row.run) ?? row, found.runs), () => []);
     act({ type: "choose", runs: [own, ...near] });
     setMode("bench");
   };

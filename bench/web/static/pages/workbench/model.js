@@ -51,7 +51,7 @@ export function ModelPanel({ model, fitted, steps, busy, act }) {
     if (found) act({ type: "model", model: { ...found.model, name: found.name } });
   };
   return html`<section class="wb-card wb-model" aria-labelledby="wb-model-title">
-    <div class="wb-card-head"><h3 id="wb-model-title">${t("workbench.model.title")}</h3>
+    <div class="wb-card-head"><h2 id="wb-model-title">${t("workbench.model.title")}</h2>
       <label class="wb-inline">${t("workbench.model.begin")}
         <select value=${steps[0].model.name} onChange=${choose}>
           ${models.every((one) => one.name !== steps[0].model.name) && html`<option value=${steps[0].model.name}>${steps[0].model.name}</option>`}
