@@ -77,7 +77,7 @@ def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
         plan = plan_table(table, _columns(wanted), wanted["serial"])
         understood, figure = _understood(plan), _figure(plan)
     except InputError as error:
-        problem = shortened(_MAP.sub("; choose it below", str(error)))
+        problem = shortened(_MAP.sub("; choose it below", str(error)).replace(" below with", " below,"))
     return {
         "rows": table.rows,
         "columns": [_column(table, name) for name in list(table.columns)[:MOST_COLUMNS]],

@@ -74,7 +74,7 @@ function Trends({ unit }) {
   if (!one) return html`<p class="soft">${t("units.trends.none")}</p>`;
   const words = t("units.trends.words", { name: quantity(one.name), n: one.points.length, last: `${sig(one.last)} ${unitText(one.unit)}` });
   return html`<div class="st-two">
-    <div class="scroll st-scroll" tabindex="0" role="region" aria-label=${t("units.trends")}><table class="st-table st-quantities">
+    <div class="scroll st-scroll" tabindex="0" role="region" aria-label=${t("units.quantity")}><table class="st-table st-quantities">
       <thead><tr><th scope="col">${t("units.quantity")}</th><th scope="col">${t("units.course")}</th><th scope="col" class="n">${t("units.newest_value")}</th><th scope="col" class="n">${t("units.limit")}</th></tr></thead>
       <tbody>${unit.trends.map((trend) => html`<tr key=${trend.name} aria-current=${trend.name === chosen ? "true" : undefined}>
         <th scope="row"><button type="button" aria-pressed=${trend.name === chosen} onClick=${() => choose(trend.name)}>${quantity(trend.name)}</button></th>
