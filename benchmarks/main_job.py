@@ -1,0 +1,179 @@
+"""How many times real time the main job runs, before and after a change, by stage, and that no bit of it changed.
+
+    git worktree add /tmp/before 40f771d
+    python -m benchmarks.main_job --before /tmp/before [--after .] [--profile profiles/quick.yaml] [--rounds 3]
+
+Each run is a process of its own, before and after by turns; CPU is that of all its threads. Of the rounds the fastest
+counts, stage by stage. The digests are those of all captured frames, all chamber readings, and the tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+STAGES = {
+    "simulation: chamber": "drivers.sim.station:SimulatedStation.advance",
+    "simulation: physics of the unit": "drivers.sim.resonator:Resonator.advance",
+    "simulation: its frames": "drivers.sim.can_gyro:CanGyro.send",
+    "acquisition: poll over Modbus": "drivers.chamber:Chamber.poll",
+    "acquisition: capture, journal": "drivers.canbus:InProcessCapture.poll",
+    "acquisition: decoding": "bench.captured:LiveUnit.take",
+    "acquisition: sequence, guards": "bench.sequencer:Sequencer._tick",
+    "tables: data": "bench.assemble:_write_data",
+    "tables: means": "bench.assemble:write_means",
+    "tables: rest": "bench.runner:assemble",
+    "analysis: report, diagnosis": "bench.workflow.analysis:report_on",
+}
+"""What is measured, and the function that does it; what it calls of the others is theirs."""
+ACQUISITION = ("simulation", "acquisition", "start, imports")
+
+
+class Stages:
+    """CPU and wall time [s] of each stage, less that of the stages inside it."""
+
+    def __init__(self) -> None:
+        self.cpu_s: Counter[str] = Counter()
+        self.wall_s: Counter[str] = Counter()
+        self._open: list[str] = []
+        self._since = time.process_time(), time.perf_counter()
+
+    @contextmanager
+    def of(self, name: str) -> Iterator[None]:
+        """Count what happens inside as this stage."""
+        self._charge()
+        self._open.append(name)
+        try:
+            yield
+        finally:
+            self._charge()
+            self._open.pop()
+
+    def _charge(self) -> None:
+        now = time.process_time(), time.perf_counter()
+        if self._open:
+            self.cpu_s[self._open[-1]] += now[0] - self._since[0]
+            self.wall_s[self._open[-1]] += now[1] - self._since[1]
+        self._since = now
+
+    def watch(self, name: str, where: str) -> None:
+        """Count every call of a function, `module:Class.method` or `module:function`, as this stage."""
+        module, _, path = where.partition(":")
+        *outer, last = path.split(".")
+        owner = functools.reduce(getattr, outer, import_module(module))
+        function: Callable[..., Any] = getattr(owner, last)
+
+        @functools.wraps(function)
+        def watched(*given: Any, **named: Any) -> Any:
+            with self.of(name):
+                return function(*given, **named)
+
+        setattr(owner, last, watched)
+
+
+def run_once(profile: Path, out: Path) -> dict[str, Any]:
+    """The main job in this process: times by stage, simulated time, digests."""
+    stages = Stages()
+    with stages.of("start, imports"):
+        for name, where in STAGES.items():
+            stages.watch(name, where)
+        from bench.model import load_model
+        from bench.workflow import acquisition, analysis
+
+        models = [load_model(model) for model in analysis.DEFAULT_MODELS]
+        task = acquisition.Task((), {}, out)
+        result = acquisition.conduct(profile, None, task, quiet=True)
+        analysis.report_on(result.run, models, result.error)
+    manifest = json.loads((result.run.path / "manifest.json").read_text())
+    journals = {path.name: digest(path) for path in sorted(result.run.journal.glob("*.gtbj"))}
+    tables = {name: manifest["files"][name][:16] for name in ("data.parquet", "means.parquet")}
+    return {
+        "cpu_s": stages.cpu_s,
+        "wall_s": stages.wall_s,
+        "simulated_s": manifest["duration_s"],
+        "digests": journals | tables,
+    }
+
+
+def digest(journal: Path) -> str:
+    """Of the frames and readings of a journal; events and headers know the calendar."""
+    from drivers.journal import Kind, read_blocks
+
+    kept = (block for block in read_blocks(journal) if block.kind in (Kind.FRAMES, Kind.READING))
+    found = hashlib.sha256()
+    for block in kept:
+        found.update(block.payload)
+    return found.hexdigest()[:16]
+
+
+def child(checkout: Path, profile: Path) -> dict[str, Any]:
+    """One run of the main job with the code of a checkout."""
+    environment = {**os.environ, "PYTHONPATH": str(checkout.resolve()), "OPENBLAS_NUM_THREADS": "1"}
+    with tempfile.TemporaryDirectory() as out:
+        command = [sys.executable, __file__, "--child", str(profile.resolve()), out]
+        said = subprocess.run(command, env=environment, cwd=out, check=True, stdout=subprocess.PIPE, text=True).stdout
+    answer: dict[str, Any] = json.loads(said.splitlines()[-1])
+    return answer
+
+
+def least(runs: list[dict[str, Any]], what: str) -> dict[str, float]:
+    """Least time of each stage over the rounds [s]."""
+    return {name: min(run[what].get(name, 0.0) for run in runs) for name in ("start, imports", *STAGES)}
+
+
+def show(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> None:
+    """The table: CPU of each stage, its share, and the multiples of real time."""
+    simulated_s = after[0]["simulated_s"]
+    old, new = least(before, "cpu_s"), least(after, "cpu_s")
+    print(f"{'CPU per simulated hour [s]':<34} {'before':>8} {'after':>8} {'ratio':>6} {'share after':>12}")
+    hours = simulated_s / 3600.0
+    for name in old:
+        ratio = old[name] / max(new[name], 1e-9)
+        share = new[name] / sum(new.values())
+        print(f"{name:<34} {old[name] / hours:8.3f} {new[name] / hours:8.3f} {ratio:5.1f}x {share:11.1%}")
+    print(f"\n{'times real time':<34} {'before':>8} {'after':>8} {'ratio':>6}")
+    for title, kept in (("acquisition", ACQUISITION), ("whole", ("",))):
+        for what in ("cpu_s", "wall_s"):
+            sums = [
+                min(sum(s for name, s in run[what].items() if name.startswith(kept)) for run in runs)
+                for runs in (before, after)
+            ]
+            label = f"{title}, {'CPU' if what == 'cpu_s' else 'wall'}"
+            old_x, new_x = (simulated_s / total for total in sums)
+            print(f"{label:<34} {old_x:8.0f} {new_x:8.0f} {new_x / old_x:5.2f}x")
+    same = all(run["digests"] == before[0]["digests"] for run in (*before, *after))
+    print(f"\nframes, readings and tables: {'the same bit for bit' if same else 'DIFFERENT'}")
+    for name, found in after[0]["digests"].items():
+        print(f"  {name:<16} {before[0]['digests'][name]}  {found}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--before", type=Path)
+    parser.add_argument("--after", type=Path, default=Path.cwd())
+    parser.add_argument("--profile", type=Path, default=Path("profiles/ramp_-40_85.yaml"))
+    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--child", nargs=2, type=Path, metavar=("PROFILE", "OUT"))
+    wishes = parser.parse_args()
+    if wishes.child:
+        print(json.dumps(run_once(*wishes.child)))
+        return
+    rounds = [(child(wishes.before, wishes.profile), child(wishes.after, wishes.profile)) for _ in range(wishes.rounds)]
+    show([old for old, _ in rounds], [new for _, new in rounds])
+
+
+if __name__ == "__main__":
+    main()
