@@ -131,6 +131,38 @@ def test_an_end_is_told_at_once_and_again_with_the_verdict(desk, folder, recorde
     )  # fmt: skip
 
 
+def test_an_end_with_a_way_that_is_not_read_back_yet_is_told(desk, folder, recorder, watcher, heard):
+    with live(desk, folder):
+        watcher.turn(0.0)
+        recorder.event("safe_state", "warming up first: it is cold inside")  # no `ok`: a word on the way
+        recorder.event("safe_state", "chamber off: read back", ok=True)
+        recorder.event("end", "aborted", state="aborted")
+        recorder.sync()
+    watcher.turn(10.0)
+    (end,) = heard.ends
+    assert (end["safe"], end["safe_state"][-1]) == (True, {"text": "chamber off: read back", "ok": True})
+
+
+def test_an_end_that_cannot_be_understood_is_told_and_the_others_are_watched_on(
+    desk, folder, out, watcher, heard, monkeypatch
+):
+    other = out / "G-2" / "run"
+    other.mkdir(parents=True)
+    second = Desk()
+    with control.serve(second, [other]):
+        with live(desk, folder):
+            watcher.turn(0.0)
+            monkeypatch.setattr(watching.story, "ending", lambda run: 1 / 0)
+        watcher.turn(10.0)
+        (end,) = heard.ends
+        assert (end["run"], end["safe"], end["cause"]) == (
+            "G-1/run",
+            None,
+            "how it ended cannot be read: look at the chamber",
+        )
+        assert [watched.runs for watched in heard.runs] == [["G-2/run"]]
+
+
 def test_a_killed_run_stays_in_view_and_says_how_to_go_on(desk, folder, watcher, heard):
     with live(desk, folder):
         watcher.turn(0.0)

@@ -12,6 +12,7 @@ from bench.remote import LiveRun
 from bench.store import RunFolder
 
 CALIBRATION, LIMITS_JSON = "calibration.json", "limits.json"
+NO_VERDICT: dict[str, Any] = {"analysing": True, "units": [], "verdict": None, "sentence": ""}
 EVENTS = ("request", "safe_state", "end")
 
 

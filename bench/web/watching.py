@@ -7,6 +7,7 @@ when the verdict is there.
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import threading
 import time
@@ -33,6 +34,7 @@ SILENT_S = 3.0
 VERDICT_S = 3600.0
 """An analysis that has not come after this is not waited for."""
 
+_log = logging.getLogger("bench.web")
 Listener = Callable[[list["Watched"], list[dict[str, Any]]], None]
 
 
@@ -112,7 +114,10 @@ class Watcher:
 
     def _run(self) -> None:
         while not self._stop.wait(IDLE_S if self._idle() else PERIOD_S):
-            self.turn(time.monotonic())
+            try:
+                self.turn(time.monotonic())
+            except Exception:  # whatever one run's files hold: the others go on being watched
+                _log.exception("looking at the live runs")
 
     def _idle(self) -> bool:
         return not (self._eager or self.wanted() or any(watched.mirror.behind for watched in self.runs))
@@ -137,7 +142,7 @@ class Watcher:
         for token, watched in list(self._watched.items()):
             if now_s >= watched.next_s:
                 watched.ask(now_s)
-            if watched.condition != "live" and (end := self._end(watched)) is not None:
+            if watched.condition != "live" and (end := self._told_end(watched)) is not None:
                 self._watched = {key: one for key, one in self._watched.items() if key != token}
                 self._analysed.append((now_s + VERDICT_S, watched, end))
                 ends.append(end)
@@ -154,6 +159,15 @@ class Watcher:
         # One whose file is gone stays until it was asked and its end is read.
         gone = {token: watched for token, watched in known.items() if token not in found}
         self._watched = {**gone, **found}
+
+    def _told_end(self, watched: Watched) -> dict[str, Any] | None:
+        """Its end; one that cannot be understood is an end of which nothing is known."""
+        try:
+            return self._end(watched)
+        except Exception:
+            _log.exception("the end of %s", watched.runs[0])
+            unknown = {"state": "failed", "cause": "how it ended cannot be read: look at the chamber"}
+            return {**_head(watched), **story.told([]), **unknown, **story.NO_VERDICT}
 
     def _end(self, watched: Watched) -> dict[str, Any] | None:
         """How a run that does not answer has ended; None: it has not, or was killed and waits to be gone on with."""

@@ -71,7 +71,7 @@ def abort(folder: Path | None, out: Path) -> Answer:
     run = remote.the_run(folder, out)
     remote.ask(run, "abort")
     events = remote.ending(run, ENDING_S)
-    steps = [event for event in events if event["kind"] == "safe_state"]
+    steps = [event for event in events if event["kind"] == "safe_state" and "ok" in event]
     end = next((event for event in events if event["kind"] == "end"), None)
     if end is None:
         raise EquipmentError(f"{run.path}: told to abort, but how it ended is not known; LOOK AT THE CHAMBER")
