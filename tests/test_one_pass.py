@@ -1,10 +1,12 @@
 """One pass over the samples leaves sums from which every fit follows: checked against references that are not ours."""
 
 import json
+import tracemalloc
 from dataclasses import replace
 
 import mpmath
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import statsmodels.api as sm
@@ -214,11 +216,11 @@ FILIP_X = """-6.860120914 -4.324130045 -4.358625055 -4.358426747 -6.955852379 -6
 -6.067374056 -6.684029655 -6.378719832 -6.065855188 -5.752272167 -5.132414673 -4.811352704 -4.098269308
 -3.66174277 -3.2644011"""
 FILIP_Y = """0.8116 0.9072 0.9052 0.9039 0.8053 0.8377 0.8667 0.8809 0.7975 0.8162 0.8515 0.8766 0.8885 0.8859 0.8959
-0.8913 0.8959 0.8971 0.9021 0.909 0.9139 0.9199 0.8692 0.8872 0.89 0.891 0.8977 0.9035 0.9078 0.7675 0.7705
-0.7713 0.7736 0.7775 0.7841 0.7971 0.8329 0.8641 0.8804 0.7668 0.7633 0.7678 0.7697 0.77 0.7749 0.7796 0.7897
-0.8131 0.8498 0.8741 0.8061 0.846 0.8751 0.8856 0.8919 0.8934 0.894 0.8957 0.9047 0.9129 0.9209 0.9219 0.7739
-0.7681 0.7665 0.7703 0.7702 0.7761 0.7809 0.7961 0.8253 0.8602 0.8809 0.8301 0.8664 0.8834 0.8898 0.8964
-0.8963 0.9074 0.9119 0.9228"""
+0.8913 0.8959 0.8971 0.9021 0.909 0.9139 0.9199 0.8692 0.8872 0.89 0.891 0.8977 0.9035 0.9078 0.7675
+0.7705 0.7713 0.7736 0.7775 0.7841 0.7971 0.8329 0.8641 0.8804 0.7668 0.7633 0.7678 0.7697 0.77 0.7749
+0.7796 0.7897 0.8131 0.8498 0.8741 0.8061 0.846 0.8751 0.8856 0.8919 0.8934 0.894 0.8957 0.9047 0.9129
+0.9209 0.9219 0.7739 0.7681 0.7665 0.7703 0.7702 0.7761 0.7809 0.7961 0.8253 0.8602 0.8809 0.8301 0.8664
+0.8834 0.8898 0.8964 0.8963 0.9074 0.9119 0.9228"""
 FILIP = [
     -1467.48961422980, -2772.17959193342, -2316.37108160893, -1127.97394098372, -354.478233703349, -75.1242017393757,
     -10.8753180355343, -1.06221498588947, -0.670191154593408e-1, -0.246781078275479e-2, -0.402962525080404e-4,
@@ -243,12 +245,12 @@ def polynomial(x, y, order):
 def test_filip_has_more_than_the_digits_of_a_factorisation_of_powers():
     x, y = (np.array(text.split(), dtype=float) for text in (FILIP_X, FILIP_Y))
     assert x.size == y.size == 82
-    assert digits(polynomial(x, y, 10), FILIP) > 7.5
-    assert digits(np.linalg.lstsq(np.vander(x, 11, increasing=True), y, rcond=None)[0], FILIP) < 1.0
+    assert digits(polynomial(x, y, 10), FILIP) > 13.0
+    assert digits(np.linalg.lstsq(np.vander(x, 11, increasing=True), y)[0], FILIP) < 1.0
 
 
-WAMPLER5 = """759 -2048 2048 -2048 2523 -2048 2048 -2048 1838 -2048 2048 -2048 1838 -2048 2048 -2048 2523 -2048 2048 -2048
-759"""
+WAMPLER5 = """759 -2048 2048 -2048 2523 -2048 2048 -2048 1838 -2048 2048 -2048 1838 -2048 2048 -2048 2523 -2048
+2048 -2048 759"""
 """Its noise in units of 10,000; the certified coefficients are all 1."""
 
 
@@ -256,7 +258,7 @@ def test_wampler5_has_more_digits_than_a_factorisation_of_powers():
     x = np.arange(21.0)
     y = sum(x**k for k in range(6)) + 1e4 * np.array(WAMPLER5.split(), dtype=float)
     assert (y[1], y[20]) == (-20479994.0, 10958421.0)
-    assert digits(polynomial(x, y, 5), np.ones(6)) > 7.0
+    assert digits(polynomial(x, y, 5), np.ones(6)) > 8.0
     assert digits(np.linalg.lstsq(np.vander(x, 6, increasing=True), y, rcond=None)[0], np.ones(6)) < 6.5
 
 
@@ -455,6 +457,23 @@ def test_every_sample_is_read_once_however_many_models_there_are(run, monkeypatc
     passes = read(models, [as_record(run)])
     assert [one.state.touched for one in passes] == [rows] * 3
     assert len(opened) == 1
+
+
+def test_memory_does_not_grow_with_the_record(tmp_path):
+    """Allocations of Python and numpy while a file is read: four times the samples, the same peak."""
+    peaks = []
+    for rows in (1 << 19, 1 << 21):
+        time = np.arange(rows) / 500.0
+        columns = {"time": time, "rate": np.sin(time), "temperature": 20.0 + np.cos(time / 300.0)}
+        pq.write_table(pa.table(columns), path := tmp_path / f"{rows}.parquet", row_group_size=1 << 18)
+        samples, state = Samples(path), State(Cells(19.0, 21.0, 96))
+        tracemalloc.start()
+        for batch in samples.read(["temperature"]):
+            state.add(batch.time, batch.columns, batch.y)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert state.touched == rows
+    assert peaks[1] < 1.3 * peaks[0] < 50e6
 
 
 @pytest.mark.parametrize(

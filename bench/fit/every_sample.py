@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -67,7 +68,7 @@ class Pass:
     def rows(self) -> BoolArray:
         """Blocks (b,) that the model is fitted to."""
         direction = self.state.direction
-        wanted = {"heating": direction == 1, "cooling": direction == -1}
+        wanted: dict[str, BoolArray] = {"heating": direction == 1, "cooling": direction == -1}
         return wanted.get(self.model.rows, np.ones(direction.size, dtype=bool))
 
     def solved(self, keep: BoolArray | None = None) -> Solved:
@@ -106,7 +107,7 @@ def read(models: Sequence[Model], records: Sequence[Record]) -> list[Pass | Inpu
     """Read every sample of the runs once, for all models; one that cannot be laid out is its InputError."""
     duration_s = max(float(np.ptp(record.seconds.time)) for record in records)
     block_s = float(np.clip(duration_s / (2 * FOLDS), 1.0, BLOCK_S))
-    passes = [_attempt(lambda model=model: _lay_out(model, records, block_s)) for model in models]
+    passes = [_attempt(partial(_lay_out, model, records, block_s)) for model in models]
     going = [one for one in passes if isinstance(one, Pass)]
     for run, record in enumerate(records):
         needs = tuple(dict.fromkeys(name for one in going for name in one.state.sums.needs if "." not in name))
@@ -114,7 +115,7 @@ def read(models: Sequence[Model], records: Sequence[Record]) -> list[Pass | Inpu
             for one in going:
                 own = _with_memory(one, run, record, batch.columns)
                 one.state.add(batch.time, own, batch.y, batch.segment, run)
-    return [_attempt(lambda one=one: _settled(one)) if isinstance(one, Pass) else one for one in passes]
+    return [_attempt(partial(_settled, one)) if isinstance(one, Pass) else one for one in passes]
 
 
 def _attempt(work: Callable[[], Pass]) -> Pass | InputError:
@@ -148,7 +149,7 @@ def _lay_out(model: Model, records: Sequence[Record], block_s: float) -> Pass:
         form = _spline_form(cells, prepared)
         return Pass(model, State(cells, block_s), bound, form, validity=validity)
     if isinstance(prepared, Surface):
-        products = Products(*prepared.series, tuple(prepared.terms), offset)
+        products = Products(prepared.series[0], prepared.series[1], prepared.terms, offset)
         return Pass(model, State(products, block_s), bound, products.normal, validity=validity)
     series = (
         prepared.series
@@ -277,7 +278,7 @@ def _rows(columns: Columns, needs: Sequence[str]) -> Dataset:
     """Samples as a record: an effect without memory only looks at its channels."""
     own = {name: columns[name] for name in needs}
     size = next(iter(own.values())).size
-    return Dataset("samples", np.arange(float(size)), own, np.zeros(size, dtype=np.int64))
+    return Dataset("samples", np.arange(size, dtype=np.float64), own, np.zeros(size, dtype=np.int64))
 
 
 def _with_memory(one: Pass, run: int, record: Record, columns: Columns) -> Columns:

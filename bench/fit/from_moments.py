@@ -116,7 +116,8 @@ def _solve_spline(spline: Spline, moments: Moments) -> tuple[FloatArray, float, 
     if visited.min() < MIN_ROWS:
         i = int(visited.argmin())
         raise InputError(f"spline: interval {i + 1} of {m} has {visited[i]:.0f} rows, at least {MIN_ROWS} are needed")
-    cells = Cells(*moments.ranges[0].tolist(), CELLS, moments.offset)
+    low, high = moments.ranges[0].tolist()
+    cells = Cells(low, high, CELLS, moments.offset)
     squares = np.zeros((CELLS, 1))
     squares[0] = moments.square
     sums = np.hstack([moments.powers, moments.products, squares]).ravel()

@@ -44,7 +44,7 @@ def chebyshev_rows(series: tuple[Series, ...]) -> Design:
         for i, channel in enumerate(channels):
             np.subtract(columns[channel], centre[i], out=first[i])
         first *= slope
-        recur([np.float64(1.0), *(table[:, k] for k in range(order))])
+        recur([np.ones(1), *(table[:, k] for k in range(order))])
 
     return write
 
@@ -101,7 +101,8 @@ class Gram:
             if self._mixed.size:
                 own[self._mixed] = self.mix[self._mixed] @ own
             total += own @ own.T
-        return total[self._upper]
+        sums: FloatArray = total[self._upper]
+        return sums
 
     def normal(self, sums: FloatArray) -> Normal:
         """The quadratic form of sums (..., size)."""

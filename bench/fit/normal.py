@@ -33,13 +33,19 @@ class Normal:
     def sum(self, groups: FloatArray | None = None) -> Normal:
         """The form of all groups, or of those marked in `groups` (g,)."""
         w = np.ones(self.right.shape[0]) if groups is None else groups.astype(np.float64)
-        parts = (np.tensordot(w, part, 1) for part in (self.gram, self.right, self.square, self.rows))
+
+        def total(part: FloatArray) -> FloatArray:
+            added: FloatArray = np.tensordot(w, part, 1)
+            return added
+
+        parts = (total(self.gram), total(self.right), total(self.square), total(self.rows))
         return Normal(*parts, self.back, self.start)
 
     def error(self, inner: FloatArray) -> FloatArray:
         """Square sum of the residuals (...) of coefficients in the inner basis (p,) or (..., p)."""
         curved = (self.gram @ inner[..., None])[..., 0]
-        return np.maximum(self.square + np.sum(inner * (curved - 2.0 * self.right), axis=-1), 0.0)
+        squares: FloatArray = np.maximum(self.square + np.sum(inner * (curved - 2.0 * self.right), axis=-1), 0.0)
+        return squares
 
     def model(self, inner: FloatArray) -> FloatArray:
         """Coefficients of the model's own columns."""

@@ -83,7 +83,7 @@ class Products:
         np.subtract(x, self.x.scale.centre, out=first[0])
         np.subtract(z, self.z.scale.centre, out=first[1])
         first *= self._slopes
-        recur(out[: p + 1])
+        recur(list(out[: p + 1]))
         np.multiply(out[1 : p + 1], out[p], out=out[p + 1 :])
 
     @cached_property
@@ -98,11 +98,10 @@ class Products:
         right = sums[..., many**2 : -1].reshape(*lead, p + 1, p + 1)
         chebyshev = self._basis @ table @ self._basis.T
         i, j = np.array(self.terms).T
-        gram = 0.25 * sum(
-            chebyshev[..., a, b]
-            for a in (i[:, None] + i, np.abs(i[:, None] - i))
-            for b in (j[:, None] + j, np.abs(j[:, None] - j))
-        )
+        gram = np.zeros((*lead, i.size, i.size))
+        for a in (i[:, None] + i, np.abs(i[:, None] - i)):
+            for b in (j[:, None] + j, np.abs(j[:, None] - j)):
+                gram += 0.25 * chebyshev[..., a, b]
         start = np.zeros(len(self.terms))
         start[0] = self.offset
         return Normal(gram, right[..., i, j], sums[..., -1], table[..., 0, 0], np.eye(len(self.terms)), start)

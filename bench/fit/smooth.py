@@ -116,9 +116,8 @@ class Smoother:
         free = float(self.form.rows) - np.count_nonzero(~rough)
         # RSS + penalty of the minimum: y'y - right' (I + own)^-1 right
         least = float(self.form.square) - float(np.sum(self.right**2 / (1.0 + own)))
-        return free * np.log(max(least, np.finfo(float).tiny) / free) + float(
-            np.sum(np.log1p(own)) - np.sum(np.log(own[rough]))
-        )
+        determinants = np.sum(np.log1p(own)) - np.sum(np.log(own[rough]))
+        return float(free * np.log(max(least, np.finfo(float).tiny) / free) + determinants)
 
     def choose(self, criterion: Criterion, groups: Normal | None = None) -> Smoothed:
         """The smoothing with the least criterion; `blocks` needs the form of the groups that are left out in turn."""

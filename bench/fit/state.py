@@ -126,7 +126,8 @@ class State:
         chosen = np.ones(len(label), dtype=bool) if keep is None else keep
         groups = np.unique(label[chosen])
         share = (label[chosen] == groups[:, None]).astype(np.float64)
-        return share @ self.table[chosen]
+        sums: FloatArray = share @ self.table[chosen]
+        return sums
 
     def folds(self, groups: int = 20) -> IntArray:
         """Label (blocks,) of contiguous groups of blocks, none across two runs."""
@@ -161,6 +162,6 @@ def _span(time: FloatArray, temperature: FloatArray | None) -> list[float]:
 def _same(first: Sums, second: Sums) -> bool:
     if first is second or first == second:
         return True
-    mixes = getattr(first, "mix", None), getattr(second, "mix", None)
+    one, other = getattr(first, "mix", None), getattr(second, "mix", None)
     same = first.needs == second.needs and first.size == second.size
-    return same and all(mix is not None for mix in mixes) and bool(np.array_equal(*mixes))
+    return same and one is not None and other is not None and bool(np.array_equal(one, other))
