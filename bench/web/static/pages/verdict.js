@@ -5,7 +5,7 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { moment, number, or, t } from "../lib/words.js";
+import { number, or, t } from "../lib/words.js";
 import { planName } from "./live/words.js";
 import { judged, toneOf, worst } from "./verdict/judged.js";
 
@@ -113,11 +113,11 @@ function allowed({ name, value, unit, lower, upper, reason }) {
 /** What happened and what the bench did, as it stands in the run's events. */
 function Fault({ end }) {
   const steps = end.safe_state ?? [];
-  const abort = (end.requests ?? []).findLast(({ request }) => request === "abort");
+  const who = /^aborted by (.+)$/.exec(end.cause ?? "")?.[1];
   const safe = end.safe === true ? "good" : end.safe === false ? "bad" : "warn";
   return html`<div class="fault">
     <section><h2>${t("fault.happened")}</h2>
-      ${abort ? html`<p>${t("fault.aborted_by", { who: abort.who, time: moment(abort.utc) })}</p>` : html`<p lang="en">${end.cause || t("fault.unknown")}</p>`}</section>
+      ${who ? html`<p>${t("fault.aborted_by", { who })}</p>` : html`<p lang="en">${end.cause || t("fault.unknown")}</p>`}</section>
     <section><h2>${t("fault.did")}</h2>
       <p><${Lamp} tone=${safe}>${t(`fault.safe.${safe}`)}<//></p>
       ${steps.length > 0 && html`<details><summary>${t("fault.steps", { n: steps.length })}</summary><ul class="findings" lang="en">

@@ -4,7 +4,7 @@ import { Legend, Plot, colour, polyline } from "../../lib/plot.js";
 import { degrees, number, t } from "../../lib/words.js";
 
 /** Colours of units, in the order of the run; dashed from the fifth on, so that no two look alike. */
-const UNIT_TONES = ["--unit", "--figure-green", "--figure-purple", "--figure-sky"];
+const UNIT_TONES = ["--unit", "--figure-green", "--figure-purple", "--unit-4"];
 const MOST_LINES = 8;
 export const unitTone = (index) => UNIT_TONES[index % UNIT_TONES.length];
 
