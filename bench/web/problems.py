@@ -80,8 +80,9 @@ async def _unlike(request: Request, error: Exception) -> JSONResponse:
 
 
 async def _bench(request: Request, error: Exception) -> JSONResponse:
-    status = {EquipmentError: 502, RunAborted: 409}.get(type(error), 400)
-    return problem(status, str(error))
+    if isinstance(error, EquipmentError):
+        return problem(502, str(error))
+    return problem(409 if isinstance(error, RunAborted) else 400, str(error))
 
 
 async def _driver(request: Request, error: Exception) -> JSONResponse:
