@@ -17,7 +17,7 @@ from scipy.interpolate import BSpline, make_lsq_spline, make_smoothing_spline
 from bench.cli import main
 from bench.control import Desk
 from bench.dataset import Dataset, load
-from bench.diagnosis.every_sample import sample_floor
+from bench.diagnosis.every_sample import of_seconds, sample_floor
 from bench.effects.base import Scale, Series
 from bench.effects.polynomial import Polynomial
 from bench.effects.regression import Regression
@@ -531,6 +531,16 @@ def test_the_floor_of_single_samples_holds_their_scatter_inside_the_seconds(run)
     seconds = load(run.path, 1.0)
     inside = np.nanmean(seconds.variances["rate"])
     assert sample_floor([seconds], 0.5) == pytest.approx(np.sqrt(0.25 + 0.95 * inside), rel=1e-3)
+
+
+def test_the_error_of_1_s_means_follows_from_that_of_the_samples(run):
+    """Against the residuals of the means themselves."""
+    seconds = load(run.path, 1.0)
+    (one,) = read([Model("m", (Polynomial(),))], [as_record(run)])
+    found = one.fit([as_record(run)])
+    residual = seconds.bias - found.predict(seconds).bias
+    rms = np.sqrt(np.nansum(seconds.count("rate") * residual**2) / np.sum(seconds.count("rate")))
+    assert of_seconds(found.rms_dph, [seconds]) == pytest.approx(rms, rel=1e-3)
 
 
 def test_a_check_run_is_refused_with_what_to_do(run, capsys):

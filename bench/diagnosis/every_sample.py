@@ -46,15 +46,22 @@ def compare(records: Sequence[Record], models: Sequence[Model], floor_dph: float
 
 def sample_floor(seconds: Sequence[Dataset], floor_dph: float) -> float:
     """Floor [deg/h] of single samples, out of that of 1 s means and the variances inside the seconds."""
+    return float(np.sqrt(floor_dph**2 + _inside(seconds)))
+
+
+def of_seconds(rms_dph: float, seconds: Sequence[Dataset]) -> float:
+    """RMS of the 1 s means of residuals whose samples have this RMS [deg/h]: a model hardly moves inside a second."""
+    return float(np.sqrt(max(rms_dph**2 - _inside(seconds), 0.0)))
+
+
+def _inside(seconds: Sequence[Dataset]) -> float:
+    """Mean square [deg^2/h^2] of the samples about the mean of their second; NaN where none has two."""
     variance = np.concatenate([one.variances.get("rate", np.full(len(one), np.nan)) for one in seconds])
     count = np.concatenate([one.count("rate") for one in seconds])
     present = np.isfinite(variance) & (count > 1)
     if not present.any():
         return np.nan
-    inside = float(np.average(variance[present], weights=count[present] - 1))
-    # The mean of n samples carries 1/n of their scatter already.
-    share = 1.0 - 1.0 / float(np.median(count[present]))
-    return float(np.sqrt(floor_dph**2 + share * inside))
+    return float(np.sum(variance[present] * (count[present] - 1)) / np.sum(count[present]))
 
 
 def _score(one: Pass, records: Sequence[Record], floor_dph: float) -> Score:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,7 +133,9 @@ def compare_every_sample(
 ) -> Answer:
     """`bench compare --every-sample`: the same fitted to all samples of the runs in one pass over each."""
     from bench.dataset import load
+    from bench.diagnosis.digits import finite
     from bench.diagnosis.every_sample import compare as compare_models
+    from bench.diagnosis.every_sample import of_seconds
     from bench.fit.every_sample import Record
     from bench.fit.samples import Samples
     from bench.model import load_model
@@ -142,8 +145,23 @@ def compare_every_sample(
     chosen = [load_model(model) for model in models or DEFAULT_MODELS]
     folders = [recover(path) for path in runs]
     records = [Record(Samples(folder.data), load(folder.path, 1.0), load(folder.path)) for folder in folders]
-    content = compare_models(records, chosen, floor_of(runs, 1.0, static), strict=bool(models)).to_json()
-    return _compared({**content, "samples": sum(record.samples.rows for record in records)}, runs)
+    floor_dph = floor_of(runs, 1.0, static)
+    comparison = compare_models(records, chosen, floor_dph, strict=bool(models))
+    seconds = [record.seconds for record in records]
+    means = {
+        score.model.name: {
+            "rms_dph": finite(of_seconds(score.rms_dph, seconds)),
+            "held_out_rms_dph": finite(of_seconds(score.held_out.rms_dph, seconds)),
+        }
+        for score in comparison.scores
+    }
+    rows = sum(record.samples.rows for record in records)
+    content = {**comparison.to_json(), "samples": rows, "seconds": {"floor_dph": finite(floor_dph), "models": means}}
+    answer = _compared(content, runs)
+    # White noise of single samples drowns what the models differ in: their 1 s means show it.
+    table = {**content, "interval_s": 1.0, "floor_dph": finite(floor_dph)}
+    table["models"] = [{"name": name, **own} for name, own in means.items()]
+    return replace(answer, text=f"{answer.text}\n\n{ladder(table)}")
 
 
 def floor_of(runs: Sequence[Path], interval_s: float, static: Path | None) -> float:
