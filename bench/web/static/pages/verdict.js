@@ -78,11 +78,15 @@ function Word({ word }) {
   </header>`;
 }
 
+/** The workbench looks at one unit at a time. */
+const workbench = ({ run }) => `/workbench?run=${encodeURIComponent(run)}`;
+
 const Units = ({ units, words }) => html`<ul class="verdict-units">
   ${units.map((unit, index) => html`<li key=${unit.unit} class=${`tone-${toneOf(words[index])}`}>
     <${Shape} tone=${toneOf(words[index])} /><div><b class="mono">${unit.unit}</b><strong>${t(`verdict.${words[index]}`)}</strong>
       ${unit.sentence && html`<span class="soft small" lang="en">${unit.sentence}</span>`}
-      ${unit.run && words[index] !== "analysing" && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}</div>
+      ${unit.run && words[index] !== "analysing" && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>
+        <a class="small" href=${workbench(unit)}>${t("verdict.workbench")}</a>`}</div>
   </li>`)}
 </ul>`;
 
@@ -133,7 +137,7 @@ function Ways({ units, word }) {
   return html`<div class="verdict-ways">
     ${may("operator") && html`<a class="button primary" href="/">${t("verdict.next_unit")}</a>`}
     ${written && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
-    ${written && html`<a class="button" href=${`/workbench?runs=${units.map(({ run }) => encodeURIComponent(run)).join(",")}`}>${t("verdict.workbench")}</a>`}
+    ${written && units.length === 1 && html`<a class="button" href=${workbench(one)}>${t("verdict.workbench")}</a>`}
     ${units.length === 1 && html`<a class="button" href=${`/units/${encodeURIComponent(one.unit)}`}>${t("verdict.unit")}</a>`}
   </div>`;
 }
