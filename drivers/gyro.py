@@ -99,6 +99,7 @@ class GyroDecoder:
     def __init__(self, dbc: str | Path, number: int, *, late_s: float = 0.5) -> None:
         messages = load_dbc(dbc)
         self._counts: dict[str, int] = {}
+        self._losses: Losses | None = Losses()
         self.identity: Identity | None = None
         self.last: dict[str, float] = {}
         self.samples = 0
@@ -154,7 +155,9 @@ class GyroDecoder:
     @property
     def losses(self) -> Losses:
         """Counts since the start."""
-        return Losses(**self._counts)
+        if self._losses is None:
+            self._losses = Losses(**self._counts)
+        return self._losses
 
     @property
     def conflict(self) -> str | None:
@@ -167,6 +170,7 @@ class GyroDecoder:
         return self._impostors.serials
 
     def _count(self, **more: int) -> None:
+        self._losses = None
         for name, count in more.items():
             if count:
                 self._counts[name] = self._counts.get(name, 0) + count
@@ -219,6 +223,8 @@ class GyroDecoder:
 
     def _boot_rows(self, at: IntArray, boot: IntArray) -> IntArray:
         """Rows of the rate frames that follow a boot-up heartbeat, one of an earlier block included."""
+        if not len(boot) and not self._booted:
+            return boot
         rows = np.searchsorted(at, boot)
         if self._booted:
             rows = np.concatenate(([0], rows))

@@ -138,9 +138,10 @@ class Message:
         """CRC-8/SAE-J1850 (n,) over the bytes before the last one of the message, then the data identifier."""
         tables, start = _crc_tables(self.length)
         words = data.view(_WORD)
-        crc = np.full(len(data), start ^ int(_CRC_TABLE[data_id & 0xFF]), dtype=np.uint8)
-        for column, table in enumerate(tables):
-            crc ^= table[words[:, column]]
+        crc = tables[0].take(words[:, 0]) if tables else np.zeros(len(data), dtype=np.uint8)
+        crc ^= np.uint8(start ^ int(_CRC_TABLE[data_id & 0xFF]))
+        for column, table in enumerate(tables[1:], 1):
+            crc ^= table.take(words[:, column])
         return crc
 
 
