@@ -31,7 +31,7 @@ READING = np.dtype(
 )
 """One chamber reading in the journal; NaN where the controller does not tell."""
 
-_ROW = struct.Struct(f"<{len(READING)}d")
+_ROW = struct.Struct(f"<{len(READING.names or ())}d")
 
 BENCH_JOURNAL = "bench.gtbj"
 SYNC_INTERVAL_S = 1.0

@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -46,8 +46,8 @@ class Stages:
     """CPU and wall time [s] of each stage, less that of the stages inside it."""
 
     def __init__(self) -> None:
-        self.cpu_s: Counter[str] = Counter()
-        self.wall_s: Counter[str] = Counter()
+        self.cpu_s: dict[str, float] = defaultdict(float)
+        self.wall_s: dict[str, float] = defaultdict(float)
         self._open: list[str] = []
         self._since = time.process_time(), time.perf_counter()
 
