@@ -448,11 +448,26 @@ def write_file(path: Path, rows: int) -> None:
             out.write_table(pa.Table.from_arrays([*columns, pa.array(half)], schema=schema))
 
 
+def sketch(path: Path, names: tuple[str, ...]) -> tuple[Data, np.ndarray]:
+    """The first rows of every row group: which columns depend on each other, over the whole range.
+
+    The bench itself takes its 1 s means for this; the start of a run alone would not do, it stands still.
+    """
+    import pyarrow.parquet as pq
+
+    parts = []
+    with pq.ParquetFile(path, pre_buffer=False) as source:
+        for group in range(source.num_row_groups):
+            parts.append(next(source.iter_batches(batch_size=64, row_groups=[group], columns=[*names, "rate"])))
+    columns = {name: np.concatenate([part.column(name).to_numpy() for part in parts]) for name in (*names, "rate")}
+    return columns, columns.pop("rate")
+
+
 def file_worker(path: Path, case: str) -> dict[str, Any]:
     """A fit from a Parquet file: CPU and wall with the reading, peak above what the interpreter and imports take."""
     from bench.effects.base import Scale, Series
     from bench.fit.cells import Cells
-    from bench.fit.gram import SAMPLE, Gram, chebyshev_rows
+    from bench.fit.gram import Gram, chebyshev_rows
     from bench.fit.normal import solve
     from bench.fit.samples import Samples
     from bench.fit.smooth import solve_spline
@@ -468,8 +483,7 @@ def file_worker(path: Path, case: str) -> dict[str, Any]:
             state = State(Cells(*samples.range("temperature"), CELLS, float(np.nanmean(batch.y))))
         elif state is None:
             series = tuple(Series(c, 3, Scale(*samples.range(c))) for c in names)
-            few = batch.every(max(1, batch.y.size // SAMPLE))
-            state = State(Gram.of(names, 13, chebyshev_rows(series), *few))
+            state = State(Gram.of(names, 13, chebyshev_rows(series), *sketch(path, names)))
         state.add(batch.time, batch.columns, batch.y, batch.segment)
     total = state.table.sum(axis=0)
     if case.startswith("spline"):
