@@ -52,6 +52,7 @@ def _attention(found: Statistics) -> Found:
     }
     return {
         "quiet": found.quiet,
+        "silent": found.silent,
         "outside": found.passes.judged - found.passes.final,
         "stations": places["station"],
         "lots": places["lot"],

@@ -67,6 +67,8 @@ def sentence(found: Statistics) -> str:
     beyond = [one.name for one in found.measured if one.chart and any(s.rule == 1 for s in one.chart.signals)]
     if beyond:
         parts.append(f"units beyond three sigma in {listed(beyond)}")
+    if found.silent:
+        return "Too few units to tell: none was judged against limits, and none of the quantities has a chart."
     text = "; ".join(parts) or "nothing asks for attention: no drift, no odd unit, no chart beyond three sigma"
     return f"{text[0].upper()}{text[1:]}."
 
@@ -79,6 +81,8 @@ def kind_plural(kind: str) -> str:
 def _verdict(found: Statistics) -> _Word:
     if found.passes.final < found.passes.judged:
         return _Word("bad", "Units outside their limits", sentence(found))
+    if found.silent:
+        return _Word("warn", "Cannot tell yet", sentence(found))
     return (
         _Word("good", "In control", sentence(found)) if found.quiet else _Word("warn", "Look at this", sentence(found))
     )

@@ -81,6 +81,11 @@ class Statistics:
         moved = any(one.significant for one in self.drifts)
         return not (beyond or moved or self.odd or self.passes.final < self.passes.judged)
 
+    @property
+    def silent(self) -> bool:
+        """Nothing could have asked for attention: no unit judged, and too few of them for a chart."""
+        return not (self.passes.judged or any(one.chart for one in self.measured))
+
 
 def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
     """Yield, capability, charts, drifts and distances of a fleet."""

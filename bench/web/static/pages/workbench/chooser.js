@@ -1,5 +1,5 @@
 // Choosing a run out of ten thousand: the filter is answered by the server, only the rows in sight are drawn.
-import { html, t, api, moment, number, runName, useEffect, useRef, useState } from "./parts.js";
+import { html, t, or, api, moment, number, runName, useEffect, useRef, useState } from "./parts.js";
 
 const ROW_PX = 52;
 const PAGE = 100;
@@ -39,7 +39,7 @@ function Row({ row, index, active, count, taken, onChoose }) {
     <span class="wb-row-unit">${taken ? "✓ " : ""}${row.unit}</span>
     <span class="wb-row-name">${row.profile ?? runName(row.run)}</span>
     <span class="wb-row-day">${row.start ? moment(row.start) : ""}</span>
-    <span class="wb-row-state">${row.verdict || row.state}</span>
+    <span class="wb-row-state">${or(`units.word.${row.verdict}`, row.verdict || row.state)}</span>
     <span class="wb-row-error">${ratio === null ? "" : t("workbench.chooser.ratio", { ratio: number(ratio, 2) })}</span>
   </div>`;
 }

@@ -1,8 +1,8 @@
 // What every part of the workbench uses: preact, words, the API, numbers as people read them.
 export { html, useCallback, useEffect, useMemo, useReducer, useRef, useState } from "../../vendor/preact.js";
-import { duration, language, moment, t } from "../../lib/words.js";
+import { duration, language, moment, or, t } from "../../lib/words.js";
 import * as api from "../../lib/api.js";
-export { api, duration, moment, t };
+export { api, duration, moment, or, t };
 
 /** A number in a few significant digits, or a dash where there is none. */
 export const number = (value, digits = 3) =>
