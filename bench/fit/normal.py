@@ -35,7 +35,7 @@ class Normal:
         w = np.ones(self.right.shape[0]) if groups is None else groups.astype(np.float64)
 
         def total(part: FloatArray) -> FloatArray:
-            added: FloatArray = np.tensordot(w, part, 1)
+            added: FloatArray = np.asarray(np.tensordot(w, part, 1), dtype=np.float64)
             return added
 
         parts = (total(self.gram), total(self.right), total(self.square), total(self.rows))
