@@ -24,7 +24,7 @@ from drivers.errors import ConfigError
 from drivers.identity import Identity, Impostors
 from drivers.journal import FLAG_EXTENDED, FrameArray
 from drivers.samples import CounterTrack, FloatArray, IntArray, SampleClock
-from drivers.wire import ByteArray, Message, load_dbc
+from drivers.wire import NOT_SIMPLE, ByteArray, Message, load_dbc
 
 __all__ = ["GyroBlock", "GyroDecoder", "Identity", "Losses", "SampleClock", "Series"]
 
@@ -275,6 +275,7 @@ class _SlowMessage:
     """One slow message of the family and the last sample that it delivered."""
 
     def __init__(self, message: Message, interval_s: float) -> None:
+        _check_simple(message)
         self.message = message
         self.channels = {
             _CHANNELS[name]: (name, _factor(_CHANNELS[name], message, name))
@@ -324,7 +325,13 @@ def _one_with(messages: Mapping[str, Message], dbc: str | Path, *signals: str) -
     found = [message for message in messages.values() if set(signals) <= set(message.signals)]
     if len(found) != 1:
         raise ConfigError(f"DBC {dbc}: {len(found)} messages with {' and '.join(signals)}, must be exactly one")
+    _check_simple(found[0])
     return found[0]
+
+
+def _check_simple(message: Message) -> None:
+    if not message.is_simple:
+        raise ConfigError(f"{message.name} {NOT_SIMPLE}")
 
 
 def _factor(channel: str, message: Message, signal: str) -> float:

@@ -1,16 +1,17 @@
 """The wire format of a CAN unit: layouts read from a DBC once, signals packed and unpacked for whole blocks by numpy.
 
-Shared by the driver and the simulator, so it knows bits and units and nothing else. Classical CAN, signals of up to
-64 bits in either byte order, integers and floats. cantools reads the file; it never sees a frame.
+Shared by driver, simulator and importer, so it knows bits and units and nothing else. CAN and CAN FD, signals of up to
+64 bits anywhere in either byte order, integers and floats, multiplexed ones. cantools reads the file; it never sees a
+frame.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,8 @@ import numpy.typing as npt
 from drivers.errors import ConfigError, LimitError
 
 ByteArray = npt.NDArray[np.uint8]
-"""Payloads, shape (n, 8); bytes beyond the length of the message are zero."""
+"""Payloads, shape (n, 8), or as many bytes as the message is long; those beyond its length are zero."""
+IntArray = npt.NDArray[np.int64]
 
 _LITTLE, _BIG, _WORD = np.dtype("<u8"), np.dtype(">u8"), np.dtype("<u2")
 _DBC_FOLDER = Path(__file__).parent / "gyros"
@@ -26,7 +28,12 @@ _DBC_FOLDER = Path(__file__).parent / "gyros"
 
 @dataclass(frozen=True)
 class Signal:
-    """One signal: physical value [unit] = raw * scale + offset; `position` counts from the first bit sent."""
+    """One signal: physical value [unit] = raw * scale + offset.
+
+    Its first 64 bits lie in the eight bytes from `first` on; read as one number of its byte order, `shift_up` bits are
+    above it. At most 7 bits more are in the byte after them: `shift_up` is negative by as many in little endian.
+    `choice`: it is there only where another signal has one of these raw values.
+    """
 
     name: str
     unit: str
@@ -37,6 +44,8 @@ class Signal:
     is_float: bool
     scale: float
     offset: float
+    first: int = 0
+    choice: tuple[str, tuple[int, ...]] | None = None
 
     @property
     def is_plain(self) -> bool:
@@ -44,9 +53,8 @@ class Signal:
         return not self.is_float and self.scale == 1.0 and self.offset == 0.0
 
     def unpack(self, data: ByteArray) -> npt.NDArray[Any]:
-        """Raw values (n,) of contiguous payloads (n, 8): int64, uint64, or the float type of the signal."""
-        word = data.view(_BIG if self.big_endian else _LITTLE)[:, 0].astype(np.uint64, copy=False)
-        word = word << np.uint64(self.shift_up)
+        """Raw values (n,) of contiguous payloads: int64, uint64, or the float type of the signal."""
+        word = self._lifted(data)
         if self.is_float:
             bits = (word >> np.uint64(64 - self.length)).astype(f"u{self.length // 8}")
             return bits.view(f"f{self.length // 8}")
@@ -54,8 +62,21 @@ class Signal:
             return word.view(np.int64) >> np.int64(64 - self.length)
         return word >> np.uint64(64 - self.length)
 
+    def _lifted(self, data: ByteArray) -> npt.NDArray[np.uint64]:
+        """The signal in the highest bits of a word (n,); below it is whatever follows in the frame."""
+        window = data if data.shape[1] == 8 else np.ascontiguousarray(data[:, self.first : self.first + 8])
+        word = window.view(_BIG if self.big_endian else _LITTLE)[:, 0].astype(np.uint64, copy=False)
+        below = self.shift_up + self.length - 64 if self.big_endian else -self.shift_up
+        if below <= 0:
+            return word << np.uint64(self.shift_up)
+        last = data[:, self.first + 8].astype(np.uint64)
+        if self.big_endian:
+            return word << np.uint64(self.shift_up) | last >> np.uint64(8 - self.shift_up)
+        room = np.uint64(64 - self.length)
+        return word >> (room + np.uint64(below)) << room | last << np.uint64(64 - below)
+
     def physical(self, data: ByteArray) -> npt.NDArray[np.float64]:
-        """Physical values [unit], (n,), of payloads (n, 8)."""
+        """Physical values [unit], (n,), of contiguous payloads."""
         if self.is_float:
             with np.errstate(invalid="ignore", over="ignore"):  # any bit pattern may arrive, signalling NaN too
                 scaled: npt.NDArray[np.float64] = self.unpack(data).astype(np.float64) * self.scale + self.offset
@@ -99,6 +120,13 @@ class Signal:
         return int.from_bytes(word.to_bytes(8, "big"), "little") if self.big_endian else word
 
 
+class Column(NamedTuple):
+    """Physical values [unit] of one signal, and the rows that have it: None for every row."""
+
+    values: npt.NDArray[np.float64]
+    rows: IntArray | None
+
+
 @dataclass(frozen=True)
 class Message:
     """One message of the DBC; `cycle_ms` is None when it is not sent periodically."""
@@ -110,8 +138,46 @@ class Message:
     cycle_ms: float | None
     signals: Mapping[str, Signal]
 
+    @cached_property
+    def is_simple(self) -> bool:
+        """At most 8 bytes, every signal in every frame: what the bench sends, and what it understands as a gyro's."""
+        return self.length <= 8 and all(signal.choice is None for signal in self.signals.values())
+
+    @property
+    def width(self) -> int:
+        """Bytes of a row of payloads."""
+        return max(self.length, 8)
+
+    def decode(self, data: ByteArray) -> dict[str, Column]:
+        """Every signal of contiguous payloads (n, width)."""
+        if self.is_simple:
+            return {name: Column(signal.physical(data), None) for name, signal in self.signals.items()}
+        raw: dict[str, npt.NDArray[Any]] = {}
+        found: dict[str, Column] = {}
+        for name, signal in self.signals.items():
+            here = self._here(signal, data, raw)
+            rows = None if here is None or here.all() else np.flatnonzero(here)
+            found[name] = Column(signal.physical(data if rows is None else data[rows]), rows)
+        return found
+
+    def _here(self, signal: Signal, data: ByteArray, raw: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np.bool_] | None:
+        """Where a signal is there (n,), None for everywhere; `raw` keeps the selectors that were unpacked."""
+        if signal.choice is None:
+            return None
+        name, wanted = signal.choice
+        if name not in raw:
+            raw[name] = self.signals[name].unpack(data)
+        chosen: npt.NDArray[np.bool_] = np.isin(raw[name], np.array(wanted, dtype=raw[name].dtype))
+        before = self._here(self.signals[name], data, raw)
+        return chosen if before is None else chosen & before
+
     def pack(self, count: int, values: Mapping[str, npt.ArrayLike]) -> ByteArray:
-        """Payloads (count, 8) from physical values, scalars or (count,); every signal but Crc8 must be given."""
+        """Payloads (count, 8) from physical values, scalars or (count,); every signal but Crc8 must be given.
+
+        ConfigError for a message that is not simple.
+        """
+        if not self.is_simple:
+            raise ConfigError(f"{self.name}: {NOT_SIMPLE}")
         known = self.signals.keys()
         if wrong := (known - values.keys() - {"Crc8"}) | (values.keys() - known):
             raise ConfigError(f"{self.name}: signals missing or unknown: {', '.join(sorted(wrong))}")
@@ -145,6 +211,9 @@ class Message:
         return crc
 
 
+NOT_SIMPLE = "is multiplexed or longer than 8 bytes; the bench reads such messages of a log, not of a live gyro"
+
+
 def load_dbc(path_or_name: str | Path) -> dict[str, Message]:
     """Messages of a DBC file, or of a gyro family shipped with the bench ("vibratory"), by name.
 
@@ -156,8 +225,8 @@ def load_dbc(path_or_name: str | Path) -> dict[str, Message]:
     return dict(_load(path.resolve()))
 
 
-@lru_cache(maxsize=16)
-def _load(path: Path) -> dict[str, Message]:
+def read_layouts(path: Path) -> dict[str, Message]:
+    """Messages of any file that cantools reads, by name; ConfigError when it cannot."""
     import cantools  # slow to import; a station without CAN never needs it
 
     try:
@@ -167,26 +236,33 @@ def _load(path: Path) -> dict[str, Message]:
         raise ConfigError(f"DBC {path}: {error.strerror} (shipped families: {shipped})") from None
     except Exception as error:  # cantools raises its own and those of its parsers
         raise ConfigError(f"DBC {path}: {' '.join(str(error).split())}") from error
-    return {message.name: _message(path, message) for message in database.messages}
+    if not isinstance(database, cantools.database.Database):
+        raise ConfigError(f"DBC {path}: describes diagnostics, not frames")
+    return {message.name: _message(message) for message in database.messages}
 
 
-def _message(path: Path, message: Any) -> Message:
-    if message.is_multiplexed() or message.is_fd or message.length > 8:
-        raise ConfigError(f"DBC {path}: {message.name} is multiplexed or longer than 8 bytes, which is not supported")
+_load = lru_cache(maxsize=16)(read_layouts)
+
+
+def _message(message: Any) -> Message:
+    width = max(message.length, 8)
     return Message(
         name=message.name,
         id=message.frame_id,
         extended=message.is_extended_frame,
         length=message.length,
         cycle_ms=message.cycle_time or None,
-        signals={signal.name: _signal(signal) for signal in message.signals},
+        signals={signal.name: _signal(signal, width) for signal in message.signals},
     )
 
 
-def _signal(signal: Any) -> Signal:
+def _signal(signal: Any, width: int) -> Signal:
     big_endian = signal.byte_order == "big_endian"
-    # Bits to the left of the signal once the payload is read as one 64-bit word of its own byte order.
-    above = 8 * (signal.start // 8) + 7 - signal.start % 8 if big_endian else 64 - signal.start - signal.length
+    first = min(signal.start // 8, width - 8)
+    inside = signal.start - 8 * first
+    # Bits to the left of the signal once its eight bytes are read as one 64-bit word of its own byte order.
+    above = 8 * (inside // 8) + 7 - inside % 8 if big_endian else 64 - inside - signal.length
+    chosen_by = signal.multiplexer_signal
     return Signal(
         name=signal.name,
         unit=signal.unit or "",
@@ -197,6 +273,8 @@ def _signal(signal: Any) -> Signal:
         is_float=signal.is_float,
         scale=float(signal.scale),
         offset=float(signal.offset),
+        first=first,
+        choice=None if chosen_by is None else (chosen_by, tuple(signal.multiplexer_ids or ())),
     )
 
 

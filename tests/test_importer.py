@@ -14,8 +14,10 @@ from bench.errors import InputError
 from bench.importer import load_columns, plan_import, write_import
 from bench.importer.branches import find_branches, segment_of
 from bench.importer.columns import ChannelSource, ColumnMap, TimeSource, split_header
+from bench.importer.tables import read_table
 from bench.importer.units import conversion
 from bench.store import open_run
+from drivers.wire import Message
 
 DBC = Path(__file__).parent.parent / "drivers" / "gyros" / "vibratory.dbc"
 COUNTED = ColumnMap(time=TimeSource(interval_s=1.0))
@@ -352,6 +354,37 @@ def test_a_can_log_is_decoded_with_its_dbc_and_stays_sparse(tmp_path):
     assert plan.channels["frequency"][np.isfinite(plan.channels["frequency"])] == pytest.approx(14000)
     assert "1 frames are not described by the DBC" in plan.warnings[0]
     assert "not a readable DBC" in refusal_of_dbc(path, tmp_path)
+
+
+def test_multiplexed_and_long_frames_of_a_can_log_are_read(tmp_path):
+    dbc = write(
+        tmp_path,
+        'VERSION ""\nBU_: A\nBO_ 1 M: 12 A\n SG_ Which M : 0|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ Warm m0 : 63|16@0- (0.5,0) [0|0] "degC" A\n SG_ Volts m1 : 68|16@1+ (0.001,0) [0|0] "V" A\n'
+        'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","StandardCAN_FD";\nBA_ "VFrameFormat" BO_ 1 1;\n',
+        "mux.dbc",
+    )
+    path = tmp_path / "log.blf"
+    with can.Logger(str(path)) as log:
+        for k, raw in enumerate((b"\xff\xce", b"\x80\x3e", b"\x00\x32")):
+            data = bytes([k % 2, *bytes(6), *(raw if k % 2 == 0 else b"\0\x80"), 0x3E * (k % 2), 0, 0])
+            log.on_message_received(can.Message(1000 + k, 1, False, is_fd=True, data=data))
+    table = read_table(path, dbc)
+    np.testing.assert_array_equal(table.columns["Warm"], [-25.0, np.nan, 25.0])
+    np.testing.assert_allclose(table.columns["Volts"], [np.nan, 0x3E8 * 1e-3, np.nan])
+    assert table.units == {"time": "s", "Warm": "degC", "Volts": "V"}
+
+
+def test_a_can_log_is_decoded_in_one_block_per_message(tmp_path, monkeypatch):
+    calls = []
+    decode = Message.decode
+    monkeypatch.setattr(Message, "decode", lambda self, data: calls.append(data.shape) or decode(self, data))
+    path = tmp_path / "log.asc"
+    with can.Logger(str(path)) as log:
+        for k in range(500):
+            log.on_message_received(can.Message(1000 + 0.002 * k, 0x120, False, data=bytes(8)))
+    read_table(path, DBC)
+    assert calls == [(500, 8)]
 
 
 def refusal_of_dbc(path, tmp_path):

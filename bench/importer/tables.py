@@ -9,16 +9,14 @@ import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bench.channels import FloatArray
 from bench.config import read_text
 from bench.errors import InputError
-
-if TYPE_CHECKING:
-    from cantools.database.can import Message
+from drivers.errors import ConfigError
+from drivers.wire import Message, read_layouts
 
 CAN_LOGS = (".blf", ".asc", ".log", ".trc")
 _DELIMITERS = (";", "\t", ",", "|", " ")
@@ -279,47 +277,45 @@ def _read_can_log(path: Path, dbc: Path | str | None) -> Table:
     if dbc is None:
         raise InputError("a CAN log needs the description of its frames; name it with --dbc", path)
     messages = _messages(dbc)
-    values: dict[tuple[int, str], list[float]] = {}
-    times: dict[int, list[float]] = {}
+    payloads: dict[tuple[int, bool], list[bytes]] = {}
+    times: dict[tuple[int, bool], list[float]] = {}
     unread = 0
     import can
 
     try:
         with can.LogReader(str(path)) as log:
             for frame in log:
-                message = messages.get(frame.arbitration_id)
+                head = frame.arbitration_id, frame.is_extended_id
+                message = messages.get(head)
                 if message is None or frame.is_error_frame or len(frame.data) < message.length:
                     unread += 1
                     continue
-                times.setdefault(frame.arbitration_id, []).append(frame.timestamp)
-                decoded: Any = message.decode(bytes(frame.data), decode_choices=False)
-                for name, value in decoded.items():
-                    values.setdefault((frame.arbitration_id, name), []).append(float(value))
+                times.setdefault(head, []).append(frame.timestamp)
+                payloads.setdefault(head, []).append(bytes(frame.data))
     except Exception as error:  # python-can's readers raise whatever their parsers trip over
         raise InputError(f"not a readable CAN log ({type(error).__name__}: {error})", path) from None
     if not times:
         raise InputError(f"none of its {unread} frames is described by {dbc}", path)
     signals: dict[str, Series] = {}
     units: dict[str, str] = {}
-    for frame_id, stamps in times.items():
-        for signal in messages[frame_id].signals:
-            if len(values.get((frame_id, signal.name), ())) != len(stamps):
-                continue  # multiplexed: not in every frame
-            name = _free_name(signal.name, signals)
-            signals[name] = (np.array(stamps), np.array(values[frame_id, signal.name]))
-            units[name] = str(signal.unit or "")
+    for head, stamps in times.items():
+        message = messages[head]
+        width = message.width
+        whole = b"".join(payload[:width].ljust(width, b"\0") for payload in payloads[head])
+        columns = message.decode(np.frombuffer(whole, dtype=np.uint8).reshape(-1, width))
+        for signal, (column, rows) in columns.items():
+            name = _free_name(signal, signals)
+            at = np.array(stamps) if rows is None else np.array(stamps)[rows]
+            if len(at):  # a multiplexed signal is not in every frame, and may be in none
+                signals[name] = at, column
+                units[name] = message.signals[signal].unit
     table = on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit})
     notes = (f"{unread} frames are not described by the DBC and are left out",) if unread else ()
     return Table(path, table.columns, table.units, notes=notes)
 
 
-def _messages(dbc: Path | str) -> dict[int, Message]:
-    import cantools
-
+def _messages(dbc: Path | str) -> dict[tuple[int, bool], Message]:
     try:
-        layout = cantools.database.load_file(str(dbc))
-    except Exception as error:  # cantools has no common base of its errors
-        raise InputError(f"not a readable DBC ({type(error).__name__}: {error})", dbc) from None
-    if not isinstance(layout, cantools.database.Database):
-        raise InputError("describes diagnostics, not frames; name a DBC", dbc)
-    return {message.frame_id: message for message in layout.messages}
+        return {(message.id, message.extended): message for message in read_layouts(Path(dbc)).values()}
+    except ConfigError as error:
+        raise InputError(f"not a readable DBC ({error})", dbc) from None
