@@ -1,15 +1,12 @@
 """A real browser and a real server for the tests of the page."""
 
 import os
-import re
-import signal
-import subprocess
-import sys
-import threading
-from contextlib import contextmanager
 from pathlib import Path
 
+import bench_project
 import pytest
+from servers import serving
+from visiting import Visitors
 
 CHROMIUM = Path("/usr/bin/chromium")
 QUIET = (
@@ -33,33 +30,26 @@ def chromium():
         browser.close()
 
 
-@contextmanager
-def serving(out, *options):
-    """The address of a `bench ui` of its own that shows the runs in `out`; ended by SIGTERM."""
-    command = [sys.executable, "-c", "from bench.cli import main; main()", "ui", "--port", "0", "--no-browser"]
-    command += ["--out", str(out), *options]
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    child = subprocess.Popen(command, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, text=True, env=environment)
-    try:
-        said = []
-        for line in child.stderr:
-            said.append(line)
-            if found := re.search(r"https?://\S+", line):
-                break
-        else:
-            pytest.fail(f"the server did not start: {''.join(said)}")
-        # Whatever it says later is read, too: a full pipe would stop it.
-        threading.Thread(target=child.stderr.read, daemon=True).start()
-        yield found.group(0).rstrip("/")
-    finally:
-        child.send_signal(signal.SIGTERM)
-        child.wait(60)
-        child.stderr.close()
-
-
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """A server over a folder without runs: `(address, folder)`."""
     out = tmp_path_factory.mktemp("out")
     with serving(out) as address:
         yield address, out
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """A folder with a short plan, limits for it and a slow station."""
+    return bench_project.made(tmp_path_factory.mktemp("project"))
+
+
+@pytest.fixture
+def visitors(chromium):
+    """Browsers of people, each with a window of its own: `visitors.come(address)`.
+
+    A console error, a broken policy or a request to another machine fails the test.
+    """
+    visitors = Visitors(chromium)
+    yield visitors
+    visitors.go()

@@ -1,0 +1,254 @@
+"""The page on the bench, measured in a real browser: `python -m benchmarks.web [--updates 432000] [--docs]`.
+
+First page, a day of live updates at 5 Hz without growing, the server's work for each browser, the filter of 10,000
+runs, and how soon a hidden effect is found. Prints one Markdown table; `--docs` puts it into docs/web.md, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter, sleep
+from typing import Any
+
+import httpx
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from bench.mystery import make_mystery
+from bench.workflow.acquisition import library
+
+DOCS = Path(__file__).parent.parent / "docs" / "web.md"
+MARKS = "<!-- measured: begin -->", "<!-- measured: end -->"
+QUIET = ("--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--js-flags=--expose-gc")
+DAY_UPDATES = 5 * 86_400
+ROUNDS = 10
+USABLE = """(() => {
+  const look = () => document.activeElement?.id === "serial" ? (globalThis.usable_ms = performance.now()) : requestAnimationFrame(look);
+  look();
+})()"""
+COUNT = "import('/static/lib/live.js').then(({ live }) => live.subscribe(() => globalThis.updates = (globalThis.updates ?? 0) + 1) && 1)"
+Row = tuple[str, str]
+
+
+@contextmanager
+def child(*command: str) -> Iterator[tuple[int, str]]:
+    """Process and address of a server; ended with the block."""
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    process = subprocess.Popen(
+        [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
+    )
+    assert process.stdout
+    try:
+        for line in process.stdout:
+            if found := re.search(r"http://127[^\s\"/]+", line):
+                break
+        threading.Thread(target=process.stdout.read, daemon=True).start()
+        yield process.pid, found.group(0) if found else ""
+    finally:
+        process.terminate()
+        process.wait(60)
+
+
+def ui(out: Path) -> Any:
+    code = "from bench.cli import main; main()"
+    return child("-c", code, "ui", "--port", "0", "--no-browser", "--out", str(out))
+
+
+def first_page(browser: Browser, address: str) -> Row:
+    """From the navigation to the serial field having the focus, each time with an empty cache [s]."""
+    took = []
+    for _ in range(ROUNDS):
+        context = browser.new_context(base_url=address)
+        context.add_init_script(USABLE)
+        page = context.new_page()
+        page.goto("/")
+        took.append(page.wait_for_function("() => globalThis.usable_ms").json_value() / 1000)
+        context.close()
+    spread = f"{min(took):.2f} to {max(took):.2f}"
+    return "first page, cold cache, until the serial field is usable", f"{statistics.median(took):.2f} s ({spread})"
+
+
+def resident_mib(pid: int) -> float:
+    """Of the server itself; its computing processes stand idle."""
+    return int(re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text())[1]) / 1024  # type: ignore[index]
+
+
+def cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def weighed(page: Page) -> dict[str, float]:
+    """What the page holds after everything that nobody needs is gone."""
+    session = page.context.new_cdp_session(page)
+    for _ in range(3):
+        session.send("HeapProfiler.collectGarbage")
+    heap = session.send("Runtime.getHeapUsage")["usedSize"] / 2**20
+    nodes = session.send("Memory.getDOMCounters")
+    session.detach()
+    return {"heap": heap, "nodes": nodes["nodes"], "listeners": nodes["jsEventListeners"]}
+
+
+def a_day(browser: Browser, out: Path, updates: int) -> list[Row]:
+    """The live page through as many updates as a day has at 5 Hz, as fast as it takes them."""
+    rows = []
+    with child("-m", "benchmarks.web_source", str(out), "0", str(updates)) as (pid, address):
+        page = browser.new_context(base_url=address, viewport={"width": 1440, "height": 900}).new_page()
+        page.goto("/live/SIM-0001/day")
+        page.get_by_role("progressbar").wait_for()
+        page.evaluate(COUNT)
+        begin = perf_counter()
+        # The trace is full for the first time after 4096 ticks: what counts is what happens then.
+        for share in (0.01, 0.25, 0.5, 1.0):
+            page.wait_for_function(
+                f"() => globalThis.updates >= {int(share * updates * 0.999)}", timeout=0, polling=500
+            )
+            got, seen = page.evaluate("globalThis.updates"), weighed(page)
+            told = f"heap {seen['heap']:.1f} MiB, {seen['nodes']:.0f} nodes, {seen['listeners']:.0f} listeners"
+            rows.append((f"live page after {got:,} updates", f"{told}, server {resident_mib(pid):.0f} MiB"))
+            print(*rows[-1], f"{perf_counter() - begin:.0f} s", flush=True)
+        page.context.close()
+    return rows
+
+
+def per_browser(out: Path) -> Row:
+    """The server's processor time for one more browser at 5 Hz [% of one core]."""
+    shares = {}
+    for count in (1, 21):
+        with child("-m", "benchmarks.web_source", str(out / str(count)), "5", str(DAY_UPDATES)) as (pid, address):
+            threads = [threading.Thread(target=_listen, args=(address,), daemon=True) for _ in range(count)]
+            for thread in threads:
+                thread.start()
+            sleep(5)
+            begin, before = perf_counter(), cpu_s(pid)
+            sleep(20)
+            shares[count] = 100 * (cpu_s(pid) - before) / (perf_counter() - begin)
+    each = (shares[21] - shares[1]) / 20
+    return "server at 5 Hz, of one core", f"{shares[1]:.1f} % with one browser, {each:.2f} % for each further one"
+
+
+def _listen(address: str) -> None:
+    try:
+        with httpx.stream("GET", f"{address}/api/v1/live/stream", timeout=60, trust_env=False) as answer:
+            for _ in answer.iter_raw():
+                pass
+    except httpx.HTTPError:
+        pass
+
+
+def mystery(root: Path) -> Path:
+    profiles = library()
+    return make_mystery(7, 1, root, profiles / "ramp_-40_85.yaml", profiles / "check_minor_loops.yaml").run
+
+
+def filtered(browser: Browser, out: Path, run: Path) -> Row:
+    """From a word typed into the list of 10,000 runs to the list that fits."""
+    for i in range(10_000):
+        folder = out / f"U-{i // 20:04d}" / f"2026{1 + i % 12:02d}{1 + i % 28:02d}T{i % 20:02d}0000Z_ramp"
+        folder.mkdir(parents=True)
+        manifest = {**json.loads((run / "manifest.json").read_text()), "unit": f"U-{i // 20:04d}", "files": {}}
+        (folder / "manifest.json").write_text(json.dumps(manifest))
+    with ui(out) as (_, address):
+        page = browser.new_context(base_url=address, locale="en").new_page()
+        page.goto("/workbench")
+        page.get_by_text("10,000 of 10,000 runs").wait_for()
+        took = []
+        for number in range(ROUNDS):
+            field, unit = page.get_by_role("combobox", name="Find a run"), f"u-0{number}23"
+            begin = perf_counter()
+            field.fill(unit)
+            page.get_by_text("20 of 10,000 runs").wait_for()
+            took.append(perf_counter() - begin)
+            field.fill("")
+            page.get_by_text("10,000 of 10,000 runs").wait_for()
+        page.context.close()
+    return (
+        "filter of 10,000 runs, from typing to the list",
+        f"{statistics.median(took):.2f} s ({max(took):.2f} at most)",
+    )
+
+
+def hidden_effect(browser: Browser, out: Path) -> list[Row]:
+    """From the start page to the refitted model without the error."""
+    with ui(out) as (_, address):
+        page = browser.new_context(base_url=address, locale="en", viewport={"width": 1440, "height": 900}).new_page()
+        clicks: list[int] = []
+        page.expose_function("clicked", lambda: clicks.append(1))
+        page.goto("/")
+        page.evaluate("addEventListener('click', () => clicked(), true)")
+        begin = perf_counter()
+        page.get_by_role("link", name="Workbench").click()
+        page.locator("[role=option]", has_text="ramp_-40_85").first.click()
+        page.locator(".wb-verdict").wait_for(timeout=180_000)
+        named = perf_counter() - begin
+        before = page.locator(".wb-tile b").first.inner_text()
+        pressed = perf_counter()
+        page.get_by_role("button", name=re.compile("^Add:? Aging")).first.click()
+        page.locator(".wb-fell").wait_for()
+        fell = perf_counter() - pressed
+        after = page.locator(".wb-tile b").first.inner_text()
+        page.context.close()
+    return [
+        ("hidden effect named, from the start page", f"{named:.1f} s"),
+        (
+            "from *Add* to the lower error",
+            f"{fell:.1f} s, {before} → {after} deg/h held out, {len(clicks)} clicks in all",
+        ),
+    ]
+
+
+def table(rows: list[Row]) -> str:
+    return "\n".join(["| what | measured |", "|---|---|", *(f"| {what} | {value} |" for what, value in rows)])
+
+
+def write(text: str) -> None:
+    begin, end = MARKS
+    before, _, rest = DOCS.read_text().partition(begin)
+    DOCS.write_text(f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--updates", type=int, default=DAY_UPDATES, help="of the live page (default: a day at 5 Hz)")
+    parser.add_argument("--only", choices=("first", "day", "cpu", "filter", "effect"), action="append")
+    parser.add_argument("--docs", action="store_true", help="put the table into docs/web.md")
+    parser.add_argument("--chromium", default="/usr/bin/chromium")
+    wanted = parser.parse_args()
+    parts = wanted.only or ["first", "effect", "filter", "cpu", "day"]
+    rows: list[Row] = []
+    root = Path(tempfile.mkdtemp(prefix="bench-web-"))
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=wanted.chromium, args=list(QUIET))
+        if "first" in parts:
+            with ui(root / "none") as (_, address):
+                rows.append(first_page(browser, address))
+        if {"effect", "filter"} & set(parts):
+            run = mystery(root / "mystery")
+        if "effect" in parts:
+            rows += hidden_effect(browser, root / "mystery")
+        if "filter" in parts:
+            rows.append(filtered(browser, root / "many", run))
+        if "cpu" in parts:
+            rows.append(per_browser(root / "cpu"))
+        if "day" in parts:
+            rows += a_day(browser, root / "day", wanted.updates)
+        browser.close()
+    shutil.rmtree(root, ignore_errors=True)
+    print(table(rows))
+    if wanted.docs:
+        write(table(rows))
+
+
+if __name__ == "__main__":
+    main()

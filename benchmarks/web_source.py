@@ -1,0 +1,112 @@
+"""A server of the page with a run that exists only as pictures: `python -m benchmarks.web_source OUT HZ UPDATES`.
+
+All is the real one but the answer of the run: instead of asking a process, the watcher is given the next tick. HZ 0 is
+as fast as the browser takes them; nothing is dropped then. Prints `url` and, after the last update, `done`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import os
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+
+from bench import remote
+from bench.trace import Trace
+from bench.web import watching
+from bench.web.app import create_app
+from bench.web.settings import Settings
+
+UNITS = ("SIM-0001",)
+PROFILE = (
+    "name: day\nsegments:\n  - {kind: ramp, to_degc: 33, rate_degc_per_min: 2}\n  - {kind: soak, duration_min: 1435}\n"
+)
+
+
+class Source:
+    """A run of one unit: a tick for each question."""
+
+    def __init__(self, updates: int) -> None:
+        self.trace, self.ticks, self._updates = Trace(), 0, updates
+
+    @property
+    def over(self) -> bool:
+        return self.ticks >= self._updates
+
+    def ask(self, _run: Any, _action: str, *_: Any, since: int = 0, generation: int = 0, **__: Any) -> dict[str, Any]:
+        if not self.over:
+            self.ticks += 1
+            wave = math.sin(self.ticks / 900)
+            span = (4.0 + wave - 0.3, 4.0 + wave + 0.3)
+            self.trace.add(float(self.ticks), (30 + 3 * wave, 30 + 2.9 * wave), [(UNITS[0], 29 + 2 * wave, span)])
+        return {**self._picture(), "trace": self.trace.since(since, generation)}
+
+    def _picture(self) -> dict[str, Any]:
+        t_s, degc = float(self.ticks), 30 + 2.9 * math.sin(self.ticks / 900)
+        losses = {"received": 500 * self.ticks, "lost": 0, "corrupt": 0}
+        segment = {"index": 1, "of": 2, "name": "soak", "kind": "soak", "target_degc": 33.0}
+        guards = [
+            {"name": name, "state": "ok", "text": "ok", "action": "abort", "signal": name, "value": round(degc, 2)}
+            for name in ("chamber temperature", "unit silent", "controller alarm", "disk")
+        ]
+        return {
+            "ok": True, "pid": os.getpid(), "state": "running", "t_s": t_s, "late_s": 0.0, "age_s": 0.0,
+            "left_s": max(self._updates - t_s, 0.0), "holding": [], "guards": guards,
+            "segment": {**segment, "rate_degc_per_min": None, "from_s": 300.0, "left_s": max(self._updates - t_s, 0.0)},
+            "chamber": {"temperature_degc": round(degc, 3), "setpoint_degc": 33.0, "working_setpoint_degc": 33.0,
+                        "on": True, "alarm": []},
+            "units": [{"serial": UNITS[0], "temperature_degc": round(degc - 1, 3), "losses": losses, "dropped": None}],
+        }  # fmt: skip
+
+
+def unhindered(app: Any, watcher: Any) -> None:
+    """Take a turn whenever every browser has got what was told before; pictures are never dropped then."""
+
+    def run() -> None:
+        looked_s = 0.0
+        while not watcher._stop.is_set():
+            browsers = list(app.state.stream._browsers)
+            if browsers and not any(browser.live for browser in browsers):
+                for watched in watcher.runs:
+                    watched.next_s = 0.0
+                watcher.turn(time.monotonic())
+            elif time.monotonic() - looked_s > 1.0:
+                looked_s = time.monotonic()
+                watcher._look()
+            time.sleep(0.0005)
+
+    watcher._run = run
+
+
+def main(out: Path, hz: float, updates: int) -> None:
+    folder = out / UNITS[0] / "day"
+    (folder / "journal").mkdir(parents=True)
+    (folder / "profile.yaml").write_text(PROFILE)
+    remote.LiveFile(os.getpid(), 9, "2026-01-01T00:00:00+00:00", [], "benchmark").write(folder)
+    source = Source(updates)
+    watching.remote.ask = source.ask  # type: ignore[assignment]
+    app = create_app(Settings(out=out))
+    if not hz:
+        start = watching.Watcher.start
+
+        def started(watcher: Any) -> None:
+            unhindered(app, watcher)
+            watcher._thread = type(watcher._thread)(target=watcher._run, daemon=True)
+            start(watcher)
+
+        watching.Watcher.start = started  # type: ignore[method-assign]
+    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", access_log=False, ws="none"))
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        print(json.dumps({"url": f"http://127.0.0.1:{listener.getsockname()[1]}"}), flush=True)
+        asyncio.run(server.serve(sockets=[listener]))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]))

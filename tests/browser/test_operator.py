@@ -1,0 +1,194 @@
+"""The operator's way in a real browser: from serial number to verdict, abort, a server that comes back."""
+
+import json
+import re
+
+import pytest
+from bench_project import LONG, SLOW_UNIT, bench_over, until
+from visiting import PATIENCE_MS, TABLET, picture
+
+from bench.web import people
+
+
+@pytest.fixture
+def bench(tmp_path, project):
+    with bench_over(tmp_path / "out", project) as bench:
+        yield bench
+
+
+def test_from_serial_number_to_verdict(bench, visitors):
+    page = visitors.come(bench.site.address)
+    page.goto("/")
+    serial = page.get_by_label("Serial number")
+    assert serial.evaluate("(field) => field === document.activeElement"), "who scans need not click first"
+    page.keyboard.type("nobody")
+    page.keyboard.press("Enter")
+    page.get_by_text("No station has a unit nobody").wait_for()
+    picture(page, "start-unknown")
+    page.keyboard.type("sim-0001")
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name=re.compile("^simulated 1 unit")).click()
+    page.get_by_role("button", name=re.compile("^short")).click()
+    page.get_by_text("Check passed").wait_for()
+    page.get_by_label("Judge by these limits").select_option("short")
+    picture(page, "ready")
+    page.get_by_role("button", name="START").click()
+    page.wait_for_url("**/live/SIM-0001/*")
+    page.get_by_role("heading", name="PASS").wait_for()
+    picture(page, "verdict-pass")
+    run = page.url.partition("/verdict/")[2]
+    manifest = json.loads((bench.out / run / "manifest.json").read_text())
+    assert (manifest["unit"], manifest["profile"], manifest["state"]) == ("SIM-0001", "short", "done")
+    assert page.request.get(page.get_by_role("link", name="Report").get_attribute("href")).ok
+    page.get_by_role("link", name="Next unit").click()
+    page.get_by_label("Serial number").wait_for()
+
+
+def press_tab_to(page, target, most=60):
+    """Walk with Tab until `target` has the focus."""
+    for _ in range(most):
+        if target.evaluate("(element) => element === document.activeElement"):
+            return
+        page.keyboard.press("Tab")
+    pytest.fail("Tab does not get there")
+
+
+def test_from_serial_number_to_abort_by_keyboard_alone(bench, visitors):
+    page = visitors.come(bench.site.address, size=TABLET)
+    page.goto("/")
+    page.get_by_label("Serial number").wait_for()
+    page.keyboard.type(SLOW_UNIT)
+    page.keyboard.press("Enter")
+    plan = page.get_by_role("button", name=re.compile("^Calibration, −40 to 85"))
+    plan.wait_for()
+    press_tab_to(page, plan)
+    page.keyboard.press("Enter")
+    start = page.locator("button.giant:enabled")
+    start.wait_for()
+    press_tab_to(page, start)
+    page.keyboard.press("Enter")
+    page.wait_for_url(f"**/live/{SLOW_UNIT}/*")
+    page.get_by_text("Time left").wait_for()
+    abort = page.get_by_role("button", name="Abort …")
+    press_tab_to(page, abort)
+    page.keyboard.press("Enter")
+    keep = page.get_by_role("button", name="Keep running")
+    keep.wait_for()
+    assert keep.evaluate("(button) => button === document.activeElement"), "Enter twice must not abort"
+    page.keyboard.press("Escape")
+    keep.wait_for(state="detached")
+    assert abort.evaluate("(button) => button === document.activeElement"), "the focus is where it was"
+    page.keyboard.press("Enter")
+    press_tab_to(page, page.get_by_role("button", name="Abort the run"))
+    page.keyboard.press("Enter")
+    page.get_by_role("heading", name="ABORTED").wait_for()
+
+
+@pytest.fixture
+def guarded(tmp_path, project):
+    """A bench that wants tokens, used by a line controller; and the token of Olena, an operator."""
+    access = tmp_path / "access.yaml"
+    controller, olena = (people.add(access, name, "operator") for name in ("MES", "Olena"))
+    with bench_over(tmp_path / "out", project, "--access", str(access), token=controller) as bench:
+        yield bench, olena
+
+
+def test_an_abort_in_mid_ramp_ends_in_the_safe_state_and_says_who(guarded, visitors):
+    bench, token = guarded
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+    page = visitors.come(bench.site.address)
+    page.goto(f"/live/{run}")
+    page.get_by_label("Token").fill(token)
+    page.keyboard.press("Enter")
+    page.wait_for_url(f"**/live/{run}")
+    page.get_by_text("started by MES").wait_for()
+    bench.moving(run)
+    page.get_by_role("button", name="Abort …").click()
+    picture(page, "abort-question")
+    page.get_by_role("button", name="Abort the run").click()
+    page.get_by_role("heading", name="ABORTED").wait_for()
+    page.get_by_text("Aborted by Olena").wait_for()
+    page.get_by_text("The chamber is in its safe state; the bench has read it back.").wait_for()
+    picture(page, "verdict-aborted")
+    told = until(lambda: (found := bench.get(f"/live/{run}")) and not found["ended"]["analysing"] and found)
+    assert (told["ended"]["state"], told["ended"]["safe"]) == ("aborted", True)
+    (asked,) = told["ended"]["requests"]
+    assert asked["who"].startswith("Olena (operator) from 127.0.0.1")
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d.*(Z|\+00:00)", asked["utc"])
+    events = [json.loads(line) for line in (bench.out / run / "events.jsonl").read_text().splitlines()]
+    kinds = [event["kind"] for event in events]
+    assert kinds.index("request") < kinds.index("safe_state") < kinds.index("end")
+    assert events[kinds.index("request")]["who"] == asked["who"]
+
+
+TRACE = """(run) => import('/static/lib/live.js').then(({ traces }) => traces.get(run))
+  .then((trace) => trace ? [trace.complete, trace.generation, trace.t, trace.chamber] : null)"""
+CAUGHT_UP = """([run, s]) => import('/static/lib/live.js').then(({ traces }) => traces.get(run))
+  .then((trace) => trace?.complete && trace.t.at(-1) >= s)"""
+
+
+def drawn(page, run):
+    """What the page has of the run's trace: whether all of it, generation, times [s], chamber [degC]."""
+    return page.evaluate(TRACE, run)
+
+
+def same(one, other):
+    """Whether two traces agree as far as both go."""
+    length = min(len(one[2]), len(other[2]))
+    return one[1] == other[1] and length > 0 and all(one[k][:length] == other[k][:length] for k in (2, 3))
+
+
+def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors):
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+    page = visitors.come(bench.site.address)
+    page.goto(f"/live/{run}")
+    before_s = bench.moving(run)["t_s"]
+    page.get_by_role("progressbar").wait_for()
+    visitors.may_lose_the_server(page)
+    bench.site.end()
+    page.get_by_text("what you see is old").wait_for()
+    picture(page, "line-lost")
+    journal = bench.out / run / "journal" / "bench.gtbj"
+    size = journal.stat().st_size
+    until(lambda: journal.stat().st_size > size + 20_000)  # the run does not care
+    bench.site.start()
+    page.get_by_text("what you see is old").wait_for(state="detached")
+    now_s = until(lambda: bench.get(f"/live/{run}").get("t_s"))
+    page.wait_for_function(CAUGHT_UP, arg=[run, now_s])
+    seen, points = drawn(page, run), bench.get(f"/live/{run}/trace")
+    assert same(seen, (True, points["generation"], [p[0] for p in points["points"]], [p[2] for p in points["points"]]))
+    assert seen[2][-1] > before_s
+    steps = {round(after - before, 3) for before, after in zip(seen[2], seen[2][1:], strict=False)}
+    assert steps == {points["every_s"]}, "nothing is missing of the time without a server"
+    assert page.get_by_role("button", name="Abort …").is_enabled()
+
+
+def test_two_browsers_see_the_same(bench, visitors):
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+    one, other = visitors.come(bench.site.address), visitors.come(bench.site.address, size=TABLET, locale="uk")
+    one.goto(f"/live/{run}")
+    bench.moving(run)
+    other.goto("/live")
+    for page in (one, other):
+        page.get_by_role("progressbar").wait_for()
+    one.get_by_role("button", name="Hold now").click()
+    one.get_by_role("button", name="Resume").wait_for()
+    other.get_by_role("button", name="Продовжити").wait_for()
+    assert same(drawn(one, run), until(lambda: (found := drawn(other, run)) and found[0] and found))
+    other.get_by_role("button", name="Продовжити").click()
+    one.get_by_role("button", name="Hold now").wait_for()
+    other.get_by_role("button", name="Перервати").first.click()
+    other.get_by_role("dialog").get_by_role("button").last.click()
+    one.get_by_role("heading", name="ABORTED").wait_for()
+    other.wait_for_url(f"**/verdict/{run}")
+
+
+def test_four_units_stand_side_by_side(bench, visitors):
+    page = visitors.come(bench.site.address, scheme="dark")
+    page.goto("/start?station=four_units&unit=SIM-0001,SIM-0002,SIM-0003,SIM-0004&plan=short")
+    page.get_by_role("button", name="START").click()
+    page.wait_for_url("**/live/*/*")
+    for serial in range(1, 5):
+        page.get_by_text(f"SIM-000{serial}").first.wait_for()
+    picture(page, "live-four-dark")
+    page.wait_for_url("**/verdict/**", timeout=2 * PATIENCE_MS)

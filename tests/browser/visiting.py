@@ -1,0 +1,84 @@
+"""People at browsers: whatever their page complains about is remembered; pictures of it where they are wanted."""
+
+import io
+import os
+import re
+from pathlib import Path
+from urllib.parse import urlsplit
+
+PATIENCE_MS = 60_000
+DESKTOP, TABLET = {"width": 1440, "height": 900}, {"width": 820, "height": 1180}
+PICTURES = os.environ.get("BENCH_SCREENS")
+"""Folder for pictures of the pages; nothing is written without it."""
+_COLOURS = 128
+_POLICY = (
+    "addEventListener('securitypolicyviolation', (e) => console.error('policy', e.violatedDirective, e.blockedURI))"
+)
+_DOWN = re.compile(
+    r"ERR_CONNECTION_REFUSED|ERR_INCOMPLETE_CHUNKED|ERR_CONNECTION_RESET|ERR_EMPTY_RESPONSE|bench does not answer"
+)
+
+
+class Visitors:
+    """Windows of one browser program that share nothing."""
+
+    def __init__(self, chromium):
+        self._chromium, self._all = chromium, []
+
+    def come(self, address, **options):
+        """A new window at the start page of `address`, not yet opened."""
+        visitor = Visitor(self._chromium, address, **options)
+        self._all.append(visitor)
+        return visitor.page
+
+    def of(self, page):
+        return next(visitor for visitor in self._all if visitor.page is page)
+
+    def may_lose_the_server(self, page):
+        """The server is ended on purpose: that its requests fail is no complaint."""
+        self.of(page).forgives = _DOWN
+
+    def go(self):
+        for visitor in self._all:
+            visitor.context.close()
+        complaints = [said for visitor in self._all for said in visitor.complaints]
+        assert not complaints, "\n".join(complaints)
+
+
+class Visitor:
+    def __init__(self, chromium, address, *, size=DESKTOP, locale="en-GB", scheme="light"):
+        self._origin, self._said, self.forgives = urlsplit(address)[:2], [], None
+        self.context = chromium.new_context(
+            base_url=address, viewport=size, locale=locale, color_scheme=scheme, reduced_motion="reduce",
+            timezone_id="Europe/Kyiv",
+        )  # fmt: skip
+        self.context.set_default_timeout(PATIENCE_MS)
+        self.context.add_init_script(_POLICY)
+        self.context.on("request", self._asked)
+        self.page = self.context.new_page()
+        self.page.on(
+            "console", lambda told: self._said.append(told.text) if told.type in {"error", "warning"} else None
+        )
+        self.page.on("pageerror", lambda error: self._said.append(str(error)))
+
+    def _asked(self, request):
+        parts = urlsplit(request.url)
+        if parts.scheme not in {"data", "blob"} and parts[:2] != self._origin:
+            self._said.append(f"asked another machine: {request.url}")
+
+    @property
+    def complaints(self):
+        return [said for said in self._said if not (self.forgives and self.forgives.search(said))]
+
+
+def picture(page, name, **options):
+    """A picture of the window for the documentation, with few colours, if pictures are wanted."""
+    if not PICTURES:
+        return
+    from PIL import Image
+
+    png = page.screenshot(animations="disabled", caret="hide", **options)
+    few = Image.open(io.BytesIO(png)).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+    folder = Path(PICTURES)
+    folder.mkdir(parents=True, exist_ok=True)
+    few.save(folder / f"{name}.png", optimize=True)
