@@ -1,9 +1,8 @@
 """The Modbus link of a chamber: the only module that touches a pymodbus client.
 
-pymodbus opens the connections and speaks RTU; Modbus TCP itself is `drivers.mbap`. pymodbus accepts short answers,
-answers with another function code and late answers to an earlier request. So nothing is retried inside pymodbus; here
-every answer is checked against its request, and after anything doubtful the link is brought back in step before the
-next request:
+pymodbus accepts short answers, answers with another function code and, on RTU framing, late answers to an earlier
+request. So nothing is retried inside pymodbus; here every answer is checked against its request, and after anything
+doubtful the link is brought back in step before the next request:
 
 * Modbus TCP numbers its requests, so a fresh connection is enough;
 * RTU has no numbers, so the slowest possible answer is waited out, and what arrives is thrown away until the line was
@@ -29,7 +28,6 @@ from pymodbus.pdu import ModbusPDU
 
 from drivers.backoff import BackOff
 from drivers.errors import ConfigError, LinkError, RefusedError
-from drivers.mbap import Answer, ask, request
 from drivers.registers import Register, Value, block_of
 
 # pymodbus logs its recent traffic at every error; our errors already say what happened.
@@ -99,7 +97,6 @@ class ModbusLink:
         self._slowest_s = max(2 * timeout_s if slowest_s is None else slowest_s, timeout_s)
         self._drains = _MOST_DRAINS + round(self._slowest_s / timeout_s)
         self._sent_s = 0.0
-        self._number = 0
         self._client, self._numbered = _client(url, timeout_s)
 
     def close(self) -> None:
@@ -156,7 +153,7 @@ class ModbusLink:
         try:
             answer = self._send(code, address, count, words)
         except (ModbusException, OSError) as error:
-            raise LinkError(f"no valid answer: {str(error) or type(error).__name__}") from error
+            raise LinkError(f"no valid answer: {error}") from error
         if answer.function_code == code | 0x80:
             number = answer.exception_code
             raise RefusedError(f"exception {number}, {EXCEPTIONS.get(number, 'unknown')}", number)
@@ -171,12 +168,8 @@ class ModbusLink:
             raise LinkError("the answer echoes another write")
         return ()
 
-    def _send(self, code: int, address: int, count: int, words: Sequence[int]) -> ModbusPDU | Answer:
+    def _send(self, code: int, address: int, count: int, words: Sequence[int]) -> ModbusPDU:
         client, device = self._client, self._device_id
-        if self._numbered and isinstance(client, ModbusTcpClient) and client.socket is not None:
-            self._number = self._number % 0xFFFF + 1
-            timeout_s = client.comm_params.timeout_connect
-            return ask(client.socket, self._number, device, request(code, address, count, words), timeout_s)
         calls: dict[int, Callable[[], ModbusPDU]] = {
             3: lambda: client.read_holding_registers(address, count=count, device_id=device),
             4: lambda: client.read_input_registers(address, count=count, device_id=device),

@@ -1,4 +1,4 @@
-"""A Modbus server in a thread of its own: Modbus TCP, or with pymodbus RTU frames over TCP or on a serial line.
+"""A Modbus server of pymodbus in a thread of its own: Modbus TCP, RTU frames over TCP, or RTU on a serial line.
 
 It knows no register map: what is read and written goes through one function.
 """
@@ -19,7 +19,6 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.errors import LinkError
-from drivers.sim.modbus_tcp import ModbusTcp
 from drivers.sim.ptys import PtyPair
 
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
@@ -51,14 +50,6 @@ class ModbusWire:
         self._answer, self._spans = answer, spans
         self._wire, self.port, self._device_id = wire, port, device_id
         self.url = ""
-        self._tcp: ModbusTcp | None = None
-        if wire == "tcp":
-            try:
-                self._tcp = ModbusTcp(answer, spans, port, device_id)
-            except OSError as error:
-                raise LinkError(f"simulated chamber on 127.0.0.1:{port}: {error}") from None
-            self.port, self.url = self._tcp.port, f"tcp://127.0.0.1:{self._tcp.port}"
-            return
         self._owned = ExitStack()
         self._error: Exception | None = None
         self._ready = threading.Event()
@@ -72,9 +63,7 @@ class ModbusWire:
 
     def close(self) -> None:
         """Close all connections and end the thread; a second call changes nothing."""
-        if self._tcp is not None:
-            self._tcp.close()
-        elif self._thread.is_alive():
+        if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join()
 
@@ -103,9 +92,10 @@ class ModbusWire:
         await _turns()  # the closed transports let go of their sockets
 
     def _server(self, device: SimDevice) -> ModbusTcpServer | ModbusSerialServer:
-        if self._wire == "rtu+tcp":
+        if self._wire in ("tcp", "rtu+tcp"):
+            framer = FramerType.SOCKET if self._wire == "tcp" else FramerType.RTU
             address = ("127.0.0.1", self.port)
-            return ModbusTcpServer(device, framer=FramerType.RTU, address=address, ignore_missing_devices=True)
+            return ModbusTcpServer(device, framer=framer, address=address, ignore_missing_devices=True)
         if self._wire == "rtu":
             pair = self._owned.enter_context(closing(PtyPair()))
             self.url = f"rtu://{pair.left}?baudrate=19200"
