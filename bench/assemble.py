@@ -79,7 +79,8 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
     rows = _write_data(run.data, [(part.blocks, grid) for part, grid in zip(parts, grids, strict=True)])
     write_means(run.data, run.means)
     events = [event for journal in journals for event in (*journal.events, *journal.watchdog)]
-    events = sorted((*events, *bus_events), key=lambda event: float(event["t_s"]))
+    capture, news = _capture(bus_events)
+    events = sorted((*events, *news), key=lambda event: float(event["t_s"]))
     lines = (json.dumps(event, allow_nan=False) for event in events)
     (run.path / "events.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     seen = max((part.seen for part in parts), key=lambda seen: seen.decoder.samples)
@@ -92,6 +93,7 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
         "sample_rate_hz": round(1 / seen.decoder.interval_s),
         "rate_step_dph": seen.decoder.rate_step_dph,
         "unit_clock_drift_ppm": seen.clock.drift_ppm if seen.decoder.samples else None,
+        "capture": capture,
         "unit_identity": asdict(identities[-1]) if identities else None,
         "rows": rows,
         "duration_s": float(readings["t_s"][-1]) if len(readings) else 0.0,
@@ -105,6 +107,18 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
     }
     run.write_manifest(manifest)
     return manifest
+
+
+def _capture(said: Sequence[dict[str, Any]]) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
+    """How captures kept up with the bus, None where nobody says so; and what they said that is news."""
+    behind_ms = [event["most_behind_ms"] for event in said if "most_behind_ms" in event]
+    ends = [event for event in said if "behind_spells" in event]
+    kept_up = {
+        "most_behind_s": max(behind_ms, default=0) * 1e-3,
+        "behind_spells": sum(event["behind_spells"] for event in ends),
+        **{name: sum(event[name] for event in ends) for name in ("error_frames", "unreadable", "recoveries")},
+    }
+    return kept_up if behind_ms else None, [event for event in said if "no_news" not in event]
 
 
 def _part(run: RunFolder, live: Decoded | None, damage: Damage, bus_events: list[dict[str, Any]]) -> _Part:

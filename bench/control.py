@@ -29,6 +29,7 @@ from bench.remote import HOST, LIVE, LiveFile, read_line
 from bench.sequencer import TICK_S, Status
 from bench.station import LiveUnit, Station
 from bench.trace import Trace
+from drivers.canbus import CaptureHealth
 
 Action = Literal["hold", "pause", "resume", "abort"]
 ACTIONS: tuple[Action, ...] = get_args(Action)
@@ -158,6 +159,7 @@ def picture(station: Station, status: Status, nominal_s: float) -> dict[str, Any
             *(_unit(unit, None) for unit in station.units),
             *(_unit(gone.unit, gone.reason) for gone in station.dropped),
         ],
+        "buses": [_bus(health) for health in station.captures()],
         "holding": list(status.holding),
     }
 
@@ -179,6 +181,17 @@ def _unit(unit: LiveUnit, dropped: str | None) -> dict[str, Any]:
         "temperature_degc": None if unit.temperature is None else _known(unit.temperature.value),
         "losses": unit.decoder.losses.as_dict(),
         "dropped": dropped,
+    }
+
+
+def _bus(health: CaptureHealth) -> dict[str, Any]:
+    """How a capture keeps up: frames, how long those taken last had waited, and the longest wait so far [s]."""
+    return {
+        "bus": health.bus,
+        "state": health.state,
+        "frames": health.frames,
+        "behind_s": round(health.behind_s, 3),
+        "most_behind_s": round(health.most_behind_s, 3),
     }
 
 

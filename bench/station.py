@@ -8,7 +8,7 @@ from __future__ import annotations
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import can
@@ -22,7 +22,7 @@ from bench.spoiled import TIMEOUT_S, Scenario
 from bench.store import share, slug
 from bench.tables import open_table, simulate_table
 from bench.turning import Turntable
-from drivers.canbus import Capture, InProcessCapture, ProcessCapture, open_bus
+from drivers.canbus import Capture, CaptureHealth, InProcessCapture, ProcessCapture, open_bus
 from drivers.chamber import Chamber, Write
 from drivers.clock import Clock, SimClock, WallClock
 from drivers.journal import FrameArray, JournalWriter
@@ -171,6 +171,10 @@ class Station:
             self.units.remove(unit)
             self.dropped.append(Dropped(unit, trouble.reason, trouble.sound_until_s))
             self.on_drop(self.dropped[-1])
+
+    def captures(self) -> list[CaptureHealth]:
+        """How the capture of each bus is, by its name in the station file."""
+        return [replace(capture.health(), bus=name) for name, capture in self._captures.items()]
 
     def missing_units(self) -> list[str]:
         """Units that were not heard yet, each with what is missing and what to look at."""

@@ -20,6 +20,7 @@ from drivers.errors import DriverError
 from drivers.frames import to_record
 from drivers.health import Beat, Tally
 from drivers.journal import JournalWriter, Kind
+from drivers.lag import Lag
 
 BATCH_FRAMES = 1024
 BATCH_NS = 100_000_000
@@ -39,6 +40,7 @@ class Recorder:
         self._start_ns = start_ns
         self._tally = Tally()
         self._off = False  # the controller says that it is off the bus
+        self._lag = Lag()
 
     def run(self, ready: Callable[[], None], stopped: Callable[[], bool]) -> None:
         """Record until `stopped()`; calls `ready()` once the bus is open.
@@ -75,6 +77,7 @@ class Recorder:
         """Journal the frames that arrive within a time [ns], or those that wait already; how many there were."""
         deadline_ns = time.monotonic_ns() + within_ns
         records: list[bytes] = []
+        behind_ns = 0
         try:
             while len(records) < BATCH_FRAMES:
                 left_ns = deadline_ns - time.monotonic_ns()
@@ -82,9 +85,12 @@ class Recorder:
                     break
                 try:
                     message = bus.recv(max(left_ns, 0) * 1e-9)
+                    now_ns = time.monotonic_ns()
                     if message is None:
+                        self._lag.caught_up(now_ns)
                         break
-                    t_ns = self._stamp_ns(message)
+                    age_ns = self._lag.age_ns(now_ns, time.time_ns() - round(message.timestamp * 1e9))
+                    t_ns = now_ns - age_ns - self._start_ns
                     records.append(to_record(message, t_ns))
                 except ValueError:  # a long CAN FD frame, or a line that the interface cannot parse
                     self._tally.unreadable += 1
@@ -92,23 +98,25 @@ class Recorder:
                         continue
                     break
                 self._tally.last_ns = t_ns
+                behind_ns = age_ns if age_ns > behind_ns else behind_ns
                 if message.is_error_frame:
                     self._tally.error_frames += 1
                 self._watch_controller(message)
         except OSError as error:  # some interfaces let the error of the operating system through
             raise can.CanOperationError(one_line(error)) from error
         finally:
+            self._watch_lag(behind_ns)
             self._flush(records)
         return len(records)
 
-    def _stamp_ns(self, message: can.Message) -> int:
-        """Bench time of a message [ns]: now, less its age where the interface stamps with calendar time.
-
-        A difference of calendar times over milliseconds does not mind that calendar time may jump.
-        """
-        t_ns = time.monotonic_ns() - self._start_ns
-        age_ns = time.time_ns() - round(message.timestamp * 1e9)
-        return t_ns - age_ns if 0 < age_ns < 1_000_000_000 else t_ns
+    def _watch_lag(self, behind_ns: int) -> None:
+        """Say in the journal that the capture falls behind its bus, and that it has caught up."""
+        tally = self._tally
+        tally.behind_ns, tally.most_behind_ns = behind_ns, max(tally.most_behind_ns, behind_ns)
+        now_s = (time.monotonic_ns() - self._start_ns) * 1e-9
+        if text := self._lag.news(behind_ns, now_s):
+            tally.spells = self._lag.spells
+            event(self._writer, text, now_s, most_behind_ms=self._lag.most_ns // 1_000_000)
 
     def _flush(self, records: list[bytes]) -> None:
         if records:
@@ -159,7 +167,7 @@ class Recorder:
     def _summarise(self) -> None:
         """Leave the counts of what was wrong in the journal, for the report."""
         now_s = (time.monotonic_ns() - self._start_ns) * 1e-9
-        summarise(self._writer, self._tally, now_s)
+        summarise(self._writer, self._tally, now_s, quiet=True)
 
     @contextmanager
     def _synced(self) -> Iterator[None]:
@@ -196,15 +204,18 @@ def event(writer: JournalWriter, text: str, t_s: float, **facts: int) -> None:
     writer.append(Kind.EVENT, json.dumps(content).encode(), 1, t_s, time.time_ns())
 
 
-def summarise(writer: JournalWriter, tally: Tally, t_s: float) -> None:
-    """Counts of what was wrong on a bus, as an event; nothing was wrong: no event."""
-    if tally.error_frames or tally.recoveries or tally.unreadable:
-        text = (
-            f"{tally.frames} frames, {tally.error_frames} error frames, {tally.unreadable} unreadable, "
-            f"{tally.recoveries} times open again"
-        )
-        counts = {"error_frames": tally.error_frames, "unreadable": tally.unreadable, "recoveries": tally.recoveries}
-        event(writer, text, t_s, **counts)
+def summarise(writer: JournalWriter, tally: Tally, t_s: float, quiet: bool = False) -> None:
+    """Counts of what was wrong on a bus, as an event; nothing was wrong: none, or with `quiet` one that is no news."""
+    wrong = tally.error_frames or tally.recoveries or tally.unreadable or tally.spells
+    if not wrong and not quiet:
+        return
+    text = (
+        f"{tally.frames} frames, {tally.error_frames} error frames, {tally.unreadable} unreadable, "
+        f"{tally.recoveries} times open again, at most {tally.most_behind_ns * 1e-9:.3f} s behind the bus"
+    )
+    counts = {"error_frames": tally.error_frames, "unreadable": tally.unreadable, "recoveries": tally.recoveries}
+    behind = {"most_behind_ms": tally.most_behind_ns // 1_000_000, "behind_spells": tally.spells}
+    event(writer, text, t_s, **counts, **behind, **({} if wrong else {"no_news": 1}))
 
 
 def one_line(error: BaseException) -> str:

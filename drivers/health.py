@@ -25,6 +25,10 @@ class CaptureHealth:
     unreadable: int = 0
     """What arrived and fits no record: CAN FD frames of more than 8 bytes, garbled lines of an adapter."""
     bus: str = ""
+    behind_s: float = 0.0
+    """How long the frames taken last had waited for the capture [s], by the stamps of the interface."""
+    most_behind_s: float = 0.0
+    """The longest that a frame has waited since the start [s]."""
 
     @property
     def state(self) -> Literal["ok", "degraded", "lost"]:
@@ -46,7 +50,7 @@ class Beat:
     def __init__(self, context: SpawnContext, bus: str = "") -> None:
         self.bus = bus
         self._beat = context.RawValue("q", 0)
-        self._numbers = context.RawArray("q", [0, -1, -1, 0, 0, 0])  # as in `publish`, [ns]
+        self._numbers = context.RawArray("q", [0, -1, -1, 0, 0, 0, 0, 0])  # as in `publish`, [ns]
         self._text = context.RawArray("c", self.TEXT_BYTES)
         self._ended = context.RawValue("b", 0)
 
@@ -59,6 +63,8 @@ class Beat:
             tally.error_frames,
             tally.recoveries,
             tally.unreadable,
+            tally.behind_ns,
+            tally.most_behind_ns,
         ]
         self._beat.value = time.monotonic_ns()
 
@@ -73,7 +79,7 @@ class Beat:
 
     def health(self) -> CaptureHealth:
         """What was published last."""
-        frames, last_ns, since_ns, error_frames, recoveries, unreadable = self._numbers[:]
+        frames, last_ns, since_ns, error_frames, recoveries, unreadable, behind_ns, most_behind_ns = self._numbers[:]
         text = self._text.value.decode(errors="replace")
         return CaptureHealth(
             frames,
@@ -85,6 +91,8 @@ class Beat:
             bool(self._ended.value),
             unreadable,
             self.bus,
+            behind_ns * 1e-9,
+            most_behind_ns * 1e-9,
         )
 
 
@@ -98,3 +106,7 @@ class Tally:
     error_frames: int = 0
     recoveries: int = 0
     unreadable: int = 0
+    behind_ns: int = 0
+    most_behind_ns: int = 0
+    spells: int = 0
+    """How often the capture was behind its bus by more than the limit."""

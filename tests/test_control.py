@@ -17,6 +17,8 @@ from bench.guards import Guards, GuardSettings, Signal
 from bench.profile import from_text
 from bench.sequencer import Status
 from bench.trace import Envelope
+from bench.workflow.live import text_of
+from drivers.canbus import CaptureHealth
 from drivers.chamber import ChamberReading
 
 PROFILE = from_text(
@@ -29,7 +31,15 @@ UNIT = SimpleNamespace(
     decoder=SimpleNamespace(losses=LOSSES),
     rates=Envelope(),
 )
-STATION = SimpleNamespace(units=[UNIT], dropped=[])
+BUS = CaptureHealth(1200, 99.9, bus="can0", behind_s=0.3104, most_behind_s=1.5)
+STATION = SimpleNamespace(units=[UNIT], dropped=[], captures=lambda: [BUS])
+
+
+def test_status_shows_how_far_the_capture_is_behind_each_bus(desk):
+    desk.look(STATION, status())
+    (bus,) = desk.status()["buses"]
+    assert bus == {"bus": "can0", "state": "ok", "frames": 1200, "behind_s": 0.31, "most_behind_s": 1.5}
+    assert "bus      can0: ok, 1200 frames, 0.31 s behind, at most 1.50 s" in text_of({"run": "r", **desk.status()})
 
 
 class Sequencer:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
+import re
 import time
 
 import can
@@ -15,10 +17,11 @@ from drivers.capture import Recorder
 from drivers.errors import LinkError
 from drivers.health import Beat
 from drivers.journal import JournalWriter, Kind, read_blocks
+from drivers.lag import Lag
 
 
 class ScriptedBus(can.BusABC):
-    """Yields what it was given: messages, None, or exceptions to raise; afterwards nothing."""
+    """Yields what it was given: messages or what makes them, None, exceptions to raise; afterwards nothing."""
 
     def __init__(self, script: list) -> None:
         self.script = script
@@ -34,7 +37,7 @@ class ScriptedBus(can.BusABC):
         step = self.script.pop(0)
         if isinstance(step, Exception):
             raise step
-        return step, False
+        return step() if callable(step) else step, False
 
 
 def frame(k: int) -> can.Message:
@@ -120,5 +123,53 @@ def test_error_frames_and_unreadable_ones_are_counted_and_summed_up_in_the_journ
     assert '"error_frames": 1, "unreadable": 2' in rig.events()[-1]
 
 
-def test_a_quiet_capture_leaves_no_event(tmp_path):
-    assert Rig(tmp_path, [[frame(1)]]).events() == []
+def test_a_quiet_capture_leaves_its_counts_and_no_news(tmp_path):
+    (only,) = (json.loads(event) for event in Rig(tmp_path, [[frame(1)]]).events())
+    assert (only["no_news"], only["most_behind_ms"], only["behind_spells"]) == (1, 0, 0)
+
+
+def waited(seconds: float):
+    """A frame that the bus has held for so long when it hands it over."""
+    return lambda: can.Message(arbitration_id=0x120, is_extended_id=False, data=[1], timestamp=time.time() - seconds)
+
+
+def test_a_capture_behind_its_bus_says_so_while_it_lasts_and_when_it_is_over(tmp_path):
+    rig = Rig(tmp_path, [[waited(0.001), None, waited(0.6), None, waited(0.5), None, waited(0.001), None]])
+    behind, caught_up, summary = (json.loads(event) for event in rig.events())
+    assert re.search(r"the capture is 0\.\d\d s behind its bus", behind["text"])
+    assert behind["most_behind_ms"] >= 600
+    assert "caught up after" in caught_up["text"]
+    assert (summary["behind_spells"], summary["most_behind_ms"]) == (1, caught_up["most_behind_ms"])
+    assert "no_news" not in summary
+    health = rig.beat.health()
+    assert health.most_behind_s >= 0.6
+    assert health.behind_s == 0.0
+
+
+def test_frames_that_waited_are_stamped_with_the_time_at_which_the_bus_had_them(tmp_path):
+    rig = Rig(tmp_path, [[waited(0.6), waited(0.2)]])
+    first, second = np.concatenate([b.frames()["t_ns"] for b in read_blocks(rig.path) if b.kind is Kind.FRAMES])
+    assert second - first >= 400_000_000
+
+
+SECOND = 1_000_000_000
+
+
+def test_a_backlog_of_many_seconds_is_believed_when_it_has_had_the_time_to_grow():
+    lag = Lag()
+    assert lag.age_ns(100 * SECOND, 1000) == 1000
+    assert lag.age_ns(105 * SECOND, 5 * SECOND) == 5 * SECOND
+    assert [lag.age_ns(105 * SECOND + k, 5 * SECOND - k) for k in (1000, 2000)] == [
+        5 * SECOND - 1000,
+        5 * SECOND - 2000,
+    ]
+
+
+@pytest.mark.parametrize("stamp", [-3600 * SECOND, -1, 5 * SECOND, 1_800_000_000 * SECOND])
+def test_a_clock_that_was_set_is_no_backlog(stamp):
+    """A stamp ahead, five seconds that cannot have passed, or seconds since the boot of an adapter."""
+    lag = Lag()
+    assert lag.age_ns(100 * SECOND, stamp) == 0
+    assert [lag.age_ns(100 * SECOND + k * 2_000_000, stamp) for k in range(1, 500)] == [0] * 499
+    lag.caught_up(200 * SECOND)
+    assert lag.age_ns(200 * SECOND + 1, stamp) == 0

@@ -87,6 +87,16 @@ class UnitNow(BaseModel):
     dropped: str | None
 
 
+class BusNow(BaseModel):
+    """A bus: how its capture is, and how long its frames wait for it [s], now and at most."""
+
+    bus: str
+    state: Literal["ok", "degraded", "lost"]
+    frames: int
+    behind_s: float
+    most_behind_s: float
+
+
 class GuardLight(BaseModel):
     """A guard as a traffic light."""
 
@@ -126,6 +136,7 @@ class Run(BaseModel):
     segment: SegmentNow | None = None
     chamber: ChamberNow | None = None
     units: list[UnitNow] = []
+    buses: list[BusNow] = []
     holding: list[str] = []
     guards: list[GuardLight] = []
     fits: dict[str, Any] = {}

@@ -132,6 +132,11 @@ def text_of(run: dict[str, Any]) -> str:
             + (f", dropped: {unit['dropped']}" if unit["dropped"] else "")
             for unit in run["units"]
         ]
+        lines += [
+            f"  bus      {bus['bus']}: {bus['state']}, {bus['frames']} frames, {bus['behind_s']:.2f} s behind, "
+            f"at most {bus['most_behind_s']:.2f} s"
+            for bus in run.get("buses", ())
+        ]
         lines += [_fits(serial, found) for serial, found in run.get("fits", {}).items()]
         lines += [f"  HOLD     {cause}" for cause in run["holding"]]
     if run.get("age_s", 0.0) > remote.PATIENCE_S:
