@@ -59,7 +59,7 @@ export function Chooser({ taken, onChoose, label }) {
   }, [first, last, rows.matched, rows.query]);
   useEffect(() => setActive(0), [query]);
   useEffect(() => field.current.focus({ preventScroll: true }), []);
-  const look = () => frame.current && setView({ top: frame.current.scrollTop, height: frame.current.clientHeight });
+  const look = () => frame.current && setView({ top: frame.current.scrollTop, height: frame.current.clientHeight || 520 });
   useEffect(look, [rows.matched]);
   const move = (to) => {
     const next = Math.max(0, Math.min(rows.matched - 1, to));
