@@ -91,6 +91,10 @@ class Desk:
         _add(self._trace, station, status)
         self._seen_wall_s = time.monotonic()
 
+    def ends(self, cause: str) -> None:
+        """No tick comes any more: the equipment is made safe now, for this reason."""
+        self._ending = self._ending or cause
+
     def watched(self, onlooker: Onlooker) -> Onlooker:
         """An onlooker that lets this desk see each tick too."""
 

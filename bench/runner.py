@@ -242,6 +242,7 @@ def _conduct(
             error = EquipmentError(f"internal error: {type(bug).__name__}: {bug}")
             raise
         finally:
+            desk.ends(str(error or "the profile is over"))
             error = _make_safe(station, recorder, error, sequencer, watchdog)
             output.restore()
     return error

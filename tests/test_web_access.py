@@ -133,6 +133,18 @@ def test_sessions_outlast_the_server_and_end_with_the_shift_or_the_token(tokens,
     assert Sessions(tmp_path / "sessions.json").token(key) is None
 
 
+def test_on_a_full_disk_an_operator_still_signs_in(tokens, tmp_path, monkeypatch):
+    path, known = tokens
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("bench.web.sessions.write_atomically", full)
+    with served(Settings(tmp_path, access=path)) as client:
+        assert client.post(f"{API}/session", json={"token": known["operator"]}).json()["role"] == "operator"
+        assert client.get(f"{API}/session").json()["role"] == "operator"
+
+
 def test_a_token_that_is_taken_out_of_the_file_is_not_valid_from_then_on(tmp_path):
     path = tmp_path / "access.yaml"
     token = people.add(path, "Anna", "engineer")
@@ -147,9 +159,10 @@ def test_wrong_tokens_are_slowed_down_for_their_address_alone(tokens, tmp_path):
     with served(Settings(tmp_path, access=path)) as client:
         for _ in range(TRIES):
             refused(client.get(f"{API}/runs", headers=bearer("wrong")), 401)
-        answer = client.post(f"{API}/session", json={"token": known["viewer"]})
+        answer = client.post(f"{API}/session", json={"token": "wrong again"})
         assert "too many wrong tokens from 127.0.0.1" in refused(answer, 429)
         assert 0 < int(answer.headers["retry-after"]) <= EACH_S
+        assert client.get(f"{API}/runs", headers=bearer(known["viewer"])).status_code == 200  # whoever has one goes on
     now = [0.0]
     throttle = Throttle(lambda: now[0])
     for _ in range(TRIES):

@@ -79,6 +79,26 @@ def test_a_failure_is_told_in_one_line_and_not_kept(jobs: Jobs, slow: Slow) -> N
     assert jobs.submit("analysis", "refuse", {}, key="k") is not job
 
 
+def test_a_lane_goes_on_when_no_process_can_be_started(slow: Slow, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_memory() -> None:
+        raise OSError(12, "Cannot allocate memory")
+
+    monkeypatch.setattr(slow, "warm", no_memory)
+    slow.go.set()
+    jobs = Jobs(workers=lambda: slow)
+    try:
+        jobs.warm()
+        wait(jobs, first := jobs.submit("fit", "target", {}))
+        monkeypatch.setattr(slow, "compute", lambda *_: no_memory())
+        wait(jobs, second := jobs.submit("fit", "target", {}))
+        monkeypatch.undo()
+        wait(jobs, third := jobs.submit("fit", "target", {}))
+    finally:
+        jobs.close()
+    assert [job.state for job in (first, second, third)] == ["done", "failed", "done"]
+    assert "Cannot allocate memory" in second.detail
+
+
 def test_a_job_ends_when_its_page_is_gone(jobs: Jobs, slow: Slow) -> None:
     running, waiting = (jobs.submit("diagnosis", "t", {"n": n}) for n in range(2))
     assert slow.begun.wait(30)

@@ -190,6 +190,62 @@ def test_a_run_that_does_not_answer_is_silent_and_left_alone_for_a_while(folder,
     assert len(asked) == math.ceil(20 * PERIOD_S / SILENT_S)
 
 
+def test_a_run_whose_loop_hangs_is_not_shown_as_running(desk, folder, watcher, heard, monkeypatch):
+    with live(desk, folder):
+        desk._seen_wall_s -= 60.0
+        watcher.turn(0.0)
+        hung = heard.runs[0].told()
+        desk.look(STATION, status(101.0))
+        watcher.turn(2 * SILENT_S)
+        again = heard.runs[0].told()
+        desk.ends("aborted by guard: chamber silent")
+        desk._seen_wall_s -= 60.0  # the way to the safe state has no ticks
+        watcher.turn(4 * SILENT_S)
+        ends = heard.runs[0].told()
+    assert (hung["condition"], hung["state"]) == ("silent", "silent")
+    assert "its loop has not ticked for 60 s" in hung["detail"]
+    assert (again["condition"], again["state"]) == ("live", "running")
+    assert (ends["condition"], ends["state"], ends["ending"]) == ("live", "ending", "aborted by guard: chamber silent")
+
+
+def test_one_run_that_cannot_be_understood_hides_no_other(desk, folder, watcher, heard, monkeypatch):
+    other = folder.parent / "other"
+    other.mkdir()
+    remote.LiveFile(1, 9, "2025", [], "t").write(other)
+    told, ask = watching.describe, watching.remote.ask
+
+    def describe(run, start):
+        return {}["nonsense"] if run.path == other else told(run, start)
+
+    monkeypatch.setattr(watching, "describe", describe)
+    with live(desk, folder):
+        watcher.turn(0.0)
+        assert [run.about["run"] for run in heard.runs] == ["G-1/run"]
+        monkeypatch.setattr(watching, "describe", told)
+        monkeypatch.setattr(watching.remote, "ask", lambda run, *a, **k: {} if run.path == other else ask(run, *a, **k))
+        watcher.turn(10.0)
+    by_run = {run.about["run"]: run.told() for run in heard.runs}
+    assert by_run["G-1/run"]["condition"] == "live"
+    assert by_run["G-1/other"]["condition"] == "silent"
+    assert "look at the chamber" in by_run["G-1/other"]["detail"]
+
+
+def test_a_folder_that_cannot_be_looked_into_hides_no_run(desk, folder, tmp_path, monkeypatch):
+    def refused(path):
+        raise PermissionError(13, "Permission denied")
+
+    (folder.parent / "locked").mkdir()
+    elsewhere = tmp_path / "elsewhere" / "run"
+    elsewhere.mkdir(parents=True)
+    remote.LiveFile(1, 9, "2025", [], "t").write(elsewhere)
+    (tmp_path / "reports" / "linked").symlink_to(elsewhere.parent)
+    monkeypatch.setattr("pathlib.Path.exists", refused)
+    with live(desk, folder):
+        found = Finder(tmp_path / "reports").look()
+    assert [run.path for run in found] == [folder]
+    assert folder_of(tmp_path / "reports", "linked", "run") is None
+
+
 def test_a_new_run_is_found_at_once_and_an_old_folder_that_goes_live_again_soon(tmp_path):
     now = [0.0]
     old = tmp_path / "G-2" / "old"

@@ -31,7 +31,7 @@ class Finder:
         """All runs with a `live.json`, oldest first, whatever their condition."""
         began_s = self._now()
         whole = began_s >= self._everywhere_s
-        self._live = {folder for folder in {*self._live, *self._candidates(whole)} if (folder / LIVE).exists()}
+        self._live = {folder for folder in {*self._live, *self._candidates(whole)} if _is_live(folder)}
         if whole:
             self._everywhere_s = began_s + max(_LEAST_S, (self._now() - began_s) / _SHARE)
         runs: dict[str, LiveRun] = {}
@@ -45,11 +45,14 @@ class Finder:
     def _candidates(self, whole: bool) -> Iterator[Path]:
         """Run folders with a `live.json` in the units that changed, or in all."""
         for unit in _folders(self._root):
-            changed = unit.stat().st_mtime_ns
+            try:
+                changed = unit.stat().st_mtime_ns
+            except OSError:  # removed meanwhile
+                continue
             young = time.time_ns() - changed < YOUNG_S * 1e9
             if whole or young or self._changed.get(unit.name) != changed:
                 self._changed[unit.name] = changed
-                yield from (Path(run.path) for run in _folders(Path(unit.path)) if (Path(run.path) / LIVE).exists())
+                yield from (Path(run.path) for run in _folders(Path(unit.path)) if _is_live(run.path))
 
 
 def ids(folders: Sequence[Path]) -> list[str]:
@@ -57,10 +60,16 @@ def ids(folders: Sequence[Path]) -> list[str]:
     return [f"{folder.parent.name}/{folder.name}" for folder in folders]
 
 
+def _is_live(folder: Path | str) -> bool:
+    """Whether it has a `live.json`; a folder that is somebody else's alone has none for us."""
+    return os.path.exists(os.path.join(folder, LIVE))  # noqa: PTH110, PTH118 - Path.exists raises where it may not look
+
+
 def _folders(path: Path) -> list[os.DirEntry[str]]:
+    """Folders in a folder; a link could lead out of the store."""
     try:
         with os.scandir(path) as entries:
-            return [entry for entry in entries if entry.name[0] != "." and entry.is_dir()]
+            return [entry for entry in entries if entry.name[0] != "." and entry.is_dir(follow_symlinks=False)]
     except OSError:
         return []
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import logging
 import secrets
 import threading
 import time
@@ -26,6 +28,7 @@ KEPT_JOBS = 400
 """What of ended jobs is kept: an Undo, a second look, a second browser find their answer at once."""
 IDLE_S = 900.0
 """A computing process without work ends after this long and gives its memory back [s]."""
+_log = logging.getLogger("bench.web")
 CANCELLED = "cancelled: nobody waits for it any more"
 
 
@@ -175,7 +178,8 @@ class Jobs:
                         return job
                     self._end(job, "failed", detail=CANCELLED)
             if warm:
-                worker.warm()
+                with contextlib.suppress(OSError):  # no memory for a process just now: whoever asks next tries again
+                    worker.warm()
             elif not ready:
                 worker.close()
 
@@ -186,6 +190,9 @@ class Jobs:
             outcome: tuple[State, bytes, str] = ("failed", b"null", str(error))
         except GivenUp:
             outcome = ("failed", b"null", CANCELLED)
+        except Exception as error:  # a lane without its thread would let everybody wait for ever
+            _log.exception("computing %s", job.target)
+            outcome = ("failed", b"null", f"the computation could not be asked for ({type(error).__name__}: {error})")
         else:
             outcome = ("done", result, "")
         with self._changed:

@@ -129,7 +129,7 @@ class Run(BaseModel):
     """Why nothing new comes: the same as `detail`, where it does not."""
     state: str
     ending: str | None = None
-    """Who aborted it."""
+    """Who aborted it, or why else it ends."""
     t_s: Number = None
     left_s: Number = None
     late_s: Number = None

@@ -60,6 +60,7 @@ def add_problems(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _unlike)
     app.add_exception_handler(BenchError, _bench)
     app.add_exception_handler(DriverError, _driver)
+    app.add_exception_handler(OSError, _files)
     app.add_exception_handler(Exception, _ours)
 
 
@@ -87,6 +88,12 @@ async def _bench(request: Request, error: Exception) -> JSONResponse:
 
 async def _driver(request: Request, error: Exception) -> JSONResponse:
     return problem(400 if isinstance(error, (ConfigError, LimitError, IdentityError)) else 502, str(error))
+
+
+async def _files(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, OSError)
+    _log.error("%s %s", request.method, request.url.path, exc_info=error)
+    return problem(503, f"the server cannot read or write its files: {error.strerror or error}; runs go on")
 
 
 async def _ours(request: Request, error: Exception) -> JSONResponse:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 import secrets
-import tempfile
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
+from bench.store import write_atomically
 from bench.web.people import Person
 
 LIFE_S = 12 * 3600
@@ -56,10 +55,8 @@ class Sessions:
         now_s = self._clock()
         alive = sorted((item for item in self._known.items() if item[1][1] > now_s), key=lambda item: item[1][1])
         self._known = dict(alive[-_MOST:])
-        handle, temporary = tempfile.mkstemp(dir=self._path.parent, prefix=".sessions.")  # mode 0600
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            json.dump(self._known, file)
-        Path(temporary).replace(self._path)
+        with contextlib.suppress(OSError):  # a full disk keeps nobody from aborting; all sign in anew after a restart
+            write_atomically(self._path, json.dumps(self._known).encode())
 
 
 def _hash(key: str) -> str:

@@ -97,12 +97,18 @@ class Starts:
                 "runs": [],
             }
             try:
+                write_json(folder / START, {**about, "pid": None})  # nothing runs that is not on record
                 pid = self._spawn(folder, order.arguments(self._out))
             except OSError as error:
                 shutil.rmtree(folder, ignore_errors=True)
                 raise EquipmentError(f"the run cannot be started: {error.strerror or error}") from error
-            write_json(folder / START, {**about, "pid": pid})
+            self._write(folder, {**about, "pid": pid})
             return self._told(folder)
+
+    def _write(self, folder: Path, about: Mapping[str, Any]) -> None:
+        """Remember it; a full disk costs the way from the start to its run, and stops neither."""
+        with contextlib.suppress(OSError):
+            write_json(folder / START, about)
 
     def _new_folder(self) -> Path:
         name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(4)}"
@@ -149,7 +155,7 @@ class Starts:
                 if about and folder.name not in self._ended and about["pid"] == pid and _alive(folder):
                     if about["runs"] != list(runs):
                         about["runs"] = list(runs)
-                        write_json(folder / START, about)
+                        self._write(folder, about)
                     return about
         return None
 

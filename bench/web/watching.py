@@ -31,6 +31,8 @@ IDLE_S = 1.0
 PATIENCE_S = 1.0
 SILENT_S = 3.0
 """A run that did not answer is left alone for this long."""
+TICKING = frozenset({"running", "pausing", "holding"})
+"""States in which the loop of a run looks at everything once a second."""
 VERDICT_S = 3600.0
 """An analysis that has not come after this is not waited for."""
 
@@ -76,6 +78,10 @@ class Watched:
             self.mirror.take(answer.pop("trace"))
             self.picture = {key: value for key, value in answer.items() if key not in {"ok", "pid"}}
             self.condition, self.detail, self.killed = "live", "", False
+            age_s = self.picture.get("age_s", 0.0)
+            if self.picture["state"] in TICKING and age_s > remote.PATIENCE_S:
+                self.condition = "silent"
+                self.detail = f"its loop has not ticked for {age_s:.0f} s: nothing here is newer; look at the chamber"
         self.next_s = now_s + (PERIOD_S if self.condition == "live" else SILENT_S)
 
 
@@ -136,12 +142,15 @@ class Watcher:
         ends: list[dict[str, Any]] = []
         if now_s - self._looked_s >= IDLE_S:
             self._looked_s = now_s
-            self._look()
+            try:
+                self._look()
+            except Exception:  # the runs that are known go on being asked
+                _log.exception("looking for live runs")
             self._starts.reap()
             ends += self._verdicts(now_s)
         for token, watched in list(self._watched.items()):
             if now_s >= watched.next_s:
-                watched.ask(now_s)
+                self._ask(watched, now_s)
             if watched.condition != "live" and (end := self._told_end(watched)) is not None:
                 self._watched = {key: one for key, one in self._watched.items() if key != token}
                 self._analysed.append((now_s + VERDICT_S, watched, end))
@@ -154,11 +163,24 @@ class Watcher:
         for run in self._finder.look():
             watched = known.get(run.file.token)
             if watched is None or watched.live.folders != run.folders:
-                watched = Watched(run, self._starts.saw(run.file.pid, ids(run.folders)))
+                try:
+                    watched = Watched(run, self._starts.saw(run.file.pid, ids(run.folders)))
+                except Exception:  # whatever this run's files hold: the others are seen
+                    _log.exception("the files of %s", run.path)
+                    continue
             found[run.file.token] = watched
         # One whose file is gone stays until it was asked and its end is read.
         gone = {token: watched for token, watched in known.items() if token not in found}
         self._watched = {**gone, **found}
+
+    def _ask(self, watched: Watched, now_s: float) -> None:
+        """Ask; what cannot be understood is no answer."""
+        try:
+            watched.ask(now_s)
+        except Exception as error:
+            _log.exception("the answer of %s", watched.runs[0])
+            watched.condition, watched.next_s = "silent", now_s + SILENT_S
+            watched.detail = f"its answer cannot be understood ({type(error).__name__}: {error}); look at the chamber"
 
     def _told_end(self, watched: Watched) -> dict[str, Any] | None:
         """Its end; one that cannot be understood is an end of which nothing is known."""
