@@ -92,7 +92,7 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
         **last.outcome(),
         "sample_rate_hz": round(1 / seen.decoder.interval_s),
         "rate_step_dph": seen.decoder.rate_step_dph,
-        "unit_clock_drift_ppm": seen.clock.drift_ppm if seen.decoder.samples else None,
+        "unit_clock": asdict(seen.clock.estimate()) if seen.decoder.samples else None,
         "capture": capture,
         "unit_identity": asdict(identities[-1]) if identities else None,
         "rows": rows,

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.doubt import PROOF_NS, Behind, Doubt
+from drivers.envelope import Envelope
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
@@ -203,6 +204,22 @@ class CounterTrack:
         return Unwrapped(index, take, lost=self._delivered - before - fresh, **counts)
 
 
+@dataclass(frozen=True)
+class ClockEstimate:
+    """The unit's clock against the host's, with standard uncertainties; None: half a minute of frames is not there.
+
+    `offset_s`: bench time of index 0, by the fastest frames: the least delay on the way is part of it. `drift_ppm`: how
+    much slower than nominal the unit's clock runs. `spread_s`: so near to that line are the fastest frames of 95 % of
+    all stretches of the run; more than the jitter of the host means that the drift was not constant.
+    """
+
+    offset_s: float
+    offset_u_s: float | None
+    drift_ppm: float
+    drift_u_ppm: float | None
+    spread_s: float | None
+
+
 class SampleClock:
     """Bench time of sample indices: offset and drift of the unit's clock, from host stamps.
 
@@ -216,10 +233,12 @@ class SampleClock:
         self.interval_s = interval_s
         self._interval_ns = round(interval_s * 1e9)
         self._hull: list[tuple[int, int]] = []  # index, delay [ns]; lower convex hull, left to right
+        self._envelope = Envelope()
 
     def add(self, index: IntArray, t_ns: IntArray) -> None:
         """Take in frames (n,): sample index and host stamp [ns]; indices later than all before."""
         delay = t_ns - index * self._interval_ns
+        self._envelope.add(index, delay)
         x, y = _below(index.astype(np.int64), delay.astype(np.int64))
         hull = self._hull
         for point in zip(x.tolist(), y.tolist(), strict=True):
@@ -232,6 +251,16 @@ class SampleClock:
         """How much slower than nominal the unit's clock runs [ppm]; 0 until half a minute of frames was seen."""
         return self._line()[1] / self._interval_ns * 1e6
 
+    def estimate(self) -> ClockEstimate:
+        """What is known of the unit's clock; ValueError before the first frame."""
+        offset_ns, slope_ns = self._line()
+        known = self._envelope.known(offset_ns, slope_ns) if self._span_s() >= self.MIN_SPAN_S else None
+        drift_ppm = slope_ns / self._interval_ns * 1e6
+        if known is None:
+            return ClockEstimate(offset_ns * 1e-9, None, drift_ppm, None, None)
+        drift_u_ppm = known.slope / self._interval_ns * 1e6
+        return ClockEstimate(offset_ns * 1e-9, known.start_ns * 1e-9, drift_ppm, drift_u_ppm, known.spread_ns * 1e-9)
+
     def time(self, index: npt.ArrayLike) -> FloatArray:
         """Bench time [s] of sample indices; ValueError before the first frame."""
         offset_ns, slope_ns = self._line()
@@ -239,13 +268,16 @@ class SampleClock:
         times: FloatArray = (samples * self._interval_ns + offset_ns + samples * slope_ns) * 1e-9
         return times
 
+    def _span_s(self) -> float:
+        return (self._hull[-1][0] - self._hull[0][0]) * self.interval_s
+
     def _line(self) -> tuple[float, float]:
         """Delay at index 0 [ns] and its growth per sample [ns]."""
         hull = self._hull
         if not hull:
             raise ValueError("no frame yet: the clock of the unit is unknown")
         first, last = hull[0][0], hull[-1][0]
-        if (last - first) * self.interval_s < self.MIN_SPAN_S:
+        if self._span_s() < self.MIN_SPAN_S:
             return float(min(delay for _, delay in hull)), 0.0
         middle = (first + last) / 2
         right = next(k for k in range(1, len(hull)) if hull[k][0] >= middle)

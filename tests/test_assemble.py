@@ -110,7 +110,7 @@ def test_readings_find_their_tick_under_a_clock_that_runs_differently(copy):
     frames["t_ns"] = (frames["t_ns"] * (1 + 200e-6)).astype(np.int64) + 12_345_678
     rewrite(copy, frames)
     manifest = assemble(copy)
-    assert manifest["unit_clock_drift_ppm"] == pytest.approx(200, rel=1e-3)
+    assert manifest["unit_clock"]["drift_ppm"] == pytest.approx(200, rel=1e-3)
     readings, data = readings_of(copy), table(copy)
     at = np.flatnonzero(np.isfinite(data["chamber_temperature"]))
     assert np.all(np.abs(data["time"][at] - readings["t_s"]) <= 0.001 + 1e-6)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from drivers.errors import ConfigError
 from drivers.frames import NO_FRAMES
 from drivers.gyro import GyroDecoder, Identity, SampleClock
+from drivers.samples import ClockEstimate
 from drivers.sim.can_gyro import CanGyro
 
 MS = 1_000_000
@@ -378,6 +379,57 @@ def test_the_clock_finds_drift_and_offset_under_host_delays():
     assert np.max(np.abs(clock.time(index) - true_s)) < 50e-6
 
 
+def host_delays(kind, random, count):
+    """Delays of host stamps [s]: a busy host, one that stalls, stamps of whole milliseconds, load from then on."""
+    delay_s = random.exponential(0.001, count)
+    if kind == "stalls":
+        delay_s += 0.2 * (random.random(count) < 1e-3)
+    elif kind == "load":
+        delay_s += np.where(np.arange(count) > 0.6 * count, random.exponential(0.02, count), 0.0)
+    return delay_s
+
+
+@pytest.mark.parametrize("kind", ["busy", "stalls", "milliseconds", "load"])
+def test_the_uncertainty_of_the_clock_covers_the_truth(kind):
+    """Drift and offset are within twice their standard uncertainties, in at least 19 of 20 runs."""
+    within = []
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        drift_ppm = random.uniform(-100, 100)
+        index = np.arange(12_000, dtype=np.int64) * 5
+        t_s = 3.0 + index * 0.002 * (1 + drift_ppm * 1e-6) + host_delays(kind, random, len(index))
+        t_ns = np.round(t_s * 1e9).astype(np.int64)
+        if kind == "milliseconds":
+            t_ns = -(-t_ns // 1_000_000) * 1_000_000
+        clock = SampleClock(0.002)
+        clock.add(index, t_ns)
+        found = clock.estimate()
+        assert found.drift_u_ppm < 20
+        within.append(
+            (
+                abs(found.drift_ppm - drift_ppm) <= 2 * found.drift_u_ppm + 1e-6,
+                abs(found.offset_s - 3.0) <= 2 * found.offset_u_s + 0.0012,  # the least delay cannot be told
+            )
+        )
+    assert np.mean(within, axis=0).min() >= 0.95
+
+
+def test_a_drift_that_changes_shows_in_the_spread_of_the_clock():
+    index = np.arange(500_000, dtype=np.int64)
+    bend_ns = np.round(20e6 * np.sin(np.pi * index / len(index))).astype(np.int64)
+    straight, bent = SampleClock(0.002), SampleClock(0.002)
+    straight.add(index, index * 2 * MS)
+    bent.add(index, index * 2 * MS + bend_ns)
+    assert (straight.estimate().drift_u_ppm, straight.estimate().spread_s) == (0.0, 0.0)
+    assert bent.estimate().spread_s == pytest.approx(0.02, rel=0.02)
+
+
+def test_a_short_record_does_not_claim_to_know_its_clock():
+    clock = SampleClock(0.002)
+    clock.add(np.arange(1000), np.arange(1000) * 2 * MS + 5 * MS)
+    assert clock.estimate() == ClockEstimate(0.005, None, 0.0, None, None)
+
+
 def test_the_clock_without_frames_is_an_error():
     with pytest.raises(ValueError, match="no frame yet"):
         SampleClock(0.002).time([0])
@@ -393,5 +445,5 @@ def test_the_clock_of_a_unit_does_not_depend_on_how_its_frames_were_cut_into_blo
         clock = SampleClock(0.002)
         for indices, stamps in zip(np.split(index, cuts), np.split(t_ns, cuts), strict=True):
             clock.add(indices, stamps)
-        found.append((clock.time(index).tobytes(), clock.drift_ppm))
+        found.append((clock.time(index).tobytes(), clock.drift_ppm, clock.estimate()))
     assert len(set(found)) == 1

@@ -1,0 +1,398 @@
+"""Decoding, writing and capturing CAN frames beside what a user would call instead, in one run.
+
+    python -m benchmarks.capture [--quick] [--seconds 30] [--rounds 3]
+
+CPU is that of a process of its own with one thread, the least of alternating rounds; input is loaded before. Frames are
+those of one simulated unit with its own DBC, and of a DBC with everything that a DBC may hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cantools
+import numpy as np
+
+from benchmarks.rounds import Case, Method, Table, compared, measured
+from drivers.journal import FRAME, FrameArray, JournalWriter, Kind
+from drivers.wire import Column, Message, load_dbc, read_layouts
+
+FRAMES, FEW = 1_000_000, 1000
+WRITTEN = 200_000
+"""Frames for the writers: one of them needs 150 us for each."""
+FAMILY = Path(__file__).parents[1] / "drivers" / "gyros" / "vibratory.dbc"
+ANY = """VERSION ""
+BU_: A
+BO_ 1 BIG: 8 A
+ SG_ A : 7|16@0- (0.01,-40) [0|0] "" A
+ SG_ B : 20|11@0+ (1,0) [0|0] "" A
+ SG_ C : 39|32@0- (1,0) [0|0] "" A
+BO_ 2 ODD: 7 A
+ SG_ D : 3|13@1- (0.5,0) [0|0] "" A
+ SG_ E : 17|23@1+ (0.001,5) [0|0] "" A
+ SG_ F : 41|9@1- (1,0) [0|0] "" A
+BO_ 3 FLOATS: 8 A
+ SG_ G : 0|32@1- (1,0) [0|0] "" A
+ SG_ H : 39|32@0- (1,0) [0|0] "" A
+BO_ 4 MUX: 8 A
+ SG_ I M : 0|8@1+ (1,0) [0|0] "" A
+ SG_ J m0 : 8|16@1- (0.1,0) [0|0] "" A
+ SG_ K m1 : 8|24@1+ (1,0) [0|0] "" A
+ SG_ L : 32|32@1+ (1e-6,0) [0|0] "" A
+SIG_VALTYPE_ 3 G : 1;
+SIG_VALTYPE_ 3 H : 1;
+"""
+
+
+class Given(NamedTuple):
+    """Frames as records of a journal, and as identifiers and bytes objects; their layout, ours and that of cantools."""
+
+    frames: FrameArray
+    ids: list[int]
+    payloads: list[bytes]
+    dbc: Path
+    layouts: Mapping[str, Message]
+    database: Any
+
+
+def simulated(count: int) -> FrameArray:
+    """Frames of one simulated unit, in the order in which it sends them."""
+    layouts, random = load_dbc("vibratory"), np.random.default_rng(1)
+    ids = np.full(count, layouts["GYRO_RATE"].id, dtype=np.uint32)
+    ids[5::12], ids[11::12] = layouts["GYRO_RES"].id, layouts["GYRO_AMP"].id
+    ids[600::6050], ids[601::6050] = layouts["GYRO_SUPPLY"].id, layouts["GYRO_HEARTBEAT"].id
+    frames = np.zeros(count, dtype=FRAME)
+    frames["id"], frames["t_ns"] = ids, np.arange(count) * 1_660_000
+    for message in layouts.values():
+        at = np.flatnonzero(ids == message.id)
+        values: dict[str, Any] = {}
+        for name, signal in message.signals.items():
+            low, high = (
+                (-(1 << signal.length - 1), 1 << signal.length - 1) if signal.signed else (0, 1 << signal.length)
+            )
+            values[name] = random.integers(low, high, len(at)) * signal.scale + signal.offset
+        values.pop("Crc8", None)
+        data = message.pack(len(at), values)
+        if "Crc8" in message.signals:
+            data[:, message.length - 1] = message.crc(data, message.id)
+        frames["data"][at], frames["len"][at] = data, message.length
+    return frames
+
+
+def of_any_kind(count: int) -> FrameArray:
+    """Frames of the DBC above, by turns, with random bits; floats are finite."""
+    random = np.random.default_rng(2)
+    frames = np.zeros(count, dtype=FRAME)
+    frames["id"], frames["t_ns"] = 1 + np.arange(count) % 4, np.arange(count) * 125_000
+    frames["len"] = np.where(frames["id"] == 2, 7, 8)
+    data = random.integers(0, 256, (count, 8), dtype=np.uint8)
+    data[frames["id"] == 2, 7] = 0
+    floats = random.normal(0.0, 100.0, (count, 2)).astype("<f4")
+    rows = frames["id"] == 3
+    data[rows, :4] = floats[rows, :1].view(np.uint8)
+    data[rows, 4:] = floats[rows, 1:].astype(">f4").view(np.uint8)
+    rows = frames["id"] == 4
+    data[rows, 0] &= 1
+    frames["data"] = data
+    return frames
+
+
+def load(name: str, make: Callable[[int], FrameArray], dbc: str) -> Callable[[Path], Given]:
+    """Frames of a case, made once into the folder; the bus log for asammdf with them."""
+
+    def given(folder: Path) -> Given:
+        path = folder / f"{name}.npy"
+        if not path.exists():
+            np.save(path, make(int((folder / "frames").read_text())))
+            (folder / f"{name}.dbc").write_text(dbc)
+        frames = np.load(path)
+        whole, lengths = frames["data"].tobytes(), frames["len"].tolist()
+        payloads = [whole[8 * k : 8 * k + length] for k, length in enumerate(lengths)]
+        path = folder / f"{name}.dbc"
+        return Given(
+            frames, frames["id"].tolist(), payloads, path, read_layouts(path), cantools.database.load_file(path)
+        )
+
+    return given
+
+
+def few(given: Given) -> Given:
+    return given._replace(frames=given.frames[:FEW], ids=given.ids[:FEW], payloads=given.payloads[:FEW])
+
+
+Columns = dict[str, np.ndarray]
+
+
+def ours_from_records(given: Given) -> Columns:
+    """Blocks of a journal."""
+    words = given.frames.view("<u8").reshape(-1, 3)
+    ids = words[:, 1] & np.uint64(0xFFFF_FFFF)
+    found = {}
+    for message in given.layouts.values():
+        at = np.flatnonzero(ids == np.uint64(message.id))
+        found |= named(message, message.decode(words[at, 2].view(np.uint8).reshape(-1, 8)))
+    return found
+
+
+def ours_from_bytes(given: Given) -> Columns:
+    """Payloads as bytes objects, as cantools gets them."""
+    ids = np.array(given.ids, dtype=np.uint32)
+    whole = np.frombuffer(b"".join([*given.payloads, bytes(8)]), dtype=np.uint8)
+    ends = np.cumsum(np.fromiter(map(len, given.payloads), dtype=np.int64, count=len(ids)))
+    windows = np.lib.stride_tricks.sliding_window_view(whole, 8)
+    found = {}
+    for message in given.layouts.values():
+        at = np.flatnonzero(ids == message.id)
+        data = windows[ends[at] - message.length]
+        data[:, message.length :] = 0
+        found |= named(message, message.decode(data))
+    return found
+
+
+def named(message: Message, columns: Mapping[str, Column]) -> Columns:
+    return {f"{message.name}.{name}": values for name, (values, _) in columns.items()}
+
+
+def with_cantools(given: Given) -> Columns:
+    decode = given.database.decode_message
+    found: dict[str, list[float]] = {}
+    names = {message.frame_id: message.name for message in given.database.messages}
+    for identifier, payload in zip(given.ids, given.payloads, strict=True):
+        for name, value in decode(identifier, payload, decode_choices=False).items():
+            found.setdefault(f"{names[identifier]}.{name}", []).append(value)
+    return {name: np.array(values, dtype=np.float64) for name, values in found.items()}
+
+
+def cantools_calls(given: Given) -> Columns:
+    """The calls alone: nothing is kept."""
+    decode = given.database.decode_message
+    for identifier, payload in zip(given.ids, given.payloads, strict=True):
+        decode(identifier, payload, decode_choices=False)
+    return {}
+
+
+def bus_log(path: Path, frames: FrameArray) -> Any:
+    """The frames as asammdf keeps a CAN log (ASAM bus logging)."""
+    from asammdf import MDF, Signal
+
+    kind = np.dtype(
+        [
+            ("CAN_DataFrame.BusChannel", "u1"),
+            ("CAN_DataFrame.ID", "<u4"),
+            ("CAN_DataFrame.IDE", "u1"),
+            ("CAN_DataFrame.DLC", "u1"),
+            ("CAN_DataFrame.DataLength", "u1"),
+            ("CAN_DataFrame.DataBytes", "(8,)u1"),
+            ("CAN_DataFrame.Dir", "u1"),
+            ("CAN_DataFrame.EDL", "u1"),
+            ("CAN_DataFrame.BRS", "u1"),
+        ]
+    )
+    rows = np.zeros(len(frames), dtype=kind)
+    rows["CAN_DataFrame.BusChannel"] = 1
+    rows["CAN_DataFrame.ID"] = frames["id"]
+    for name in ("DLC", "DataLength"):
+        rows[f"CAN_DataFrame.{name}"] = frames["len"]
+    rows["CAN_DataFrame.DataBytes"] = frames["data"]
+    from asammdf.blocks import v4_constants as v4
+    from asammdf.blocks.source_utils import Source
+
+    mdf = MDF(version="4.11")
+    source = Source("CAN", "CAN", "", v4.SOURCE_BUS, v4.BUS_TYPE_CAN)
+    mdf.append(Signal(rows, frames["t_ns"] * 1e-9, name="CAN_DataFrame", source=source), acq_source=source)
+    group = mdf.groups[-1].channel_group
+    group.flags = v4.FLAG_CG_BUS_EVENT | v4.FLAG_CG_PLAIN_BUS_EVENT
+    mdf.save(path, overwrite=True)
+    mdf.close()
+
+
+def log_of(given: Given) -> Path:
+    """The bus log of these frames beside their DBC, written when it is asked for first."""
+    path = given.dbc.with_name(f"{given.dbc.stem}{len(given.frames)}.mf4")
+    if not path.exists():
+        bus_log(path, given.frames)
+    return path
+
+
+def with_asammdf(given: Given) -> Columns:
+    """Extraction from a log on disk, as its user has it."""
+    from asammdf import MDF
+
+    path = log_of(given)
+    out = MDF(path).extract_bus_logging({"CAN": [(given.dbc, 0)]}, ignore_value2text_conversion=True)
+    found = {}
+    for index, group in enumerate(out.groups):
+        message = group.channel_group.comment.split("message ")[1].split()[0]
+        for k, channel in enumerate(group.channels):
+            if channel.name != "time":
+                found[f"{message}.{channel.name}"] = out.get(group=index, index=k).samples
+    return found
+
+
+def off(answer: Columns, given: Given, folder: Path) -> float:
+    """Largest difference from our columns, relative to the largest value of each; missing columns count as 1."""
+    found, worst = ours_from_records(given), 0.0
+    if not answer:
+        return float("nan")
+    for name, values in found.items():
+        theirs = answer.get(name)
+        if theirs is not None and theirs.dtype.kind not in "iufb":
+            continue  # asammdf turns values with names into text
+        if theirs is None or len(theirs) != len(values):
+            worst = max(worst, 1.0 if len(values) else 0.0)
+        elif len(values):
+            worst = max(worst, float(np.max(np.abs(theirs.astype(np.float64) - values)) / np.max(np.abs(values))))
+    return worst
+
+
+DECODERS = {
+    "ours, from records of a journal": Method(ours_from_records),
+    "ours, from a list of bytes": Method(ours_from_bytes),
+    "cantools decode_message, kept in lists": Method(with_cantools, ("cantools",)),
+    "cantools decode_message, calls alone": Method(cantools_calls, ("cantools",)),
+    "asammdf extract_bus_logging": Method(with_asammdf, ("asammdf",)),
+}
+
+
+def messages(frames: FrameArray) -> list[Any]:
+    """The same frames as python-can's messages, which its writers take."""
+    from drivers.frames import to_messages
+
+    return list(to_messages(frames, "1"))
+
+
+class Written(NamedTuple):
+    frames: FrameArray
+    messages: list[Any]
+    folder: Path
+
+
+def load_written(folder: Path) -> Written:
+    given = CASES["decode, a gyro's DBC"].load(folder)
+    return Written(given.frames[:WRITTEN], messages(given.frames[:WRITTEN]), folder)
+
+
+def few_written(given: Written) -> Written:
+    return Written(given.frames[:FEW], given.messages[:FEW], given.folder)
+
+
+def in_blocks(given: Written) -> int:
+    """Our journal, a block of 1024 records with its CRC by one write each."""
+    path = fresh(given, "gtbj")
+    writer = JournalWriter(path)
+    for start in range(0, len(given.frames), 1024):
+        block = given.frames[start : start + 1024]
+        writer.append(Kind.FRAMES, block.tobytes(), len(block), 0.0)
+    writer.close()
+    return path.stat().st_size
+
+
+def by_message(given: Written) -> int:
+    """The same from python-can's messages, one by one, as the capture gets them."""
+    from drivers.frames import to_record
+
+    path = fresh(given, "gtbj")
+    writer = JournalWriter(path)
+    records: list[bytes] = []
+    for message in given.messages:
+        records.append(to_record(message, round(message.timestamp * 1e9)))
+        if len(records) == 1024:
+            writer.append(Kind.FRAMES, b"".join(records), 1024, 0.0)
+            records = []
+    writer.append(Kind.FRAMES, b"".join(records), len(records), 0.0)
+    writer.close()
+    return path.stat().st_size
+
+
+def with_writer(ending: str) -> Callable[[Written], int]:
+    """A writer of python-can."""
+
+    def write(given: Written) -> int:
+        import can
+
+        path = fresh(given, ending)
+        with can.Logger(str(path)) as log:
+            for message in given.messages:
+                log.on_message_received(message)
+        return path.stat().st_size
+
+    return write
+
+
+def crc_alone(given: Written) -> int:
+    return zlib.crc32(given.frames.tobytes())
+
+
+def fresh(given: Written, ending: str) -> Path:
+    path = given.folder / f"written-{os.getpid()}.{ending}"
+    path.unlink(missing_ok=True)
+    return path
+
+
+WRITERS = {
+    "our journal, blocks of 1024": Method(in_blocks),
+    "our journal, message by message": Method(by_message),
+    **{
+        f"python-can {ending.upper()}": Method(with_writer(ending), ("can",))
+        for ending in ("blf", "asc", "csv", "log", "db")
+    },
+    "python-can MF4": Method(with_writer("mf4"), ("can", "asammdf")),
+    "CRC-32 of the bytes": Method(crc_alone, limit=True),
+}
+CASES: dict[str, Case] = {
+    "decode, a gyro's DBC": Case(load("gyro", simulated, FAMILY.read_text()), few, DECODERS, off),
+    "decode, any DBC": Case(load("any", of_any_kind, ANY), few, DECODERS, off),
+    "write": Case(load_written, few_written, WRITERS, repeats=1),
+}
+
+
+def tables(quick: bool = False, seconds: float = 30.0, rounds: int = 3) -> list[Table]:
+    """All tables of capture."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "frames").write_text(str(20_000 if quick else FRAMES))
+        for case in list(CASES.values())[:2]:
+            given = case.load(folder)
+            log_of(given)
+            log_of(few(given))
+        rows = measured("benchmarks.capture", folder, CASES, 1 if quick else rounds)
+    decode = [row for row in rows if row.case.startswith("decode")]
+    write = [row for row in rows if row.case == "write"]
+    return [
+        compared(
+            "Decoding CAN frames", f"{20_000 if quick else FRAMES:,} frames into columns of physical values.", decode
+        ),
+        compared("Writing CAN frames", f"{min(WRITTEN, 20_000 if quick else FRAMES):,} frames to a file.", write),
+        *saturated_tables(2.0 if quick else seconds),
+    ]
+
+
+def saturated_tables(seconds: float) -> list[Table]:
+    """Buses at and beyond what they can carry."""
+    from benchmarks.saturated import tables as of_buses
+
+    return of_buses(seconds)
+
+
+def show(tables: Iterable[Table]) -> None:
+    for table in tables:
+        print(table.markdown(), end="\n\n", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--rounds", type=int, default=3)
+    wishes = parser.parse_args()
+    show(tables(wishes.quick, wishes.seconds, wishes.rounds))
+
+
+if __name__ == "__main__":
+    main()

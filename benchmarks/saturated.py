@@ -1,0 +1,216 @@
+"""Saturated buses captured in processes of their own while a report is rendered: frames lost, and the CPU share.
+
+    python -m benchmarks.saturated [--buses 4] [--rate 8500] [--seconds 30]
+
+A sender and its broker are one process a bus, the capture is the product's, frames carry a counter: the proof is that
+the journal holds every number once and in order. CPU is that of each process over the same time, from /proc.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.canbus import BusSettings, ProcessCapture
+from drivers.health import CaptureHealth
+from drivers.journal import FRAME, Kind, read_blocks
+
+PERIOD_NS = 1_000_000
+"""Frames leave in packets of this long, as those of a USB adapter do."""
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+
+
+def send(rate: float, seconds: float, parent: Connection) -> None:
+    """The sender's process: a broker, and counted frames at so many a second (0: as fast as it takes them)."""
+    from drivers.sim.loopcan import Broker, LoopBus
+
+    broker = Broker()
+    bus = LoopBus(broker.port)
+    parent.send(broker.port)
+    parent.recv()
+    sent, begun = 0, time.monotonic_ns()
+    end = begun + round(seconds * 1e9)
+    while (now := time.monotonic_ns()) < end:
+        due = round((now - begun) * 1e-9 * rate) if rate else sent + 256
+        if due > sent:
+            bus.send_block(counted(sent, min(due, sent + 4096)))
+            sent = min(due, sent + 4096)
+        if rate:
+            time.sleep(max(PERIOD_NS - (time.monotonic_ns() - now), 0) * 1e-9)
+    parent.send((sent, (time.monotonic_ns() - begun) * 1e-9))
+    parent.recv()
+    bus.shutdown()
+    parent.send(broker.dropped_clients)
+    broker.close()
+
+
+def counted(start: int, end: int) -> np.ndarray:
+    """Frames with 8 bytes each that carry their own number."""
+    frames = np.zeros(end - start, dtype=FRAME)
+    frames["id"], frames["len"] = 0x120, 8
+    frames["data"] = np.arange(start, end, dtype="<u8").view(np.uint8).reshape(-1, 8)
+    return frames
+
+
+def cpu_s(pid: int) -> float:
+    """CPU time of a process and all its threads so far [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
+
+
+@contextmanager
+def reporting(folder: Path) -> Iterator[tuple[int, Callable[[], int]]]:
+    """A process that renders a report of a simulated run over and over; yields what counts them."""
+    code = "import sys; from benchmarks.saturated import render; render(sys.argv[1], sys.argv[2])"
+    command = [sys.executable, "-c", code, str(folder), str(folder / "count")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert process.stdout is not None
+    if process.stdout.readline().strip() != "ready":
+        raise SystemExit("the report could not be rendered")
+    try:
+        yield process.pid, lambda: int((folder / "count").read_text())
+    finally:
+        process.kill()
+        process.wait()
+
+
+def render(folder: str, count: str) -> None:
+    """Make a run, then its report over and over."""
+    from bench.model import load_model
+    from bench.workflow import acquisition, analysis
+
+    models = [load_model(model) for model in analysis.DEFAULT_MODELS]
+    done = acquisition.conduct(Path("profiles/quick.yaml"), None, acquisition.Task((), {}, Path(folder)), quiet=True)
+    made = 0
+    while True:
+        Path(count).write_text(str(made))
+        if not made:
+            print("ready", flush=True)
+        analysis.report_on(done.run, models, done.error)
+        made += 1
+
+
+class Line:
+    """One bus: its sender and its capture."""
+
+    def __init__(self, context: Any, folder: Path, number: int, rate: float, seconds: float) -> None:
+        self._pipe, theirs = context.Pipe()
+        self.sender = context.Process(target=send, args=(rate, seconds, theirs), daemon=True)
+        self.sender.start()
+        self.journal = folder / f"bus{number}.gtbj"
+        port = self._pipe.recv()
+        self.capture = ProcessCapture(BusSettings("loopcan", f"127.0.0.1:{port}"), self.journal, time.monotonic_ns())
+        self.cpu = (0.0, 0.0)
+        self.seen: list[CaptureHealth] = []
+        self.polled = 0
+
+    def start(self) -> None:
+        self.cpu = self._cpu()
+        self._pipe.send("go")
+
+    def poll(self) -> bool:
+        """As the run's loop does once a second; whether the sender has done."""
+        self.polled += len(self.capture.poll())
+        self.seen.append(self.capture.health())
+        return self._pipe.poll(0)
+
+    def _cpu(self) -> tuple[float, float]:
+        assert self.capture.pid is not None
+        return cpu_s(self.capture.pid), cpu_s(self.sender.pid)
+
+    def finish(self) -> dict[str, Any]:
+        """Let the capture catch up, close, and hold the journal against the counter."""
+        sent, lasted_s = self._pipe.recv()
+        begun = time.monotonic()
+        while self.capture.health().frames < sent and time.monotonic() - begun < 60 and not self.capture.health().error:
+            time.sleep(0.01)
+        drain_s = time.monotonic() - begun
+        capture_s, sender_s = (after - before for after, before in zip(self._cpu(), self.cpu, strict=True))
+        health = self.capture.health()
+        self.capture.close()
+        self.polled += len(self.capture.poll())
+        self._pipe.send("end")
+        dropped = self._pipe.recv()
+        self.sender.join()
+        numbers, events = journalled(self.journal)
+        return {
+            "sent": sent,
+            "rate": sent / lasted_s,
+            "kept": len(numbers),
+            "lost": sent - len(np.unique(numbers)),
+            "in_order": bool((np.diff(numbers.astype(np.int64)) == 1).all()) if len(numbers) else False,
+            "polled": self.polled,
+            "capture_cpu": capture_s / lasted_s,
+            "sender_cpu": sender_s / lasted_s,
+            "us_per_frame": 1e6 * capture_s / max(len(numbers), 1),
+            "most_behind_s": health.most_behind_s,
+            "seen_behind_s": max(seen.behind_s for seen in self.seen),
+            "drain_s": drain_s,
+            "events": events,
+            "dropped_clients": dropped,
+        }
+
+
+def journalled(path: Path) -> tuple[np.ndarray, list[str]]:
+    """Numbers of the frames in a journal, and what its capture had to say."""
+    frames, events = [np.zeros(0, dtype="<u8")], []
+    for block in read_blocks(path):
+        if block.kind is Kind.FRAMES:
+            frames.append(np.ascontiguousarray(block.frames()["data"]).view("<u8")[:, 0])
+        else:
+            events.append(json.loads(block.payload)["text"])
+    return np.concatenate(frames), events
+
+
+def trial(buses: int, rate: float, seconds: float, report: bool = True) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """So many buses at so many frames a second; what became of each, and what else ran."""
+    context = multiprocessing.get_context("spawn")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "runs").mkdir()
+        lines = [Line(context, folder, k, rate, seconds) for k in range(buses)]
+        if not report:
+            return _watch(lines), {}
+        with reporting(folder / "runs") as (pid, made):
+            before = made(), cpu_s(pid), time.monotonic()
+            found = _watch(lines)
+            lasted_s = time.monotonic() - before[2]
+            others = {"reports": made() - before[0], "report_cpu": (cpu_s(pid) - before[1]) / lasted_s}
+        return found, others
+
+
+def _watch(lines: Sequence[Line]) -> list[dict[str, Any]]:
+    for line in lines:
+        line.start()
+    while not all([line.poll() for line in lines]):
+        time.sleep(1.0)
+    return [line.finish() for line in lines]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--buses", type=int, default=4)
+    parser.add_argument("--rate", type=float, default=8500.0)
+    parser.add_argument("--seconds", type=float, default=30.0)
+    wishes = parser.parse_args()
+    found, others = trial(wishes.buses, wishes.rate, wishes.seconds)
+    for one in found:
+        print(json.dumps(one))
+    print(json.dumps(others), "load", os.getloadavg())
+
+
+if __name__ == "__main__":
+    main()
