@@ -28,10 +28,13 @@ function heard(change) {
   live.set((now) => ({ ...now, connected: true, heard_ms: Date.now(), ...change }));
 }
 
+/** What was said last of a run is no longer what it does. */
+const unheard = (run) => (run.condition === "live" ? { ...run, condition: "unheard" } : run);
+
 function lost() {
   source?.close();
   source = null;
-  live.set((now) => (now.connected === false ? now : { ...now, connected: false }));
+  live.set((now) => (now.connected === false ? now : { ...now, connected: false, runs: now.runs.map(unheard) }));
   clearTimeout(timers.retry);
   if (users) timers.retry = setTimeout(open, RETRY_MS[Math.min(tries++, RETRY_MS.length - 1)]);
 }

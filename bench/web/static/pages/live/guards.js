@@ -1,6 +1,6 @@
 // Guards as traffic lights: colour, shape and word; trouble first.
 import { html } from "../../vendor/preact.js";
-import { Shape } from "../../lib/parts.js";
+import { Lamp, Shape } from "../../lib/parts.js";
 import { number, or, t } from "../../lib/words.js";
 
 const TONES = { ok: "good", waiting: "warn", tripped: "bad" };
@@ -18,14 +18,17 @@ function valueOf({ signal, value }) {
   return `${number(value, Math.abs(value) >= 100 ? 0 : 1)} ${UNITS[signal]}`;
 }
 
-export function Guards({ guards = [] }) {
+/** `old`: the lights are as they were last; none of them is green then. */
+export function Guards({ guards = [], old = false }) {
   const sorted = [...guards].sort((one, other) => ORDER.indexOf(one.state) - ORDER.indexOf(other.state));
   const worst = sorted[0]?.state;
+  const toneOf = (state) => (old && state === "ok" ? "idle" : TONES[state]);
+  const word = old ? "guards.old" : worst === "ok" ? "guards.all_ok" : `guards.${worst}`;
   return html`<section class="guards panel" aria-label=${t("live.guards")}>
     <header class="row spread"><h2>${t("live.guards")}</h2>
-      ${worst && html`<span class=${`lamp tone-${TONES[worst]}`}><${Shape} tone=${TONES[worst]} />${t(worst === "ok" ? "guards.all_ok" : `guards.${worst}`)}</span>`}</header>
+      ${worst && html`<${Lamp} tone=${toneOf(worst)}>${t(word)}<//>`}</header>
     <ul>${sorted.map((guard) => html`<li key=${guard.name} class=${guard.state}>
-      <span class=${`tone-${TONES[guard.state]}`}><${Shape} tone=${TONES[guard.state]} /></span>
+      <span class=${`tone-${toneOf(guard.state)}`}><${Shape} tone=${toneOf(guard.state)} /></span>
       <span class="guard-name">${guardName(guard)}<span class="unseen">: </span>
         ${guard.text && html`<small lang="en">${guard.text}</small>`}</span>
       <span class="guard-state figures">${guard.state === "ok" ? valueOf(guard) || t("guards.ok") : html`<b class=${`tone-${TONES[guard.state]}`}>${t(`guards.${guard.state}`)}</b>`}</span>

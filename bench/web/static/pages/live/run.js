@@ -1,13 +1,13 @@
 // One live run, whole: state, time left, segment bar, figures, curves, guards, actions.
 import { html, useEffect, useRef, useState } from "../../vendor/preact.js";
-import { Shape } from "../../lib/parts.js";
+import { Lamp, Shape } from "../../lib/parts.js";
 import { traces } from "../../lib/live.js";
 import { degrees, duration, language, number, t } from "../../lib/words.js";
 import { Trace } from "../../lib/trace.js";
 import { Actions } from "./actions.js";
 import { Output, Temperatures, unitTone } from "./charts.js";
 import { Guards, guardName } from "./guards.js";
-import { lateText, planName, segmentText, serials, stateWord, toneOf } from "./words.js";
+import { isOld, lateText, planName, segmentText, serials, stateWord, toneOf } from "./words.js";
 
 const EMPTY = new Trace();
 
@@ -24,13 +24,13 @@ export function RunView({ run }) {
         <div class=${units.length > 1 ? "outputs many" : "outputs"}>
           ${units.map((unit, index) => html`<div key=${unit.serial} class="output">
             <${Output} run=${run} trace=${trace} unit=${unit} index=${units.length > 1 ? index : null} height=${units.length > 1 ? 105 : 200}>
-              ${units.length > 1 && html`<${UnitLine} unit=${unit} index=${index} />`}<//>
+              ${units.length > 1 && html`<${UnitLine} run=${run} unit=${unit} index=${index} />`}<//>
           </div>`)}
         </div>
       </div>
       <aside>
         ${units.length === 1 && html`<${Figures} run=${run} unit=${units[0]} />`}
-        <${Guards} guards=${run.guards} />
+        <${Guards} guards=${run.guards} old=${isOld(run)} />
       </aside>
     </div>
     <${Actions} run=${run} />
@@ -80,7 +80,7 @@ export function Segments({ run }) {
 }
 
 function Troubles({ run }) {
-  const gone = run.condition && run.condition !== "live" && run.condition !== "ended";
+  const gone = isOld(run) && run.condition !== "ended";
   return html`<div aria-live="assertive">
     ${gone && html`<div class="notice bad"><p><strong>${t(`live.${run.condition}`)}</strong> <span lang="en">${run.detail}</span></p></div>`}
     ${run.chamber?.alarm?.length > 0 && html`<div class="notice bad"><p><strong>${t("live.alarm")}</strong> ${run.chamber.alarm.join(", ")}</p></div>`}
@@ -91,9 +91,13 @@ function Troubles({ run }) {
 
 const lossesOf = ({ losses = {} }) => (losses.lost ?? 0) + (losses.slow_lost ?? 0) + (losses.corrupt ?? 0) + (losses.late ?? 0) + (losses.repeated ?? 0) + (losses.invalid ?? 0);
 
-const Loss = ({ unit }) => {
+/** Whether samples come, as far as is known: losses are counted when the next sample is there. */
+const comes = (run, unit) => !isOld(run) && !unit.dropped && unit.losses?.received > 0 && (run.buses ?? []).every(({ state }) => state === "ok");
+
+const Loss = ({ run, unit }) => {
   const lost = lossesOf(unit);
-  return html`<span class=${`lamp tone-${lost ? "warn" : "good"}`}><${Shape} tone=${lost ? "warn" : "good"} /><span>${lost ? t("live.losses", { n: lost }) : t("live.no_losses")}</span></span>`;
+  if (lost) return html`<${Lamp} tone="warn">${t("live.losses", { n: lost })}<//>`;
+  return comes(run, unit) ? html`<${Lamp} tone="good">${t("live.no_losses")}<//>` : html`<${Lamp} tone="idle">${t("live.no_samples")}<//>`;
 };
 
 function Figures({ run, unit }) {
@@ -101,14 +105,14 @@ function Figures({ run, unit }) {
   return html`<dl class="figures-grid panel figures">
     <div><dt>${t("live.chamber")}</dt><dd>${degrees(run.chamber?.temperature_degc)}</dd></div>
     <div><dt>${t("live.unit_temperature")}</dt><dd>${degrees(unit.temperature_degc)}</dd></div>
-    <div class="wide"><dt>${t("live.frames")}</dt><dd class="small-figure"><${Loss} unit=${unit} /></dd>
+    <div class="wide"><dt>${t("live.frames")}</dt><dd class="small-figure"><${Loss} run=${run} unit=${unit} /></dd>
       <dd class="soft">${t("live.received", { n: unit.losses?.received ?? 0 })}${losses.map(([name, count]) => html` · ${t(`loss.${name}`)} ${number(count)}`)}</dd></div>
   </dl>`;
 }
 
-const UnitLine = ({ unit, index }) => html`<p class="unit-line figures">
+const UnitLine = ({ run, unit, index }) => html`<p class="unit-line figures">
   <span class="lamp"><svg viewBox="0 0 12 12" aria-hidden="true" ref=${(element) => element?.style.setProperty("color", `var(${unitTone(index)})`)}><rect width="12" height="12" rx="2" fill="currentColor" /></svg>
-  <b>${degrees(unit.temperature_degc)}</b></span> <${Loss} unit=${unit} />
+  <b>${degrees(unit.temperature_degc)}</b></span> <${Loss} run=${run} unit=${unit} />
 </p>`;
 
 /** What changes is said to those who do not see it: states at once, segments when there is time. */

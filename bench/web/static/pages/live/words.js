@@ -5,8 +5,10 @@ import { planTitle } from "../start/plan.js";
 const TONES = { running: "good", starting: "link", holding: "warn", pausing: "warn", ending: "warn" };
 
 /** State of a run for people: one that does not answer is not "running", whatever it said last. */
-export const stateOf = (run) => (run.condition && run.condition !== "live" ? run.condition : run.state);
-export const toneOf = (run) => (run.condition === "gone" || run.condition === "silent" ? "bad" : TONES[run.state] ?? "idle");
+export const stateOf = (run) => (isOld(run) ? run.condition : run.state);
+/** Whether what is shown of a run is what it said last, and not what it does. */
+export const isOld = (run) => Boolean(run.condition) && run.condition !== "live";
+export const toneOf = (run) => (run.condition === "unheard" ? "idle" : run.condition === "gone" || run.condition === "silent" ? "bad" : TONES[run.state] ?? "idle");
 export const stateWord = (run) => or(`live.state.${stateOf(run)}`, stateOf(run));
 
 export const planName = (run) => planTitle({ id: run.profile, title: run.profile?.replaceAll("_", " ") || t("live.run") });
