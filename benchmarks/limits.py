@@ -15,8 +15,9 @@ import numpy as np
 from benchmarks.rounds import Case, Method, Table, compared, measured
 
 ROWS, QUICK_ROWS = 3_600_000, 200_000
-REQUESTS = 5000
-_REQUEST_BYTES, _ANSWER_BYTES, _WORDS = 12, 9 + 2 * 10, 10
+REQUESTS = 2000
+CONTROLLER = "watlow_f4t"
+_REQUEST_BYTES, _ANSWER_BYTES = 12, 9 + 2 * 10
 """Modbus TCP: a request to read, and its answer with ten words."""
 _UNIT_HZ = 500 + 2 * 50 + 1 + 1
 """Frames of a unit in a second: rate, two slow messages, supply, heartbeat."""
@@ -29,7 +30,7 @@ def spline_from(path: Path) -> Any:
     from bench.fit.samples import Samples
     from bench.fit.smooth import solve_spline
     from bench.fit.state import State
-    from benchmarks.one_pass import CELLS, INTERVALS
+    from benchmarks.fit_data import CELLS, INTERVALS
 
     samples = Samples(path)
     state = State(Cells(*samples.range("temperature"), CELLS))
@@ -39,7 +40,7 @@ def spline_from(path: Path) -> Any:
 
 
 def spline_in_memory(d: Any) -> Any:
-    from benchmarks.one_pass import our_spline
+    from benchmarks.fit_ours import our_spline
 
     return our_spline(d)
 
@@ -62,35 +63,40 @@ def bytes_of(path: Path) -> int:
     return count
 
 
-def our_requests(count: int) -> None:
-    """Ten words, so many times, by the product's link from the product's simulated controller."""
-    from drivers.modbus import ModbusLink
-    from drivers.register import Register
-    from drivers.sim.modbus_tcp import ModbusTcp
+@contextmanager
+def controller() -> Iterator[tuple[Any, int]]:
+    """The simulated controller, its register map and its port."""
+    from drivers.registers import load_map
+    from drivers.sim.modbus_chamber import ModbusChamber
 
-    words = [Register(f"word{i}", i, "uint16", "a word", "a benchmark") for i in range(_WORDS)]
-    server = ModbusTcp(lambda code, address, count, values: [7] * count, [(0, _WORDS)], 0, 1)
-    link = ModbusLink(f"tcp://127.0.0.1:{server.port}")
-    for _ in range(count):
-        link.read_block(words)
-    link.close()
-    server.close()
+    registers = load_map(CONTROLLER)
+    with ModbusChamber(registers) as chamber:
+        yield registers, chamber.port
+
+
+def our_requests(count: int) -> None:
+    """One poll's first block, so many times, by the product's link: checked and decoded."""
+    from drivers.modbus import ModbusLink
+
+    with controller() as (registers, port):
+        link = ModbusLink(f"tcp://127.0.0.1:{port}")
+        block = registers.blocks[0]
+        for _ in range(count):
+            link.read_block(block)
+        link.close()
 
 
 def pymodbus_requests(count: int) -> None:
-    """The same with the client of pymodbus."""
+    """The same words with the client of pymodbus alone: neither checked nor decoded."""
     from pymodbus.client import ModbusTcpClient
 
-    from drivers.sim.modbus_tcp import ModbusTcp
+    from drivers.registers import block_of
 
-    server = ModbusTcp(lambda code, address, count, values: [7] * count, [(0, _WORDS)], 0, 1)
-    client = ModbusTcpClient("127.0.0.1", port=server.port)
-    client.connect()
-    for _ in range(count):
-        if client.read_holding_registers(0, count=_WORDS, device_id=1).isError():
-            raise RuntimeError("refused")
-    client.close()
-    server.close()
+    with controller() as (registers, port), ModbusTcpClient("127.0.0.1", port=port) as client:
+        _, start, words = block_of(registers.blocks[0])
+        for _ in range(count):
+            if client.read_holding_registers(start, count=words, device_id=1).isError():
+                raise RuntimeError("refused")
 
 
 def bare_round_trips(count: int) -> None:
@@ -156,7 +162,7 @@ CASES = {
         lambda count: 50,
         {
             "link of the bench": Method(our_requests),
-            "pymodbus client": Method(pymodbus_requests),
+            "pymodbus client alone": Method(pymodbus_requests),
             "limit: bare sockets": Method(bare_round_trips, limit=True),
         },
     ),
@@ -218,7 +224,7 @@ def bus_table() -> Table:
 
 
 def tables(quick: bool) -> list[Table]:
-    from benchmarks.one_pass import data, write_file
+    from benchmarks.fit_data import data, write_file
 
     rows = QUICK_ROWS if quick else ROWS
     with tempfile.TemporaryDirectory() as name:
