@@ -34,27 +34,45 @@ QUIET = ("--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-backgroun
 DAY_UPDATES = 5 * 86_400
 ROUNDS = 10
 USABLE = """(() => {
-  const look = () => document.activeElement?.id === "serial" ? (globalThis.usable_ms = performance.now()) : requestAnimationFrame(look);
+  const look = () => {
+    if (document.activeElement?.id === "serial") globalThis.usable_ms = performance.now();
+    else requestAnimationFrame(look);
+  };
   look();
 })()"""
-COUNT = "import('/static/lib/live.js').then(({ live }) => live.subscribe(() => globalThis.updates = (globalThis.updates ?? 0) + 1) && 1)"
+COUNT = """import('/static/lib/live.js').then(({ live }) => {
+  live.subscribe(() => {
+    globalThis.updates = (globalThis.updates ?? 0) + 1;
+    globalThis.seen_s = live.get().runs[0]?.t_s;
+  });
+})"""
+DRAWN = """(ticks) => new Promise((done) => {
+  const look = () => {
+    if (globalThis.seen_s >= ticks) requestAnimationFrame(() => requestAnimationFrame(done));
+    else setTimeout(look, 2);
+  };
+  look();
+})"""
+BURST = 64
+"""Updates between two frames that are really shown; a flood without frames would measure the flood."""
 Row = tuple[str, str]
 
 
 @contextmanager
-def child(*command: str) -> Iterator[tuple[int, str]]:
+def child(*command: str) -> Iterator[tuple[Any, str]]:
     """Process and address of a server; ended with the block."""
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     process = subprocess.Popen(
-        [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment
-    )
+        [sys.executable, *command],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment,
+    )  # fmt: skip
     assert process.stdout
     try:
         for line in process.stdout:
             if found := re.search(r"http://127[^\s\"/]+", line):
                 break
         threading.Thread(target=process.stdout.read, daemon=True).start()
-        yield process.pid, found.group(0) if found else ""
+        yield process, found.group(0) if found else ""
     finally:
         process.terminate()
         process.wait(60)
@@ -100,23 +118,41 @@ def weighed(page: Page) -> dict[str, float]:
     return {"heap": heap, "nodes": nodes["nodes"], "listeners": nodes["jsEventListeners"]}
 
 
+def go_on(process: Any, ticks: int) -> None:
+    process.stdin.write(f"{ticks}\n")
+    process.stdin.flush()
+
+
+def renderer(browser: Browser) -> int:
+    """Process of the page: the largest one that draws."""
+    session = browser.new_browser_cdp_session()
+    found = session.send("SystemInfo.getProcessInfo")["processInfo"]
+    session.detach()
+    return max((one["id"] for one in found if one["type"] == "renderer"), key=resident_mib)
+
+
 def a_day(browser: Browser, out: Path, updates: int) -> list[Row]:
-    """The live page through as many updates as a day has at 5 Hz, as fast as it takes them."""
+    """The live page through as many updates as a day has at 5 Hz, as fast as it shows them; weighed while it rests."""
     rows = []
-    with child("-m", "benchmarks.web_source", str(out), "0", str(updates)) as (pid, address):
+    with child("-m", "benchmarks.web_source", str(out), "0") as (process, address):
         page = browser.new_context(base_url=address, viewport={"width": 1440, "height": 900}).new_page()
         page.goto("/live/SIM-0001/day")
         page.get_by_role("progressbar").wait_for()
         page.evaluate(COUNT)
-        begin = perf_counter()
+        begin, ticks = perf_counter(), 1
         # The trace is full for the first time after 4096 ticks: what counts is what happens then.
-        for share in (0.01, 0.25, 0.5, 1.0):
-            page.wait_for_function(
-                f"() => globalThis.updates >= {int(share * updates * 0.999)}", timeout=0, polling=500
-            )
-            got, seen = page.evaluate("globalThis.updates"), weighed(page)
+        for mark in (updates // 64, updates // 4, updates // 2, 3 * updates // 4, updates):
+            while ticks < mark:
+                ticks = min(ticks + BURST, mark)
+                go_on(process, ticks)
+                page.evaluate(DRAWN, ticks)
+            sleep(2)
+            seen = weighed(page)
             told = f"heap {seen['heap']:.1f} MiB, {seen['nodes']:.0f} nodes, {seen['listeners']:.0f} listeners"
-            rows.append((f"live page after {got:,} updates", f"{told}, server {resident_mib(pid):.0f} MiB"))
+            told += (
+                f"; its process {resident_mib(renderer(browser)):.0f} MiB, server {resident_mib(process.pid):.0f} MiB"
+            )
+            rows.append((f"live page after {page.evaluate('globalThis.updates'):,} updates", told))
             print(*rows[-1], f"{perf_counter() - begin:.0f} s", flush=True)
         page.context.close()
     return rows
@@ -126,14 +162,15 @@ def per_browser(out: Path) -> Row:
     """The server's processor time for one more browser at 5 Hz [% of one core]."""
     shares = {}
     for count in (1, 21):
-        with child("-m", "benchmarks.web_source", str(out / str(count)), "5", str(DAY_UPDATES)) as (pid, address):
+        with child("-m", "benchmarks.web_source", str(out / str(count)), "5") as (process, address):
+            go_on(process, DAY_UPDATES)
             threads = [threading.Thread(target=_listen, args=(address,), daemon=True) for _ in range(count)]
             for thread in threads:
                 thread.start()
             sleep(5)
-            begin, before = perf_counter(), cpu_s(pid)
+            begin, before = perf_counter(), cpu_s(process.pid)
             sleep(20)
-            shares[count] = 100 * (cpu_s(pid) - before) / (perf_counter() - begin)
+            shares[count] = 100 * (cpu_s(process.pid) - before) / (perf_counter() - begin)
     each = (shares[21] - shares[1]) / 20
     return "server at 5 Hz, of one core", f"{shares[1]:.1f} % with one browser, {each:.2f} % for each further one"
 

@@ -1,7 +1,7 @@
-"""A server of the page with a run that exists only as pictures: `python -m benchmarks.web_source OUT HZ UPDATES`.
+"""A server of the page with a run that exists only as pictures: `python -m benchmarks.web_source OUT HZ`.
 
 All is the real one but the answer of the run: instead of asking a process, the watcher is given the next tick. HZ 0 is
-as fast as the browser takes them; nothing is dropped then. Prints `url` and, after the last update, `done`.
+as fast as the browser takes them; nothing is dropped then. Ticks go on as far as the newest number on stdin says.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 import os
 import socket
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from bench.web import watching
 from bench.web.app import create_app
 from bench.web.settings import Settings
 
-UNITS = ("SIM-0001",)
+UNITS, DAY_S = ("SIM-0001",), 432_000.0
 PROFILE = (
     "name: day\nsegments:\n  - {kind: ramp, to_degc: 33, rate_degc_per_min: 2}\n  - {kind: soak, duration_min: 1435}\n"
 )
@@ -33,15 +34,21 @@ PROFILE = (
 class Source:
     """A run of one unit: a tick for each question."""
 
-    def __init__(self, updates: int) -> None:
-        self.trace, self.ticks, self._updates = Trace(), 0, updates
+    def __init__(self) -> None:
+        self.trace, self.ticks, self._most = Trace(), 0, 1
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        for line in sys.stdin:
+            self._most = int(line)
 
     @property
-    def over(self) -> bool:
-        return self.ticks >= self._updates
+    def rests(self) -> bool:
+        """Whether there is no tick to tell of."""
+        return self.ticks >= self._most
 
     def ask(self, _run: Any, _action: str, *_: Any, since: int = 0, generation: int = 0, **__: Any) -> dict[str, Any]:
-        if not self.over:
+        if not self.rests:
             self.ticks += 1
             wave = math.sin(self.ticks / 900)
             span = (4.0 + wave - 0.3, 4.0 + wave + 0.3)
@@ -58,15 +65,15 @@ class Source:
         ]
         return {
             "ok": True, "pid": os.getpid(), "state": "running", "t_s": t_s, "late_s": 0.0, "age_s": 0.0,
-            "left_s": max(self._updates - t_s, 0.0), "holding": [], "guards": guards,
-            "segment": {**segment, "rate_degc_per_min": None, "from_s": 300.0, "left_s": max(self._updates - t_s, 0.0)},
+            "left_s": max(DAY_S - t_s, 0.0), "holding": [], "guards": guards,
+            "segment": {**segment, "rate_degc_per_min": None, "from_s": 300.0, "left_s": max(DAY_S - t_s, 0.0)},
             "chamber": {"temperature_degc": round(degc, 3), "setpoint_degc": 33.0, "working_setpoint_degc": 33.0,
                         "on": True, "alarm": []},
             "units": [{"serial": UNITS[0], "temperature_degc": round(degc - 1, 3), "losses": losses, "dropped": None}],
         }  # fmt: skip
 
 
-def unhindered(app: Any, watcher: Any) -> None:
+def unhindered(app: Any, watcher: Any, source: Source) -> None:
     """Take a turn whenever every browser has got what was told before; pictures are never dropped then."""
 
     def run() -> None:
@@ -80,24 +87,24 @@ def unhindered(app: Any, watcher: Any) -> None:
             elif time.monotonic() - looked_s > 1.0:
                 looked_s = time.monotonic()
                 watcher._look()
-            time.sleep(0.0005)
+            time.sleep(watching.PERIOD_S if source.rests else 0.0005)
 
     watcher._run = run
 
 
-def main(out: Path, hz: float, updates: int) -> None:
+def main(out: Path, hz: float) -> None:
     folder = out / UNITS[0] / "day"
     (folder / "journal").mkdir(parents=True)
     (folder / "profile.yaml").write_text(PROFILE)
     remote.LiveFile(os.getpid(), 9, "2026-01-01T00:00:00+00:00", [], "benchmark").write(folder)
-    source = Source(updates)
+    source = Source()
     watching.remote.ask = source.ask  # type: ignore[assignment]
     app = create_app(Settings(out=out))
     if not hz:
         start = watching.Watcher.start
 
         def started(watcher: Any) -> None:
-            unhindered(app, watcher)
+            unhindered(app, watcher, source)
             watcher._thread = type(watcher._thread)(target=watcher._run, daemon=True)
             start(watcher)
 
@@ -109,4 +116,4 @@ def main(out: Path, hz: float, updates: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]))
+    main(Path(sys.argv[1]), float(sys.argv[2]))

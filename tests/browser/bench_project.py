@@ -59,7 +59,7 @@ API = "/api/v1"
 
 def until(condition):
     """What `condition` gives when it gives something; fails the test when that takes far too long."""
-    for _ in range(1200):
+    for _ in range(2400):
         if found := condition():
             return found
         time.sleep(0.05)

@@ -5,7 +5,7 @@ import re
 
 import pytest
 from bench_project import LONG, SLOW_UNIT, bench_over, until
-from visiting import PATIENCE_MS, TABLET, picture
+from visiting import PATIENCE_MS, PICTURES, TABLET, picture
 
 from bench.web import people
 
@@ -24,14 +24,12 @@ def test_from_serial_number_to_verdict(bench, visitors):
     page.keyboard.type("nobody")
     page.keyboard.press("Enter")
     page.get_by_text("No station has a unit nobody").wait_for()
-    picture(page, "start-unknown")
     page.keyboard.type("sim-0001")
     page.keyboard.press("Enter")
     page.get_by_role("button", name=re.compile("^simulated 1 unit")).click()
     page.get_by_role("button", name=re.compile("^short")).click()
     page.get_by_text("Check passed").wait_for()
     page.get_by_label("Judge by these limits").select_option("short")
-    picture(page, "ready")
     page.get_by_role("button", name="START").click()
     page.wait_for_url("**/live/SIM-0001/*")
     page.get_by_role("heading", name="PASS").wait_for()
@@ -104,7 +102,7 @@ def test_an_abort_in_mid_ramp_ends_in_the_safe_state_and_says_who(guarded, visit
     page.get_by_text("started by MES").wait_for()
     bench.moving(run)
     page.get_by_role("button", name="Abort …").click()
-    picture(page, "abort-question")
+    picture(page, "abort")
     page.get_by_role("button", name="Abort the run").click()
     page.get_by_role("heading", name="ABORTED").wait_for()
     page.get_by_text("Aborted by Olena").wait_for()
@@ -147,7 +145,6 @@ def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors)
     visitors.may_lose_the_server(page)
     bench.site.end()
     page.get_by_text("what you see is old").wait_for()
-    picture(page, "line-lost")
     journal = bench.out / run / "journal" / "bench.gtbj"
     size = journal.stat().st_size
     until(lambda: journal.stat().st_size > size + 20_000)  # the run does not care
@@ -190,5 +187,7 @@ def test_four_units_stand_side_by_side(bench, visitors):
     page.wait_for_url("**/live/*/*")
     for serial in range(1, 5):
         page.get_by_text(f"SIM-000{serial}").first.wait_for()
+    if PICTURES:  # a curve is better to look at than its beginning
+        page.get_by_text("Segment 6 of").wait_for()
     picture(page, "live-four-dark")
     page.wait_for_url("**/verdict/**", timeout=2 * PATIENCE_MS)

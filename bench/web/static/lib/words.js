@@ -48,13 +48,22 @@ export const known = (key) => key in words || key in english;
 /** The words of a key, or else what is given. */
 export const or = (key, otherwise) => (known(key) ? t(key) : otherwise);
 
+const formatters = new Map();
+
+/** A number format of the language in use, made once: a live page writes hundreds of numbers a second. */
+function formatter(options) {
+  const key = `${language.get()} ${Object.values(options).join(" ")}`;
+  if (!formatters.has(key)) formatters.set(key, new Intl.NumberFormat(language.get(), options));
+  return formatters.get(key);
+}
+
 const MINUS = /^-(?=[\d.,]*[1-9])/;
 
 /** A number with so many decimals, a real minus sign and none before zero; a dash when it is not known. */
 export function number(value, decimals) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const digits = decimals === undefined ? { maximumFractionDigits: 3 } : { minimumFractionDigits: decimals, maximumFractionDigits: decimals };
-  const text = new Intl.NumberFormat(language.get(), { ...digits, useGrouping: Math.abs(value) >= 1e4 }).format(value);
+  const text = formatter({ ...digits, useGrouping: Math.abs(value) >= 1e4 }).format(value);
   return text.replace(MINUS, "−").replace(/^-/, "");
 }
 
