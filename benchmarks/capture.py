@@ -24,7 +24,7 @@ from drivers.journal import FRAME, FrameArray, JournalWriter, Kind
 from drivers.wire import Column, Message, load_dbc, read_layouts
 
 FRAMES, FEW = 1_000_000, 1000
-WRITTEN = 200_000
+WRITTEN = 100_000
 """Frames for the writers: one of them needs 150 us for each."""
 FAMILY = Path(__file__).parents[1] / "drivers" / "gyros" / "vibratory.dbc"
 ANY = """VERSION ""

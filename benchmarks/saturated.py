@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.rounds import Table
 from drivers.canbus import BusSettings, ProcessCapture
 from drivers.health import CaptureHealth
 from drivers.journal import FRAME, Kind, read_blocks
@@ -198,6 +199,72 @@ def _watch(lines: Sequence[Line]) -> list[dict[str, Any]]:
     while not all([line.poll() for line in lines]):
         time.sleep(1.0)
     return [line.finish() for line in lines]
+
+
+def unit_cpu(seconds: float) -> list[str]:
+    """CPU shares at the rate of one unit at 500 Hz, 601 frames/s: capture; decoding a second of frames in the run."""
+    (one,), _ = trial(1, 601.0, seconds, report=False)
+    from benchmarks.capture import simulated
+    from drivers.gyro import GyroDecoder
+
+    frames, decoder = simulated(601 * 200), GyroDecoder("vibratory", 0)
+    begun = time.process_time()
+    for block in np.split(frames, 200):
+        decoder.decode(block)
+    decode = (time.process_time() - begun) / 200
+    return ["one unit at 500 Hz", "601", f"{one['capture_cpu']:.2%}", f"{decode:.2%}", f"{one['lost']}"]
+
+
+HEAD = (
+    "buses",
+    "frames/s each",
+    "bus load",
+    "lost",
+    "CPU of each capture",
+    "of each sender",
+    "of the reports",
+    "reports",
+    "us/frame",
+    "most behind s",
+    "told as behind",
+)
+WIRE_BITS = 117.5
+"""Bits of a classical frame with 8 bytes of a gyro, stuffing included: 8511 fill 1 Mbit/s."""
+
+
+def row(rate: float, seconds: float, buses: int = 4, report: bool = True) -> list[str]:
+    """One trial as a row."""
+    found, others = trial(buses, rate, seconds, report)
+    real = float(np.mean([one["rate"] for one in found]))
+    lost, spells = sum(one["lost"] for one in found), sum("is" in e.split()[:3] for one in found for e in one["events"])
+    assert all(one["in_order"] and one["polled"] == one["kept"] for one in found if not one["lost"])
+    return [
+        str(buses),
+        f"{real:.0f}",
+        f"{real * WIRE_BITS / 1e6:.0%}",
+        str(lost),
+        " ".join(f"{one['capture_cpu']:.1%}" for one in found),
+        " ".join(f"{one['sender_cpu']:.1%}" for one in found),
+        f"{others['report_cpu']:.0%}" if others else "",
+        str(others["reports"]) if others else "",
+        f"{np.mean([one['us_per_frame'] for one in found]):.1f}",
+        f"{max(one['most_behind_s'] for one in found):.3f}",
+        f"{spells} times",
+    ]
+
+
+def tables(seconds: float) -> list[Table]:
+    """Four buses at 1 Mbit/s full of frames, at twice that, as fast as they can; and one unit."""
+    rows = [row(8500.0, seconds), row(17000.0, seconds / 3), row(0.0, seconds / 6, report=False)]
+    reading = (
+        "Classical CAN at 1 Mbit/s carries 7,407 (most stuffing) to 9,009 (none) frames of 8 bytes a second, 8,511 "
+        "of a gyro; shares are of one core, processes in parallel. Lost: counter numbers missing in the journals."
+    )
+    head = ("what", "frames/s", "CPU of the capture", "CPU of decoding and placing", "lost")
+    return [
+        Table("Saturated buses while reports are rendered", reading, HEAD, rows),
+        Table("One unit", "Shares of one core.", head, [unit_cpu(seconds / 3)]),
+    ]
 
 
 def main() -> None:

@@ -19,7 +19,9 @@ from bench.model import load_model
 from bench.report.analysis import Analysis, analyse
 from bench.report.branches import branch_gap
 from bench.report.calibration import calibration
+from bench.report.cautions import cautions
 from bench.report.completeness import Completeness
+from bench.report.sections_run import losses
 from bench.report.verdict import Verdict, judge, with_diagnosis
 
 
@@ -315,3 +317,16 @@ def test_the_synthetic_unit_is_what_its_truth_says() -> None:
     columns = made["columns"]
     left = columns["rate"] - truth_dph(columns["temperature"])
     assert np.std(left) == pytest.approx(ARW * np.sqrt(7200.0), rel=0.05)
+
+
+def test_a_host_that_was_overloaded_is_a_warning_and_the_clock_of_the_unit_is_told(whole: Analysis) -> None:
+    clock = {"offset_s": 0.1, "offset_u_s": 1e-5, "drift_ppm": -12.5, "drift_u_ppm": 0.05, "spread_s": 0.0012}
+    done = replace(whole.done, unit_clock=clock, capture={"most_behind_s": 3.2, "behind_spells": 2})
+    assert "the capture was behind its bus 2 times, at most 3.20 s: the host was overloaded" in cautions(
+        done, None, None, None
+    )
+    html = str(losses(replace(whole, done=done)).html)
+    assert "its clock runs 12.5 ppm faster than the host's says (± 0.1 ppm, k = 2)" in html.replace("&#39;", "'")
+    assert "the fastest frames lie within 1.2 ms of that line" in html
+    assert "No frame waited longer than 3.200 s for the capture." in html
+    assert "its clock runs" not in str(losses(whole).html)

@@ -41,6 +41,10 @@ class Completeness:
     temperature: tuple[float, float] | None = None
     heating_s: float = 0.0
     cooling_s: float = 0.0
+    unit_clock: Mapping[str, float | None] = field(default_factory=dict)
+    """Of the manifest: the unit's clock against the host's."""
+    capture: Mapping[str, float] = field(default_factory=dict)
+    """Of the manifest: how the capture kept up with its bus."""
     altered: tuple[str, ...] = ()
     """Files whose hash is not the manifest's."""
 
@@ -83,6 +87,8 @@ def completeness(run: RunFolder, manifest: Mapping[str, Any], base: Dataset | No
         cause=str(manifest.get("cause") or ""),
         losses={k: int(v) for k, v in dict(manifest.get("losses") or {}).items() if isinstance(v, int | float)},
         segments=tuple(manifest.get("segments") or ()),
+        unit_clock=dict(manifest.get("unit_clock") or {}),
+        capture=dict(manifest.get("capture") or {}),
         altered=_altered(run, manifest),
     )
     if base is None or len(base) == 0:

@@ -11,7 +11,7 @@ from bench.diagnosis.digits import number
 from bench.report import figures_run
 from bench.report.analysis import Analysis
 from bench.report.branches import branch_gap
-from bench.report.completeness import LOST
+from bench.report.completeness import LOST, Completeness
 from bench.report.markup import Row, Section, clock, facts, figure, heading, moment, mono, paragraph, table, text_of
 
 _LOSS_WORDS: Mapping[str, str] = {
@@ -115,6 +115,7 @@ def losses(analysis: Analysis) -> Section:
         html += paragraph("Nobody counted the frames of this record.")
     share = "" if done.missing is None else f"; {done.missing:,} missing between the first and the last"
     html += paragraph(f"{done.samples:,} rate samples{share}; gaps of more than a second: {len(done.gaps_s)}.")
+    html += Markup("").join(paragraph(text) for text in _clocks(done))
     if done.gaps_s:
         gaps = [Row((clock(a), clock(b), number(b - a)), "bad") for a, b in done.gaps_s]
         html += table("Gaps: nothing was filled in", ("from", "to", "length [s]"), gaps, (0, 1, 2))
@@ -124,6 +125,23 @@ def losses(analysis: Analysis) -> Section:
     if events:
         html += heading("Events") + table("What happened, in order of time", ("time", "kind", "what"), events, (0,))
     return Section("losses", "Losses and events", html)
+
+
+def _clocks(done: Completeness) -> Iterator[str]:
+    """The unit's clock against the host's, and how long frames waited to be captured."""
+    found = done.unit_clock
+    drift, uncertainty, spread = (found.get(key) for key in ("drift_ppm", "drift_u_ppm", "spread_s"))
+    if drift is not None:
+        known = (
+            "the record is too short to say how well" if uncertainty is None else f"± {2 * uncertainty:.2g} ppm, k = 2"
+        )
+        near = "" if spread is None else f"; the fastest frames lie within {1e3 * spread:.3g} ms of that line"
+        yield (
+            f"Samples are timed by the unit's own counter; its clock runs {abs(drift):.4g} ppm "
+            f"{'slower' if drift >= 0 else 'faster'} than the host's says ({known}){near}."
+        )
+    if "most_behind_s" in done.capture:
+        yield f"No frame waited longer than {done.capture['most_behind_s']:.3f} s for the capture."
 
 
 def _segments(analysis: Analysis) -> Markup:
