@@ -285,4 +285,5 @@ def _union(indices: Sequence[IntArray]) -> IntArray:
     merged = np.sort(np.concatenate(indices), kind="stable")  # merges what is sorted in parts, in linear time
     new = np.ones(len(merged), dtype=bool)
     new[1:] = merged[1:] != merged[:-1]
-    return merged[new]
+    union: IntArray = merged[new]
+    return union
