@@ -84,6 +84,17 @@ def at(folder: Path) -> LiveRun | None:
     return LiveRun((folder,), file) if sound and 0 < file.port < 1 << 16 else None
 
 
+def alive(pid: int) -> bool:
+    """Whether there is such a process, ours or somebody else's."""
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:  # it is somebody else's
+        return True
+    return pid > 0
+
+
 def below(root: Path) -> list[LiveRun]:
     """All runs with a `live.json` in `root/<unit>/<run>`, oldest first, whatever their condition."""
     runs: dict[str, LiveRun] = {}

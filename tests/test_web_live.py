@@ -190,6 +190,30 @@ def test_a_run_that_does_not_answer_is_silent_and_left_alone_for_a_while(folder,
     assert len(asked) == math.ceil(20 * PERIOD_S / SILENT_S)
 
 
+def test_a_unit_that_left_does_not_tell_how_the_run_ended(out, tmp_path):
+    left = {"kind": "end", "text": "no frames", "state": "failed", "sound_until_s": 5.0}
+    over = [
+        {"kind": "safe_state", "text": "chamber off", "ok": False},
+        {"kind": "end", "text": "over", "state": "done"},
+    ]
+    outside = tmp_path / "elsewhere" / "run"
+    for folder, other, events, state in (
+        (out / "G-1" / "r", "../../G-2/r", [left], "failed"),
+        (out / "G-2" / "r", "../../G-1/r", over, "done"),
+        (outside, "", over, "done"),
+    ):
+        folder.mkdir(parents=True, exist_ok=True)
+        companions = [{"run": other}, {"run": "../../../elsewhere/run"}, {"run": str(outside)}, "nonsense"]
+        manifest = {"format": 1, "state": state, "cause": events[-1]["text"], "companions": companions}
+        (folder / "manifest.json").write_text(json.dumps(manifest))
+        (folder / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    with served(Settings(out=out)) as client:
+        for unit in ("G-1", "G-2"):
+            end = client.get(f"/api/v1/live/{unit}/r").json()["ended"]
+            assert sorted(end["runs"]) == ["G-1/r", "G-2/r"], "and none from outside of the store"
+            assert (end["state"], end["cause"], end["safe"]) == ("done", "over", False)
+
+
 def test_a_run_whose_loop_hangs_is_not_shown_as_running(desk, folder, watcher, heard, monkeypatch):
     with live(desk, folder):
         desk._seen_wall_s -= 60.0

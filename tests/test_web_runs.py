@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import run_folders
 from fastapi import HTTPException
 from web_client import served
 
+from bench.remote import LiveFile
 from bench.web import indexing
 from bench.web.indexing import LOOK_S, SAVE_S, Index, ordered
 from bench.web.settings import Settings
@@ -104,12 +109,26 @@ def test_the_best_model_on_unseen_data_speaks_for_a_run_and_limits_for_its_verdi
 
 
 def test_a_live_run_is_running_and_a_killed_one_unfinished(tmp_path: Path, kept: Path) -> None:
-    for name in ("live", "killed"):
-        (tmp_path / "A" / name / "journal").mkdir(parents=True)
-    (tmp_path / "A" / "live" / "live.json").write_text("{}", encoding="utf-8")
+    children = [subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) for _ in range(2)]
+    for name, child in zip(("live", "killed"), children, strict=True):
+        folder = tmp_path / "A" / name
+        (folder / "journal").mkdir(parents=True)
+        LiveFile(child.pid, 9, "2026", [], "t").write(folder)
     (tmp_path / "A" / "notes").mkdir()
-    entries = Index(tmp_path, kept).entries()
-    assert {name: entry.state for name, entry in entries.items()} == {"A/live": "running", "A/killed": "unfinished"}
+    clock = Clock()
+    index = Index(tmp_path, kept, clock)
+
+    def states() -> dict[str, str]:
+        clock.now += LOOK_S
+        return {name: entry.state for name, entry in index.entries().items()}
+
+    try:
+        assert states() == {"A/live": "running", "A/killed": "running"}
+        children[1].kill()
+        children[1].communicate()
+        assert states() == {"A/live": "running", "A/killed": "unfinished"}
+    finally:
+        children[0].communicate()
 
 
 def test_spoilt_files_and_links_do_no_harm(tmp_path: Path, kept: Path) -> None:
@@ -159,6 +178,21 @@ def test_the_api_lists_filters_and_shows_runs(tmp_path: Path) -> None:
             404,
             "this run has no report: make one with `bench report`",
         )
+
+
+def test_a_folder_of_somebody_else_is_shown_as_far_as_it_goes(tmp_path: Path) -> None:
+    odd = write(tmp_path, "Блок/one", segments=3, losses=[1])
+    (odd / "calibration.json").write_text('{"verdict": "fine"}', encoding="utf-8")
+    (odd / "events.jsonl").write_text('{"kind": "end", "text": "over"}\n{"kind": "sa', encoding="utf-8")
+    pq.write_table(pa.table({"time": [0.5]}), odd / "means.parquet")
+    with served(Settings(out=tmp_path)) as client:
+        shown = client.get("/api/v1/runs/Блок/one").json()
+        assert (shown["segments"], shown["losses"], shown["warnings"], len(shown["events"])) == ([], {}, [], 1)
+        assert client.get("/api/v1/live/Блок/one").json()["ended"]["cause"] == "over"
+        data = client.get("/api/v1/runs/Блок/one/data.csv")
+        assert (data.text, data.headers["content-disposition"]) == (
+            "time\n0.5\n", "attachment; filename*=UTF-8''%D0%91%D0%BB%D0%BE%D0%BA-one.csv",
+        )  # fmt: skip
 
 
 def test_a_report_cannot_reach_the_page_and_data_come_as_csv(tmp_path: Path) -> None:

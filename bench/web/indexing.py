@@ -20,10 +20,12 @@ from typing import Any
 
 from fastapi import FastAPI, HTTPException, Request
 
+from bench import remote
 from bench.remote import LIVE
 from bench.store import MANIFEST, write_atomically
 
 FILE, FORMAT = "runs.json", 1
+RUNNING = "running"
 LOOK_S = 1.0
 """A look at the disk is good for so long [s]."""
 SAVE_S = 30.0
@@ -113,8 +115,10 @@ class Index:
             entry = known.get(id_)
             if self._others.get(id_) == stamp:
                 continue
-            if entry is None or entry.changed != stamp:
-                entry, changed = _read(id_, path, stamp), True
+            # A bench that is killed changes nothing in its folder.
+            if entry is None or entry.changed != stamp or entry.state == RUNNING:
+                entry = _read(id_, path, stamp)
+                changed |= entry != known.get(id_)
             if entry is None:
                 self._others[id_] = stamp
             else:
@@ -157,7 +161,8 @@ def _folders(root: Path) -> Iterator[tuple[str, str, int]]:
     """Id, path and time of every folder that may be a run; folders with a dot in front are not."""
     for unit in _inside(str(root)):
         for run in _inside(unit.path):
-            yield f"{unit.name}/{run.name}", run.path, run.stat(follow_symlinks=False).st_mtime_ns
+            with contextlib.suppress(OSError):  # removed meanwhile
+                yield f"{unit.name}/{run.name}", run.path, run.stat(follow_symlinks=False).st_mtime_ns
 
 
 def _inside(folder: str) -> Iterator[os.DirEntry[str]]:
@@ -174,7 +179,7 @@ def _read(id_: str, path: str, stamp: int) -> Entry | None:
     manifest = _json(f"{path}/{MANIFEST}")
     unit, _, name = id_.partition("/")
     # Ten thousand times a Path is a second.
-    live = os.path.exists(f"{path}/{LIVE}")  # noqa: PTH110
+    live = _json(f"{path}/{LIVE}")
     if not (manifest or live or os.path.isdir(f"{path}/journal")):  # noqa: PTH112
         return None
     files = manifest.get("files")
@@ -184,7 +189,7 @@ def _read(id_: str, path: str, stamp: int) -> Entry | None:
         unit=unit,
         profile=str(manifest.get("profile") or name.partition("_")[2]),
         start=str(manifest.get("created") or ""),
-        state="running" if live else str(manifest.get("state") or "unfinished"),
+        state=RUNNING if live and _alive(live) else str(manifest.get("state") or "unfinished"),
         verdict="",
         rms_dph=None,
         held_out_rms_dph=None,
@@ -195,6 +200,12 @@ def _read(id_: str, path: str, stamp: int) -> Entry | None:
         changed=stamp,
     )
     return replace(entry, **_judged(path)) if manifest else entry
+
+
+def _alive(live: Mapping[str, Any]) -> bool:
+    """Whether the process that `live.json` names is there; the file outlives a bench that was killed."""
+    pid = live.get("pid")
+    return isinstance(pid, int) and remote.alive(pid)
 
 
 def _judged(path: str) -> dict[str, Any]:

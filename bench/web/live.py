@@ -184,9 +184,14 @@ async def _until(reached: Callable[[], bool], limit_s: float) -> None:
 
 def _companions(folder: Path) -> list[Path]:
     """The folder and those of the units that were in the chamber with it, as far as they are here."""
-    manifest = story.manifest(folder)
-    paths = (folder / str(other.get("run")) for other in manifest.get("companions", []) if isinstance(other, dict))
-    return [folder, *(path.resolve() for path in paths if (path / MANIFEST).is_file())]
+    named = story.manifest(folder).get("companions")
+    found = [folder]
+    for other in named if isinstance(named, list) else ():
+        unit, _, run = str(other.get("run") if isinstance(other, dict) else "").removeprefix("../../").partition("/")
+        path = folder_of(folder.parents[1], unit, run)
+        if path is not None and (path / MANIFEST).is_file():
+            found.append(path)
+    return found
 
 
 def _end(folder: Path) -> dict[str, Any] | None:

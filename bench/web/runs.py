@@ -9,13 +9,16 @@ import json
 import threading
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
+from urllib.parse import quote
 
 from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
+from bench.remote import LIVE
 from bench.store import RunFolder
+from bench.web import story
 from bench.web.indexing import index_in, index_of, ordered
 from bench.web.policy import REPORT
 
@@ -23,6 +26,7 @@ _FIELDS = ("run", "unit", "profile", "start", "state", "verdict", "rms_dph", "he
            "duration_s")  # fmt: skip
 _MOST_EVENTS = 2000
 _BATCH_ROWS = 4096
+T = TypeVar("T")
 
 router = APIRouter(tags=["runs"])
 
@@ -134,7 +138,7 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
     entry, folder = index.entry(f"{unit}/{run}"), RunFolder(index.folder(unit, run))
     manifest = _json(folder.path / "manifest.json") or {}
     own = _json(folder.path / "calibration.json") or {}
-    said = own.get("verdict") or {}
+    said = _of(own.get("verdict"), dict)
     apart = {"segments", "losses", "files"}
     return RunAnswer(
         run=entry.run,
@@ -143,10 +147,10 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
         verdict=entry.verdict,
         sentence=str(said.get("sentence") or ""),
         manifest={key: value for key, value in manifest.items() if key not in apart},
-        segments=manifest.get("segments") or [],
-        losses=manifest.get("losses") or {},
-        events=_events(folder),
-        warnings=list(said.get("warnings") or ()),
+        segments=_of(manifest.get("segments"), list),
+        losses=_of(manifest.get("losses"), dict),
+        events=story.events(folder.path)[-_MOST_EVENTS:],
+        warnings=[str(text) for text in _of(said.get("warnings"), list)],
         limits=_json(folder.path / "limits.json"),
         comparison=_json(folder.path / "compare.json"),
         diagnosis=_json(folder.path / "diagnosis.json"),
@@ -175,7 +179,7 @@ def certificate(request: Request, unit: str, run: str) -> FileResponse:
 def data(request: Request, unit: str, run: str) -> StreamingResponse:
     """The run's 1 s means as CSV, as it is read: columns as in `means.parquet`, an empty cell for a gap."""
     path = _existing(index_of(request).folder(unit, run) / "means.parquet", "means: it has not ended whole")
-    named = {"Content-Disposition": f'attachment; filename="{unit}-{run}.csv"'}
+    named = {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(f'{unit}-{run}.csv', safe='')}"}
     return StreamingResponse(_rows(path), media_type="text/csv; charset=utf-8", headers=named)
 
 
@@ -196,25 +200,18 @@ def _existing(path: Path, what: str) -> Path:
     return path
 
 
-def _events(folder: RunFolder) -> list[dict[str, Any]]:
-    """The last events; a line that is being written is left out."""
-    path = folder.path / "events.jsonl"
-    if not path.is_file():
-        return []
-    found = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[-_MOST_EVENTS:]:
-        try:
-            found.append(json.loads(line))
-        except ValueError:
-            continue
-    return [event for event in found if isinstance(event, dict)]
-
-
 def _files(folder: Path) -> list[FileEntry]:
-    files = sorted(
-        path for path in folder.rglob("*") if path.is_file() and not path.name.startswith((".", "live.json"))
-    )
-    return [FileEntry(name=path.relative_to(folder).as_posix(), bytes=path.stat().st_size) for path in files]
+    found = []
+    for path in sorted(folder.rglob("*")):
+        with contextlib.suppress(OSError):  # removed meanwhile
+            if path.is_file() and not path.name.startswith((".", LIVE)):
+                found.append(FileEntry(name=path.relative_to(folder).as_posix(), bytes=path.stat().st_size))
+    return found
+
+
+def _of(value: object, kind: type[T]) -> T:
+    """The value where it is of this kind, else an empty one: a file of somebody else is shown as far as it goes."""
+    return value if isinstance(value, kind) else kind()
 
 
 def _json(path: Path) -> dict[str, Any] | None:

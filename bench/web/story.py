@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,18 +25,18 @@ def ending(run: LiveRun) -> dict[str, Any] | None:
 
 def told(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """State, cause, what became of the equipment and who asked for what, from the events of a run."""
-    end = next((event for event in reversed(events) if event["kind"] == "end"), None)
+    end = next((event for event in reversed(events) if _is_end(event)), None)
     # What is only on the way to the safe state (warming up, another try) has no `ok` yet.
     said = [event for event in events if event["kind"] == "safe_state" and "ok" in event]
-    steps = [{"text": event["text"], "ok": bool(event["ok"])} for event in said]
+    steps = [{"text": str(event.get("text", "")), "ok": bool(event["ok"])} for event in said]
     asked = [
         {"request": event.get("request"), "who": event.get("who"), "utc": event.get("utc")}
         for event in events
         if event["kind"] == "request"
     ]
     return {
-        "state": end["state"] if end else "aborted",
-        "cause": end["text"] if end else "the bench was killed",
+        "state": str(end.get("state", "aborted")) if end else "aborted",
+        "cause": str(end.get("text", "")) if end else "the bench was killed",
         "safe": all(step["ok"] for step in steps) if end else None,
         "safe_state": steps,
         "requests": asked,
@@ -43,12 +44,28 @@ def told(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def of_folders(folders: Sequence[Path]) -> dict[str, Any]:
-    """The end of a run whose tables are made; its first folder speaks for all that they share."""
-    run = RunFolder(folders[0])
-    manifest = run.manifest()
-    story = told([event for event in run.events() if event["kind"] in EVENTS])
-    story |= {key: manifest[key] for key in ("state", "cause") if key in manifest}
+    """The end of a run whose tables are made; the first folder that saw it speaks for all that they share."""
+    seen = [(folder, events(folder)) for folder in folders]
+    speaker, said = next((one for one in seen if any(_is_end(event) for event in one[1])), seen[0])
+    story = told([event for event in said if event.get("kind") in EVENTS])
+    about = manifest(speaker)
+    story |= {key: str(about[key]) for key in ("state", "cause") if key in about}
     return {**story, **verdicts(folders)}
+
+
+def events(folder: Path) -> list[dict[str, Any]]:
+    """The events in a run folder; a line that is being written, or spoilt, is left out."""
+    found = []
+    with contextlib.suppress(OSError):
+        for line in (folder / "events.jsonl").read_text(encoding="utf-8", errors="replace").splitlines():
+            with contextlib.suppress(ValueError):
+                found.append(json.loads(line))
+    return [event for event in found if isinstance(event, dict)]
+
+
+def _is_end(event: Mapping[str, Any]) -> bool:
+    """Whether a run ended there, and not only for a unit that left it."""
+    return event.get("kind") == "end" and "sound_until_s" not in event
 
 
 def verdicts(folders: Sequence[Path]) -> dict[str, Any]:
@@ -72,7 +89,8 @@ def _rank(unit: Mapping[str, Any]) -> int:
 
 
 def _verdict(folder: Path) -> dict[str, Any]:
-    judged = _json(folder / CALIBRATION).get("verdict") or {}
+    said = _json(folder / CALIBRATION).get("verdict")
+    judged = said if isinstance(said, dict) else {}
     limits = _json(folder / LIMITS_JSON).get("verdict")
     return {
         "unit": folder.parent.name,

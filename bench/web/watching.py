@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -211,7 +210,7 @@ class Watcher:
             verdicts = story.verdicts(watched.live.folders)
             if self.find(end["run"]):  # a killed run goes on
                 continue
-            if not verdicts["analysing"] or now_s > until_s or not _lives(watched.live.file.pid):
+            if not verdicts["analysing"] or now_s > until_s or not remote.alive(watched.live.file.pid):
                 news.append({**end, **verdicts, "analysing": False})
             else:
                 self._analysed.append((until_s, watched, end))
@@ -229,13 +228,3 @@ def _head(watched: Watched) -> dict[str, Any]:
 def _gone(run: LiveRun, why: str) -> str:
     text = f"its process {run.file.pid} is gone; `bench resume {run.path}` goes on with it"
     return f"{text} ({why})" if why else text
-
-
-def _lives(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:  # it is somebody else's
-        return True
-    return True
