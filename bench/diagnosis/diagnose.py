@@ -14,6 +14,7 @@ import numpy as np
 from bench.channels import FloatArray
 from bench.dataset import Dataset
 from bench.diagnosis.answer import Detectable, Diagnosis, Place
+from bench.diagnosis.crew import usual_workers
 from bench.diagnosis.floor import noise_floor
 from bench.diagnosis.held_out import Unseen, unseen
 from bench.diagnosis.levelling import levelled
@@ -48,15 +49,19 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     candidates: Sequence[Effect] | None = None,
     floor_dph: float | None = None,
     seed: int = 0,
+    workers: int | None = None,
 ) -> Diagnosis:
     """Diagnose a model on runs of one unit; `candidates` replace the effects of the catalogue that the model lacks.
 
     `check` are runs that no fit sees; `static` is a run at constant temperature that tells the noise. `floor_dph` is
     the noise floor of these means, read from finer rows (NaN: there is none); None reads it from the rows given.
+    `workers` processes share the work, by default those of `crew.usual_workers`; the answer is the same for any number.
     Raises InputError: no run, or the model cannot be fitted.
     """
     with one_blas_thread():
-        return _Case.of(tuple(runs), model, static, candidates, floor_dph).diagnosis(tuple(check), seed)
+        return _Case.of(tuple(runs), model, static, candidates, floor_dph).diagnosis(
+            tuple(check), seed, usual_workers() if workers is None else workers
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +109,10 @@ class _Case:
         floor = noise_floor(runs, runs[0].interval_s, static).floor_dph if floor_dph is None else floor_dph
         return cls(found, layout, offered, floor, noise, tuple(notes), "" if static is None else static.name)
 
-    def diagnosis(self, check: tuple[Dataset, ...], seed: int) -> Diagnosis:
+    def diagnosis(self, check: tuple[Dataset, ...], seed: int, workers: int = 1) -> Diagnosis:
         """The answer."""
         lattice = NoiseLattice(self.layout.problem.records(), self.layout.problem.interval_s)
-        found = Search(self.offer, lattice, seed).explain(self.layout)
+        found = Search(self.offer, lattice, seed, workers).explain(self.layout)
         runs = self.layout.rows.records
         base = unseen(self.layout.rows, self.layout.theta, check)
         ranking = Ranking(found, self.offer, check, self.floor_dph)

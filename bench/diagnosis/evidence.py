@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from bench.channels import FloatArray
 from bench.diagnosis.candidates import Candidate, Problem, Theta, joint
+from bench.diagnosis.crew import Aside, shared
 from bench.diagnosis.refine import Interval, Refiner, Start
 from bench.diagnosis.scan import DEPENDENT, Library
 from bench.noise.likelihood import NoiseLattice, Point, Surface, gls
@@ -91,15 +93,20 @@ def weigh(
     nulls: int = 500,
     seed: int = 0,
     lattice: NoiseLattice | None = None,
+    workers: int = 1,
 ) -> Evidence:
-    """The evidence of every candidate against the base; `lattice` may be an earlier one of the same records."""
+    """The evidence of every candidate against the base; `lattice` may be an earlier one of the same records.
+
+    The answer does not depend on the number of workers.
+    """
     lattice = lattice or NoiseLattice(problem.records(), problem.interval_s)
     surface = Surface.of(problem.records(), lattice, restricted=False)
+    columns = Aside(lambda: Library(problem, candidates), workers)
     best = surface.search()
-    shelf = Library(problem, candidates)
+    shelf = columns.answer()
     statics = [record.y[:, None] for record in problem.statics]
     points = _points_for_candidates(best)
-    scanned = shelf.scan(lattice, points, problem.y[:, None], statics)
+    scanned = shelf.scan(lattice, points, problem.y[:, None], statics, workers)
     refiner = Refiner(problem, lattice)
     height, sigma2 = surface.known[best]
     paid = shelf.paid(candidates)
@@ -107,20 +114,35 @@ def weigh(
     entries = [
         [i for i, (which, _) in enumerate(scanned.entries) if which == index] for index in range(len(candidates))
     ]
-    found: list[Suspect] = []
-    for index in sorted(range(len(candidates)), key=lambda index: -max(rough[entries[index]])):
+    hopes = [float(np.max(_GROWS * (rough[own] + paid[own]) - paid[own])) for own in entries]
+
+    def judged(index: int, closely: bool) -> Suspect:
         own, candidate = entries[index], candidates[index]
         grid = [Start(scanned.entries[i][1], points[scanned.where[i, 0]], float(scanned.values[i, 0])) for i in own]
         excited = bool(max(scanned.excited[i] for i in own) >= DEPENDENT)
-        least = max([0.0, *(s.evidence for s in found)]) - TIE
-        hopeless = bool(np.max(_GROWS * (rough[own] + paid[own]) - paid[own]) < least)
-        theta, point, reached = refiner.refine(candidate, grid, best, closely=not hopeless)
-        found.append(_suspect(refiner, candidate, theta, point, (height - reached - paid[own[0]], excited)))
+        theta, point, reached = refiner.refine(candidate, grid, best, closely=closely)
+        return _suspect(refiner, candidate, theta, point, (height - reached - paid[own[0]], excited))
+
+    found: list[Suspect] = []
+    order = sorted(range(len(candidates)), key=lambda index: -max(rough[entries[index]]))
+    for part in [order[:workers], order[workers:]] if workers > 1 else [[index] for index in order]:
+        least = _least(found)
+        tasks = [partial(judged, index, hopes[index] >= least) for index in part]
+        for index, suspect in zip(part, shared(tasks, workers), strict=True):
+            # One worker would have known of all before it: the answer is the same for any number.
+            needless = least <= hopes[index] < _least(found)
+            found.append(judged(index, False) if needless else suspect)
     doubt = 0.0 < max((s.evidence for s in found), default=0.0) < _BEYOND_DOUBT
-    chance = _nulls(candidates, shelf, surface, best, (nulls if doubt else nulls // 5, seed)) if nulls else np.empty(0)
+    draw = (nulls if doubt else nulls // 5, seed)
+    chance = _nulls(candidates, shelf, surface, best, draw, workers) if nulls else np.empty(0)
     threshold = float(np.quantile(chance, 1.0 - WRONGLY_NAMED)) if nulls else 0.0
     suspects = tuple(sorted(_weighted(found), key=lambda s: -s.evidence))
     return Evidence(height, best, lattice.ratios(best), sigma2, suspects, threshold, chance, lattice)
+
+
+def _least(found: Sequence[Suspect]) -> float:
+    """Evidence that a candidate has to come near to, beside those judged so far."""
+    return max([0.0, *(s.evidence for s in found)]) - TIE
 
 
 def _points_for_candidates(best: Point) -> list[Point]:
@@ -165,7 +187,12 @@ def _weighted(found: Sequence[Suspect]) -> list[Suspect]:
 
 
 def _nulls(
-    candidates: Sequence[Candidate], shelf: Library, surface: Surface, best: Point, draw: tuple[int, int]
+    candidates: Sequence[Candidate],
+    shelf: Library,
+    surface: Surface,
+    best: Point,
+    draw: tuple[int, int],
+    workers: int,
 ) -> FloatArray:
     """Best evidence of any candidate in runs simulated from the fitted base and its noise alone (runs,)."""
     runs, seed = draw
@@ -176,7 +203,7 @@ def _nulls(
     less = [point for point in _points_for_candidates(best) if point not in near]  # as far as a candidate may get
     mean = problem.base @ gls(problem.base, problem.y, lattice.at([best])[0][0]).beta
     run, *statics = drawn(Surface.of(problem.records(), lattice, restricted=True), near, rng, runs)
-    scanned = shelf.scan(lattice, [*near, *less], mean[:, None] + run, statics)
+    scanned = shelf.scan(lattice, [*near, *less], mean[:, None] + run, statics, workers)
     evidence = scanned.base - scanned.values - shelf.paid(candidates)[:, None]
     return np.asarray(evidence.max(axis=0))
 

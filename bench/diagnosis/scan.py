@@ -7,12 +7,14 @@ base once; what remains for each response (the run, or simulated nulls) are inne
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from bench.channels import FloatArray, IntArray
 from bench.diagnosis.candidates import Candidate, Problem, Theta, library, orthonormal
+from bench.diagnosis.crew import shared
 from bench.noise.likelihood import NoiseLattice, Point
 from bench.noise.whitening import Whitener
 
@@ -58,8 +60,31 @@ class Library:
             for (index, _), width in zip(self.entries, self.widths, strict=True)
         ])  # fmt: skip
 
-    def scan(self, lattice: NoiseLattice, points: Sequence[Point], run: FloatArray, statics: list[FloatArray]) -> Scan:
+    def scan(
+        self,
+        lattice: NoiseLattice,
+        points: Sequence[Point],
+        run: FloatArray,
+        statics: list[FloatArray],
+        workers: int = 1,
+    ) -> Scan:
         """Best over the points for responses `run` (n, m) and the isothermal records' `statics` (n_s, m) each."""
+        size = -(-len(points) // workers)
+        tasks = [
+            partial(self._part, lattice, points[first : first + size], run, statics)
+            for first in range(0, len(points), size)
+        ]
+        best, *others = shared(tasks, workers)
+        for number, other in enumerate(others, start=1):
+            better = other.values < best.values
+            where = np.where(better, other.where + number * size, best.where)
+            values = np.where(better, other.values, best.values)
+            base, excited = np.minimum(best.base, other.base), np.maximum(best.excited, other.excited)
+            best = replace(best, excited=excited, base=base, values=values, where=where)
+        return best
+
+    def _part(self, lattice: NoiseLattice, points: Sequence[Point], run: FloatArray, statics: list[FloatArray]) -> Scan:
+        """Best over some of the points."""
         base = np.full(run.shape[1], np.inf)
         values = np.full((len(self.entries), run.shape[1]), np.inf)
         where = np.zeros(values.shape, dtype=np.int64)

@@ -94,12 +94,13 @@ class Search:
     offer: Offer
     lattice: NoiseLattice
     seed: int = 0
+    workers: int = 1
     threshold: float = 0.0
     known: dict[frozenset[Effect], Evidence] = field(default_factory=dict, repr=False)
 
     def explain(self, layout: Layout) -> Explanation:
         """Effects one after the other while they beat chance, then judged again together."""
-        first = weigh(layout.problem, self.offer.candidates(layout), _NULLS, self.seed, self.lattice)
+        first = weigh(layout.problem, self.offer.candidates(layout), _NULLS, self.seed, self.lattice, self.workers)
         before = self._examine(layout, layout, first)
         search = replace(self, threshold=first.threshold)
         steps = search.forward(layout, first)
@@ -117,7 +118,8 @@ class Search:
         """
         key = frozenset(layout.rows.model.effects)
         if key not in self.known:
-            self.known[key] = weigh(layout.problem, self.offer.candidates(layout), 0, self.seed, self.lattice)
+            candidates = self.offer.candidates(layout)
+            self.known[key] = weigh(layout.problem, candidates, 0, self.seed, self.lattice, self.workers)
         return self.known[key]
 
     def _examine(self, layout: Layout, seen: Layout, evidence: Evidence) -> Examination:
