@@ -23,7 +23,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from benchmarks.rounds import Table  # the child runs with code of another commit, which has none
+
+BEFORE = "40f771d"
+"""The last commit with a simulation that was not looked at for speed."""
 
 STAGES = {
     "simulation: chamber": "drivers.sim.station:SimulatedStation.advance",
@@ -134,30 +140,80 @@ def least(runs: list[dict[str, Any]], what: str) -> dict[str, float]:
     return {name: min(run[what].get(name, 0.0) for run in runs) for name in ("start, imports", *STAGES)}
 
 
-def show(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> None:
-    """The table: CPU of each stage, its share, and the multiples of real time."""
+def tables(quick: bool) -> list[Table]:
+    """This checkout against the commit before the main job was sped up, where the repository still has it."""
+    profile = Path("profiles/quick.yaml" if quick else "profiles/ramp_-40_85.yaml")
+    with tempfile.TemporaryDirectory() as name:
+        before = exported(BEFORE, Path(name))
+        return compared(profile, before, Path(__file__).parents[1], 1 if quick else 2)
+
+
+def exported(commit: str, folder: Path) -> Path | None:
+    """The files of a commit; None where it is not known."""
+    made = subprocess.run(
+        ["git", "archive", commit], cwd=Path(__file__).parent.parent, capture_output=True, check=False
+    )
+    if made.returncode:
+        return None
+    subprocess.run(["tar", "-x", "-C", str(folder)], input=made.stdout, check=True)
+    return folder
+
+
+def compared(profile: Path, before: Path | None, after: Path, rounds: int) -> list[Table]:
+    """Runs by turns; two tables."""
+    old, new = [], []
+    for _ in range(rounds):
+        if before is not None:
+            old.append(child(before, profile))
+        new.append(child(after, profile))
+    return [real_time(profile, old, new), by_stage(old, new)]
+
+
+def real_time(profile: Path, before: list[dict[str, Any]], after: list[dict[str, Any]]) -> Table:
+    """Multiples of real time, before and after."""
+    from benchmarks.rounds import Table
+
     simulated_s = after[0]["simulated_s"]
-    old, new = least(before, "cpu_s"), least(after, "cpu_s")
-    print(f"{'CPU per simulated hour [s]':<34} {'before':>8} {'after':>8} {'ratio':>6} {'share after':>12}")
-    hours = simulated_s / 3600.0
-    for name in old:
-        ratio = old[name] / max(new[name], 1e-9)
-        share = new[name] / sum(new.values())
-        print(f"{name:<34} {old[name] / hours:8.3f} {new[name] / hours:8.3f} {ratio:5.1f}x {share:11.1%}")
-    print(f"\n{'times real time':<34} {'before':>8} {'after':>8} {'ratio':>6}")
-    for title, kept in (("acquisition", ACQUISITION), ("whole", ("",))):
+    rows = []
+    for title, kept in (("acquisition", ACQUISITION), ("whole, with tables, report, diagnosis", ("",))):
         for what in ("cpu_s", "wall_s"):
-            sums = [
-                min(sum(s for name, s in run[what].items() if name.startswith(kept)) for run in runs)
-                for runs in (before, after)
-            ]
-            label = f"{title}, {'CPU' if what == 'cpu_s' else 'wall'}"
-            old_x, new_x = (simulated_s / total for total in sums)
-            print(f"{label:<34} {old_x:8.0f} {new_x:8.0f} {new_x / old_x:5.2f}x")
-    same = all(run["digests"] == before[0]["digests"] for run in (*before, *after))
-    print(f"\nframes, readings and tables: {'the same bit for bit' if same else 'DIFFERENT'}")
-    for name, found in after[0]["digests"].items():
-        print(f"  {name:<16} {before[0]['digests'][name]}  {found}")
+            old, new = (multiple(runs, what, kept) for runs in (before, after))
+            name = f"{title}, {'CPU' if what == 'cpu_s' else 'wall'}"
+            rows.append([name, *((f"{old:.0f}", f"{new:.0f}", f"{new / old:.2f} x") if old else ("", f"{new:.0f}"))])
+    same = all(run["digests"] == after[0]["digests"] for run in (*before, *after))
+    frames = f"Frames, readings and tables are {'the same bit for bit' if same else 'not the same'}. " if before else ""
+    return Table(
+        f"Times real time, {profile.stem}",
+        f"{simulated_s / 3600:.1f} h at 500 Hz, simulated, captured, fitted, diagnosed, reported; before is {BEFORE}. "
+        f"{frames}More is faster.",
+        ("times real time", "before", "after", "ratio"),
+        rows,
+    )
+
+
+def multiple(runs: list[dict[str, Any]], what: str, kept: tuple[str, ...]) -> float:
+    """Simulated time over the least time of the stages that begin so; 0 without a run."""
+    sums = [sum(s for name, s in run[what].items() if name.startswith(kept)) for run in runs]
+    return float(runs[0]["simulated_s"] / min(sums)) if runs else 0.0
+
+
+def by_stage(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> Table:
+    """CPU of each stage, before and after."""
+    from benchmarks.rounds import Table
+
+    hours = after[0]["simulated_s"] / 3600.0
+    new = least(after, "cpu_s")
+    old = least(before, "cpu_s") if before else {}
+    rows = []
+    for name, own in new.items():
+        then = (f"{old[name] / hours:.3f}", f"{old[name] / max(own, 1e-9):.1f} x") if old else ("", "")
+        rows.append([name, then[0], f"{own / hours:.3f}", then[1], f"{own / sum(new.values()):.0%}"])
+    return Table(
+        "CPU of a simulated hour by stage",
+        "What a stage calls of the others is theirs; the ratio is before over after.",
+        ("stage", "before s", "after s", "ratio", "share after"),
+        rows,
+    )
 
 
 def main() -> None:
@@ -171,8 +227,8 @@ def main() -> None:
     if wishes.child:
         print(json.dumps(run_once(*wishes.child)))
         return
-    rounds = [(child(wishes.before, wishes.profile), child(wishes.after, wishes.profile)) for _ in range(wishes.rounds)]
-    show([old for old, _ in rounds], [new for _, new in rounds])
+    for table in compared(wishes.profile, wishes.before, wishes.after, wishes.rounds):
+        print(table.markdown(), end="\n\n")
 
 
 if __name__ == "__main__":

@@ -210,7 +210,7 @@ def tables(quick: bool) -> list[Table]:
         for case in (SPLINE, REGRESSION, SURFACE, CUBIC):
             reference(case, d, thinned(d, 997)).tofile(folder / f"{case}.ref")
         del d, column
-        found = measured("benchmarks.one_pass", folder, CASES, 1 if quick else 3)
+        found = measured("benchmarks.one_pass", folder, CASES, 1 if quick else 2)
         asked = spawn("benchmarks.one_pass", "--after", str(folder))
         for channel in folder.glob("*.npy"):
             channel.unlink()
