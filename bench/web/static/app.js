@@ -61,9 +61,14 @@ function Place({ route, place }) {
   return html`<${Page} key=${route.page} params=${route.params} query=${place.query} />`;
 }
 
-const Nowhere = ({ path }) => html`<div class="page stack">
-  <h1>${t("nowhere.title")}</h1><p>${t("nowhere.text", { path })}</p><a class="button" href="/">${t("nav.start")}</a>
-</div>`;
+function Nowhere({ path }) {
+  useEffect(() => {
+    document.title = `${t("nowhere.title")} · ${t("brand")}`;
+  });
+  return html`<div class="page stack">
+    <h1>${t("nowhere.title")}</h1><p>${t("nowhere.text", { path })}</p><a class="button" href="/">${t("nav.start")}</a>
+  </div>`;
+}
 
 function App() {
   const place = useStore(here);

@@ -85,7 +85,7 @@ export function Chooser({ taken, onChoose, label }) {
     </label>
     <p class="wb-soft" role="status">${rows.failed || (rows.query === null ? t("workbench.chooser.loading") : t("workbench.chooser.count", { matched: rows.matched, total: rows.total }))}</p>
     ${rows.query !== null && rows.total === 0 && html`<p>${t("workbench.chooser.none")}</p>`}
-    <div class="wb-rows" ref=${frame} onScroll=${look} tabindex="-1">
+    <div class="wb-rows" ref=${frame} onScroll=${look} tabindex="0">
       <div id="wb-rows" role="listbox" aria-label=${t("workbench.chooser.title")} style=${{ height: `${rows.matched * ROW_PX}px` }}>
         ${shown.map((i) => html`<${Row} key=${i} index=${i} row=${rows.at(i)} active=${i === active} count=${rows.matched}
           taken=${taken.has(rows.at(i)?.run)} onChoose=${onChoose} />`)}

@@ -1,0 +1,196 @@
+"""What holds on every page: usable for all, in three languages, light and dark, without another machine.
+
+Pictures of the pages are made on the way where `BENCH_SCREENS` names a folder for them.
+"""
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from bench_project import LONG, SLOW_UNIT, bench_over
+from fleet_runs import line
+from servers import serving
+from unit_history import UNIT, unit_with_history
+from visiting import DESKTOP, TABLET, picture
+
+from bench.mystery import make_mystery
+from bench.web import people
+from bench.workflow.acquisition import library
+
+AXE = Path(__file__).parent.parent / "assets" / "axe.min.js"
+WORDS = Path(__file__).parents[2] / "bench" / "web" / "static" / "words"
+SEED = 7  # hides `aging`
+GRAVE = {"serious", "critical"}
+STATIONS = {"simulated"}
+"""Names that happen to be English words."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A page: its name in pictures, its address, and what is there when it is complete."""
+
+    name: str
+    address: str
+    there: str
+
+
+PLACES = [
+    Place("start", "/", "#serial"),
+    Place("plans", "/start?unit={slow}&station=unhurried", "button.plan svg"),
+    Place("ready", "/start?unit={slow}&station=unhurried&plan=short", "button.giant"),
+    Place("verdict", "/verdict/{ended}", "h1"),
+    Place("workbench", "/workbench", "[role=option]"),
+    Place("workbench-run", "/workbench?run={mystery}", ".wb-verdict"),
+    Place("units", "/units", "table a"),
+    Place("unit", "/units/{unit}", ".main-svg"),
+    Place("fleet", "/fleet", ".main-svg"),
+    Place("import", "/import", ".st-drop"),
+    Place("nowhere", "/live/nowhere", "h1"),
+    Place("live", "/live/{live}", ".segment-words"),
+    Place("live-all", "/live", ".segment-words"),
+]
+PICTURED = {"start", "ready", "live", "workbench-run", "unit", "fleet"}
+"""Of these also dark and on a tablet."""
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A fleet, a unit with a history, and a mystery."""
+    out = tmp_path_factory.mktemp("everything")
+    ended = unit_with_history(out)[-1]
+    line(out, 48, odd=20)
+    profiles = library()
+    made = make_mystery(SEED, 1, out, profiles / "ramp_-40_85.yaml", profiles / "check_minor_loops.yaml")
+    return out, made.run, ended
+
+
+@pytest.fixture(scope="module")
+def bench(runs, project):
+    """A server over all of it, with the registry made."""
+    out, *_ = runs
+    with bench_over(out, project) as bench:
+        bench.client.post("/registry", json={}).raise_for_status()
+        yield bench
+
+
+def going(bench):
+    """The id of a live run that will go on for a while."""
+    for run in bench.get("/live")["runs"]:
+        if run.get("left_s", 0.0) > 2 * 3600:
+            return run["run"]
+        bench.client.post(f"/live/{run['run']}/abort?wait_s=60", json={}).raise_for_status()
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+    bench.moving(run)
+    return run
+
+
+@pytest.fixture
+def names(bench, runs):
+    """What the addresses speak of."""
+    mystery, ended = (f"{run.parent.name}/{run.name}" for run in runs[1:])
+    return {"slow": SLOW_UNIT, "live": going(bench), "mystery": mystery, "ended": ended, "unit": UNIT}
+
+
+def go(page, place, names):
+    page.goto(place.address.format(**names))
+    page.locator(place.there).first.wait_for()
+    if place.name == "ready":
+        page.locator("button.giant:enabled").wait_for()
+    if place.name == "workbench-run":
+        page.locator(".wb-plot .main-svg").first.wait_for()
+    page.locator(".spinner").first.wait_for(state="detached")
+    page.evaluate("document.fonts.ready")
+
+
+def axe(page):
+    """Violations of serious and critical impact: rule, what it wants, where."""
+    page.evaluate(AXE.read_text())
+    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
+    return [
+        (one["id"], one["help"], node["target"], node.get("failureSummary"))
+        for one in found["violations"]
+        if one["impact"] in GRAVE
+        for node in one["nodes"]
+    ]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("place", PLACES, ids=lambda place: place.name)
+def test_everybody_can_use_the_page(bench, names, visitors, place, scheme):
+    page = visitors.come(bench.site.address, scheme=scheme)
+    go(page, place, names)
+    if scheme == "light" or place.name in PICTURED:
+        picture(page, f"{place.name}-{scheme}" if scheme == "dark" else place.name)
+    assert page.evaluate("document.documentElement.dataset.theme") == scheme
+    assert axe(page) == []
+
+
+@pytest.mark.parametrize("place", PLACES, ids=lambda place: place.name)
+def test_a_tablet_shows_all_of_it_without_scrolling_sideways(bench, names, visitors, place):
+    page = visitors.come(bench.site.address, size=TABLET)
+    go(page, place, names)
+    picture(page, f"{place.name}-tablet")
+    wide = page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
+    assert wide[0] <= wide[1]
+
+
+SAID = """() => {
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), said = [];
+  for (let node = walker.nextNode(); node; node = walker.nextNode())
+    if (!node.parentElement.closest('[lang=en], script, style, .main-svg, option')) said.push(node.data.trim());
+  for (const element of document.querySelectorAll('[aria-label], [title], [placeholder]'))
+    if (!element.closest('[lang=en], .main-svg'))
+      for (const name of ['aria-label', 'title', 'placeholder']) said.push(element.getAttribute(name) ?? '');
+  return [document.title, ...said].filter(Boolean);
+}"""
+
+
+def untranslated(said, language):
+    """Texts that are a key, have a placeholder left, or are English though this language has another word."""
+    english, own = (json.loads((WORDS / f"{name}.json").read_text()) for name in ("en", language))
+    heads = "|".join(sorted({re.escape(key.split(".")[0]) for key in english}))
+    key = re.compile(rf"^({heads})\.[a-z0-9_.-]+$")
+    foreign = {text for name, text in english.items() if isinstance(text, str) and own[name] != text}
+    foreign -= {text for text in own.values() if isinstance(text, str)} | STATIONS
+    return [text for text in said if key.match(text) or re.search(r"\{\w+\}", text) or text in foreign]
+
+
+@pytest.mark.parametrize("language", ["en", "uk", "zh"])
+def test_no_page_shows_a_missing_word(bench, names, visitors, language):
+    page = visitors.come(bench.site.address, locale=language, size=DESKTOP)
+    wrong = {}
+    for place in PLACES:
+        go(page, place, names)
+        if place.name in {"live", "ready"} and language != "en":
+            picture(page, f"{place.name}-{language}")
+        if found := untranslated(page.evaluate(SAID), language):
+            wrong[place.name] = found
+    assert wrong == {}
+
+
+def test_who_must_sign_in_is_asked_for_a_token(tmp_path, visitors):
+    access = tmp_path / "access.yaml"
+    token = people.add(access, "Olena", "viewer")
+    with serving(tmp_path / "out", "--access", str(access)) as address:
+        page = visitors.come(address)
+        page.goto("/units")
+        page.get_by_label("Token").wait_for()
+        picture(page, "login")
+        assert axe(page) == []
+        page.get_by_label("Token").fill(token)
+        page.keyboard.press("Enter")
+        page.get_by_role("heading", name="Units").wait_for()
+        assert page.get_by_role("link", name="Start").count() == 0
+        page.context.close()
+
+
+def test_a_request_to_another_machine_would_be_noticed(bench, visitors):
+    page = visitors.come(bench.site.address)
+    page.goto("/")
+    with page.expect_console_message():
+        page.evaluate("fetch('http://127.0.0.1:9/').catch(() => 0)")
+    visitor = visitors.of(page)
+    assert any("connect-src" in said for said in visitor.complaints)
+    visitor.forgives = re.compile("")
