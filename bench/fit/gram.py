@@ -93,14 +93,16 @@ class Gram:
         """Sums (size,) of rows without gaps."""
         total = np.zeros((self.width + 1, self.width + 1))
         table = np.empty((self.width + 1, min(STRETCH, y.size)))
+        mixing, mixed = self.mix[self._mixed], np.empty((self._mixed.size, table.shape[1]))
         for start in range(0, y.size, STRETCH):
             part = slice(start, start + STRETCH)
             own = table[:, : y[part].size]
             self.design({name: columns[name][part] for name in self.needs}, own)
             own[-1] = y[part]
             if self._mixed.size:
-                own[self._mixed] = self.mix[self._mixed] @ own
-            total += own @ own.T
+                own[self._mixed] = np.matmul(mixing, own, out=mixed[:, : own.shape[1]])
+            for row in range(len(own)):  # half the work of a product of matrices, and BLAS packs nothing
+                total[row, row:] += own[row:] @ own[row]
         sums: FloatArray = total[self._upper]
         return sums
 
