@@ -1,0 +1,124 @@
+"""CPU and wall of `bench diagnose` on a three-hour run at 500 Hz after the first pass, with one worker and with two.
+
+    python -m benchmarks.diagnosis_speed [RUN ...] [--rounds 3]
+
+Without a run three hours are simulated. A process per answer, numbers of workers by turns, the least counts, imports
+are not counted. "own" is the CPU of the process that asks: what two idle processors cannot go below; "all" includes copies.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.rounds import Table, spawn
+
+_PROFILE = """\
+name: three_hours
+start: {temperature_degc: 25, soak_min: 20}
+segments:
+  - {kind: ramp, to_degc: 70, rate_degc_per_min: 1.5}
+  - {kind: soak, duration_min: 20}
+  - {kind: ramp, to_degc: 10, rate_degc_per_min: 1.5}
+  - {kind: soak, duration_min: 20}
+  - {kind: ramp, to_degc: 40, rate_degc_per_min: 1.0}
+"""
+_WORKERS = (1, 2)
+
+
+def _recorded(folder: Path) -> Path:
+    """A simulated three-hour run at 500 Hz in this folder."""
+    from bench.workflow import acquisition
+
+    profile = folder / "three_hours.yaml"
+    profile.write_text(_PROFILE)
+    return acquisition.conduct(profile, None, acquisition.Task((), {}, folder), quiet=True).run.path
+
+
+def _spent() -> tuple[float, float, float]:
+    """CPU of this process, of its copies that ended, and wall [s]."""
+    times = os.times()
+    return time.process_time(), times.children_user + times.children_system, time.perf_counter()
+
+
+def once(path: Path, workers: int) -> dict[str, Any]:
+    """One diagnosis in this process: its means and floor, then the search; times [s] and a digest of the answer."""
+
+    from bench.dataset import load
+    from bench.diagnosis.diagnose import diagnose
+    from bench.model import load_model
+    from bench.workflow.analysis import floor_of
+
+    model = load_model("spline")
+    begun = _spent()
+    data = load(path)
+    floor_dph = floor_of([path], data.interval_s, None)
+    read = _spent()
+    found = diagnose([data], model, floor_dph=floor_dph, workers=workers)
+    done = _spent()
+    return {
+        "floor_s": read[0] - begun[0],
+        "own_s": done[0] - read[0],
+        "all_s": done[0] - read[0] + done[1] - read[1],
+        "wall_s": done[2] - read[2],
+        "rows": len(data),
+        "digest": hashlib.sha256(json.dumps(found.to_json(), sort_keys=True).encode()).hexdigest()[:12],
+    }
+
+
+def measured(path: Path, rounds: int) -> Table:
+    """All numbers of workers by turns."""
+    tries: dict[int, list[dict[str, Any]]] = {workers: [] for workers in _WORKERS}
+    for _ in range(rounds):
+        for workers, own in tries.items():
+            own.append(spawn("benchmarks.diagnosis_speed", "--child", str(workers), str(path.resolve())))
+    failed = [answer["failed"] for own in tries.values() for answer in own if "failed" in answer]
+    if failed:
+        return Table("Diagnosis", failed[0], ("workers",), ())
+    least = {n: {key: min(t[key] for t in own) for key in own[0] if key.endswith("_s")} for n, own in tries.items()}
+    one = least[_WORKERS[0]]
+    rows = [
+        [str(workers), *(f"{found[key]:.2f}" for key in ("floor_s", "own_s", "all_s", "wall_s")),
+         f"{one['own_s'] / found['own_s']:.2f} x", f"{one['wall_s'] / found['wall_s']:.2f} x"]
+        for workers, found in least.items()
+    ]  # fmt: skip
+    digests = {answer["digest"] for own in tries.values() for answer in own}
+    same = "the same digit for digit" if len(digests) == 1 else "DIFFERENT"
+    means = tries[_WORKERS[0]][0]["rows"]
+    reading = (
+        f"Run {path.name}, {means} means; answers with any number of workers: {same}. Floor: reading the 1 s means and "
+        "the noise of the soaks; then the diagnosis: CPU of the process that asks, of all, and wall."
+    )
+    head = ("workers", "floor CPU s", "own CPU s", "all CPU s", "wall s", "own CPU", "wall")
+    return Table(f"Diagnosis: {path.name}", reading, head, rows)
+
+
+def tables(quick: bool, runs: Sequence[Path] = (), rounds: int = 3) -> list[Table]:
+    """The tables of docs/performance.md."""
+    with tempfile.TemporaryDirectory() as folder:
+        return [measured(path, 1 if quick else rounds) for path in runs or [_recorded(Path(folder))]]
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("runs", nargs="*", type=Path)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--child", type=int, metavar="WORKERS")
+    wishes = parser.parse_args()
+    if wishes.child:
+        print("\n" + json.dumps(once(wishes.runs[0], wishes.child)))
+        return
+    for table in tables(False, wishes.runs, wishes.rounds):
+        print(table.markdown())
+
+
+if __name__ == "__main__":
+    main()
