@@ -3,7 +3,8 @@
     python -m benchmarks.diagnosis_speed [RUN ...] [--rounds 3]
 
 Without a run three hours are simulated. A process per answer, numbers of workers by turns, the least counts, imports
-are not counted. "own" is the CPU of the process that asks: what two idle processors cannot go below; "all" includes copies.
+are not counted. "own" is the CPU of the process that asks (two idle processors need at
+least that long), "all" includes copies.
 """
 
 from __future__ import annotations
