@@ -53,7 +53,7 @@ DRAWN = """(ticks) => new Promise((done) => {
   };
   look();
 })"""
-BURST = 64
+BURST = 256
 """Updates between two frames that are really shown; a flood without frames would measure the flood."""
 Row = tuple[str, str]
 
@@ -141,13 +141,13 @@ def a_day(browser: Browser, out: Path, updates: int) -> list[Row]:
         page.evaluate(COUNT)
         begin, ticks = perf_counter(), 1
         # The trace is full for the first time after 4096 ticks: what counts is what happens then.
-        for mark in (updates // 64, updates // 4, updates // 2, 3 * updates // 4, updates):
+        for mark in (updates // 64, *(eighth * updates // 8 for eighth in range(1, 9))):
             while ticks < mark:
                 ticks = min(ticks + BURST, mark)
                 go_on(process, ticks)
                 page.evaluate(DRAWN, ticks)
             sleep(2)
-            seen = weighed(page)
+            before, seen = resident_mib(renderer(browser)), weighed(page)
             told = f"heap {seen['heap']:.1f} MiB, {seen['nodes']:.0f} nodes, {seen['listeners']:.0f} listeners"
             told += (
                 f"; its process {resident_mib(renderer(browser)):.0f} MiB, server {resident_mib(process.pid):.0f} MiB"
@@ -202,7 +202,7 @@ def filtered(browser: Browser, out: Path, run: Path) -> Row:
         page.get_by_text("10,000 of 10,000 runs").wait_for()
         took = []
         for number in range(ROUNDS):
-            field, unit = page.get_by_role("combobox", name="Find a run"), f"u-0{number}23"
+            field, unit = page.get_by_role("combobox", name="Find a run"), f"u-0{number % 5}{number}3"
             begin = perf_counter()
             field.fill(unit)
             page.get_by_text("20 of 10,000 runs").wait_for()
@@ -270,10 +270,12 @@ def main() -> None:
         if "first" in parts:
             with ui(root / "none") as (_, address):
                 rows.append(first_page(browser, address))
+                print(rows, flush=True)
         if {"effect", "filter"} & set(parts):
             run = mystery(root / "mystery")
         if "effect" in parts:
             rows += hidden_effect(browser, root / "mystery")
+            print(rows, flush=True)
         if "filter" in parts:
             rows.append(filtered(browser, root / "many", run))
         if "cpu" in parts:

@@ -16,24 +16,34 @@ def blocks(page):
     return re.findall(r"```bash\n(.*?)```", page.read_text(), re.DOTALL)
 
 
-def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
+def bash(script, folder):
+    """What a script says, run in a folder by a shell that stops at the first failure."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    said = ""
-    for block in blocks(ROOT / "docs" / "tutorial.md"):
-        done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", block],
-            cwd=tmp_path,
-            env={**os.environ, "PATH": path},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, f"{block}\n{done.stdout}\n{done.stderr}"
-        said += done.stdout
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", script],
+        cwd=folder,
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"{script}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
+    said = "".join(bash(block, tmp_path) for block in blocks(ROOT / "docs" / "tutorial.md"))
     assert "Missing: aging" in said
     assert re.search(r"^right +aging$", said, re.MULTILINE)
     assert list(tmp_path.glob("reports/SIM-0001/*/report.html"))
     assert list(tmp_path.glob("reports/MINE/*/data.parquet"))
+
+
+def test_the_commands_about_the_page_run_in_one_shell(tmp_path):
+    said = bash("\n".join(blocks(ROOT / "docs" / "web.md")), tmp_path)
+    assert re.search(r'"request".*"who": ?"\S+ \(engineer\) from 127.0.0.1"', said)
+    assert '"safe":true' in said
+    assert '"/api/v1/starts/{start}"' in said
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
