@@ -2,6 +2,7 @@
 
 import http.server
 import json
+import socket
 import threading
 
 import pytest
@@ -13,6 +14,7 @@ from bench.cli import main
 from bench.store import open_run
 from bench.web import people
 from bench.web.settings import Settings
+from bench.workflow.live import how_it_ended
 
 
 @pytest.fixture
@@ -77,6 +79,31 @@ def test_a_server_that_is_none_is_said_in_one_line(url, code, words):
     assert answer.exit_code == code
     assert words in answer.stderr
     assert answer.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("said", [b"SSH-2.0-OpenSSH_9.2\r\n", b'HTTP/1.0 200 OK\r\n\r\n{"status": "up"}'])
+def test_a_server_of_another_kind_is_said_in_one_line(said):
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def answer():
+            connection, _ = listener.accept()
+            with connection:
+                connection.recv(4096)
+                connection.sendall(said)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        told = bench("", "status", "--server", f"http://127.0.0.1:{listener.getsockname()[1]}")
+        thread.join()
+    assert told.exit_code == 4
+    assert (told.stderr.count("\n"), "of a bench" in told.stderr) == (1, True)
+
+
+def test_of_an_end_that_nobody_saw_nothing_good_is_said():
+    told = how_it_ended({"run": "G-1/r", "cause": "the bench was killed", "safe": None, "safe_state": []})
+    assert told.exit_code == 4
+    assert "nothing had moved" not in told.text
+    assert "SAFE STATE NOT VERIFIED" in told.text
 
 
 def test_a_token_is_not_carried_on_to_where_a_server_points():

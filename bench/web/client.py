@@ -11,6 +11,7 @@ import os
 import urllib.error
 import urllib.request
 from dataclasses import dataclass, field
+from http.client import HTTPException
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
@@ -57,8 +58,8 @@ class Server:
         except urllib.error.HTTPError as error:
             with error:
                 raise self._refused(error) from error
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "reason", error)
+        except (OSError, ValueError, HTTPException) as error:
+            reason = " ".join(str(getattr(error, "reason", error)).split())
             raise EquipmentError(f"{self.url}: no answer of a bench: {reason}; is `bench ui` running there?") from error
         if not isinstance(content, dict):
             raise EquipmentError(f"{self.url}: not the answer of a bench")
@@ -67,7 +68,7 @@ class Server:
     def _refused(self, error: urllib.error.HTTPError) -> BenchError:
         try:
             detail = str(json.loads(error.read(_ANSWER_BYTES))["detail"])
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, HTTPException):
             detail = f"{error.code} {error.reason}: not the answer of a bench"
         if error.code == 401:
             detail += "; put it into BENCH_TOKEN"
@@ -87,9 +88,16 @@ def of(url: str) -> Server:
 
 def status(server: Server, run: Path | None) -> Answer:
     """`bench status --server`: one live run, or all of them."""
-    runs = server.get("/live")["runs"] if run is None else [server.get(f"/live/{_id(run)}")]
+    runs = _live(server) if run is None else [server.get(f"/live/{_id(run)}")]
     text = "\n\n".join(text_of(run) for run in runs) or f"no live run at {server.url}"
     return Answer({"runs": runs}, text, 4 if any(run["state"] == "silent" for run in runs) else 0)
+
+
+def _live(server: Server) -> list[dict[str, Any]]:
+    runs = server.get("/live").get("runs")
+    if not isinstance(runs, list):
+        raise EquipmentError(f"{server.url}: not the answer of a bench")
+    return runs
 
 
 def act(server: Server, action: str, run: Path | None) -> Answer:
@@ -114,7 +122,7 @@ def abort(server: Server, run: Path | None) -> Answer:
 def _the_run(server: Server, run: Path | None) -> str:
     if run is not None:
         return _id(run)
-    runs = [live["run"] for live in server.get("/live")["runs"] if live["state"] != "gone"]
+    runs = [live["run"] for live in _live(server) if live["state"] != "gone"]
     if len(runs) == 1:
         return quote(runs[0])
     listed = ", ".join(runs)

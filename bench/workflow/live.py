@@ -88,7 +88,8 @@ def abort(folder: Path | None, out: Path) -> Answer:
 def how_it_ended(content: dict[str, Any]) -> Answer:
     """An end (`run`, `cause`, `safe`, `safe_state`) as text, and its exit code."""
     lines = [f"{'ok  ' if step['ok'] else 'FAIL'}  {step['text']}" for step in content["safe_state"]]
-    lines = lines or ["nothing had moved: the chamber is as it was found"]
+    if content["safe"] and not lines:
+        lines = ["nothing had moved: the chamber is as it was found"]
     if not content["safe"]:
         lines += ["SAFE STATE NOT VERIFIED: switch the chamber off by hand"]
     text = "\n".join([content["cause"], *lines, f"run     {content['run']}"])
