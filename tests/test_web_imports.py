@@ -44,6 +44,13 @@ def ended(client, answer):
     return told
 
 
+def test_an_upload_leaves_the_disk_to_the_runs(client, tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.web.uploads.SPARE_BYTES", 1 << 62)
+    refused = send(client, table())
+    assert (refused.status_code, "the disk is nearly full" in refused.json()["detail"]) == (400, True)
+    assert list((tmp_path / "out" / ".web" / "imports").iterdir()) == []
+
+
 def test_a_table_whose_unit_is_unclear_is_shown_then_mapped_then_imported(client, tmp_path):
     sent = send(client, table())
     shown = ended(client, sent)["result"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import BinaryIO
@@ -16,6 +17,8 @@ ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".mf4", ".mdf", ".blf", "
 """Of tables."""
 PARTS = {"file": ENDINGS, "dbc": (".dbc",)}
 """Parts of the form, each once, and the endings that they may have."""
+SPARE_BYTES = 2 << 30
+"""Of the disk is left to runs."""
 _HEADER_BYTES = 4096
 _NAME_BYTES = 120
 
@@ -51,6 +54,8 @@ class Upload:
         """All of the body; InputError for a form that is not the one wanted."""
         try:
             async for chunk in stream:
+                if shutil.disk_usage(self._folder).free < SPARE_BYTES:
+                    raise InputError("the disk is nearly full, and what is left is for runs; free some disk")
                 self._parser.write(chunk)
             self._parser.finalize()
         except FormParserError as error:
