@@ -204,7 +204,7 @@ def _watch(lines: Sequence[Line]) -> list[dict[str, Any]]:
 def unit_cpu(seconds: float) -> list[str]:
     """CPU shares at the rate of one unit at 500 Hz, 601 frames/s: capture; decoding a second of frames in the run."""
     (one,), _ = trial(1, 601.0, seconds, report=False)
-    from benchmarks.capture import simulated
+    from benchmarks.can_frames import simulated
     from drivers.gyro import GyroDecoder
 
     frames, decoder = simulated(601 * 200), GyroDecoder("vibratory", 0)
