@@ -106,7 +106,9 @@ def off(answer: Columns, given: Given, folder: Path) -> float:
         if theirs is None or len(theirs) != len(values):
             worst = max(worst, 1.0 if len(values) else 0.0)
         elif len(values):
-            worst = max(worst, float(np.max(np.abs(theirs.astype(np.float64) - values)) / np.max(np.abs(values))))
+            worst = max(
+                worst, float(np.max(np.abs(theirs.astype(np.float64) - values)) / max(np.max(np.abs(values)), 1e-300))
+            )
     return worst
 
 
