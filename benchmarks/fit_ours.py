@@ -58,12 +58,12 @@ def curve(spline: Any, beta: np.ndarray) -> Predict:
 
 def our_gram(channels: tuple[str, ...], d: Data) -> tuple[Any, Any]:
     from bench.effects.base import Scale, Series
-    from bench.fit.gram import SAMPLE, Gram, chebyshev_rows
+    from bench.fit.gram import SAMPLE, ChebyshevRows, Gram
 
     series = tuple(Series(c, 3, Scale(*ends(d[c]))) for c in channels)
     step = max(1, d["y"].size // SAMPLE)
     sample = {c: np.ascontiguousarray(d[c][::step]) for c in channels}
-    gram = Gram.of(channels, 1 + 3 * len(channels), chebyshev_rows(series), sample, d["y"][::step].copy())
+    gram = Gram.of(channels, 1 + 3 * len(channels), ChebyshevRows(series), sample, d["y"][::step].copy())
     return gram, state_of(gram, d)
 
 

@@ -71,7 +71,7 @@ def solvers(names: tuple[str, ...], build: Any, *chosen: str) -> dict[str, Metho
         "scipy gelsy, C order, defaults": Method(peers.dense(names, build, peers.gelsy_rows)),
         "normal equations by hand": Method(peers.dense(names, build, peers.normal_equations)),
         "numpy lstsq": Method(peers.dense(names, build, peers.numpy_lstsq)),
-        "statsmodels OLS qr": Method(peers.dense(names, build, peers.statsmodels_qr), ("statsmodels",)),
+        "statsmodels OLS qr": Method(peers.dense(names, build, peers.statsmodels_qr), ("statsmodels",), once=True),
         "scikit-learn LinearRegression": Method(peers.dense(names, build, peers.sklearn_linear), ("sklearn",)),
     }
     return {name: known[name] for name in chosen or known}
@@ -85,9 +85,11 @@ CASES = {
             "scipy make_lsq_spline norm-eq, sort": Method(peers.scipy_spline("norm-eq")),
             "scipy make_lsq_spline qr, sort": Method(peers.scipy_spline("qr")),
             "scipy LSQUnivariateSpline, unique": Method(peers.scipy_univariate),
-            "scikit-learn SplineTransformer": Method(partial(peers.sklearn_spline, sparse=False), ("sklearn",)),
+            "scikit-learn SplineTransformer": Method(
+                partial(peers.sklearn_spline, sparse=False), ("sklearn",), once=True
+            ),
             "scikit-learn SplineTransformer, sparse": Method(partial(peers.sklearn_spline, sparse=True), ("sklearn",)),
-            "pyGAM LinearGAM, 27 splines": Method(peers.pygam_spline, ("pygam",)),
+            "pyGAM LinearGAM, 27 splines": Method(peers.pygam_spline, ("pygam",), once=True),
             "limit: read T and y once": Method(peers.memory_pass, limit=True),
         },
     ),
@@ -106,7 +108,7 @@ CASES = {
         lambda d: thinned(d, 5000),
         {
             "one pass, 48 intervals, smoothing by GCV": Method(ours.our_smooth),
-            "pyGAM gridsearch, 51 splines, GCV": Method(peers.pygam_smooth, ("pygam",)),
+            "pyGAM gridsearch, 51 splines, GCV": Method(peers.pygam_smooth, ("pygam",), once=True),
             "csaps, a knot a sample, smoothing given": Method(peers.csaps_smooth, ("csaps",)),
             "scipy make_smoothing_spline, smoothing given": Method(peers.scipy_smooth),
         },
@@ -172,7 +174,7 @@ def from_file(path: Path, case: str) -> dict[str, Any]:
     """A fit from a Parquet file: CPU and wall with the reading, peak above what the interpreter and imports take."""
     from bench.effects.base import Scale, Series
     from bench.fit.cells import Cells
-    from bench.fit.gram import Gram, chebyshev_rows
+    from bench.fit.gram import ChebyshevRows, Gram
     from bench.fit.normal import solve
     from bench.fit.samples import Samples
     from bench.fit.smooth import solve_spline
@@ -188,7 +190,7 @@ def from_file(path: Path, case: str) -> dict[str, Any]:
             state = State(Cells(*samples.range("temperature"), CELLS, float(np.nanmean(batch.y))))
         elif state is None:
             series = tuple(Series(c, 3, Scale(*samples.range(c))) for c in names)
-            state = State(Gram.of(names, 13, chebyshev_rows(series), *sketch(path, names)))
+            state = State(Gram.of(names, 13, ChebyshevRows(series), *sketch(path, names)))
         state.add(batch.time, batch.columns, batch.y, batch.segment)
     total = state.table.sum(axis=0)
     if case.startswith("spline"):

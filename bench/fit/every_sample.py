@@ -25,7 +25,7 @@ from bench.errors import InputError
 from bench.fit.cells import Cells
 from bench.fit.design import Bound
 from bench.fit.fitting import Fit, fit
-from bench.fit.gram import SAMPLE, Columns, Gram, chebyshev_rows
+from bench.fit.gram import SAMPLE, ChebyshevRows, Columns, Gram
 from bench.fit.normal import Normal, Solved, sandwich, solve
 from bench.fit.products import Products
 from bench.fit.samples import Samples
@@ -158,7 +158,7 @@ def _lay_out(model: Model, records: Sequence[Record], block_s: float) -> Pass:
     )
     columns, y = _sample(records, effect.needs)
     width = 1 + sum(one.order for one in series)
-    gram = Gram.of(effect.needs, width, chebyshev_rows(series), columns, y)
+    gram = Gram.of(effect.needs, width, ChebyshevRows(series), columns, y)
     return Pass(model, State(gram, block_s), bound, gram.normal, validity=validity)
 
 

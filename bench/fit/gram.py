@@ -31,22 +31,26 @@ Design = Callable[[Columns, FloatArray], None]
 """Writes the rows of a transposed design matrix (p, n) of these channels, the constant first."""
 
 
-def chebyshev_rows(series: tuple[Series, ...]) -> Design:
+@dataclass(frozen=True)
+class ChebyshevRows:
     """Design of [1, T_1..T_order of each channel]; all of one order."""
-    order, channels = series[0].order, [one.channel for one in series]
-    centre = [one.scale.centre for one in series]
-    slope = np.array([[1.0 / one.scale.half] for one in series])
 
-    def write(columns: Columns, out: FloatArray) -> None:
+    series: tuple[Series, ...]
+
+    def __call__(self, columns: Columns, out: FloatArray) -> None:
+        """Write the rows (1 + channels * order, n)."""
+        order, many = self.series[0].order, len(self.series)
         out[0] = 1.0
-        table = out[1 : 1 + order * len(series)].reshape(len(series), order, -1)
+        table = out[1 : 1 + order * many].reshape(many, order, -1)
         first = table[:, 0]
-        for i, channel in enumerate(channels):
-            np.subtract(columns[channel], centre[i], out=first[i])
-        first *= slope
+        for row, one in zip(first, self.series, strict=True):
+            np.subtract(columns[one.channel], one.scale.centre, out=row)
+        first *= self._slopes
         recur([np.ones(1), *(table[:, k] for k in range(order))])
 
-    return write
+    @cached_property
+    def _slopes(self) -> FloatArray:
+        return np.array([[1.0 / one.scale.half] for one in self.series])
 
 
 def recur(rows: Sequence[FloatArray]) -> None:
@@ -83,6 +87,14 @@ class Gram:
         width = len(table)
         mix = _mixing(np.vstack([table, y])) if y.size > width else np.eye(width + 1)
         return cls(needs, width, design, mix)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both sum the same, so that sums add: the same columns, mixed alike."""
+        if not isinstance(other, Gram):
+            return NotImplemented
+        return self.needs == other.needs and self.design == other.design and bool(np.array_equal(self.mix, other.mix))
+
+    __hash__ = None  # type: ignore[assignment]
 
     @property
     def size(self) -> int:

@@ -94,11 +94,15 @@ def solve(form: Normal, *, least_norm: bool = False) -> Solved:
 
 
 def penalised_rms(form: Normal, penalty: FloatArray) -> float:
-    """RMS [deg/h] of the rows beside the fit that a penalty (p, p) holds where no rows are."""
+    """RMS [deg/h] of the rows beside the fit that a penalty (p, p) holds where no rows are, inf where none is left.
+
+    Squares count over the rows less the effective number of coefficients: few rows are not taken for a good fit.
+    """
     scale = np.sqrt(np.diag(form.gram + penalty))
     scaled = (form.gram + penalty) / np.outer(scale, scale) + _RIDGE * np.eye(scale.size)
     inner = np.linalg.solve(scaled, form.right / scale) / scale
-    return float(np.sqrt(form.error(inner) / form.rows))
+    left = float(form.rows - np.trace(np.linalg.solve(scaled, form.gram / np.outer(scale, scale))))
+    return float(np.sqrt(form.error(inner) / left)) if left >= 1.0 else np.inf
 
 
 def condition_of(form: Normal, scale: FloatArray) -> float:

@@ -115,7 +115,9 @@ class Products:
         rows: list[FloatArray] = [np.ones(1), np.array([0.0, 1.0])]
         for k in range(2, 2 * self.order + 1):
             one, other = (1, 1) if k == 2 else (1, 2) if k == 3 else (2, 2) if k == 4 else (k - 4, 4)
-            rows.append(chebyshev.chebadd(chebyshev.chebmul(rows[one], rows[other]), [-_CENTRE.get(k, 0.0)]))
+            product = chebyshev.chebmul(rows[one], rows[other])
+            product[0] -= _CENTRE.get(k, 0.0)
+            rows.append(np.asarray(product, dtype=np.float64))
         own = np.array([np.pad(row, (0, len(rows) - len(row))) for row in rows])  # P as a series of T
         matrix: FloatArray = np.linalg.inv(own)
         return matrix

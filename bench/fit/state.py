@@ -50,6 +50,7 @@ class State:
     _keys: list[tuple[int, int, int]] = field(default_factory=list, repr=False)
     _vectors: list[FloatArray] = field(default_factory=list, repr=False)
     _spans: list[list[float]] = field(default_factory=list, repr=False)
+    _places: dict[tuple[int, int, int], int] = field(default_factory=dict, repr=False)
 
     def add(
         self,
@@ -63,8 +64,10 @@ class State:
         if not time.size:
             return
         self.touched += int(time.size)
+        # Blocks are told by their borders alone: a quotient rounds, and puts a row on a border into either.
         first, last = (int(np.floor(at / self.block_s)) for at in (time[0], time[-1]))
-        inner = np.searchsorted(time, np.arange(first + 1, last + 1) * self.block_s)
+        borders = np.arange(first, last + 2) * self.block_s
+        inner = np.searchsorted(time, borders)
         cuts = inner if segment is None else np.concatenate([inner, np.flatnonzero(segment[1:] != segment[:-1]) + 1])
         edges = np.unique(np.concatenate([[0], cuts, [time.size]])).tolist()
         for start, stop in pairwise(edges):
@@ -74,26 +77,37 @@ class State:
                 part, own, at = _rows(_present(part, own), self.sums.needs, part, own, at)
                 vector = self.sums.sums(part, own)
             if own.size:
-                key = (run, int(np.floor(at[0] / self.block_s)), -1 if segment is None else int(segment[start]))
+                block = first - 1 + int(np.searchsorted(borders, at[0], side="right"))
+                key = (run, block, -1 if segment is None else int(segment[start]))
                 self._take(key, vector, _span(at, part.get("temperature")))
 
     def _take(self, key: tuple[int, int, int], vector: FloatArray, span: list[float]) -> None:
-        if self._keys and self._keys[-1] == key:
-            self._vectors[-1] += vector
-            self._spans[-1][2:] = span[2:]
+        place = self._places.setdefault(key, len(self._keys))
+        if place == len(self._keys):
+            self._keys.append(key)
+            self._vectors.append(vector)
+            self._spans.append(span)
             return
-        self._keys.append(key)
-        self._vectors.append(vector)
-        self._spans.append(span)
+        self._vectors[place] += vector
+        own = self._spans[place]
+        self._spans[place] = [*min(own[:2], span[:2]), *max(own[2:], span[2:])]
 
     def merge(self, other: State) -> None:
-        """Take in the blocks of another pass; InputError unless both summed the same."""
-        same = self.block_s == other.block_s and _same(self.sums, other.sums)
+        """Take in the blocks of another pass, in order of time; InputError unless both summed the same.
+
+        A block of which both have rows stays one: left out, it is left out whole.
+        """
+        same = self.block_s == other.block_s and self.sums == other.sums
         if not same:
             raise InputError("sums over different ranges or of different columns cannot be merged; make them alike")
         self.touched += other.touched
         for key, vector, span in zip(other._keys, other._vectors, other._spans, strict=True):
             self._take(key, vector.copy(), list(span))
+        order = sorted(range(len(self._keys)), key=lambda at: (self._keys[at][0], self._spans[at][0]))
+        self._keys, self._vectors, self._spans = (
+            [self._keys[at] for at in order], [self._vectors[at] for at in order], [self._spans[at] for at in order]
+        )  # fmt: skip
+        self._places = {key: place for place, key in enumerate(self._keys)}
 
     @property
     def table(self) -> FloatArray:
@@ -157,11 +171,3 @@ def _present(columns: Mapping[str, FloatArray], y: FloatArray) -> BoolArray:
 def _span(time: FloatArray, temperature: FloatArray | None) -> list[float]:
     ends = [(np.nan, np.nan)] if temperature is None else [(temperature[0], temperature[-1])]
     return [float(time[0]), float(ends[0][0]), float(time[-1]), float(ends[0][1])]
-
-
-def _same(first: Sums, second: Sums) -> bool:
-    if first is second or first == second:
-        return True
-    one, other = getattr(first, "mix", None), getattr(second, "mix", None)
-    same = first.needs == second.needs and first.size == second.size
-    return same and one is not None and other is not None and bool(np.array_equal(one, other))
