@@ -131,6 +131,57 @@ def test_an_end_is_told_at_once_and_again_with_the_verdict(desk, folder, recorde
     )  # fmt: skip
 
 
+def test_an_analysis_that_dies_is_told_with_why_and_what_to_do(desk, folder, recorder, watcher, heard, monkeypatch):
+    said = {
+        "unit": "G-1",
+        "run": "G-1/run",
+        "analysed": False,
+        "verdict": "unproven",
+        "sentence": "not analysed: no disk",
+    }
+    start = {"state": "ended", "exit_code": 4, "verdicts": [said], "message": "", "start": "s", "who": {}}
+    monkeypatch.setattr(watcher._starts, "of_run", lambda run: start)
+    with live(desk, folder):
+        watcher.turn(0.0)
+        recorder.event("end", "profile done", state="done")
+        recorder.sync()
+    watcher.turn(10.0)
+    watcher.turn(20.0)
+    assert len(heard.ends) == 1  # its process is this one, and lives
+    monkeypatch.setattr(watching.remote, "alive", lambda pid: False)
+    watcher.turn(30.0)
+    last = heard.ends[-1]
+    assert (last["state"], last["analysing"], last["units"][0]["analysed"]) == ("done", False, False)
+    assert last["units"][0]["sentence"] == f"not analysed: no disk; `bench report {folder}` makes up for it"
+    assert watcher.ended("G-1/run") is None
+
+
+@pytest.mark.parametrize(
+    ("start", "words"),
+    [
+        (None, "why is not known"),
+        (
+            {"state": "ended", "exit_code": None, "message": "killed; `bench report` …"},
+            "its process was ended from outside",
+        ),
+        ({"state": "ended", "exit_code": 4, "message": "no memory"}, "no memory"),
+    ],
+)
+def test_a_run_without_report_is_not_analysed_whatever_server_tells_it(folder, out, start, words, monkeypatch):
+    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
+    about = {"start": "s", "who": {"name": "Olena"}, "verdicts": []}
+    with served(Settings(out=out)) as client:
+        monkeypatch.setattr(Starts, "of_run", lambda self, run: {**about, **start} if start else None)
+        end = client.get("/api/v1/live/G-1/run").json()["ended"]
+        assert (end["state"], end["analysing"], end["units"][0]["analysed"]) == ("done", False, False)
+        assert end["units"][0]["sentence"] == f"not analysed: {words}; `bench report {folder}` makes up for it"
+        monkeypatch.setattr(Starts, "of_run", lambda self, run: {**about, "state": "running", "exit_code": None})
+        assert client.get("/api/v1/live/G-1/run").json()["ended"]["analysing"]
+        (folder / "report.html").write_text("")
+        end = client.get("/api/v1/live/G-1/run").json()["ended"]
+        assert (end["analysing"], end["units"][0]["analysed"], end["units"][0]["sentence"]) == (False, True, "")
+
+
 def test_an_end_with_a_way_that_is_not_read_back_yet_is_told(desk, folder, recorder, watcher, heard):
     with live(desk, folder):
         watcher.turn(0.0)

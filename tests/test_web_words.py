@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +93,30 @@ def test_languages_of_the_page_are_those_of_the_catalogues() -> None:
     assert offered is not None
     assert tuple(re.findall(r"(\w+):", offered[1])) == LANGUAGES
     assert sorted(path.stem for path in (STATIC / "words").glob("*.json")) == sorted(LANGUAGES)
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
+    """Green says that somebody looked at the data."""
+    script = """
+    const { judged, toneOf } = await import(process.argv[1]);
+    const told = (word) => [word, toneOf(word)];
+    const word = (end, unit) => told(judged({ state: "done", analysing: false, ...end }, unit));
+    console.log(JSON.stringify([
+      word({}, { analysed: false }), word({}, { analysed: true }), word({ analysing: true }, { analysed: false }),
+      word({ state: "aborted" }, { analysed: false }), word({}, { analysed: true, limits: "PASS" }),
+    ]));
+    """
+    module = (STATIC / "pages" / "verdict" / "judged.js").as_uri()
+    command = ["node", "--experimental-default-type=module", "--input-type=module", "-e", script, module]
+    told = json.loads(subprocess.run(command, capture_output=True, check=True, timeout=60).stdout)
+    assert told == [
+        ["not_analysed", "warn"],
+        ["measured", "good"],
+        ["analysing", "link"],
+        ["aborted", "idle"],
+        ["pass", "good"],
+    ]
 
 
 def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:

@@ -123,11 +123,12 @@ def one(which: Which, request: Request) -> Run:
     if watched is not None:
         return Run(**watched.told())
     folder = which.folder()
-    end = watcher_of(request).ended(which.id) or _end(folder)
+    start = request.app.state.starts.of_run(which.id)  # asked first: what it wrote before it went is then seen
+    end = watcher_of(request).ended(which.id) or _end(folder, start)
     if end is None:
         raise HTTPException(409, f"{which.id} is not live and has no end: `bench resume {folder}` goes on with it")
     gone = LiveRun((folder,), remote.LiveFile(0, 0, str(story.manifest(folder).get("created", "")), [], ""))
-    about = describe(gone, request.app.state.starts.of_run(which.id))
+    about = describe(gone, start)
     return Run(**{**about, "runs": end["runs"], "state": end["state"], "condition": "ended", "ended": end})
 
 
@@ -194,9 +195,9 @@ def _companions(folder: Path) -> list[Path]:
     return found
 
 
-def _end(folder: Path) -> dict[str, Any] | None:
-    """How a run ended, from its folder; None for one that was killed and not recovered."""
+def _end(folder: Path, start: dict[str, Any] | None) -> dict[str, Any] | None:
+    """How a run of this start, if it has one, ended, by its folder; None for one that was killed and not recovered."""
     if not (folder / MANIFEST).is_file():
         return None
     folders = _companions(folder)
-    return {"run": ids(folders)[0], "runs": ids(folders), **story.of_folders(folders)}
+    return {"run": ids(folders)[0], "runs": ids(folders), **story.of_folders(folders, start)}

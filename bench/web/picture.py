@@ -26,10 +26,14 @@ class RequestMade(BaseModel):
 
 
 class UnitVerdict(BaseModel):
-    """The verdict on a unit; `limits`: against limits, where it was made with some."""
+    """The verdict on a unit; `limits`: against limits, where it was made with some.
+
+    Of one that was not `analysed` and is not being analysed `sentence` says why, and what to do.
+    """
 
     unit: str
     run: str = ""
+    analysed: bool = False
     verdict: str | None
     sentence: str = ""
     limits: str | None = None

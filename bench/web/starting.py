@@ -13,6 +13,7 @@ from bench.web.access import Operator
 from bench.web.catalog import Catalog, named
 from bench.web.checking import Intended, Name
 from bench.web.live import watcher_of
+from bench.web.picture import UnitVerdict
 from bench.web.settings import Here
 from bench.web.starts import InUse, Order, Starts
 from bench.web.subject import in_use
@@ -25,15 +26,6 @@ class Wanted(Intended):
 
     models: list[Name] = Field(default=[], max_length=8)
     limits: Name | None = None
-
-
-class Verdict(BaseModel):
-    """The verdict on a unit."""
-
-    unit: str
-    verdict: str | None
-    sentence: str = ""
-    limits: str | None = None
 
 
 class Start(BaseModel):
@@ -58,7 +50,7 @@ class Start(BaseModel):
     sentence: str
     message: str
     """What went wrong, in one line."""
-    verdicts: list[Verdict] = []
+    verdicts: list[UnitVerdict] = []
 
 
 class Starting(BaseModel):

@@ -23,7 +23,7 @@ from typing import Any, Literal
 
 from bench.errors import EquipmentError
 from bench.remote import LIVE
-from bench.store import write_json
+from bench.store import MANIFEST, write_json
 from bench.web.started import EXIT
 from bench.web.story import state_of
 
@@ -238,7 +238,7 @@ def _outcome(folder: Path, about: Mapping[str, Any], alive: bool, out: Path) -> 
     content = _answer(folder)
     runs = _runs(content, out) or about["runs"]
     if code is None:
-        again = f"`bench resume {out / runs[0]}` goes on with it" if runs else "start it again"
+        again = _again(out / runs[0]) if runs else "start it again"
         return {**nothing, "state": "ended", "runs": runs, "message": f"its process was ended from outside; {again}"}
     if code == 2 and not runs:
         return {**nothing, "state": "refused", "exit_code": code, "message": said}
@@ -251,6 +251,13 @@ def _outcome(folder: Path, about: Mapping[str, Any], alive: bool, out: Path) -> 
         "message": str(content.get("error", "")) or ("" if content else said),
         "verdicts": [state_of(unit) for unit in content.get("units", [content] if content else [])],
     }
+
+
+def _again(run: Path) -> str:
+    """What to do with a run whose process was killed, in it or in its analysis."""
+    if (run / MANIFEST).is_file():
+        return f"`bench report {run}` analyses it"
+    return f"`bench resume {run}` goes on with it"
 
 
 def _exit_code(folder: Path) -> int | None:

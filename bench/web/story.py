@@ -14,6 +14,8 @@ from bench.store import RunFolder
 
 CALIBRATION, LIMITS_JSON = "calibration.json", "limits.json"
 NO_VERDICT: dict[str, Any] = {"analysing": True, "units": [], "verdict": None, "sentence": ""}
+_NOT = "not analysed: "
+"""So begins, in place of a verdict, what is said of a unit whose analysis failed."""
 EVENTS = ("request", "safe_state", "end")
 
 
@@ -43,14 +45,18 @@ def told(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def of_folders(folders: Sequence[Path]) -> dict[str, Any]:
-    """The end of a run whose tables are made; the first folder that saw it speaks for all that they share."""
+def of_folders(folders: Sequence[Path], start: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The end of a run whose tables are made; the first folder that saw it speaks for all that they share.
+
+    `start`: what became of the start that made it. Without one nobody is known to analyse the run any more.
+    """
     seen = [(folder, events(folder)) for folder in folders]
     speaker, said = next((one for one in seen if any(_is_end(event) for event in one[1])), seen[0])
     story = told([event for event in said if event.get("kind") in EVENTS])
     about = manifest(speaker)
     story |= {key: str(about[key]) for key in ("state", "cause") if key in about}
-    return {**story, **verdicts(folders)}
+    busy = start is not None and start["state"] in ("starting", "running")
+    return {**story, **verdicts(folders, busy, start)}
 
 
 def events(folder: Path) -> list[dict[str, Any]]:
@@ -68,18 +74,35 @@ def _is_end(event: Mapping[str, Any]) -> bool:
     return event.get("kind") == "end" and "sound_until_s" not in event
 
 
-def verdicts(folders: Sequence[Path]) -> dict[str, Any]:
-    """The verdict on each unit, and on all together the worst; `analysing` until the last report is written."""
+def verdicts(folders: Sequence[Path], busy: bool = True, start: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The verdict on each unit, and on all together the worst; `analysing` until the last report is written.
+
+    When nobody is `busy` with it any more, units without a report say why, as far as `start` knows, and what to do.
+    """
     units = [_verdict(folder) for folder in folders]
-    ready = all(RunFolder(folder).report.is_file() for folder in folders)
+    ready = all(unit["analysed"] for unit in units)
+    if not busy:
+        for unit, folder in zip(units, folders, strict=True):
+            if not unit["analysed"]:
+                unit["sentence"] = f"{_NOT}{_why(unit['run'], start)}; `bench report {folder}` makes up for it"
     known = [unit for unit in units if unit["verdict"] is not None] if ready else []
     worst = min(known, key=_rank, default={"verdict": None, "sentence": ""})
     return {
-        "analysing": not ready,
+        "analysing": busy and not ready,
         "units": units,
         "verdict": worst["verdict"],
         "sentence": worst["sentence"],
     }
+
+
+def _why(run: str, start: Mapping[str, Any] | None) -> str:
+    """Why a run has no report: what its start said of it, or of all its runs."""
+    if start is None or start["state"] != "ended":
+        return "why is not known"
+    if start["exit_code"] is None:
+        return "its process was ended from outside"
+    own = next((str(one["sentence"]) for one in start["verdicts"] if one["run"] == run), "")
+    return (own.removeprefix(_NOT) if own.startswith(_NOT) else str(start["message"])) or "why is not known"
 
 
 def _rank(unit: Mapping[str, Any]) -> int:
@@ -98,14 +121,18 @@ def _verdict(folder: Path) -> dict[str, Any]:
         "verdict": judged.get("verdict"),
         "sentence": judged.get("sentence", ""),
         "limits": limits,
+        "analysed": RunFolder(folder).report.is_file(),
     }
 
 
 def state_of(content: Mapping[str, Any]) -> dict[str, Any]:
     """The verdict on a unit out of the answer of `bench run --json`."""
     limits = content.get("limits")
+    run = Path(str(content.get("run", "")))
     return {
-        "unit": content.get("unit") or Path(str(content.get("run", ""))).parent.name,
+        "unit": content.get("unit") or run.parent.name,
+        "run": "/".join(run.parts[-2:]),
+        "analysed": bool(content.get("report")),
         "verdict": content.get("verdict"),
         "sentence": content.get("sentence", ""),
         "limits": limits.get("verdict") if isinstance(limits, dict) else None,

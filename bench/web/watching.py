@@ -151,8 +151,8 @@ class Watcher:
             if now_s >= watched.next_s:
                 self._ask(watched, now_s)
             if watched.condition != "live" and (end := self._told_end(watched)) is not None:
+                self._analysed = [*self._analysed, (now_s + VERDICT_S, watched, end)]
                 self._watched = {key: one for key, one in self._watched.items() if key != token}
-                self._analysed.append((now_s + VERDICT_S, watched, end))
                 ends.append(end)
         self._listener(self.runs, ends)
 
@@ -204,16 +204,19 @@ class Watcher:
 
     def _verdicts(self, now_s: float) -> list[dict[str, Any]]:
         """The ends whose verdict has come since."""
-        waiting, news = self._analysed, []
-        self._analysed = []
-        for until_s, watched, end in waiting:
-            verdicts = story.verdicts(watched.live.folders)
+        waiting: list[tuple[float, Watched, dict[str, Any]]] = []
+        news: list[dict[str, Any]] = []
+        for until_s, watched, end in self._analysed:
+            busy = now_s <= until_s and remote.alive(watched.live.file.pid)  # asked first: its last report is then seen
+            start = None if busy else self._starts.of_run(end["run"])
+            verdicts = story.verdicts(watched.live.folders, busy, start)
             if self.find(end["run"]):  # a killed run goes on
                 continue
-            if not verdicts["analysing"] or now_s > until_s or not remote.alive(watched.live.file.pid):
-                news.append({**end, **verdicts, "analysing": False})
+            if verdicts["analysing"]:
+                waiting.append((until_s, watched, end))
             else:
-                self._analysed.append((until_s, watched, end))
+                news.append({**end, **verdicts})
+        self._analysed = waiting
         return news
 
     def ended(self, run: str) -> dict[str, Any] | None:

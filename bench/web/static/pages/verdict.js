@@ -24,7 +24,7 @@ function useEnd(params) {
         const run = await get(url`/live/${params.unit}/${params.run}`);
         if (left) return;
         setSeen({ run, end: run.ended });
-        if (run.ended?.analysing || !run.ended) timer = setTimeout(look, LOOK_MS);
+        if (!run.ended || run.ended.analysing || run.ended.units.some(({ analysed }) => !analysed)) timer = setTimeout(look, LOOK_MS);
       } catch (error) {
         if (!left) setSeen((before) => (before.end ? before : { error }));
         if (!left) timer = setTimeout(look, LOOK_MS);
@@ -59,7 +59,7 @@ export default function Verdict({ params }) {
       ${["fail", "marginal", "invalid"].includes(word) && html`<${Reasons} unit=${units[words.indexOf(word)]} />`}
       ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail" lang="en">${units[0].sentence}</p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end))}</p></section>
-      <${Ways} units=${units} word=${word} />
+      <${Ways} units=${units} />
     </div>
   </article>`;
 }
@@ -85,7 +85,7 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
   ${units.map((unit, index) => html`<li key=${unit.unit} class=${`tone-${toneOf(words[index])}`}>
     <${Shape} tone=${toneOf(words[index])} /><div><b class="mono">${unit.unit}</b><strong>${t(`verdict.${words[index]}`)}</strong>
       ${unit.sentence && html`<span class="soft small" lang="en">${unit.sentence}</span>`}
-      ${unit.run && words[index] !== "analysing" && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>
+      ${unit.run && unit.analysed && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>
         <a class="small" href=${workbench(unit)}>${t("verdict.workbench")}</a>`}</div>
   </li>`)}
 </ul>`;
@@ -131,9 +131,9 @@ function Fault({ end }) {
   </div>`;
 }
 
-function Ways({ units, word }) {
+function Ways({ units }) {
   const one = units[0];
-  const written = word !== "analysing" && one.run;
+  const written = one.analysed && one.run;
   return html`<div class="verdict-ways">
     ${may("operator") && html`<a class="button primary" href="/">${t("verdict.next_unit")}</a>`}
     ${written && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}

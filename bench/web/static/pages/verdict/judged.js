@@ -3,14 +3,15 @@
 /** Worst first; the tone of each. */
 const WORDS = {
   equipment_failed: "bad", invalid: "bad", fail: "bad", aborted: "idle", partial: "bad", no_data: "bad",
-  unproven: "warn", marginal: "warn", model_error: "warn", unknown_effect: "warn", missing_effect: "warn",
+  not_analysed: "warn", unproven: "warn", marginal: "warn", model_error: "warn", unknown_effect: "warn", missing_effect: "warn",
   analysing: "link", measured: "good", adequate: "good", pass: "good",
 };
 
-/** Key of the verdict on a unit: `end` is that of the run, `unit` its {verdict, limits}. */
+/** Key of the verdict on a unit: `end` is that of the run, `unit` its {verdict, limits, analysed}. */
 export function judged(end, unit) {
   if (end.state === "failed") return "equipment_failed";
   if (end.state === "aborted") return "aborted";
+  if (!unit.analysed && !end.analysing) return "not_analysed";
   if (unit.limits?.toLowerCase() in WORDS) return unit.limits.toLowerCase();
   if (unit.verdict in WORDS) return unit.verdict;
   return end.analysing ? "analysing" : "measured";
