@@ -149,9 +149,8 @@ def a_day(browser: Browser, out: Path, updates: int) -> list[Row]:
             sleep(2)
             before, seen = resident_mib(renderer(browser)), weighed(page)
             told = f"heap {seen['heap']:.1f} MiB, {seen['nodes']:.0f} nodes, {seen['listeners']:.0f} listeners"
-            told += (
-                f"; its process {resident_mib(renderer(browser)):.0f} MiB, server {resident_mib(process.pid):.0f} MiB"
-            )
+            told += f"; its process {before:.0f}, then {resident_mib(renderer(browser)):.0f} MiB"
+            told += f", server {resident_mib(process.pid):.0f} MiB"
             rows.append((f"live page after {page.evaluate('globalThis.updates'):,} updates", told))
             print(*rows[-1], f"{perf_counter() - begin:.0f} s", flush=True)
         page.context.close()
@@ -278,6 +277,7 @@ def main() -> None:
             print(rows, flush=True)
         if "filter" in parts:
             rows.append(filtered(browser, root / "many", run))
+            print(rows[-1], flush=True)
         if "cpu" in parts:
             rows.append(per_browser(root / "cpu"))
         if "day" in parts:

@@ -109,7 +109,9 @@ def main(out: Path, hz: float) -> None:
             start(watcher)
 
         watching.Watcher.start = started  # type: ignore[method-assign]
-    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", access_log=False, ws="none"))
+    server = uvicorn.Server(
+        uvicorn.Config(app, log_level="warning", access_log=False, ws="none", timeout_graceful_shutdown=1)
+    )
     with socket.create_server(("127.0.0.1", 0)) as listener:
         print(json.dumps({"url": f"http://127.0.0.1:{listener.getsockname()[1]}"}), flush=True)
         asyncio.run(server.serve(sockets=[listener]))
