@@ -9,6 +9,7 @@ from typing import Annotated
 
 from fastapi import Depends, HTTPException, Request, Response
 
+from bench.errors import InputError
 from bench.web.people import People, Person, Role
 from bench.web.sessions import Sessions
 from bench.web.settings import Settings
@@ -62,6 +63,14 @@ class Access:
             raise HTTPException(401, "no valid token: sign in, or send `Authorization: Bearer <token>`",
                                 {"WWW-Authenticate": "Bearer"})  # fmt: skip
         return Who(person.name, person.role, address)
+
+    def knows_still(self, request: Request) -> bool:
+        """Whether who sent this request, which is being answered for long, may still look."""
+        try:
+            self.who(request)
+        except (HTTPException, InputError):  # InputError: there is no access file any more, or none that can be read
+            return False
+        return True
 
     def sign_in(self, token: str, request: Request, response: Response) -> Who:
         """Exchange a token for a cookie; HTTPException 401 or 429 as for any wrong token."""

@@ -19,7 +19,7 @@ from bench.errors import InputError
 from bench.remote import LiveRun
 from bench.store import MANIFEST
 from bench.web import story
-from bench.web.access import Operator
+from bench.web.access import Access, Operator
 from bench.web.finding import folder_of, ids
 from bench.web.picture import Asked, End, Pictures, Run, TraceAnswer
 from bench.web.settings import Here
@@ -103,7 +103,7 @@ def live(request: Request) -> Pictures:
 
 @router.get("/live/stream", response_class=StreamingResponse, responses={200: {"content": {"text/event-stream": {}}}})
 async def stream(request: Request, events: Annotated[int, Query(ge=0, le=1_000_000)] = 0) -> StreamingResponse:
-    """Server-sent events `live` and `ended`; ends after so many `events`, or never.
+    """Server-sent events `live` and `ended`; ends after so many `events`, or with the token or session of who asked.
 
     With `Last-Event-ID` the ends of runs that were missed come first.
     """
@@ -113,7 +113,9 @@ async def stream(request: Request, events: Annotated[int, Query(ge=0, le=1_000_0
     last = request.headers.get("last-event-id", "")
     since = int(last) if last.isascii() and last.isdigit() and len(last) < 16 else None
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(found.listen(since, events), media_type="text/event-stream", headers=headers)
+    access: Access = request.app.state.access
+    told = found.listen(since, events, lambda: access.knows_still(request))
+    return StreamingResponse(told, media_type="text/event-stream", headers=headers)
 
 
 @router.get("/live/{unit}/{run}", response_model_exclude_unset=True)

@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import json
 from collections import deque
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any
 
 KEPT, KEPT_ENDS = 4, 64
@@ -80,10 +80,13 @@ class Stream:
         data = json.dumps(content, allow_nan=False, separators=(",", ":"))
         return self._sequence, f"id: {self._sequence}\nevent: {event}\ndata: {data}\n\n".encode()
 
-    async def listen(self, since: int | None = None, most: int = 0) -> AsyncIterator[bytes]:
+    async def listen(
+        self, since: int | None = None, most: int = 0, welcome: Callable[[], bool] = lambda: True
+    ) -> AsyncIterator[bytes]:
         """Events from now on, and the ends after `since`, the number of the last event that was got.
 
-        Ends after `most` events; 0: never.
+        Ends after `most` events (0: never), and when who listens is not `welcome` any more: asked at each beat, and
+        before anything is told.
         """
         browser, sent = _Browser(), 0
         if self._last is not None:
@@ -98,6 +101,8 @@ class Stream:
             while True:
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(browser.news.wait(), BEAT_S)
+                if not welcome():
+                    return
                 events = browser.take()
                 for _, event in events:
                     yield event
