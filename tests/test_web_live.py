@@ -106,6 +106,25 @@ def test_a_run_is_asked_five_times_a_second_at_most(desk, folder, watcher, monke
     assert set(asked) == {"trace"}
 
 
+def test_a_run_of_an_older_bench_is_live_without_curves(desk, folder, watcher, heard, monkeypatch):
+    asked, ask = [], remote.ask
+
+    def older(run, action, *more, **known):
+        asked.append(action)
+        return ask(run, "curves" if action == "trace" else action, *more, **known)
+
+    monkeypatch.setattr(watching.remote, "ask", older)
+    with live(desk, folder):
+        watcher.turn(0.0)
+        desk.look(STATION, status(101.0))
+        watcher.turn(1.0)
+        (seen,) = heard.runs
+        assert (seen.told()["condition"], seen.told()["t_s"], seen.mirror.since()["points"]) == ("live", 101.0, [])
+    assert asked == ["trace", "status", "status"]  # it is asked for a trace once
+    watcher.turn(2.0)
+    assert heard.runs == []
+
+
 def test_an_end_is_told_at_once_and_again_with_the_verdict(desk, folder, recorder, watcher, heard):
     with live(desk, folder):
         watcher.turn(0.0)
@@ -496,6 +515,23 @@ def test_what_is_not_live_is_said_in_one_line(folder, out):
             assert answer.status_code == code, address
             assert words in answer.json()["detail"]
             assert "\n" not in answer.json()["detail"]
+
+
+@pytest.mark.parametrize("signed_in", [False, True])
+def test_a_stream_ends_with_the_token_that_it_was_opened_with(out, tokens, signed_in, monkeypatch):
+    monkeypatch.setattr("bench.web.streaming.BEAT_S", 0.02)
+    file, bearer = tokens
+    with served(Settings(out=out, access=file)) as client:
+        if signed_in:
+            token = bearer["viewer"]["Authorization"].removeprefix("Bearer ")
+            client.post("/api/v1/session", json={"token": token})
+        headers = {} if signed_in else bearer["viewer"]
+        with client.stream("GET", "/api/v1/live/stream", headers=headers) as answer:
+            lines = answer.iter_lines()
+            assert [next(line for line in lines if line == "event: beat") for _ in range(2)]
+            file.write_text("people: []\n")
+            assert set(lines) <= {"", "event: beat", "data: {}"}  # and then it is over
+        assert client.get("/api/v1/live/stream", headers=headers).status_code == 401
 
 
 def test_two_browsers_see_the_same(desk, folder, out):

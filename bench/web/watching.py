@@ -48,6 +48,8 @@ class Watched:
         self.picture: dict[str, Any] = {"state": "starting"}
         self.condition, self.detail = "live", ""
         self.next_s = 0.0
+        self.traced = True
+        """It tells a trace."""
         self.killed = False
         """Its process is gone and has written no end."""
 
@@ -64,9 +66,8 @@ class Watched:
 
     def ask(self, now_s: float) -> None:
         """One question."""
-        since, generation = self.mirror.wanted
         try:
-            answer = remote.ask(self.live, "trace", PATIENCE_S, since=since, generation=generation)
+            answer = self._answer()
         except InputError as error:  # another process has its port now
             self.condition, self.detail = "gone", _gone(self.live, str(error))
         except EquipmentError as error:
@@ -74,7 +75,8 @@ class Watched:
             self.condition = "silent" if silent else "gone"
             self.detail = str(error) if silent else _gone(self.live, "")
         else:
-            self.mirror.take(answer.pop("trace"))
+            if self.traced:
+                self.mirror.take(answer.pop("trace"))
             self.picture = {key: value for key, value in answer.items() if key not in {"ok", "pid"}}
             self.condition, self.detail, self.killed = "live", "", False
             age_s = self.picture.get("age_s", 0.0)
@@ -82,6 +84,16 @@ class Watched:
                 self.condition = "silent"
                 self.detail = f"its loop has not ticked for {age_s:.0f} s: nothing here is newer; look at the chamber"
         self.next_s = now_s + (PERIOD_S if self.condition == "live" else SILENT_S)
+
+    def _answer(self) -> dict[str, Any]:
+        """Its picture and trace; of an older bench, which refuses to tell a trace, the picture alone."""
+        if self.traced:
+            since, generation = self.mirror.wanted
+            with contextlib.suppress(InputError):
+                return remote.ask(self.live, "trace", PATIENCE_S, since=since, generation=generation)
+        answer = remote.ask(self.live, "status", PATIENCE_S)  # whoever has its port now refuses this too
+        self.traced = False
+        return answer
 
 
 class Watcher:
