@@ -72,6 +72,7 @@ def _whole_seconds(source: pq.ParquetFile, names: list[str], where: Path | str) 
 
 
 def floats(column: pa.Array) -> FloatArray:
+    """Values of a column (n,) as numbers, NaN where there is none."""
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.uint8())
     values: FloatArray = column.cast(pa.float64()).to_numpy(zero_copy_only=False)  # nulls become NaN
