@@ -128,7 +128,7 @@ def renderer(browser: Browser) -> int:
     session = browser.new_browser_cdp_session()
     found = session.send("SystemInfo.getProcessInfo")["processInfo"]
     session.detach()
-    return max((one["id"] for one in found if one["type"] == "renderer"), key=resident_mib)
+    return max((int(one["id"]) for one in found if one["type"] == "renderer"), key=resident_mib)
 
 
 def a_day(browser: Browser, out: Path, updates: int) -> list[Row]:
