@@ -166,6 +166,7 @@ def test_the_api_lists_filters_and_shows_runs(tmp_path: Path) -> None:
         assert (everything["total"], everything["profiles"]) == (2, ["quick", "ramp_-40_85"])
         found = client.get("/api/v1/runs", params={"q": "sim ramp", "limit": 1}).json()
         assert (found["matched"], found["runs"][0]["unit"]) == (1, "SIM-0001")
+        assert not {"content", "changed"} & found["runs"][0].keys(), "the index's own"
         shown = client.get("/api/v1/runs/SIM-0001/20261121T060000Z_ramp").json()
         assert (len(shown["segments"]), shown["losses"]["lost"], shown["report"]) == (7, 0, False)
         assert {"name": "data.parquet", "bytes": (tmp_path / shown["run"] / "data.parquet").stat().st_size} in shown[

@@ -44,7 +44,7 @@ class Finder:
 
     def _candidates(self, whole: bool) -> Iterator[Path]:
         """Run folders with a `live.json` in the units that changed, or in all."""
-        for unit in _folders(self._root):
+        for unit in inside(self._root):
             try:
                 changed = unit.stat().st_mtime_ns
             except OSError:  # removed meanwhile
@@ -52,7 +52,7 @@ class Finder:
             young = time.time_ns() - changed < YOUNG_S * 1e9
             if whole or young or self._changed.get(unit.name) != changed:
                 self._changed[unit.name] = changed
-                yield from (Path(run.path) for run in _folders(Path(unit.path)) if _is_live(run.path))
+                yield from (Path(run.path) for run in inside(unit.path) if _is_live(run.path))
 
 
 def ids(folders: Sequence[Path]) -> list[str]:
@@ -65,8 +65,8 @@ def _is_live(folder: Path | str) -> bool:
     return os.path.exists(os.path.join(folder, LIVE))  # noqa: PTH110, PTH118 - Path.exists raises where it may not look
 
 
-def _folders(path: Path) -> list[os.DirEntry[str]]:
-    """Folders in a folder; a link could lead out of the store."""
+def inside(path: Path | str) -> list[os.DirEntry[str]]:
+    """Folders in a folder, those with a dot in front left out; a link could lead out of the store."""
     try:
         with os.scandir(path) as entries:
             return [entry for entry in entries if entry.name[0] != "." and entry.is_dir(follow_symlinks=False)]
@@ -76,7 +76,7 @@ def _folders(path: Path) -> list[os.DirEntry[str]]:
 
 def folder_of(root: Path, unit: str, run: str) -> Path | None:
     """The run folder of this id, looked up in the listings of folders; None when there is none."""
-    for parent in _folders(root):
+    for parent in inside(root):
         if parent.name == unit:
-            return next((Path(found.path) for found in _folders(Path(parent.path)) if found.name == run), None)
+            return next((Path(found.path) for found in inside(parent.path) if found.name == run), None)
     return None

@@ -23,6 +23,7 @@ from fastapi import FastAPI, HTTPException, Request
 from bench import remote
 from bench.remote import LIVE
 from bench.store import MANIFEST, write_atomically
+from bench.web.finding import inside
 
 FILE, FORMAT = "runs.json", 1
 RUNNING = "running"
@@ -33,8 +34,8 @@ SAVE_S = 30.0
 
 
 @dataclass(frozen=True)
-class Entry:
-    """One run in a list. Errors in RMS [deg/h]; None where there is no number."""
+class RunEntry:
+    """One run in a list; errors of its best model in RMS [deg/h], None where there is no number."""
 
     run: str
     unit: str
@@ -49,6 +50,12 @@ class Entry:
     floor_dph: float | None
     duration_s: float | None
     imported: bool
+
+
+@dataclass(frozen=True)
+class Entry(RunEntry):
+    """It, and what the index needs to know of it."""
+
     content: str = ""
     """Hash of what was recorded; empty before the end."""
     changed: int = 0
@@ -159,19 +166,10 @@ def ordered(entries: list[Entry], sort: str) -> list[Entry]:
 
 def _folders(root: Path) -> Iterator[tuple[str, str, int]]:
     """Id, path and time of every folder that may be a run; folders with a dot in front are not."""
-    for unit in _inside(str(root)):
-        for run in _inside(unit.path):
+    for unit in inside(root):
+        for run in inside(unit.path):
             with contextlib.suppress(OSError):  # removed meanwhile
                 yield f"{unit.name}/{run.name}", run.path, run.stat(follow_symlinks=False).st_mtime_ns
-
-
-def _inside(folder: str) -> Iterator[os.DirEntry[str]]:
-    try:
-        with os.scandir(folder) as found:
-            # A link could lead out of the store.
-            yield from [e for e in found if not e.name.startswith(".") and e.is_dir(follow_symlinks=False)]
-    except OSError:
-        return
 
 
 def _read(id_: str, path: str, stamp: int) -> Entry | None:

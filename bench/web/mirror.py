@@ -43,24 +43,18 @@ class Mirror:
 
     def since(self, index: int = 0, generation: int | None = None) -> dict[str, Any]:
         """What `Trace.since` answers, without pages: all points from `index` on, or from the first one."""
-        facts, points = self._shown
-        count = len(points)
-        ours = generation in (None, facts["generation"]) and 0 <= index <= count
-        first = index if ours else 0
-        return {
-            **facts,
-            "first": first,
-            "next": count,
-            "count": count,
-            "points": points[first:count],
-            "open": self._open,
-        }
+        return self._page(index, generation, whole=True)
 
     def news(self, index: int, generation: int) -> dict[str, Any]:
         """For who is told everything: points from `index` on; none, but where it stands, after a halving."""
+        return self._page(index, generation, whole=False)
+
+    def _page(self, index: int, generation: int | None, *, whole: bool) -> dict[str, Any]:
+        """Points from `index` on; where that is a place in another trace, the `whole` one, or none."""
         facts, points = self._shown
         count = len(points)
-        first = index if generation == facts["generation"] and index <= count else count
+        ours = generation in (None, facts["generation"]) and 0 <= index <= count
+        first = index if ours else 0 if whole else count
         return {
             **facts,
             "first": first,

@@ -7,7 +7,7 @@ import csv
 import io
 import json
 import threading
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 from urllib.parse import quote
@@ -19,11 +19,9 @@ from pydantic import BaseModel, Field
 from bench.remote import LIVE
 from bench.store import RunFolder
 from bench.web import story
-from bench.web.indexing import index_in, index_of, ordered
+from bench.web.indexing import RunEntry, index_in, index_of, ordered
 from bench.web.policy import REPORT
 
-_FIELDS = ("run", "unit", "profile", "start", "state", "verdict", "rms_dph", "held_out_rms_dph", "floor_dph",
-           "duration_s")  # fmt: skip
 _MOST_EVENTS = 2000
 _BATCH_ROWS = 4096
 T = TypeVar("T")
@@ -58,28 +56,12 @@ class RunQuery(BaseModel):
     offset: int = Field(0, ge=0, le=10_000_000)
 
 
-class RunEntry(BaseModel):
-    """One run; errors of its best model in RMS [deg/h]."""
-
-    run: str
-    unit: str
-    profile: str
-    start: str
-    state: str
-    verdict: str
-    rms_dph: float | None
-    held_out_rms_dph: float | None
-    floor_dph: float | None
-    duration_s: float | None
-    imported: bool
-
-
 class RunList(BaseModel):
     """Some of the runs that match, of all that there are; `profiles` and `verdicts` are what can be chosen from."""
 
     total: int
     matched: int
-    runs: list[RunEntry]
+    runs: Sequence[RunEntry]
     profiles: list[str]
     verdicts: list[str]
     states: list[str]
@@ -124,7 +106,7 @@ def runs(request: Request, asked: Annotated[RunQuery, Query()]) -> RunList:
     return RunList(
         total=len(everything),
         matched=len(found),
-        runs=[RunEntry(**{key: getattr(entry, key) for key in (*_FIELDS, "imported")}) for entry in page],
+        runs=page,
         profiles=sorted({entry.profile for entry in everything}),
         verdicts=sorted({entry.verdict for entry in everything if entry.verdict}),
         states=sorted({entry.state for entry in everything}),
