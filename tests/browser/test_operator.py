@@ -42,6 +42,22 @@ def test_from_serial_number_to_verdict(bench, visitors):
     page.get_by_label("Serial number").wait_for()
 
 
+def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(bench, visitors):
+    folder = bench.out / "SIM-0001" / "20261121T060000Z_ramp"
+    folder.mkdir(parents=True)
+    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
+    page = visitors.come(bench.site.address)
+    page.goto("/verdict/SIM-0001/20261121T060000Z_ramp")
+    page.get_by_role("heading", name="NOT ANALYSED").wait_for()
+    assert page.locator("article.tone-warn").count() == 1
+    page.get_by_text(f"bench report {folder}").wait_for()
+    assert page.get_by_role("link", name="Report").count() == 0
+    (folder / "calibration.json").write_text(json.dumps({"verdict": {"verdict": "adequate", "sentence": "Good."}}))
+    (folder / "report.html").write_text("")
+    page.get_by_role("heading", name="ADEQUATE").wait_for()
+    assert page.get_by_role("link", name="Report").count() == 1
+
+
 def press_tab_to(page, target, most=60):
     """Walk with Tab until `target` has the focus."""
     for _ in range(most):
