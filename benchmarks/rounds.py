@@ -11,6 +11,7 @@ import gc
 import importlib
 import importlib.util
 import json
+import math
 import os
 import subprocess
 import sys
@@ -102,7 +103,7 @@ def compared(title: str, reading: str, rows: Sequence[Row]) -> Table:
         if row.failed:
             out.append([row.case, row.method, row.failed])
             continue
-        error = "" if row.error is None else f"{row.error:.0e}"
+        error = "" if row.error is None or math.isnan(row.error) else f"{row.error:.0e}"
         times = (f"{1e3 * row.cpu_s:.1f}", f"{1e3 * row.wall_s:.1f}", f"{row.peak_mb:.0f}")
         out.append([row.case, f"**{row.method}**" if row is ours else row.method, *times, error, times_ours(row, ours)])
     return Table(title, reading, head, out, left=2)
