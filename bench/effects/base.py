@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
 from fractions import Fraction
 from math import comb
-from typing import Any, Protocol, TypeVar, cast, runtime_checkable
+from typing import Any, Protocol, TypeGuard, TypeVar, cast, runtime_checkable
 
 import numpy as np
 
@@ -99,12 +99,16 @@ class Effect(Protocol):
         """What `prepare` fixed, for calibration.json: scales, knots."""
 
 
-@runtime_checkable
 class MovesAbscissa(Effect, Protocol):
     """An effect that changes the temperature which all terms see (a lag, another thermometer); no columns: (n, 0)."""
 
     def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
         """Temperature (n,) [degC] in place of the sensor's, from the whole record."""
+
+
+def moves_abscissa(effect: Effect) -> TypeGuard[MovesAbscissa]:
+    """Whether it does; asked for every trial parameter, where `isinstance` of a protocol was a tenth of a diagnosis."""
+    return hasattr(type(effect), "abscissa")
 
 
 @runtime_checkable

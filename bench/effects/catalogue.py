@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
-from bench.effects.base import Effect, MovesAbscissa, Parameter
+from bench.effects.base import Effect, Parameter, moves_abscissa
 from bench.effects.registry import doc, get, make, names
 
 SECTIONS = ("Equation", "Units", "Source", "When left out", "Look-alikes", "Separated by")
@@ -50,7 +50,7 @@ def entry(name: str) -> Entry:
         needs=effect.needs,
         parameters=effect.parameters,
         options=_options(name, effect),
-        moves_abscissa=isinstance(effect, MovesAbscissa),
+        moves_abscissa=moves_abscissa(effect),
         suspect=effect.family != "static" and name != "expression",
         sections=sections(name),
     )

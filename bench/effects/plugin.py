@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from bench.channels import CHANNELS
-from bench.effects.base import Effect, MovesAbscissa, Parameter, Physical
+from bench.effects.base import Effect, Parameter, Physical, moves_abscissa
 from bench.effects.example import example
 from bench.errors import InputError
 
@@ -92,7 +92,7 @@ def _tried(effect: Effect, source: str) -> str:
         raise InputError(f"{source}: columns() must give an array ({len(record)}, k), one row for each of the record")
     if not np.all(np.isfinite(columns)):
         raise InputError(f"{source}: columns() gives values that are not finite in an example run without gaps")
-    if columns.shape[1] == 0 and not isinstance(ready, MovesAbscissa):
+    if columns.shape[1] == 0 and not moves_abscissa(ready):
         raise InputError(f"{source}: columns() has no column and there is no abscissa(): it would do nothing")
     form, wide = ready.physical(), 1 + columns.shape[1]
     sizes = {len(form.labels), len(form.units), len(form.matrix)} if isinstance(form, Physical) else set()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.channels import FloatArray
-from bench.effects.base import MovesAbscissa, Open
+from bench.effects.base import Open, moves_abscissa
 from bench.effects.example import example
 from bench.effects.registry import make, suited
 
@@ -34,7 +34,7 @@ def signature(name: str, options: Mapping[str, Any] | None = None) -> Signature:
         effect = effect.choices()[3]
     effect = suited(effect, [record]).prepare([record])
     theta = {parameter.name: parameter.start for parameter in effect.parameters}
-    if isinstance(effect, MovesAbscissa):
+    if moves_abscissa(effect):
         drawn = _bent(effect.abscissa(record, theta)) - _bent(record.channel("temperature"))
     else:
         columns = effect.columns(record, theta)

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.channels import DPH_PER_DPS, FloatArray
 from bench.dataset import Dataset
-from bench.effects.base import Effect, MovesAbscissa, Theta
+from bench.effects.base import Effect, MovesAbscissa, Theta, moves_abscissa
 from bench.errors import InputError
 from bench.export import chebyshev
 from bench.export.delivery import MOST_BLOCKS, MOST_ORDER, MOST_SIGNALS, Block, Delivery, Kind, Shape, Signal
@@ -35,9 +35,9 @@ def deliver(fit: Fit, datasets: Sequence[Dataset], sample_hz: float = 500.0) -> 
         raise InputError(f"model '{fit.model.name}' is a baseline fitted to soaks only; deliver one fitted to all rows")
     builder = _Builder(fit, tuple(datasets), sample_hz)
     for key, effect in zip(fit.bound.keys, fit.bound.effects, strict=True):
-        if isinstance(effect, MovesAbscissa):
+        if moves_abscissa(effect):
             builder.move(key, effect)
-    pairs = [(k, e) for k, e in zip(fit.bound.keys, fit.bound.effects, strict=True) if not isinstance(e, MovesAbscissa)]
+    pairs = [(k, e) for k, e in zip(fit.bound.keys, fit.bound.effects, strict=True) if not moves_abscissa(e)]
     turning = [pair for pair in pairs if "applied_rate" in channels_of(pair[1])]
     for key, effect in pairs:
         if (key, effect) not in turning:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.channels import BoolArray, FloatArray, IntArray
 from bench.dataset import Dataset
-from bench.effects.base import Demanding, Effect, MovesAbscissa, Parameter, Theta
+from bench.effects.base import Demanding, Effect, Parameter, Theta, moves_abscissa
 from bench.effects.registry import suited
 from bench.errors import InputError
 from bench.fit.rate_surface import binned_record
@@ -32,7 +32,7 @@ class Bound:
         """Constant and all effects' columns (n, 1 + k) of the whole record."""
         moved = record
         for key, effect in zip(self.keys, self.effects, strict=True):
-            if isinstance(effect, MovesAbscissa):
+            if moves_abscissa(effect):
                 moved = moved.with_channel("temperature", effect.abscissa(moved, self.theta[key]))
         parts = [e.columns(moved, self.theta[k]) for k, e in zip(self.keys, self.effects, strict=True)]
         return np.hstack([np.ones((len(record), 1)), *parts])
@@ -108,13 +108,13 @@ class Problem:
         pairs = list(zip(self.model.keys, self.model.effects, strict=True))
         for moves in (True, False):  # terms are scaled to the temperature that they will see
             for key, effect in pairs:
-                if isinstance(effect, MovesAbscissa) is not moves:
+                if moves_abscissa(effect) is not moves:
                     continue
                 selected = [r.select(m) for r, m in zip(moved, self.masks, strict=True)]
                 prepared[key] = ready = effect.prepare(selected)
                 if isinstance(ready, Demanding) and not trial:
                     ready.demand(selected)
-                if isinstance(ready, MovesAbscissa):
+                if moves_abscissa(ready):
                     moved = tuple(r.with_channel("temperature", ready.abscissa(r, theta[key])) for r in moved)
         slices, parts, at = {}, [np.ones((self.y.size, 1))], 1
         for key in self.model.keys:

@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.channels import BoolArray, FloatArray
 from bench.dataset import Dataset
-from bench.effects.base import LEAST_RANGE_DEGC, Effect, MovesAbscissa, Scale, Series
+from bench.effects.base import LEAST_RANGE_DEGC, Effect, Scale, Series, moves_abscissa
 from bench.effects.polynomial import Polynomial
 from bench.effects.regression import Regression
 from bench.effects.spline import MIN_ROWS, Spline
@@ -241,7 +241,7 @@ def _general(model: Model, records: Sequence[Record], block_s: float) -> Pass:
     """Any model, laid out by its fit to the means."""
     found = fit(model, tuple(record.means for record in records), covariance="none")
     bound = found.bound
-    moves = any(isinstance(effect, MovesAbscissa) for effect in bound.effects)
+    moves = any(moves_abscissa(effect) for effect in bound.effects)
     direct = [isinstance(effect, _STATIC) and not moves for effect in bound.effects]
     memory = [bound.columns(record.seconds) for record in records]
     width = memory[0].shape[1]
