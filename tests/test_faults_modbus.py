@@ -116,7 +116,7 @@ def test_a_fault_is_an_error_and_the_request_after_it_is_right(upstream, device,
     with served(upstream, front) as (proxy, link):
         assert link.read(SP) == 25.0
         device.set_values("f4t", SP.address, WORDS_MINUS_40)
-        proxy.inject(name, seconds=1.5 * TIMEOUT_S)
+        proxy.inject(name, seconds=3 * TIMEOUT_S)
         with hurried(link), pytest.raises(error, match=text):
             link.read(PV)
         proxy.clear()

@@ -4,6 +4,7 @@ import asyncio
 import json
 import math
 import os
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
@@ -403,6 +404,12 @@ def test_a_mirror_shows_a_new_generation_when_it_is_whole(monkeypatch):
     assert (mirror.since()["count"], mirror.since()["every_s"], mirror.behind) == (32, 2.0, False)
 
 
+def play(scene):
+    """Run a scene in a thread: the browser of another test may have left a loop in this one."""
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(lambda: asyncio.run(scene())).result()
+
+
 async def read(events, count):
     """The next so many events: id, name, data."""
     found = []
@@ -436,7 +443,7 @@ def test_a_slow_browser_gets_the_newest_pictures_and_every_end_and_nothing_grows
             stream.ended({"run": turn})
         assert len(stream._ends) == KEPT_ENDS
 
-    asyncio.run(scene())
+    play(scene)
 
 
 def test_who_comes_back_gets_the_ends_that_were_missed_and_the_present():
@@ -451,7 +458,7 @@ def test_who_comes_back_gets_the_ends_that_were_missed_and_the_present():
         ((_, name, data),) = await read(stream.listen(), 1)
         assert (name, data) == ("live", {"turn": 2})
 
-    asyncio.run(scene())
+    play(scene)
 
 
 def test_a_picture_that_does_not_change_is_told_seldom(desk, folder, watcher):
