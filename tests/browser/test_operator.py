@@ -168,8 +168,13 @@ def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors)
     page.get_by_text("what you see is old").wait_for(state="detached")
     now_s = until(lambda: bench.get(f"/live/{run}").get("t_s"))
     page.wait_for_function(CAUGHT_UP, arg=[run, now_s])
-    seen, points = drawn(page, run), bench.get(f"/live/{run}/trace")
-    assert same(seen, (True, points["generation"], [p[0] for p in points["points"]], [p[2] for p in points["points"]]))
+
+    def agreeing():
+        seen, points = drawn(page, run), bench.get(f"/live/{run}/trace")
+        told = (True, points["generation"], [p[0] for p in points["points"]], [p[2] for p in points["points"]])
+        return (seen, points) if same(seen, told) else None
+
+    seen, points = until(agreeing)
     assert seen[2][-1] > before_s
     steps = {round(after - before, 3) for before, after in zip(seen[2], seen[2][1:], strict=False)}
     assert steps == {points["every_s"]}, "nothing is missing of the time without a server"

@@ -1,5 +1,6 @@
 """The engineer's workbench in a real browser: a hidden effect is found by clicking, everything can be taken away."""
 
+import contextlib
 import csv
 import io
 import json
@@ -116,13 +117,21 @@ def test_every_figure_is_drawn_with_words(page, tab):
 
 
 def test_a_zoom_by_keyboard_fetches_finer_data(page):
+    from playwright.sync_api import TimeoutError as LateError
+
     choose(page)
     words = page.locator(".wb-words")
     words.filter(has_text="means over 2").wait_for()
+    finer = words.filter(has_text="1 s means").filter(has_not_text="from 0.00 h")
     page.locator(".wb-plot").focus()
     for _ in range(5):
         page.keyboard.press("+")
-    words.filter(has_text="1 s means").filter(has_not_text="from 0.00 h").wait_for()
+    with contextlib.suppress(LateError):
+        finer.wait_for(timeout=20_000)
+    if not finer.count():  # a key that came before the figure could take it
+        page.locator(".wb-plot").focus()
+        page.keyboard.press("+")
+    finer.wait_for()
     page.keyboard.press("0")
     words.filter(has_text="from 0.00 h").wait_for()
 
