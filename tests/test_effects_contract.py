@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bench import effects
-from bench.effects.base import MovesAbscissa
+from bench.effects.base import moves_abscissa
 from bench.effects.example import example
 from bench.errors import InputError
 
@@ -14,7 +14,7 @@ SUSPECTS = tuple(entry.name for entry in effects.catalogue() if entry.suspect)
 
 def output(effect, data):
     theta = {parameter.name: parameter.start for parameter in effect.parameters}
-    if isinstance(effect, MovesAbscissa):
+    if moves_abscissa(effect):
         return effect.abscissa(data, theta)[:, None]
     return effect.columns(data, theta)
 

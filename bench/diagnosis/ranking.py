@@ -14,7 +14,7 @@ from bench.diagnosis.evidence import TIE, Evidence, Suspect
 from bench.diagnosis.held_out import Unseen, removed, unseen
 from bench.diagnosis.suspects import Layout, Offer
 from bench.diagnosis.verdict import Explanation, effect_name
-from bench.effects.base import Effect, MovesAbscissa, options_of
+from bench.effects.base import Effect, moves_abscissa, options_of
 
 _RIVALS = 4
 _ALL_TERMS = 3
@@ -93,7 +93,7 @@ def _values(layout: Layout, effect: Effect, suspect: Suspect) -> dict[str, Value
         for name, p in suspect.parameters.items()
     }
     form = layout.prepared(effect).physical()
-    if isinstance(effect, MovesAbscissa) or len(form.labels) > _ALL_TERMS:
+    if moves_abscissa(effect) or len(form.labels) > _ALL_TERMS:
         return values
     matrix = form.matrix[:, 1:]
     numbers = matrix @ suspect.amplitudes

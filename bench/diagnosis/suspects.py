@@ -17,7 +17,7 @@ from bench.channels import BoolArray, FloatArray
 from bench.dataset import Dataset
 from bench.diagnosis.candidates import Candidate, Problem, Theta, orthonormal
 from bench.diagnosis.probes import Probe, usual
-from bench.effects.base import Demanding, Effect, MovesAbscissa
+from bench.effects.base import Demanding, Effect, moves_abscissa
 from bench.errors import InputError
 from bench.fit import design
 from bench.fit.solve import solve
@@ -72,9 +72,9 @@ class Layout:
         moving = any(p.change_point for p in effect.parameters)
         return Candidate(
             name=name,
-            columns=_Moved(self, effect) if isinstance(effect, MovesAbscissa) else _Terms(self, effect),
+            columns=_Moved(self, effect) if moves_abscissa(effect) else _Terms(self, effect),
             family=effect.family,
-            kind="abscissa" if isinstance(effect, MovesAbscissa) else "term",
+            kind="abscissa" if moves_abscissa(effect) else "term",
             parameters=effect.parameters,
             change_point=moving,
             points=_POINTS_OF_TWO if moving and len(effect.parameters) > 1 else None,
@@ -122,7 +122,7 @@ class Layout:
         bound, _ = self.rows.bind(self.theta, trial=True)
         records = self.rows.records
         for key, effect in zip(bound.keys, bound.effects, strict=True):
-            if isinstance(effect, MovesAbscissa):
+            if moves_abscissa(effect):
                 records = tuple(r.with_channel("temperature", effect.abscissa(r, bound.theta[key])) for r in records)
         return records
 
