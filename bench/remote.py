@@ -14,7 +14,7 @@ import os
 import socket
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -97,12 +97,16 @@ def alive(pid: int) -> bool:
 
 def below(root: Path) -> list[LiveRun]:
     """All runs with a `live.json` in `root/<unit>/<run>`, oldest first, whatever their condition."""
+    return among(file.parent for file in root.glob(f"*/*/{LIVE}"))
+
+
+def among(folders: Iterable[Path]) -> list[LiveRun]:
+    """The runs that the `live.json` of these run folders speak of, oldest first; those of one process are one run."""
     runs: dict[str, LiveRun] = {}
-    for file in sorted(root.glob(f"*/*/{LIVE}")):
-        if found := at(file.parent):
+    for folder in sorted(folders):
+        if found := at(folder):
             known = runs.get(found.file.token)
-            folders = (*known.folders, file.parent) if known else found.folders
-            runs[found.file.token] = replace(found, folders=folders)
+            runs[found.file.token] = replace(found, folders=(*known.folders, folder)) if known else found
     return sorted(runs.values(), key=lambda run: run.file.start)
 
 

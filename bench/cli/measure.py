@@ -88,13 +88,7 @@ def status(run_folder: Path | None, out: Path, server: str | None) -> Answer:
 @answers
 def hold(run_folder: Path | None, out: Path, server: str | None) -> Answer:
     """Hold a live RUN at once, where its chamber is; without RUN: the only one."""
-    if server:
-        from bench.web import client
-
-        return client.act(client.of(server), "hold", run_folder)
-    from bench.workflow import live
-
-    return live.act("hold", run_folder, out)
+    return _act("hold", run_folder, out, server)
 
 
 @click.command()
@@ -105,13 +99,18 @@ def hold(run_folder: Path | None, out: Path, server: str | None) -> Answer:
 @answers
 def pause(run_folder: Path | None, out: Path, server: str | None) -> Answer:
     """Hold a live RUN after its present segment; without RUN: the only one."""
+    return _act("pause", run_folder, out, server)
+
+
+def _act(action: str, run_folder: Path | None, out: Path, server: str | None) -> Answer:
+    """Ask a live run for something, through a server where one is named."""
     if server:
         from bench.web import client
 
-        return client.act(client.of(server), "pause", run_folder)
+        return client.act(client.of(server), action, run_folder)
     from bench.workflow import live
 
-    return live.act("pause", run_folder, out)
+    return live.act(action, run_folder, out)
 
 
 @click.command()
@@ -126,9 +125,7 @@ def pause(run_folder: Path | None, out: Path, server: str | None) -> Answer:
 def resume(run_folder: Path | None, station: Path | None, out: Path, server: str | None, quiet: bool) -> Answer:
     """Go on: with a live RUN that holds, or with one whose bench was killed, from where its journals end."""
     if server:
-        from bench.web import client
-
-        return client.act(client.of(server), "resume", run_folder)
+        return _act("resume", run_folder, out, server)
     from bench.workflow import live
 
     return live.resume(run_folder, station, out, quiet)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from bench import remote
@@ -34,13 +33,7 @@ class Finder:
         self._live = {folder for folder in {*self._live, *self._candidates(whole)} if _is_live(folder)}
         if whole:
             self._everywhere_s = began_s + max(_LEAST_S, (self._now() - began_s) / _SHARE)
-        runs: dict[str, LiveRun] = {}
-        for folder in sorted(self._live):
-            if found := remote.at(folder):
-                known = runs.get(found.file.token)
-                folders = (*known.folders, folder) if known else found.folders
-                runs[found.file.token] = replace(found, folders=folders)
-        return sorted(runs.values(), key=lambda run: run.file.start)
+        return remote.among(self._live)
 
     def _candidates(self, whole: bool) -> Iterator[Path]:
         """Run folders with a `live.json` in the units that changed, or in all."""

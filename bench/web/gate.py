@@ -16,11 +16,8 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from bench.web.policy import HEADERS
-from bench.web.policy import REPORT as REPORT_POLICY
 from bench.web.problems import problem
 from bench.web.settings import Settings
-
-__all__ = ["REPORT_POLICY", "Gate", "is_loopback"]
 
 _HARMLESS = {"GET", "HEAD", "OPTIONS"}
 IMPORTS = "/api/v1/imports"

@@ -25,11 +25,4 @@ NAMES = (
 
 def modules() -> list[ModuleType]:
     """All of them, in order."""
-    found = []
-    for name in NAMES:
-        try:
-            found.append(importlib.import_module(f"bench.web.{name}"))
-        except ModuleNotFoundError as error:
-            if error.name != f"bench.web.{name}":
-                raise
-    return found
+    return [importlib.import_module(f"bench.web.{name}") for name in NAMES]

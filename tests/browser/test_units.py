@@ -8,8 +8,6 @@ from conftest import serving
 from fleet_runs import line
 from unit_history import PDF, UNIT, unit_with_history
 
-PATIENCE_MS = 30_000
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -26,16 +24,9 @@ def address(folder):
 
 
 @pytest.fixture
-def page(chromium, address):
-    """A page that fails the test when it says anything wrong on its console."""
-    context = chromium.new_context(locale="en-GB", base_url=address, viewport={"width": 1280, "height": 900})
-    context.set_default_timeout(PATIENCE_MS)
-    page, said = context.new_page(), []
-    page.on("console", lambda message: said.append(message.text) if message.type in {"error", "warning"} else None)
-    page.on("pageerror", lambda error: said.append(str(error)))
-    yield page
-    context.close()
-    assert not said
+def page(visitors, address):
+    """A window whose complaints fail the test."""
+    return visitors.come(address, size={"width": 1280, "height": 900})
 
 
 def test_the_registry_is_made_from_the_page_and_a_unit_is_found(page):

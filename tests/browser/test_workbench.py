@@ -13,7 +13,6 @@ from bench.workflow.acquisition import library
 
 SEED = 7  # hides `aging`
 MANY = 3000
-PATIENCE_MS = 60_000
 
 
 @pytest.fixture(scope="module")
@@ -38,17 +37,11 @@ def address(mystery):
 
 
 @pytest.fixture
-def page(chromium, address):
+def page(visitors, address):
     """The start page; whatever the browser complains about fails the test."""
-    context = chromium.new_context(viewport={"width": 1440, "height": 900}, locale="en", reduced_motion="reduce")
-    context.set_default_timeout(PATIENCE_MS)
-    page, complaints = context.new_page(), []
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
-    page.goto(address)
-    yield page
-    context.close()
-    assert complaints == []
+    page = visitors.come(address, locale="en")
+    page.goto("/")
+    return page
 
 
 def choose(page, words="MYSTERY ramp"):
