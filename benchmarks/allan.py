@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.channels import FloatArray
-from bench.noise import AllanCurve, allan_deviation, allan_pyramid
+from bench.analysis.noise import AllanCurve, allan_deviation, allan_pyramid
+from bench.base.channels import FloatArray
 from benchmarks.rounds import Case, Method, Table, compared, measured
 
 _HZ = 500.0

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from scipy.stats import binomtest
 
-from bench.hidden import HIDDEN
+from bench.mystery.hidden import HIDDEN
 from benchmarks.scores import Result, both, decided, inside, named, tie, tied, unknown
 
 

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from bench import profile as profiles
-from bench import virtual
-from bench.channels import FloatArray
-from bench.dataset import Dataset, Segment
-from bench.fit import fit
-from bench.hidden import CHANNELS, HIDDEN, NOISE, Entry, draw, scaled, static_curve, times
-from bench.model import Model
+from bench.acquisition.profile import profile as profiles
+from bench.analysis.effects.model import Model
+from bench.analysis.fit import fit_model
+from bench.base.channels import FloatArray
+from bench.mystery import virtual
+from bench.mystery.hidden import CHANNELS, HIDDEN, NOISE, Entry, draw, scaled, static_curve, times
+from bench.record.dataset import Dataset, Segment
 from drivers.sim.resonator import UnitSettings
 from drivers.sim.truth import MECHANISMS
 
@@ -44,7 +44,7 @@ def trace(profile: str) -> virtual.Trace:
         text = profile
     else:
         text = (Path(__file__).parents[1] / "profiles" / f"{profile}.yaml").read_text()
-    return virtual.chamber(profiles.from_text(text), seed=1)
+    return virtual.chamber(profiles.profile_from_text(text), seed=1)
 
 
 def recorded(
@@ -93,7 +93,7 @@ def absorbed(record: Dataset, values: FloatArray, model: Model) -> FloatArray:
     plain = replace(
         record, channels={**{k: v for k, v in record.channels.items() if k != "applied_rate"}, "rate": values}
     )
-    return fit(model, plain, covariance="none").residuals[0]
+    return fit_model(model, plain, covariance="none").residuals[0]
 
 
 def rms(values: FloatArray) -> float:

@@ -36,7 +36,7 @@ _WORKERS = (1, 2)
 
 def _recorded(folder: Path) -> Path:
     """A simulated three-hour run at 500 Hz in this folder."""
-    from bench.workflow import acquisition
+    from bench.commands import acquisition
 
     profile = folder / "three_hours.yaml"
     profile.write_text(_PROFILE)
@@ -52,10 +52,10 @@ def _spent() -> tuple[float, float, float]:
 def once(path: Path, workers: int) -> dict[str, Any]:
     """One diagnosis in this process: its means and floor, then the search; times [s] and a digest of the answer."""
 
-    from bench.dataset import load
-    from bench.diagnosis.diagnose import diagnose
-    from bench.model import load_model
-    from bench.workflow.analysis import floor_of
+    from bench.analysis.diagnosis.diagnose import diagnose
+    from bench.analysis.effects.model import load_model
+    from bench.commands.analysis import floor_of
+    from bench.record.dataset import load
 
     model = load_model("spline")
     begun = _spent()

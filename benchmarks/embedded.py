@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.channels import IntArray
-from bench.export.ccode import c_files, inputs_of
-from bench.export.delivery import INPUTS, NO_VALUE, ONE, Block, Delivery, Kind, Shape
-from bench.export.forms import FORMS
-from bench.export.image import read, words_of
-from bench.export.measure import table, wander
-from bench.export.signals import channel_signal, lag_signal, play_signal
+from bench.base.channels import IntArray
+from bench.deliver.export.ccode import c_files, inputs_of
+from bench.deliver.export.delivery import INPUTS, NO_VALUE, ONE, Block, Delivery, Kind, Shape
+from bench.deliver.export.forms import FORMS
+from bench.deliver.export.image import read, words_of
+from bench.deliver.export.measure import wander, worst_errors
+from bench.deliver.export.signals import channel_signal, lag_signal, play_signal
 
 BUDGET_NS = 1e6
 """The second paper's 1 ms for a lookup at 1 kHz."""
@@ -115,7 +115,7 @@ def timed(name: str, delivery: Delivery, form: str, rows: int = 200_000, rounds:
             [str(program), str(folder / "in"), str(rows), str(rounds)], check=True, capture_output=True, text=True
         ).stdout.split()
         counted = _instructions(folder, program, delivery, words) if shutil.which("valgrind") else None
-    worst = table(delivery, [form])[0].worst
+    worst = worst_errors(delivery, [form])[0].worst
     return Timed(name, form, worst, float(said[0]), float(said[1]), float(said[2]), counted)
 
 

@@ -10,7 +10,7 @@ from benchmarks.fit_data import CELLS, FOUR, INTERVALS, Data, Predict, ends
 
 
 def state_of(sums: Any, d: Data) -> Any:
-    from bench.fit.state import State
+    from bench.analysis.fit.state import State
 
     state = State(sums)
     state.add(d["time"], d, d["y"])
@@ -18,15 +18,15 @@ def state_of(sums: Any, d: Data) -> Any:
 
 
 def our_cells(d: Data) -> Any:
-    from bench.fit.cells import Cells
+    from bench.analysis.fit.cells import Cells
 
     return state_of(Cells(*ends(d["temperature"]), CELLS, float(d["y"][:1000].mean())), d)
 
 
 def our_spline(d: Data) -> Predict:
-    from bench.effects.base import Scale
-    from bench.effects.spline import Spline
-    from bench.fit.smooth import solve_spline
+    from bench.analysis.effects.base import Scale
+    from bench.analysis.effects.spline import Spline
+    from bench.analysis.fit.smooth import solve_spline
 
     state = our_cells(d)
     solved = solve_spline(state.sums, state.table.sum(axis=0), INTERVALS, "free")
@@ -35,9 +35,9 @@ def our_spline(d: Data) -> Predict:
 
 def our_smooth(d: Data) -> Predict:
     """48 intervals, smoothing chosen by GCV."""
-    from bench.effects.base import Scale
-    from bench.effects.spline import Spline
-    from bench.fit.smooth import Smoother
+    from bench.analysis.effects.base import Scale
+    from bench.analysis.effects.spline import Spline
+    from bench.analysis.fit.smooth import Smoother
 
     state = our_cells(d)
     chosen = Smoother.of(state.sums, state.table.sum(axis=0), 2 * INTERVALS, "natural").choose("gcv")
@@ -46,7 +46,7 @@ def our_smooth(d: Data) -> Predict:
 
 
 def curve(spline: Any, beta: np.ndarray) -> Predict:
-    from bench.dataset import Dataset
+    from bench.record.dataset import Dataset
 
     def predict(at: Data) -> np.ndarray:
         n = at["y"].size
@@ -57,8 +57,8 @@ def curve(spline: Any, beta: np.ndarray) -> Predict:
 
 
 def our_gram(channels: tuple[str, ...], d: Data) -> tuple[Any, Any]:
-    from bench.effects.base import Scale, Series
-    from bench.fit.gram import SAMPLE, ChebyshevRows, Gram
+    from bench.analysis.effects.base import Scale, Series
+    from bench.analysis.fit.gram import SAMPLE, ChebyshevRows, Gram
 
     series = tuple(Series(c, 3, Scale(*ends(d[c]))) for c in channels)
     step = max(1, d["y"].size // SAMPLE)
@@ -68,7 +68,7 @@ def our_gram(channels: tuple[str, ...], d: Data) -> tuple[Any, Any]:
 
 
 def our_regression(d: Data, channels: tuple[str, ...] = FOUR) -> Predict:
-    from bench.fit.normal import solve
+    from bench.analysis.fit.normal import solve
 
     gram, state = our_gram(channels, d)
     solved = solve(gram.normal(state.table.sum(axis=0)))
@@ -82,10 +82,10 @@ def our_regression(d: Data, channels: tuple[str, ...] = FOUR) -> Predict:
 
 
 def our_surface(d: Data) -> Predict:
-    from bench.effects.base import Scale, Series
-    from bench.effects.surface import Surface
-    from bench.fit.normal import solve
-    from bench.fit.products import Products
+    from bench.analysis.effects.base import Scale, Series
+    from bench.analysis.effects.surface import Surface
+    from bench.analysis.fit.normal import solve
+    from bench.analysis.fit.products import Products
 
     pair = tuple(Series(c, 5, Scale(*ends(d[c]))) for c in ("applied_rate", "temperature"))
     terms = Surface(5, series=pair).terms

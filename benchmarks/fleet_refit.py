@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
-from bench.dataset import Dataset
-from bench.effects.polynomial import Polynomial
-from bench.effects.regression import Regression
-from bench.effects.spline import Spline
-from bench.fit.moments import Moments
-from bench.fleet import engines, moments_file
-from bench.fleet.refit import write_records
-from bench.model import Model
+from bench.analysis.effects.model import Model
+from bench.analysis.effects.polynomial import Polynomial
+from bench.analysis.effects.regression import Regression
+from bench.analysis.effects.spline import Spline
+from bench.analysis.fit.moments import Moments
+from bench.archive.fleet import engines, moments_file
+from bench.archive.fleet.refit import write_records
+from bench.record.dataset import Dataset
 
 ROWS, INTERVAL_S = 1006, 30.0
 MODELS = {
@@ -66,8 +66,8 @@ def engine(name: str) -> engines.Engine:
     """serial, pool:N or dask:N."""
     kind, _, workers = name.partition(":")
     if kind == "serial":
-        return engines.serial
-    return engines.pool(int(workers)) if kind == "pool" else engines.dask(int(workers), None)
+        return engines.serial_engine
+    return engines.pool_engine(int(workers)) if kind == "pool" else engines.dask_engine(int(workers), None)
 
 
 def digest(path: Path) -> str:
@@ -94,7 +94,7 @@ def main() -> None:
         for name in wishes.engine or ["serial", "pool:2", "dask:1", "dask:2"]:
             target = wishes.folder / "records.parquet"
             begun = time.perf_counter()
-            records = engine(name)(MODELS[model], moments_file.groups(source))
+            records = engine(name)(MODELS[model], moments_file.stored_groups(source))
             count, failed = write_records(target, MODELS[model], records)
             took = time.perf_counter() - begun
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3

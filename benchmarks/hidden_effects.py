@@ -62,7 +62,7 @@ def jobs(options: argparse.Namespace) -> Iterator[Job]:
 
 def _everything(options: argparse.Namespace) -> Iterator[Job]:
     """Every mechanism alone, clean runs, pairs and second runs, seed by seed."""
-    from bench.hidden import HIDDEN
+    from bench.mystery.hidden import HIDDEN
 
     for seed in range(1, options.seeds + 1):
         for profile in options.profiles:
@@ -78,7 +78,7 @@ def _everything(options: argparse.Namespace) -> Iterator[Job]:
 
 def _telling(job: Job) -> bool:
     """Cases that the bars are about, and of the others every so many."""
-    from bench.hidden import HIDDEN
+    from bench.mystery.hidden import HIDDEN
 
     if job.kind == "single":
         known = all(HIDDEN[name].effect for name in job.hidden)

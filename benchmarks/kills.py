@@ -28,8 +28,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import yaml
 
-from bench.assemble import assemble
-from bench.store import RunFolder
+from bench.acquisition.recording.assemble import assemble
+from bench.record.folder import RunFolder
 from drivers.journal import Damage, read_blocks
 
 PROFILE = "name: killed\nsegments:\n  - {kind: ramp, to_degc: 85, rate_degc_per_min: 2}\n"

@@ -26,10 +26,10 @@ BUS_BIT_PER_S = 1_000_000
 
 def spline_from(path: Path) -> Any:
     """The product's way from a file to a fitted spline."""
-    from bench.fit.cells import Cells
-    from bench.fit.samples import Samples
-    from bench.fit.smooth import solve_spline
-    from bench.fit.state import State
+    from bench.analysis.fit.cells import Cells
+    from bench.analysis.fit.samples import Samples
+    from bench.analysis.fit.smooth import solve_spline
+    from bench.analysis.fit.state import State
     from benchmarks.fit_data import CELLS, INTERVALS
 
     samples = Samples(path)

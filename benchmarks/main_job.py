@@ -37,12 +37,12 @@ STAGES = {
     "simulation: its frames": "drivers.sim.can_gyro:CanGyro.send",
     "acquisition: poll over Modbus": "drivers.chamber:Chamber.poll",
     "acquisition: capture, journal": "drivers.canbus:InProcessCapture.poll",
-    "acquisition: decoding": "bench.captured:LiveUnit.take",
-    "acquisition: sequence, guards": "bench.sequencer:Sequencer._tick",
-    "tables: data": "bench.assemble:_write_data",
-    "tables: means": "bench.assemble:write_means",
-    "tables: rest": "bench.runner:assemble",
-    "analysis: report, diagnosis": "bench.workflow.analysis:report_on",
+    "acquisition: decoding": "bench.acquisition.station.unit:LiveUnit.take",
+    "acquisition: sequence, guards": "bench.acquisition.run.sequencer:Sequencer._tick",
+    "tables: data": "bench.acquisition.recording.assemble:_write_data",
+    "tables: means": "bench.acquisition.recording.assemble:write_means",
+    "tables: rest": "bench.acquisition.run.runner:assemble",
+    "analysis: report, diagnosis": "bench.commands.analysis:report_on",
 }
 """What is measured, and the function that does it; what it calls of the others is theirs."""
 ACQUISITION = ("simulation", "acquisition", "start, imports")
@@ -96,8 +96,8 @@ def run_once(profile: Path, out: Path) -> dict[str, Any]:
     with stages.of("start, imports"):
         for name, where in STAGES.items():
             stages.watch(name, where)
-        from bench.model import load_model
-        from bench.workflow import acquisition, analysis
+        from bench.analysis.effects.model import load_model
+        from bench.commands import acquisition, analysis
 
         models = [load_model(model) for model in analysis.DEFAULT_MODELS]
         task = acquisition.Task((), {}, out)

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.dataset import Dataset
+from bench.record.dataset import Dataset
 from benchmarks.rounds import Case, Method, Table, compared, measured
 
 HIDDEN, STRENGTH = "thermal_lag", 1.5
@@ -38,7 +38,7 @@ def short(given: Given) -> Given:
 
 
 def ours(given: Given) -> tuple[str, ...]:
-    from bench.diagnosis.diagnose import diagnose
+    from bench.analysis.diagnosis.diagnose import diagnose
     from benchmarks.trials import MODEL
 
     return tuple(suspect.effect for suspect in diagnose([given.run], MODEL, static=given.still).suspects)

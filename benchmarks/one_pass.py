@@ -123,8 +123,8 @@ CASES = {
 
 def after_the_pass(folder: Path) -> dict[str, float]:
     """CPU [ms] of each question after the pass; no sample is read again."""
-    from bench.fit.normal import held_out_rms, left_out, solve
-    from bench.fit.smooth import Smoother, choose_intervals, solve_spline, spline_normal
+    from bench.analysis.fit.normal import held_out_rms, left_out, solve
+    from bench.analysis.fit.smooth import Smoother, choose_intervals, solve_spline, spline_normal
 
     d = columns(folder)
     state = ours.our_cells(d)
@@ -172,13 +172,13 @@ def after_the_pass(folder: Path) -> dict[str, float]:
 
 def from_file(path: Path, case: str) -> dict[str, Any]:
     """A fit from a Parquet file: CPU and wall with the reading, peak above what the interpreter and imports take."""
-    from bench.effects.base import Scale, Series
-    from bench.fit.cells import Cells
-    from bench.fit.gram import ChebyshevRows, Gram
-    from bench.fit.normal import solve
-    from bench.fit.samples import Samples
-    from bench.fit.smooth import solve_spline
-    from bench.fit.state import State
+    from bench.analysis.effects.base import Scale, Series
+    from bench.analysis.fit.cells import Cells
+    from bench.analysis.fit.gram import ChebyshevRows, Gram
+    from bench.analysis.fit.normal import solve
+    from bench.analysis.fit.samples import Samples
+    from bench.analysis.fit.smooth import solve_spline
+    from bench.analysis.fit.state import State
 
     before = forget_the_peak()
     cpu, wall = time.process_time(), time.perf_counter()

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.channels import FloatArray
-from bench.dataset import Dataset
-from bench.diagnosis.candidates import orthonormal
-from bench.diagnosis.suspects import Layout, catalogued, offer
-from bench.diagnosis.verdict import effect_name
-from bench.fit.design import assemble
-from bench.model import Model
+from bench.analysis.diagnosis.candidates import orthonormal
+from bench.analysis.diagnosis.suspects import Layout, catalogued, offer
+from bench.analysis.diagnosis.verdict import effect_name
+from bench.analysis.effects.model import Model
+from bench.analysis.fit.design import assemble
+from bench.base.channels import FloatArray
+from bench.record.dataset import Dataset
 
 GRID = 6
 STLSQ_THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)

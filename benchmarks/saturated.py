@@ -90,8 +90,8 @@ def reporting(folder: Path) -> Iterator[tuple[int, Callable[[], int]]]:
 
 def render(folder: str, count: str) -> None:
     """Make a run, then its report over and over."""
-    from bench.model import load_model
-    from bench.workflow import acquisition, analysis
+    from bench.analysis.effects.model import load_model
+    from bench.commands import acquisition, analysis
 
     models = [load_model(model) for model in analysis.DEFAULT_MODELS]
     done = acquisition.conduct(Path("profiles/quick.yaml"), None, acquisition.Task((), {}, Path(folder)), quiet=True)

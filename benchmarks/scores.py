@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from bench.effects import make
-from bench.hidden import HIDDEN
+from bench.analysis.effects import make
+from bench.mystery.hidden import HIDDEN
 
 Result = dict[str, Any]
 

@@ -25,12 +25,13 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
-from bench import config
-from bench.profile import from_text
-from bench.runner import Job, run_job
-from bench.sequencer import Status
-from bench.station import Station, StationSettings
-from bench.store import RunFolder
+from bench.acquisition.profile.profile import profile_from_text
+from bench.acquisition.run.runner import Job, run_job
+from bench.acquisition.run.sequencer import Status
+from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.station import Station
+from bench.base import config
+from bench.record.folder import RunFolder
 from drivers.wire import load_dbc
 
 STATION = Path(__file__).parent.parent / "profiles" / "stations" / "simulated.yaml"
@@ -132,10 +133,10 @@ def resident_kb() -> float:
 def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: float = SAMPLE_S) -> dict[str, Any]:
     """Run it; what was measured, and under `wrong` what should not be."""
     faults = random_faults(hours, seed, mean_s)
-    content = dict(config.read(STATION).content) | {"faults": faults, "seed": seed}
+    content = dict(config.read_yaml(STATION).content) | {"faults": faults, "seed": seed}
     text = profile_text(hours)
-    station = config.load(config.parse(json.dumps(content), "station.yaml"), StationSettings)
-    job = Job(from_text(text), text, station, json.dumps(content), {"model.yaml": "name: m\n"}, out=out)
+    station = config.load_config(config.parse_yaml(json.dumps(content), "station.yaml"), StationSettings)
+    job = Job(profile_from_text(text), text, station, json.dumps(content), {"model.yaml": "name: m\n"}, out=out)
     watcher, started_s = Watcher(every_s), time.monotonic()
     handles = len(os.listdir("/proc/self/fd")), threading.active_count()  # noqa: PTH208
     result = run_job(job, watcher)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from bench.hidden import HIDDEN
+from bench.mystery.hidden import HIDDEN
 from benchmarks.bars import bars, table
 from benchmarks.peers import STLSQ_THRESHOLDS
 from benchmarks.scores import (

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from bench import effects
-from bench.dataset import Dataset
-from bench.diagnosis.answer import Diagnosis
-from bench.diagnosis.diagnose import diagnose
-from bench.diagnosis.experiment import next_experiment
-from bench.fit import fit
-from bench.hidden import HIDDEN
-from bench.model import Model
+from bench.analysis import effects
+from bench.analysis.diagnosis.answer import Diagnosis
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.experiment import next_experiment
+from bench.analysis.effects.model import Model
+from bench.analysis.fit import fit_model
+from bench.mystery.hidden import HIDDEN
+from bench.record.dataset import Dataset
 from benchmarks import cases, peers
 
 MODEL = Model("spline", (effects.make("spline", {"intervals": 8}),))
@@ -87,7 +87,7 @@ def _true(names: Sequence[str], first: Dataset) -> Model:
 
 def _error(model: Model, first: Dataset, check: Dataset) -> float:
     """RMS on the check run of a model fitted to the first, apart from the constant between two days."""
-    left = check.bias - fit(model, first, covariance="none").predict(check).bias
+    left = check.bias - fit_model(model, first, covariance="none").predict(check).bias
     return cases.rms(left - np.nanmean(left))
 
 

@@ -25,8 +25,8 @@ from typing import Any
 import httpx
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from bench.mystery import make_mystery
-from bench.workflow.acquisition import library
+from bench.base import library
+from bench.mystery.mystery import make_mystery
 
 DOCS = Path(__file__).parent.parent / "docs" / "web.md"
 MARKS = "<!-- measured: begin -->", "<!-- measured: end -->"

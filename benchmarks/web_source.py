@@ -19,11 +19,11 @@ from typing import Any
 
 import uvicorn
 
-from bench import remote
-from bench.trace import Trace
-from bench.web import watching
-from bench.web.app import create_app
-from bench.web.settings import Settings
+from bench.acquisition.recording.trace import Trace
+from bench.acquisition.run import remote
+from bench.web.ground.settings import Settings
+from bench.web.live import watching
+from bench.web.server.app import create_app
 
 UNITS, DAY_S = ("SIM-0001",), 432_000.0
 PROFILE = (
@@ -98,7 +98,7 @@ def main(out: Path, hz: float) -> None:
     (folder / "profile.yaml").write_text(PROFILE)
     remote.LiveFile(os.getpid(), 9, "2026-01-01T00:00:00+00:00", [], "benchmark").write(folder)
     source = Source()
-    setattr(remote, "ask", source.ask)  # noqa: B010 - the seam
+    setattr(remote, "ask_run", source.ask)  # noqa: B010 - the seam
     app = create_app(Settings(out=out))
     if not hz:
         start = watching.Watcher.start

@@ -18,8 +18,8 @@ from typing import Any
 import httpx
 import uvicorn
 
-from bench.web.app import create_app
-from bench.web.settings import Settings
+from bench.web.ground.settings import Settings
+from bench.web.server.app import create_app
 
 API = "/api/v1"
 SPLINE: dict[str, Any] = {"name": "spline", "effects": [{"effect": "spline", "intervals": 24, "ends": "natural"}]}

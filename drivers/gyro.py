@@ -86,7 +86,7 @@ class GyroBlock:
     t_ns: IntArray  # bench time of arrival [ns] (n,)
     rate_dph: FloatArray  # [deg/h] (n,), NaN where not valid
     valid: npt.NDArray[np.bool_]  # (n,)
-    slow: Mapping[str, Series]  # by channel name, see bench.channels
+    slow: Mapping[str, Series]  # by channel name, see bench.base.channels
 
 
 class GyroDecoder:

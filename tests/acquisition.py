@@ -7,11 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from bench import config
-from bench.profile import Profile, from_text
-from bench.runner import Job
-from bench.sequencer import Status
-from bench.station import Station, StationSettings
+from bench.acquisition.profile.profile import Profile, profile_from_text
+from bench.acquisition.run.runner import Job
+from bench.acquisition.run.sequencer import Status
+from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.station import Station
+from bench.base import config
 
 STATION = Path(__file__).parent.parent / "profiles" / "stations" / "simulated.yaml"
 SHORT = """\
@@ -30,12 +31,14 @@ segments:
 
 def station(**changes: Any) -> StationSettings:
     """The embedded simulator, with some top-level keys changed."""
-    return config.load(config.parse(json.dumps(station_content(**changes)), "station.yaml"), StationSettings)
+    return config.load_config(
+        config.parse_yaml(json.dumps(station_content(**changes)), "station.yaml"), StationSettings
+    )
 
 
 def station_content(interface: str | None = None, **changes: Any) -> dict[str, Any]:
     """The content of its file; `interface` of its CAN bus."""
-    content = dict(config.read(STATION).content) | changes
+    content = dict(config.read_yaml(STATION).content) | changes
     if interface is not None:
         content["buses"] = {"can0": {"interface": interface, "channel": "bench"}}
     return content
@@ -43,7 +46,7 @@ def station_content(interface: str | None = None, **changes: Any) -> dict[str, A
 
 def job(out: Path, text: str = SHORT, settings: StationSettings | None = None) -> Job:
     """A job whose run folder goes below `out`."""
-    profile: Profile = from_text(text)
+    profile: Profile = profile_from_text(text)
     return Job(
         profile, text, settings or station(), json.dumps(station_content()), {"model.yaml": "name: m\n"}, out=out
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.channels import FloatArray
-from bench.dataset import Dataset, Segment
+from bench.base.channels import FloatArray
+from bench.record.dataset import Dataset, Segment
 
 LEGS = (("cold soak", -40.0, -40.0), ("up", -40.0, 85.0), ("hot soak", 85.0, 85.0), ("down", 85.0, 20.0))
 LEGS += (("middle soak", 20.0, 20.0), ("down to cold", 20.0, -40.0))

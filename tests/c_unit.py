@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.export.ccode import c_files, inputs_of
-from bench.export.image import read
+from bench.deliver.export.ccode import c_files, inputs_of
+from bench.deliver.export.image import read
 
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wdouble-promotion", "-Wfloat-equal")
 FLAGS += ("-Wshadow", "-Wundef", "-Wstrict-prototypes", "-Wcast-qual", "-Wsign-conversion", "-O2")
@@ -56,7 +56,7 @@ def compiled(folder: Path, words: list[int], extra: tuple[str, ...] = ()) -> Pat
 
 def run(library: Path, words: list[int], counts: dict[int, np.ndarray], *, settled: bool = False):
     """Raw outputs and flags (n,) of the compiled code."""
-    from bench.export.delivery import INPUTS
+    from bench.deliver.export.delivery import INPUTS
 
     image = read(words)
     own = np.column_stack([counts[INPUTS[name].id] for name in inputs_of(image)]).astype(np.int32)

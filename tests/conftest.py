@@ -5,8 +5,8 @@ import signal
 import acquisition
 import pytest
 
-import bench.station
-from bench.runner import run_job
+import bench.acquisition.station.station
+from bench.acquisition.run.runner import run_job
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background: benches would ignore it, too
@@ -29,6 +29,6 @@ def world(monkeypatch):
         opened.append(original(*args))
         return opened[-1]
 
-    original = bench.station.simulate
-    monkeypatch.setattr(bench.station, "simulate", simulate)
+    original = bench.acquisition.station.station.simulate
+    monkeypatch.setattr(bench.acquisition.station.station, "simulate", simulate)
     return opened

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench.scenario import OF_BUS, OF_CHAMBER, OF_UNIT
+from bench.acquisition.station.faults import OF_BUS, OF_CHAMBER, OF_UNIT
 
 PAGE = Path(__file__).parent.parent / "docs" / "faults.md"
 UNIT, BUS = "SIM-0001", "can0"

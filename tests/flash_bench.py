@@ -8,10 +8,10 @@ from contextlib import contextmanager
 import can
 import numpy as np
 
-from bench.export.delivery import Block, Delivery, Shape
-from bench.export.image import words_of
-from bench.export.signals import channel_signal
-from bench.export.words import to_bytes
+from bench.deliver.export.delivery import Block, Delivery, Shape
+from bench.deliver.export.image import words_of
+from bench.deliver.export.signals import channel_signal
+from bench.deliver.export.words import to_bytes
 from drivers.canopen_store import CanopenStore
 from drivers.clock import SimClock
 from drivers.flash_objects import Addresses

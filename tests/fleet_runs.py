@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.store import RunFolder
+from bench.record.folder import RunFolder
 
 BEGIN = datetime(2026, 3, 1, tzinfo=UTC)
 LIMITS = """

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.channels import FloatArray
-from bench.dataset import Dataset, Segment
+from bench.base.channels import FloatArray
+from bench.record.dataset import Dataset, Segment
 from drivers.sim.plant import Plant
 from drivers.sim.resonator import Environment, Resonator, UnitSettings
 

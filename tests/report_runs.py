@@ -9,9 +9,10 @@ from unittest.mock import patch
 import numpy as np
 from run_folders import ARW, make_run, ramp_run
 
-from bench.diagnosis.floor import Floor
-from bench.model import load_model
-from bench.report.analysis import Analysis, analyse
+from bench.analysis.effects.model import load_model
+from bench.analysis.judging.analysis import Analysis
+from bench.analysis.judging.judge import analyse
+from bench.analysis.noise.floor import Floor
 
 FLOOR = Floor(ARW / np.sqrt(30.0 / 3600.0))
 """Of 30 s means of the synthetic unit, whose noise is white."""
@@ -39,5 +40,5 @@ def disturbed(folder: Path) -> Analysis:
 
 def quick(folder: Path, model: str = "polynomial", *, diagnose: bool = False) -> Analysis:
     """The analysis of one model, the noise floor not read from the run but known."""
-    with patch("bench.report.analysis.noise_floor", return_value=FLOOR):
+    with patch("bench.analysis.judging.analysis.noise_floor", return_value=FLOOR):
         return analyse(folder, [load_model(model)], diagnose=diagnose)

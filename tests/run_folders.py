@@ -11,9 +11,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.channels import FloatArray
-from bench.dataset import write_means
-from bench.store import RunFolder
+from bench.base.channels import FloatArray
+from bench.record.dataset import write_means
+from bench.record.folder import RunFolder
 
 UNIT = "SIM-0001"
 ARW = 0.005

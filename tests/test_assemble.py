@@ -9,11 +9,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import bench.assemble
-from bench.assemble import assemble
-from bench.errors import InputError
-from bench.recorder import READING
-from bench.store import RunFolder
+import bench.acquisition.recording.assemble
+from bench.acquisition.recording.assemble import assemble
+from bench.acquisition.recording.recorder import READING
+from bench.base.errors import InputError
+from bench.record.folder import RunFolder
 from drivers.journal import FRAME, JournalWriter, Kind, read_blocks
 from drivers.wire import load_dbc
 
@@ -178,16 +178,16 @@ def test_damage_in_the_journal_costs_only_its_block(copy):
 
 
 def test_row_groups_change_nothing(short_run, copy, monkeypatch):
-    monkeypatch.setattr(bench.assemble, "FRAMES_AT_ONCE", 600)
-    monkeypatch.setattr(bench.assemble, "ROWS_PER_GROUP", 5000)
+    monkeypatch.setattr(bench.acquisition.recording.assemble, "FRAMES_AT_ONCE", 600)
+    monkeypatch.setattr(bench.acquisition.recording.assemble, "ROWS_PER_GROUP", 5000)
     assemble(copy)
     assert pq.ParquetFile(copy.data).num_row_groups > 8
     assert pq.read_table(copy.data).equals(pq.read_table(short_run.data))
 
 
 def test_a_unit_that_falls_silent_keeps_its_chamber_readings(copy, monkeypatch):
-    monkeypatch.setattr(bench.assemble, "FRAMES_AT_ONCE", 600)
-    monkeypatch.setattr(bench.assemble, "ROWS_PER_GROUP", 5000)
+    monkeypatch.setattr(bench.acquisition.recording.assemble, "FRAMES_AT_ONCE", 600)
+    monkeypatch.setattr(bench.acquisition.recording.assemble, "ROWS_PER_GROUP", 5000)
     frames = frames_of(copy)
     silent = frames["t_ns"] >= 60_000_000_000
     foreign = frames.copy()

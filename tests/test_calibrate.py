@@ -13,16 +13,16 @@ from xml.etree.ElementTree import fromstring
 import pytest
 from click.testing import CliRunner
 
+from bench.base.errors import EquipmentError, InputError, RunAborted
 from bench.cli import main
-from bench.errors import EquipmentError, InputError, RunAborted
-from bench.plan import Policy
-from bench.production.calibrate import calibrate
-from bench.production.doubts import decided, doubts, judged, verdict_of
-from bench.production.job import Case, Done, JobFile
-from bench.production.junit import junit
-from bench.production.order import Order
-from bench.production.recording import MARK
-from bench.production.steps import NAMES, STEPS, AgainError
+from bench.commands.calibration.calibrate import calibrate
+from bench.commands.calibration.doubts import decided, doubts, judged, verdict_of
+from bench.commands.calibration.job import Case, Done, JobFile
+from bench.commands.calibration.junit import junit
+from bench.commands.calibration.order import Order
+from bench.commands.calibration.plan import Policy
+from bench.commands.calibration.recording import MARK
+from bench.commands.calibration.steps import NAMES, STEPS, AgainError
 
 PROFILES = Path(__file__).parent.parent / "profiles"
 QUICK = PROFILES / "plans" / "quick.yaml"
@@ -255,17 +255,18 @@ segments:
 KILLED = """
 import os, sys
 from pathlib import Path
-import bench.runner
-from bench.production.calibrate import calibrate
-from bench.production.order import Order
-import bench.workflow.acquisition
-original = bench.runner.run_job
+import bench.acquisition.run.runner
+from bench.commands.calibration.calibrate import calibrate
+from bench.commands.calibration.order import Order
+import bench.commands.acquisition
+original = bench.acquisition.run.runner.run_job
 def run_job(job, onlooker, desk=None):
     def look(station, status):
         if status.t_s > float(sys.argv[3]):
             os._exit(9)
     return original(job, look, desk)
-bench.runner.run_job = run_job
+import bench.acquisition
+bench.acquisition.run_job = run_job
 calibrate(Order.load(Path(sys.argv[1]), None, "SIM-0001", Path(sys.argv[2]), quiet=True))
 """
 

@@ -8,13 +8,13 @@ import pytest
 from scipy.interpolate import BSpline, make_lsq_spline, make_smoothing_spline
 from thermal_cycle import curve, in_cells, record
 
-from bench.dataset import Dataset
-from bench.effects.base import Scale
-from bench.effects.spline import Spline
-from bench.errors import InputError
-from bench.fit.cells import Cells
-from bench.fit.normal import held_out_rms
-from bench.fit.smooth import Smoother, choose_intervals, roughness, solve_spline, spline_normal
+from bench.analysis.effects.base import Scale
+from bench.analysis.effects.spline import Spline
+from bench.analysis.fit.cells import Cells
+from bench.analysis.fit.normal import held_out_rms
+from bench.analysis.fit.smooth import Smoother, choose_intervals, roughness, solve_spline, spline_normal
+from bench.base.errors import InputError
+from bench.record.dataset import Dataset
 
 
 def exact_sums(low, high, cells, x, y):

@@ -12,12 +12,12 @@ import pytest
 from click.testing import CliRunner
 from run_folders import CYCLE, make_run, ramp_run
 
+from bench.analysis.effects.model import load_model
+from bench.analysis.judging.judge import analyse
+from bench.base.errors import InputError
 from bench.cli import main
-from bench.errors import InputError
-from bench.laboratory import Instrument, load_equipment, refuse_overdue
-from bench.model import load_model
-from bench.report.analysis import analyse
-from bench.report.certificate import number_of
+from bench.deliver.certificate.certificate import number_of
+from bench.deliver.certificate.laboratory import Instrument, load_equipment, refuse_overdue
 
 typst = pytest.importorskip("typst")
 LIMITS = """\
@@ -311,7 +311,7 @@ def test_a_required_number_that_is_missing_makes_no_certificate(made, tmp_path):
 
 
 def test_without_typst_it_says_what_to_install(made, monkeypatch):
-    monkeypatch.setattr("bench.report.typeset.find_spec", lambda name: None)
+    monkeypatch.setattr("bench.deliver.certificate.typeset.find_spec", lambda name: None)
     done = certificate(made)
     assert done.exit_code == 2
     assert "pip install 'gyro-thermal-bench[certificate]'" in done.stderr
@@ -340,7 +340,7 @@ def production_run(out, monkeypatch, *equipment):
         raise InputError("the run itself is of no interest here")
 
     monkeypatch.delenv("BENCH_REGISTRY", raising=False)
-    monkeypatch.setattr("bench.workflow.acquisition.conduct", conduct)
+    monkeypatch.setattr("bench.commands.acquisition.conduct", conduct)
     out.mkdir()
     for name, *days in equipment:
         add = ["registry", "equipment", "add", name, "S-1", "--kind", "sensor", *days, "--out", str(out)]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from analysis_data import curve, thermal_cycle, white, with_bias
 
-from bench import effects
-from bench.diagnosis.compare import compare, ladder
-from bench.errors import InputError
-from bench.model import Model, load_model
+from bench.analysis import effects
+from bench.analysis.diagnosis.compare import compare, ladder
+from bench.analysis.effects.model import Model, load_model
+from bench.base.errors import InputError
 
 
 def record(seed=0, loop_dph=0.0, name="cycle"):

@@ -8,9 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, Field
 
-from bench import config
-from bench.errors import InputError
-from bench.yaml12 import dump, parse
+from bench.base import config
+from bench.base.errors import InputError
+from bench.base.yaml12 import dump, parse_yaml
 
 CALM = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 
@@ -33,12 +33,12 @@ class Outer(BaseModel):
 
 
 def content(text):
-    return parse(text, "x.yaml").content
+    return parse_yaml(text, "x.yaml").content
 
 
 def refusal(text, model=Outer):
     with pytest.raises(InputError) as caught:
-        config.load(parse(text, "x.yaml"), model)
+        config.load_config(parse_yaml(text, "x.yaml"), model)
     return str(caught.value)
 
 
@@ -60,7 +60,7 @@ def test_scalars_follow_yaml_1_2(text, value):
 @pytest.mark.parametrize("text", [".nan", ".NaN", "nan", ".inf", "-.inf", "inf", "1e999"])
 def test_numbers_that_are_not_finite_are_refused_with_their_line(text):
     with pytest.raises(InputError, match=r"x\.yaml:2: .*finite"):
-        parse(f"a: 1\nb: {text}", "x.yaml")
+        parse_yaml(f"a: 1\nb: {text}", "x.yaml")
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_numbers_that_are_not_finite_are_refused_with_their_line(text):
 )
 def test_what_is_outside_strict_yaml_is_refused(text, message):
     with pytest.raises(InputError) as caught:
-        parse(text, "x.yaml")
+        parse_yaml(text, "x.yaml")
     assert message in str(caught.value)
 
 
@@ -88,7 +88,7 @@ def test_aliases_that_multiply_are_refused():
     bomb = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n"
     bomb += "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 9))
     with pytest.raises(InputError, match="more than 100000 values"):
-        parse(bomb, "x.yaml")
+        parse_yaml(bomb, "x.yaml")
 
 
 def test_an_alias_may_be_used_twice():
@@ -117,7 +117,7 @@ def test_text_is_not_taken_for_a_number_nor_a_number_for_text():
 
 
 def test_an_exponent_without_a_point_is_a_number():
-    assert config.load(parse("name: x\ninner: {soak_min: 1e1}", "x"), Outer).inner == Inner(soak_min=10.0)
+    assert config.load_config(parse_yaml("name: x\ninner: {soak_min: 1e1}", "x"), Outer).inner == Inner(soak_min=10.0)
 
 
 def test_a_list_at_the_top_is_refused():
@@ -129,12 +129,12 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
     for path, message in [(tmp_path / "no.yaml", "no such file"), (tmp_path, "cannot be read"),
                           (tmp_path / "latin.yaml", ":2: is not text in UTF-8")]:  # fmt: skip
         with pytest.raises(InputError, match=message):
-            config.load(path, Outer)
+            config.load_config(path, Outer)
 
 
 def test_a_byte_order_mark_is_no_part_of_the_first_key(tmp_path):
     (tmp_path / "bom.yaml").write_bytes(b"\xef\xbb\xbfname: x")
-    assert config.load(tmp_path / "bom.yaml", Outer).name == "x"
+    assert config.load_config(tmp_path / "bom.yaml", Outer).name == "x"
 
 
 plain = st.one_of(
@@ -163,7 +163,7 @@ def test_numbers_keep_every_digit(number):
 @given(st.text(alphabet=st.characters(codec="utf-8"), max_size=60))
 def test_any_text_is_parsed_or_refused_in_one_way(text):
     try:
-        parse(text, "x.yaml")
+        parse_yaml(text, "x.yaml")
     except InputError:
         return
     yaml.compose(text)  # PyYAML agrees that it is YAML

@@ -13,16 +13,17 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from bench import parts, remote
-from bench.assemble import assemble
+from bench.acquisition.profile.profile import profile_from_text
+from bench.acquisition.recording import parts
+from bench.acquisition.recording.assemble import assemble
+from bench.acquisition.recording.parts import Counted
+from bench.acquisition.run import remote
+from bench.acquisition.run.continuation import RESUMED, SIMULATED_GAP_S, plan, remaining
+from bench.acquisition.run.runner import Job, run_job
+from bench.acquisition.station.safety import HOME
+from bench.base.errors import InputError
 from bench.cli import main
-from bench.continuation import RESUMED, SIMULATED_GAP_S, plan, remaining
-from bench.errors import InputError
-from bench.parts import Counted
-from bench.profile import from_text
-from bench.runner import Job, run_job
-from bench.safety import HOME
-from bench.store import RunFolder, open_run
+from bench.record.folder import RunFolder, open_run
 from drivers.samples import SampleClock
 
 PROFILE = """\
@@ -37,7 +38,7 @@ KILLED = """
 import os, sys
 from pathlib import Path
 import acquisition
-from bench.runner import run_job
+from bench.acquisition.run.runner import run_job
 from tests.test_continuation import PROFILE
 text, until_s, name = PROFILE, float(sys.argv[2]), sys.argv[3]
 def look(station, status):
@@ -64,7 +65,7 @@ def kill_in(out, leg, after_s, **station):
 
 
 def go_on(path, settings=None, onlooker=lambda station, status: None):
-    profile, station = from_text(PROFILE), settings or acquisition.station()
+    profile, station = profile_from_text(PROFILE), settings or acquisition.station()
     continuation = plan(RunFolder(path), profile, station)
     job = Job(profile, PROFILE, station, json.dumps(acquisition.station_content()), {}, continuation.serials,
               continuation=continuation)  # fmt: skip
@@ -201,7 +202,7 @@ def test_units_in_one_chamber_go_on_together(tmp_path):
 def test_another_unit_than_before_is_refused_before_anything_moves(tmp_path):
     (path,) = kill_in(tmp_path, "up", 60, units=[{"serial": "SIM-0001", "bus": "can0"}])
     settings = acquisition.station(units=[{"serial": "SIM-0001", "bus": "can0"}])
-    continuation = plan(RunFolder(path), from_text(PROFILE), settings)
+    continuation = plan(RunFolder(path), profile_from_text(PROFILE), settings)
     assert continuation.units(settings).units[0].identity == 1
 
 
@@ -236,7 +237,7 @@ def test_a_watchdog_at_work_is_not_disturbed(tmp_path):
     with pytest.raises(InputError, match="the watchdog is still making the equipment safe"):
         go_on(path)
     (path / "watchdog.jsonl").write_text(f"{json.dumps(said)}\n{json.dumps({**said, 'took_s': 1.0, 'ok': True})}\n")
-    assert plan(RunFolder(path), from_text(PROFILE), acquisition.station()).legs
+    assert plan(RunFolder(path), profile_from_text(PROFILE), acquisition.station()).legs
 
 
 def executed(name, outcome="done", from_s=0.0, to_s=60.0):
@@ -244,7 +245,7 @@ def executed(name, outcome="done", from_s=0.0, to_s=60.0):
 
 
 def names(profile, *done, here=25.0):
-    return [leg.name for leg in remaining(from_text(profile), done, here)]
+    return [leg.name for leg in remaining(profile_from_text(profile), done, here)]
 
 
 STEPS = "name: s\nsegments:\n  - {kind: step, temperatures_degc: [0, 50]}\n"
@@ -273,17 +274,17 @@ def test_what_is_left_of_a_profile(profile, done, left):
 
 
 def test_the_time_of_two_interruptions_of_a_soak_adds_up_and_a_hold_starts_it_anew():
-    legs = remaining(from_text(PROFILE), [executed("up"), executed("warm", "interrupted", 0, 30),
+    legs = remaining(profile_from_text(PROFILE), [executed("up"), executed("warm", "interrupted", 0, 30),
                                           executed(f"warm {RESUMED}", "interrupted", 100, 140)], 30.0)  # fmt: skip
     assert legs[1].duration_s == pytest.approx(50)
-    legs = remaining(from_text(PROFILE), [executed("up"), executed("warm", "held", 0, 30),
+    legs = remaining(profile_from_text(PROFILE), [executed("up"), executed("warm", "held", 0, 30),
                                           executed(f"warm {RESUMED}", "interrupted", 100, 140)], 30.0)  # fmt: skip
     assert legs[1].duration_s == pytest.approx(80)
 
 
 def test_real_time_goes_on_and_a_calendar_clock_that_runs_behind_is_told(tmp_path):
     (path,) = kill_in(tmp_path, "up", 20)
-    continuation = plan(RunFolder(path), from_text(PROFILE), acquisition.station())
+    continuation = plan(RunFolder(path), profile_from_text(PROFILE), acquisition.station())
     later = continuation.zero + timedelta(hours=2)
     assert continuation.start_s(False, later) == pytest.approx(7200)
     behind = continuation.start_s(False, continuation.zero)

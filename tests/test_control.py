@@ -10,18 +10,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bench import control, remote
-from bench.control import Desk
-from bench.errors import EquipmentError, InputError
-from bench.guards import Guards, GuardSettings, Signal
-from bench.profile import from_text
-from bench.sequencer import Status
-from bench.trace import Envelope
-from bench.workflow.live import text_of
+from bench.acquisition.profile.guards import Guards, GuardSettings, Signal
+from bench.acquisition.profile.profile import profile_from_text
+from bench.acquisition.recording.trace import Envelope
+from bench.acquisition.run import control, remote
+from bench.acquisition.run.control import Desk
+from bench.acquisition.run.sequencer import Status
+from bench.base.errors import EquipmentError, InputError
+from bench.commands.live import text_of
 from drivers.canbus import CaptureHealth
 from drivers.chamber import ChamberReading
 
-PROFILE = from_text(
+PROFILE = profile_from_text(
     "name: p\nsegments:\n  - {kind: ramp, to_degc: 33, rate_degc_per_min: 2}\n  - {kind: soak, duration_min: 10}\n"
 )
 LOSSES = SimpleNamespace(as_dict=lambda: {"received": 6010, "lost": 3})
@@ -78,9 +78,9 @@ def folder(tmp_path):
 
 @pytest.fixture
 def live(desk, folder):
-    with control.serve(desk, [folder]) as trouble:
+    with control.serve_desk(desk, [folder]) as trouble:
         assert trouble == ""
-        yield remote.at(folder)
+        yield remote.live_at(folder)
 
 
 def say(run, data, patience_s=5.0):
@@ -95,9 +95,9 @@ def say(run, data, patience_s=5.0):
 
 
 def test_status_is_the_newest_tick(desk, live):
-    assert remote.ask(live, "status")["state"] == "starting"
+    assert remote.ask_run(live, "status")["state"] == "starting"
     desk.look(STATION, status(100.0, holding=("too hot: unit_temperature = 90 is above 85",)))
-    answer = remote.ask(live, "status")
+    answer = remote.ask_run(live, "status")
     assert answer["t_s"] == 100.0
     assert answer["segment"]["name"] == "ramp to 33 at 2"
     assert (answer["segment"]["left_s"], answer["left_s"]) == (200.0, 800.0)
@@ -120,8 +120,8 @@ def test_status_shows_the_guards_as_lights(sequencer, folder):
     signals = {"unit_temperature": 61.5, "door": 1.0, "disk_free_mb": 5e5}
     guards.evaluate({name: Signal(value, 100.0) for name, value in signals.items()}, 100.0)
     desk.look(STATION, status())
-    with control.serve(desk, [folder]):
-        lights = remote.ask(remote.at(folder), "status")["guards"]
+    with control.serve_desk(desk, [folder]):
+        lights = remote.ask_run(remote.live_at(folder), "status")["guards"]
     assert [(light["name"], light["state"], light["action"]) for light in lights] == [
         ("hot", "waiting", "abort"),
         ("door", "tripped", "hold"),
@@ -143,23 +143,23 @@ def test_status_says_how_far_the_estimate_was_off_so_far(desk):
 def test_the_trace_comes_with_the_status_and_only_what_is_new(desk, live):
     UNIT.rates.add(np.array([-5.0, 7.25]))
     desk.look(STATION, status(100.0))
-    answer = remote.ask(live, "trace")
+    answer = remote.ask_run(live, "trace")
     assert (answer["t_s"], answer["trace"]["serials"]) == (100.0, ["G-1"])
     assert answer["trace"]["points"] == [[100.0, 25.1, 25.04, [None], [[-5.0, 7.25]]]]
     desk.look(STATION, status(101.0))
     known = {"since": answer["trace"]["next"], "generation": answer["trace"]["generation"]}
-    (news,) = remote.ask(live, "trace", **known)["trace"]["points"]
+    (news,) = remote.ask_run(live, "trace", **known)["trace"]["points"]
     assert (news[0], news[4]) == (101.0, [[None, None]])
 
 
 @pytest.mark.parametrize("since", [None, "x", -1, 1e300, [], True])
 def test_nonsense_about_the_trace_is_answered_from_the_beginning(desk, live, since):
     desk.look(STATION, status())
-    assert remote.ask(live, "trace", since=since, generation=since)["trace"]["first"] == 0
+    assert remote.ask_run(live, "trace", since=since, generation=since)["trace"]["first"] == 0
 
 
 def test_who_asks_may_be_somebody_else_than_the_user_of_the_process(live, sequencer):
-    remote.ask(live, "hold", who="Olena (operator, 10.0.0.7)")
+    remote.ask_run(live, "hold", who="Olena (operator, 10.0.0.7)")
     assert sequencer.asked == [("request_hold", "Olena (operator, 10.0.0.7)")]
 
 
@@ -168,28 +168,28 @@ def test_who_asks_may_be_somebody_else_than_the_user_of_the_process(live, sequen
     [("hold", "request_hold"), ("pause", "request_pause"), ("resume", "request_resume"), ("abort", "request_stop")],
 )
 def test_each_action_reaches_the_sequencer_with_who_asked(live, sequencer, action, request_):
-    remote.ask(live, action)
+    remote.ask_run(live, action)
     assert sequencer.asked == [(request_, remote.whoami())]
 
 
 def test_an_aborted_run_says_that_it_is_ending(desk, live):
     desk.look(STATION, status())
-    remote.ask(live, "abort")
+    remote.ask_run(live, "abort")
     desk.look(STATION, status(101.0))
-    assert remote.ask(live, "status")["state"] == "ending"
+    assert remote.ask_run(live, "status")["state"] == "ending"
 
 
 def test_nothing_can_be_asked_before_there_is_a_sequencer(folder):
-    with control.serve(Desk(), [folder]), pytest.raises(InputError, match="only just starting"):
-        remote.ask(remote.at(folder), "hold")
+    with control.serve_desk(Desk(), [folder]), pytest.raises(InputError, match="only just starting"):
+        remote.ask_run(remote.live_at(folder), "hold")
 
 
 def test_the_file_is_for_its_owner_alone_and_goes_with_the_run(desk, folder):
-    with control.serve(desk, [folder]):
+    with control.serve_desk(desk, [folder]):
         file = folder / remote.LIVE
         assert stat.S_IMODE(file.stat().st_mode) == 0o600
         assert json.loads(file.read_text())["pid"] == os.getpid()
-        assert remote.at(folder).file.token not in repr(remote.at(folder))
+        assert remote.live_at(folder).file.token not in repr(remote.live_at(folder))
     assert list(folder.iterdir()) == []
 
 
@@ -210,7 +210,7 @@ def test_a_wrong_token_is_refused_and_nothing_is_done(live, sequencer, token):
 def test_garbage_changes_nothing(live, sequencer, capfd, data):
     answer = say(live, data) if len(data) < remote.LIMIT_BYTES else shout(live, data)
     assert answer == b"" or json.loads(answer)["ok"] is False
-    assert remote.ask(live, "status")["ok"]
+    assert remote.ask_run(live, "status")["ok"]
     assert sequencer.asked == []
     assert capfd.readouterr() == ("", "")
 
@@ -224,7 +224,7 @@ def shout(run, data):
 
 def test_an_action_that_does_not_exist_is_answered_with_those_that_do(live):
     with pytest.raises(InputError, match="must be one of status, trace, hold, pause, resume, abort"):
-        remote.ask(live, "explode")
+        remote.ask_run(live, "explode")
 
 
 def test_a_name_cannot_forge_a_line_of_the_record(live, sequencer):
@@ -246,21 +246,21 @@ def test_clients_that_say_nothing_are_turned_away_and_keep_nobody_out_for_long(l
     answer = {}
     while not answer.get("ok"):  # the places of those that have left become free
         try:
-            answer = remote.ask(live, "status")
+            answer = remote.ask_run(live, "status")
         except EquipmentError:
             continue
     assert answer["ok"]
 
 
 def test_a_file_of_a_dead_process_is_recognised(desk, folder, tmp_path):
-    with control.serve(desk, [folder]):
+    with control.serve_desk(desk, [folder]):
         text = (folder / remote.LIVE).read_text()
     (folder / remote.LIVE).write_text(text)
-    assert remote.at(folder).condition() == "gone"
+    assert remote.live_at(folder).condition() == "gone"
     with pytest.raises(InputError, match=r"its process \d+ is gone; `bench resume"):
-        remote.the_run(folder, tmp_path)
+        remote.only_live_run(folder, tmp_path)
     with pytest.raises(InputError, match="no live run here"):
-        remote.the_run(None, tmp_path)
+        remote.only_live_run(None, tmp_path)
 
 
 def test_a_port_that_somebody_else_has_now_is_no_live_run(desk, live, tmp_path):
@@ -268,13 +268,13 @@ def test_a_port_that_somebody_else_has_now_is_no_live_run(desk, live, tmp_path):
     other.mkdir()
     content = json.loads((live.path / remote.LIVE).read_text()) | {"token": "of another time"}
     (other / remote.LIVE).write_text(json.dumps(content))
-    assert remote.at(other).condition() == "gone"
-    assert remote.the_run(None, tmp_path).path == live.path
+    assert remote.live_at(other).condition() == "gone"
+    assert remote.only_live_run(None, tmp_path).path == live.path
 
 
 def test_a_process_that_does_not_answer_is_not_taken_for_dead(live, monkeypatch):
-    monkeypatch.setattr(remote, "PATIENCE_S", 0.1)
-    monkeypatch.setattr(remote.ask, "__defaults__", (0.1,))
+    monkeypatch.setattr(remote, "ANSWER_S", 0.1)
+    monkeypatch.setattr(remote.ask_run, "__defaults__", (0.1,))
     with socket.create_server((remote.HOST, 0)) as deaf:
         run = remote.LiveRun(live.folders, remote.LiveFile(1, deaf.getsockname()[1], "", [], "t"))
         assert run.condition() == "silent"
@@ -283,27 +283,27 @@ def test_a_process_that_does_not_answer_is_not_taken_for_dead(live, monkeypatch)
 @pytest.mark.parametrize("text", ["", "{}", "[]", '{"pid": "x"}', "\x00"])
 def test_a_spoilt_file_is_no_live_run(folder, tmp_path, text):
     (folder / remote.LIVE).write_text(text)
-    assert remote.at(folder) is None
-    assert remote.below(tmp_path) == []
+    assert remote.live_at(folder) is None
+    assert remote.live_below(tmp_path) == []
 
 
 def test_two_live_runs_are_listed_and_one_must_be_named(desk, live, tmp_path):
     other = tmp_path / "G-2" / "run"
     other.mkdir(parents=True)
-    with control.serve(Desk(), [other]):
+    with control.serve_desk(Desk(), [other]):
         with pytest.raises(InputError, match=r"2 live runs here; name one of .*G-1/run, .*G-2/run"):
-            remote.the_run(None, tmp_path)
-        assert remote.the_run(other, tmp_path).path == other
+            remote.only_live_run(None, tmp_path)
+        assert remote.only_live_run(other, tmp_path).path == other
 
 
 def test_folders_of_several_units_are_one_run(desk, tmp_path):
     folders = [tmp_path / unit / "run" for unit in ("G-1", "G-2")]
     for folder in folders:
         folder.mkdir(parents=True)
-    with control.serve(desk, folders):
-        (run,) = remote.below(tmp_path)
+    with control.serve_desk(desk, folders):
+        (run,) = remote.live_below(tmp_path)
         assert run.folders == tuple(folders)
-        assert remote.the_run(folders[1], tmp_path).file == run.file
+        assert remote.only_live_run(folders[1], tmp_path).file == run.file
 
 
 def test_a_run_without_a_port_goes_on_and_says_so(desk, folder, monkeypatch):
@@ -311,6 +311,6 @@ def test_a_run_without_a_port_goes_on_and_says_so(desk, folder, monkeypatch):
         raise OSError(98, "Address already in use")
 
     monkeypatch.setattr(control._Server, "server_bind", taken)
-    with control.serve(desk, [folder]) as trouble:
+    with control.serve_desk(desk, [folder]) as trouble:
         assert trouble == "no control from other processes: Address already in use"
     assert list(folder.iterdir()) == []

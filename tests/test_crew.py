@@ -14,13 +14,13 @@ import pytest
 from hidden_runs import HiddenUnit
 from work import costs
 
-from bench import effects
-from bench.diagnosis.crew import VARIABLE, Aside, shared, usual_workers
-from bench.diagnosis.diagnose import diagnose
-from bench.errors import InputError
-from bench.model import Model
-from bench.noise import likelihood
-from bench.noise.whitening import Ratios, Whitener, whiteners
+from bench.analysis import effects
+from bench.analysis.diagnosis.crew import VARIABLE, Aside, shared, usual_workers
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.effects.model import Model
+from bench.analysis.noise import likelihood
+from bench.analysis.noise.whitening import Ratios, Whitener, whiteners
+from bench.base.errors import InputError
 
 fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 

@@ -7,8 +7,8 @@ import pyarrow.parquet as pq
 import pytest
 from analysis_data import thermal_cycle
 
-from bench.dataset import Dataset, Segment, load, write_means
-from bench.errors import InputError
+from bench.base.errors import InputError
+from bench.record.dataset import Dataset, Segment, load, write_means
 
 
 def raw_record(seconds=600, rate_hz=100, split_s=300.4):
@@ -78,7 +78,7 @@ def test_a_gap_stays_a_gap_in_the_means(tmp_path):
 def test_means_do_not_depend_on_how_the_file_is_cut_into_row_groups(tmp_path, monkeypatch):
     write_record(tmp_path / "data.parquet", raw_record())
     write_means(tmp_path / "data.parquet", tmp_path / "one.parquet")
-    monkeypatch.setattr("bench.means._BATCH_ROWS", 333)
+    monkeypatch.setattr("bench.record.means._BATCH_ROWS", 333)
     write_means(tmp_path / "data.parquet", tmp_path / "many.parquet")
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "one.parquet"), pd.read_parquet(tmp_path / "many.parquet"))
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hidden_runs import HiddenUnit, hidden_run
 
-from bench import effects
-from bench.diagnosis.compare import compare
-from bench.diagnosis.diagnose import diagnose
-from bench.diagnosis.experiment import next_experiment
-from bench.diagnosis.improve import add_effect
-from bench.errors import InputError
-from bench.model import Model
+from bench.analysis import effects
+from bench.analysis.diagnosis.compare import compare
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.experiment import next_experiment
+from bench.analysis.diagnosis.improve import add_effect
+from bench.analysis.effects.model import Model
+from bench.base.errors import InputError
 
 SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
 LAG = {"mechanism": "thermal_lag", "tau_s": 200.0}

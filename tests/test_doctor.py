@@ -10,11 +10,11 @@ from importlib.resources import files
 import pytest
 from click.testing import CliRunner
 
+from bench.acquisition.station.doctor import examine
+from bench.acquisition.station.serve import keep_running, serve_station
+from bench.acquisition.station.settings import StationSettings
 from bench.cli import main
-from bench.doctor import examine
-from bench.serve import keep_running, serve
-from bench.station import StationSettings
-from bench.workflow.acquisition import load_station
+from bench.commands.acquisition import load_station
 from drivers.errors import ConfigError
 from drivers.registers import load_map
 
@@ -23,7 +23,7 @@ from drivers.registers import load_map
 def live():
     """The servers of `bench sim`, running, and the station file that drives them as equipment."""
     done = threading.Event()
-    with serve(load_station(None)) as served:
+    with serve_station(load_station(None)) as served:
         thread = threading.Thread(target=keep_running, args=(served, 1.0, done.is_set))
         thread.start()
         try:
@@ -70,7 +70,7 @@ def test_the_servers_of_bench_sim_agree_with_their_station_file_and_nothing_is_w
     ],
 )
 def test_what_disagrees_is_named(register, value, what, text):
-    with serve(load_station(None)) as served:
+    with serve_station(load_station(None)) as served:
         served.station.chamber.set_value(register, value)
         found = look(served.station_file(), 0.1)
     assert (said(found, what).verdict, found.exit_code) == ("disagrees", 1)
@@ -78,7 +78,7 @@ def test_what_disagrees_is_named(register, value, what, text):
 
 
 def test_a_value_that_cannot_be_true_is_named_and_all_else_still_told():
-    with serve(load_station(None)) as served:
+    with serve_station(load_station(None)) as served:
         served.station.chamber.set_words("temperature", (0x41C8, 0x0000))
         found = look(served.station_file(), 0.1)
     assert "word order" in said(found, "register temperature (").detail
@@ -97,7 +97,7 @@ def test_a_unit_that_is_not_heard_or_is_another_one_is_named():
 
 
 def test_equipment_that_is_not_there_is_no_link():
-    with serve(load_station(None)) as served:
+    with serve_station(load_station(None)) as served:
         content = served.station_file()
     found = look(content, 0.1)
     assert said(found, "chamber").verdict == "no link"

@@ -4,10 +4,10 @@ import pytest
 from analysis_data import thermal_cycle
 from scipy.interpolate import BSpline, CubicSpline
 
-from bench import effects
-from bench.channels import CHANNELS
-from bench.effects.base import Effect, Open, Series, moves_abscissa
-from bench.errors import InputError
+from bench.analysis import effects
+from bench.analysis.effects.base import Effect, Open, Series, moves_abscissa
+from bench.base.channels import CHANNELS
+from bench.base.errors import InputError
 
 NO_THETA: dict[str, float] = {}
 
@@ -21,7 +21,7 @@ def prepared_spline(intervals, ends):
     return effects.make("spline", {"intervals": intervals, "ends": ends}).prepare([thermal_cycle()])
 
 
-@pytest.mark.parametrize("name", effects.names())
+@pytest.mark.parametrize("name", effects.effect_names())
 def test_every_effect_keeps_the_protocol_and_documents_itself(name):
     effect = effects.make(name, {"formula": "k * dT_dt"} if name == "expression" else None)
     assert isinstance(effect, Effect)

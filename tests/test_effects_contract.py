@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bench import effects
-from bench.effects.base import moves_abscissa
-from bench.effects.example import example
-from bench.errors import InputError
+from bench.analysis import effects
+from bench.analysis.effects.base import moves_abscissa
+from bench.analysis.effects.example import example
+from bench.base.errors import InputError
 
 SUSPECTS = tuple(entry.name for entry in effects.catalogue() if entry.suspect)
 
@@ -135,10 +135,12 @@ def test_every_suspect_has_a_family_of_its_own():
 
 def test_the_page_of_effects_is_up_to_date(request):
     page = request.config.rootpath / "docs" / "effects.md"
-    assert page.read_text(encoding="utf-8") == effects.markdown(), "run python -m bench.effects > docs/effects.md"
+    assert page.read_text(encoding="utf-8") == effects.markdown(), (
+        "run python -m bench.analysis.effects > docs/effects.md"
+    )
 
 
-@pytest.mark.parametrize("name", [name for name in effects.names() if name != "expression"])
+@pytest.mark.parametrize("name", [name for name in effects.effect_names() if name != "expression"])
 def test_every_effect_has_a_signature(name):
     drawn = effects.signature(name)
     assert drawn.time_s.shape == drawn.temperature.shape == drawn.contribution.shape

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bench import effects
-from bench.effects.base import Effect, options_of
-from bench.effects.example import example
-from bench.effects.operators import play, ramp_invariant_lag, slope
-from bench.errors import InputError
-from bench.model import Model, load_model, model_from
+from bench.analysis import effects
+from bench.analysis.effects.base import Effect, options_of
+from bench.analysis.effects.example import example
+from bench.analysis.effects.model import Model, load_model, model_from
+from bench.analysis.effects.operators import play, ramp_invariant_lag, slope
+from bench.base.errors import InputError
 
 
 def make(formula, **bounds):

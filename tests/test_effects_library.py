@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bench import effects
-from bench.channels import CHANNELS
-from bench.dataset import Dataset
-from bench.effects.base import moves_abscissa
-from bench.effects.example import example
-from bench.errors import InputError
+from bench.analysis import effects
+from bench.analysis.effects.base import moves_abscissa
+from bench.analysis.effects.example import example
+from bench.base.channels import CHANNELS
+from bench.base.errors import InputError
+from bench.record.dataset import Dataset
 
 
 def record(time_s, interval_s=30.0, **channels):

@@ -7,12 +7,12 @@ import pytest
 from analysis_data import thermal_cycle, white, with_bias
 from click.testing import CliRunner
 
-from bench import effects
+from bench.analysis import effects
+from bench.analysis.effects import registry
+from bench.analysis.effects.model import load_model
+from bench.analysis.fit import fit_model
+from bench.base.errors import InputError
 from bench.cli import main
-from bench.effects import registry
-from bench.errors import InputError
-from bench.fit import fit
-from bench.model import load_model
 
 GOOD = '''"""Bias that follows the sine of the temperature.
 
@@ -22,7 +22,7 @@ Look-alikes: spline, thermal_lag.
 from dataclasses import dataclass
 from typing import ClassVar
 import numpy as np
-from bench.effects.base import Parameter, linear_terms
+from bench.analysis.effects.base import Parameter, linear_terms
 
 @dataclass(frozen=True)
 class Etalon:
@@ -63,7 +63,7 @@ def write(tmp_path):
 
 def test_an_effect_from_a_file_takes_part_like_a_built_in_one(write):
     assert effects.load_effect(f"{write(GOOD)}:Etalon") == "etalon"
-    assert "etalon" in effects.names()
+    assert "etalon" in effects.effect_names()
     entry = effects.entry("etalon")
     assert (entry.summary, entry.suspect) == ("Bias that follows the sine of the temperature", True)
     assert entry.look_alikes == ("spline", "thermal_lag")
@@ -72,7 +72,7 @@ def test_an_effect_from_a_file_takes_part_like_a_built_in_one(write):
     record = thermal_cycle()
     temperature = record.channel("temperature")
     bias = 1.0 + 0.02 * temperature + 0.3 * np.sin(temperature / 2.2 + 0.5) + white(record, 0.05)
-    found = fit(model, with_bias(record, bias))
+    found = fit_model(model, with_bias(record, bias))
     assert found.theta["etalon.period_degc"] == pytest.approx(2.2, abs=0.002)
     assert {c.key: c.value for c in found.coefficients}["etalon.a"] == pytest.approx(0.3, abs=0.02)
 
@@ -115,7 +115,7 @@ def test_a_class_that_breaks_the_contract_is_refused_in_one_line(write, change, 
     with pytest.raises(InputError, match=message) as caught:
         effects.load_effect(f"{write(GOOD.replace(*change))}:Etalon")
     assert "\n" not in str(caught.value)
-    assert "etalon" not in effects.names()
+    assert "etalon" not in effects.effect_names()
 
 
 def test_a_place_without_an_effect_is_refused(write, tmp_path):
@@ -147,14 +147,14 @@ def installed(monkeypatch, write, tmp_path):
 
 def test_an_effect_of_an_installed_package_is_found(installed):
     installed(GOOD)
-    assert "etalon" in effects.names()
+    assert "etalon" in effects.effect_names()
     assert effects.make("etalon").name == "etalon"
 
 
 def test_a_broken_package_breaks_only_its_own_effect(installed, monkeypatch):
     monkeypatch.delitem(__import__("sys").modules, "offered_effects", raising=False)
     installed(GOOD.replace("[:, None]", ""))
-    assert "etalon" not in effects.names()
+    assert "etalon" not in effects.effect_names()
     assert effects.make("spline").name == "spline"
     with pytest.raises(InputError, match=r"effect 'etalon' of offered_effects:Etalon cannot be used: .*columns"):
         effects.make("etalon")

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from analysis_data import white
 
-from bench import effects
-from bench.dataset import Dataset
-from bench.effects.example import example
-from bench.errors import InputError
-from bench.fit import fit
-from bench.model import Model
+from bench.analysis import effects
+from bench.analysis.effects.example import example
+from bench.analysis.effects.model import Model
+from bench.analysis.fit import fit_model
+from bench.base.errors import InputError
+from bench.record.dataset import Dataset
 
 SIGMA_DPH = 0.05
 RUN = example()
@@ -80,7 +80,7 @@ def test_an_effect_beside_a_spline_is_found_within_its_uncertainty(name):
     run = recorded(smooth_curve(T) + bias, seed=len(name))
     effect = effects.suited(effects.make(name), [run])
     model = Model("base and effect", (effects.make("spline", {"intervals": 6}), effect))
-    found = fit(model, run)
+    found = fit_model(model, run)
     assert found.rms_dph == pytest.approx(SIGMA_DPH, rel=0.08)
     coefficients = {c.key: c for c in found.coefficients}
     for label, true in amplitudes.items():
@@ -97,7 +97,7 @@ def test_frost_beside_a_spline_is_found():
     effect = effects.make("frost")
     truth = effect.columns(RUN, {"at_degc": 2.0, "width_degc": 4.0})[:, 0]
     run = recorded(smooth_curve(T) + 0.5 * truth, seed=3)
-    found = fit(Model("m", (effects.make("spline", {"intervals": 6}), effect)), run)
+    found = fit_model(Model("m", (effects.make("spline", {"intervals": 6}), effect)), run)
     assert found.theta["frost.at_degc"] == pytest.approx(2.0, abs=0.5)
     assert found.coefficients[-1].value == pytest.approx(0.5, abs=0.06)
 
@@ -106,7 +106,7 @@ def test_a_surface_finds_scale_factor_and_bias_at_once():
     turned = 25.0 * (RUN.time // 420.0 * 5 % 7 - 3)
     true = smooth_curve(T) + 3600e-6 * turned * (5.0 + 1.0 * WARMER) + 1e-5 * turned**2
     run = recorded(true - RUN.channel("rate") + 3600.0 * turned, seed=4).with_channel("applied_rate", turned)
-    found = fit(Model("m", (effects.make("surface"),)), run)
+    found = fit_model(Model("m", (effects.make("surface"),)), run)
     assert len(found.coefficients) == 21
     assert found.rms_dph == pytest.approx(SIGMA_DPH, rel=0.08)
     modelled = found.predict(run).bias
@@ -115,7 +115,7 @@ def test_a_surface_finds_scale_factor_and_bias_at_once():
 
 def test_a_surface_needs_more_rates_than_its_order():
     with pytest.raises(InputError, match="the run has 5 rates, order 5 needs 6"):
-        fit(Model("m", (effects.make("surface"),)), recorded(smooth_curve(T), seed=4))
+        fit_model(Model("m", (effects.make("surface"),)), recorded(smooth_curve(T), seed=4))
 
 
 def test_a_lag_and_a_hysteresis_are_told_apart_in_one_fit():
@@ -124,7 +124,7 @@ def test_a_lag_and_a_hysteresis_are_told_apart_in_one_fit():
     loop = (hidden - follower(9.0, np.interp(FINE_S, RUN.time, hidden))) / 9.0
     run = recorded(smooth_curve(hidden) + 0.4 * loop, seed=5)
     base = effects.make("spline", {"intervals": 6})
-    found = fit(Model("m", (base, effects.make("thermal_lag"), effects.make("hysteresis"))), run)
+    found = fit_model(Model("m", (base, effects.make("thermal_lag"), effects.make("hysteresis"))), run)
     for key, true in {"thermal_lag.tau_s": 150.0, "hysteresis.width_degc": 9.0}.items():
         assert abs(found.theta[key] - true) < 4.0 * found.theta_std[key]
         assert found.theta_std[key] < 0.2 * true
@@ -136,7 +136,7 @@ def test_frequency_as_the_abscissa_removes_a_lag_that_frequency_follows():
     truth = smooth_curve(hidden)
     run = recorded(truth, seed=6).with_channel("frequency", 14000.0 * (1.0 - 8e-6 * (hidden - 25.0)))
     base = effects.make("spline", {"intervals": 6})
-    sensor = fit(Model("sensor", (base,)), run)
-    frequency = fit(Model("f", (base, effects.make("resonance_frequency", {"use": "thermometer"}))), run)
+    sensor = fit_model(Model("sensor", (base,)), run)
+    frequency = fit_model(Model("f", (base, effects.make("resonance_frequency", {"use": "thermometer"}))), run)
     assert sensor.rms_dph > 2.0 * frequency.rms_dph
     assert frequency.rms_dph == pytest.approx(SIGMA_DPH, rel=0.08)

@@ -9,22 +9,22 @@ import pyarrow.parquet as pq
 import pytest
 from run_folders import CYCLE, make_run, ramp_run
 
+from bench.acquisition.run.control import Desk
+from bench.analysis.diagnosis.every_sample import of_seconds, sample_floor
+from bench.analysis.effects.model import Model
+from bench.analysis.effects.polynomial import Polynomial
+from bench.analysis.effects.regression import Regression
+from bench.analysis.effects.spline import Spline
+from bench.analysis.effects.thermal_lag import ThermalLag
+from bench.analysis.fit import fit_model
+from bench.analysis.fit.cells import STRETCH, Cells
+from bench.analysis.fit.every_sample import Record, read
+from bench.analysis.fit.samples import BATCH_ROWS, REACH_S, Samples, between
+from bench.analysis.fit.so_far import SoFar
+from bench.analysis.fit.state import State
 from bench.cli import main
-from bench.control import Desk
-from bench.dataset import Dataset, load
-from bench.diagnosis.every_sample import of_seconds, sample_floor
-from bench.effects.polynomial import Polynomial
-from bench.effects.regression import Regression
-from bench.effects.spline import Spline
-from bench.effects.thermal_lag import ThermalLag
-from bench.fit import fit
-from bench.fit.cells import STRETCH, Cells
-from bench.fit.every_sample import Record, read
-from bench.fit.samples import BATCH_ROWS, REACH_S, Samples, between
-from bench.fit.so_far import SoFar
-from bench.fit.state import State
-from bench.model import Model
-from bench.store import RunFolder
+from bench.record.dataset import Dataset, load
+from bench.record.folder import RunFolder
 
 
 def test_readings_of_a_slow_channel_are_joined_by_straight_lines_and_not_across_gaps():
@@ -103,13 +103,13 @@ def test_a_fit_to_every_sample_is_the_fit_to_the_rows(run, effects):
         channels[name] = np.interp(time, time[known], channels[name][known], right=np.nan)
     rows = Dataset("all", time, channels, table["segment"].to_numpy().astype(int), interval_s=0.05)
     if len(effects) == 1:
-        ours = fit(Model("m", effects), rows, covariance="none")
+        ours = fit_model(Model("m", effects), rows, covariance="none")
         at = rows.select(np.arange(time.size) % 501 == 0)
         np.testing.assert_allclose(found.predict(at).bias, ours.predict(at).bias, rtol=0, atol=2e-4)
         assert found.rms_dph == pytest.approx(ours.rms_dph, rel=1e-6)
         assert found.rows == ours.rows
     else:  # the lag's columns come from 1 s means
-        means = fit(Model("m", effects), load(run.path), covariance="none")
+        means = fit_model(Model("m", effects), load(run.path), covariance="none")
         at = load(run.path)
         assert np.nanmax(np.abs(found.predict(at).bias - means.predict(at).bias)) < 0.05
         assert found.theta == means.theta

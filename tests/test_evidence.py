@@ -5,14 +5,14 @@ import pytest
 from numpy.polynomial.chebyshev import chebvander
 from numpy.testing import assert_allclose
 
-from bench.diagnosis.candidates import Candidate, Problem, joint
-from bench.diagnosis.evidence import drawn, weigh
-from bench.diagnosis.refine import Refiner
-from bench.effects.base import Parameter
-from bench.effects.operators import play, ramp_invariant_lag
-from bench.noise import Noise
-from bench.noise.likelihood import NoiseLattice, Record, Surface, gls
-from bench.noise.whitening import Whitener, covariance
+from bench.analysis.diagnosis.candidates import Candidate, Problem, joint
+from bench.analysis.diagnosis.evidence import drawn, weigh
+from bench.analysis.diagnosis.refine import Refiner
+from bench.analysis.effects.base import Parameter
+from bench.analysis.effects.operators import play, ramp_invariant_lag
+from bench.analysis.noise import Noise
+from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface, gls
+from bench.analysis.noise.whitening import Whitener, covariance
 
 NOISE = Noise(0.01, 0.03, 0.03)
 LIMITS = (-41.0, 86.0)

@@ -5,16 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench import effects, profile, virtual
-from bench.dataset import Dataset
-from bench.diagnosis.diagnose import diagnose
-from bench.diagnosis.evidence import weigh
-from bench.diagnosis.experiment import Noise, Rival, next_experiment, propose, separation
-from bench.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans
-from bench.diagnosis.prediction import chamber_model, predicted_record
-from bench.diagnosis.suspects import Layout
-from bench.fit.design import assemble
-from bench.model import Model
+from bench.acquisition.profile import profile
+from bench.analysis import effects
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.evidence import weigh
+from bench.analysis.diagnosis.experiment import Noise, Rival, next_experiment, propose, separation
+from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans
+from bench.analysis.diagnosis.prediction import chamber_model, predicted_record
+from bench.analysis.diagnosis.suspects import Layout
+from bench.analysis.effects.model import Model
+from bench.analysis.fit.design import assemble
+from bench.mystery import virtual
+from bench.record.dataset import Dataset
 from drivers.sim.resonator import UnitSettings
 
 RAMP = """name: ramp
@@ -40,7 +42,7 @@ LIMITS = ChamberLimits(-20.0, 70.0, 2.0, 1.5, 300.0)
 
 def record(hidden: str, text: str = RAMP, seed: int = 1) -> Dataset:
     settings = UnitSettings.parse({"truth": [CURVE, HIDDEN[hidden]], "noise": NOISE})
-    trace = virtual.chamber(profile.from_text(text), seed=seed)
+    trace = virtual.chamber(profile.profile_from_text(text), seed=seed)
     samples = virtual.unit(settings, trace, seed)
     rows = 10 * 30 * (len(samples.time) // 300)
 
@@ -91,7 +93,7 @@ def strongest_other(rivals, truth):
 def test_what_is_proposed_can_be_run_and_keeps_to_the_chamber(runs):
     layout, rivals, noise = judged(runs["temperature_rate"])
     proposal = propose(layout, strengthened(rivals), noise, LIMITS)
-    read = profile.from_text(proposal.profile_yaml)
+    read = profile.profile_from_text(proposal.profile_yaml)
     ends = [leg.target_degc for leg in read.legs()]
     assert min(ends) >= LIMITS.lowest_degc
     assert max(ends) <= LIMITS.highest_degc
@@ -105,7 +107,7 @@ def test_what_is_proposed_can_be_run_and_keeps_to_the_chamber(runs):
 
 def test_every_profile_of_the_library_is_one_that_the_bench_reads():
     for plan in plans(LIMITS):
-        read = profile.from_text(plan.to_yaml(LIMITS, "why: it is done, and what it's for"))
+        read = profile.profile_from_text(plan.to_yaml(LIMITS, "why: it is done, and what it's for"))
         assert read.name == plan.name
         nominal = [leg for leg in read.legs() if leg.kind != "step"]
         assert sum(leg.nominal_s for leg in nominal) == pytest.approx(plan.duration_s, abs=60.0)
@@ -139,7 +141,7 @@ def test_causes_that_the_chamber_does_not_move_are_to_be_moved_by_hand(runs):
     proposal = propose(layout, [rivals[0], supply], noise, LIMITS)
     assert "step the supply" in proposal.why
     assert "supply_voltage" in proposal.separates
-    assert profile.from_text(proposal.profile_yaml).duration_s > 2 * 3600
+    assert profile.profile_from_text(proposal.profile_yaml).duration_s > 2 * 3600
 
 
 def test_standing_still_and_reversing_separates_better_than_the_same_again(runs):
@@ -189,4 +191,4 @@ def test_a_diagnosis_with_look_alikes_gets_the_run_that_decides(runs):
     first = replace(found.suspects[0], look_alikes=tuple(n for n in HIDDEN if n != found.suspects[0].effect))
     proposal = next_experiment(replace(found, suspects=(first, *found.suspects[1:])), [run], limits=LIMITS)
     assert set(proposal.separates) == set(HIDDEN)
-    assert profile.from_text(proposal.profile_yaml).name == proposal.profile_name
+    assert profile.profile_from_text(proposal.profile_yaml).name == proposal.profile_name

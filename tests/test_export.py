@@ -11,22 +11,22 @@ from analysis_data import curve, thermal_cycle, white, with_bias
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.channels import DPH_PER_DPS
-from bench.effects import make
-from bench.effects.operators import play, ramp_invariant_lag
-from bench.errors import InputError
-from bench.export.building import deliver
-from bench.export.delivering import counts_of
-from bench.export.delivery import NO_VALUE, ONE, Block, Delivery, Shape
-from bench.export.evaluate import FLAG_NO_VALUE, evaluate
-from bench.export.exact import correction
-from bench.export.forms import FORMS, rounded
-from bench.export.image import read, words_of
-from bench.export.measure import best, grid, table, wander
-from bench.export.signals import channel_signal, lag_signal
-from bench.export.words import crc, i32, u32
-from bench.fit import fit
-from bench.model import Model
+from bench.analysis.effects import make
+from bench.analysis.effects.model import Model
+from bench.analysis.effects.operators import play, ramp_invariant_lag
+from bench.analysis.fit import fit_model
+from bench.base.channels import DPH_PER_DPS
+from bench.base.errors import InputError
+from bench.deliver.export.building import deliver
+from bench.deliver.export.delivering import counts_of
+from bench.deliver.export.delivery import NO_VALUE, ONE, Block, Delivery, Shape
+from bench.deliver.export.evaluate import FLAG_NO_VALUE, evaluate
+from bench.deliver.export.exact import correction
+from bench.deliver.export.forms import FORMS, rounded
+from bench.deliver.export.image import read, words_of
+from bench.deliver.export.measure import best_form, grid, wander, worst_errors
+from bench.deliver.export.signals import channel_signal, lag_signal
+from bench.deliver.export.words import crc, i32, u32
 
 
 def cycle():
@@ -66,7 +66,7 @@ MODELS = {
 def fitted(name: str):
     effects = [make(e) if isinstance(e, str) else make(*e) for e in MODELS[name]]
     record = cycle()
-    return fit(Model(name, tuple(effects)), record, covariance="none"), record
+    return fit_model(Model(name, tuple(effects)), record, covariance="none"), record
 
 
 @cache
@@ -87,12 +87,12 @@ def test_the_delivered_model_is_the_fitted_one(name):
 @pytest.mark.parametrize("name", MODELS)
 def test_every_form_stays_within_what_its_numbers_can_hold(name):
     """Single precision loses 0.2 deg/h at 300 deg/s, Q10.21 some of 2^-21 deg/s, the split forms next to nothing."""
-    rows = {row.form: row for row in table(delivered(name))}
+    rows = {row.form: row for row in worst_errors(delivered(name))}
     assert rows["float32"].worst < 0.25
     assert rows["fixed"].worst < 0.02
     assert rows["split"].worst < 1e-3
     assert rows["split_fixed"].worst < 9e-6
-    assert best(rows.values()).form == "split_fixed"
+    assert best_form(rows.values()).form == "split_fixed"
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -127,7 +127,7 @@ def test_effects_over_the_table_are_delivered_over_the_units_own_output():
         make("scale_factor_temperature"),
         make("scale_factor_nonlinearity", {"constant": False}),
     )
-    found = fit(Model("turned", effects), record, covariance="none")
+    found = fit_model(Model("turned", effects), record, covariance="none")
     made = deliver(found, [record])
     counts = counts_of(record)
     wanted = found.predict(record).bias
@@ -150,7 +150,7 @@ def test_effects_over_the_table_are_delivered_over_the_units_own_output():
 )
 def test_an_effect_that_no_unit_can_evaluate_is_refused_with_what_to_do(effect, why):
     record = cycle()
-    found = fit(Model("own", (make("polynomial"), effect)), record, covariance="none")
+    found = fit_model(Model("own", (make("polynomial"), effect)), record, covariance="none")
     with pytest.raises(InputError, match=why):
         deliver(found, [record])
 

@@ -9,13 +9,13 @@ import pytest
 from c_unit import compiled, run
 from test_export import MODELS, delivered
 
-from bench.errors import InputError
-from bench.export.ccode import c_files
-from bench.export.delivery import NO_VALUE
-from bench.export.evaluate import evaluate
-from bench.export.forms import FORMS
-from bench.export.image import read, words_of
-from bench.export.measure import grid, wander
+from bench.base.errors import InputError
+from bench.deliver.export.ccode import c_files
+from bench.deliver.export.delivery import NO_VALUE
+from bench.deliver.export.evaluate import evaluate
+from bench.deliver.export.forms import FORMS
+from bench.deliver.export.image import read, words_of
+from bench.deliver.export.measure import grid, wander
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
 

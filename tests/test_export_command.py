@@ -16,9 +16,9 @@ from report_runs import quick
 from run_folders import make_run, ramp_run
 
 from bench.cli import main
-from bench.export.formats import FORMATS
-from bench.export.image import read
-from bench.export.words import float_of, to_words
+from bench.deliver.export.formats import FORMATS
+from bench.deliver.export.image import read
+from bench.deliver.export.words import float_of, to_words
 
 
 @pytest.fixture(scope="module")

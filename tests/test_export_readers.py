@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from test_export import MODELS, delivered
 
-from bench.export.delivery import NO_VALUE
-from bench.export.evaluate import FLAG_NO_VALUE, evaluate
-from bench.export.forms import FORMS
-from bench.export.image import read, words_of
-from bench.export.measure import wander
-from bench.export.words import to_bytes
+from bench.deliver.export.delivery import NO_VALUE
+from bench.deliver.export.evaluate import FLAG_NO_VALUE, evaluate
+from bench.deliver.export.forms import FORMS
+from bench.deliver.export.image import read, words_of
+from bench.deliver.export.measure import wander
+from bench.deliver.export.words import to_bytes
 from drivers.sim.correction import Correction
 
 

@@ -18,17 +18,17 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import bench.runner
-import bench.station
-import bench.tables
-from bench import config
-from bench.assemble import assemble
-from bench.continuation import plan
-from bench.errors import BenchError
-from bench.profile import from_text
-from bench.runner import Job, run_job
-from bench.scenario import PANEL
-from bench.store import RunFolder
+import bench.acquisition.run.runner
+import bench.acquisition.station.rate_table
+import bench.acquisition.station.station
+from bench.acquisition.profile.profile import profile_from_text
+from bench.acquisition.recording.assemble import assemble
+from bench.acquisition.run.continuation import plan
+from bench.acquisition.run.runner import Job, run_job
+from bench.acquisition.station.faults import PANEL
+from bench.base import config
+from bench.base.errors import BenchError
+from bench.record.folder import RunFolder
 from drivers.errors import DriverError
 from drivers.journal import Damage, Kind, read_blocks
 from drivers.sim.cia402_table import SimulatedTable
@@ -77,13 +77,15 @@ class Lab:
     def __init__(self, path, monkeypatch, start):  # noqa: F811
         self.path, self.patch, self.start = path, monkeypatch, start
         self.world = []
-        original = bench.station.simulate
+        original = bench.acquisition.station.station.simulate
         monkeypatch.setattr(
-            bench.station, "simulate", lambda *args: self.world.append(original(*args)) or self.world[-1]
+            bench.acquisition.station.station,
+            "simulate",
+            lambda *args: self.world.append(original(*args)) or self.world[-1],
         )
 
     def settings(self, case, base=acquisition.STATION):
-        content = json.loads(json.dumps(config.read(base).content))
+        content = json.loads(json.dumps(config.read_yaml(base).content))
         content["faults"] = [{"at_s": AT_S, **fault} for fault in case.faults]
         for key, value in case.station.items():
             place = content
@@ -91,7 +93,7 @@ class Lab:
             for name in above:
                 place = place[name]
             place[last] = self.with_door() if value == "with_door" else value
-        return config.load(config.parse(json.dumps(content), "station.yaml"), acquisition.StationSettings)
+        return config.load_config(config.parse_yaml(json.dumps(content), "station.yaml"), acquisition.StationSettings)
 
     def with_door(self):
         source = Path(bench.__file__).parent.parent / "drivers" / "chambers" / "watlow_f4t.yaml"
@@ -159,8 +161,8 @@ def four(lab, case):
 
 def fahrenheit(lab, case):
     look = lambda *args: lab.world[-1].chamber.set_value("temperature_unit", "fahrenheit") or lab.world[-1]  # noqa: E731
-    original = bench.station.simulate
-    lab.patch.setattr(bench.station, "simulate", lambda *args: original(*args) and look())
+    original = bench.acquisition.station.station.simulate
+    lab.patch.setattr(bench.acquisition.station.station, "simulate", lambda *args: original(*args) and look())
     return lab.run(lab.job(case))
 
 
@@ -260,7 +262,7 @@ def power_cut(lab, case):
         assert (manifest["state"], manifest["losses"]["lost"]) == ("aborted", 0)
         check_data(case, torn, manifest["losses"])
     tear(run, lambda size: size - int(rng.integers(1, 3000)))
-    profile, station = from_text(PROFILE), lab.settings(case)
+    profile, station = profile_from_text(PROFILE), lab.settings(case)
     text = json.dumps(acquisition.station_content())
     continuation = plan(run, profile, station)
     return lab.run(Job(profile, PROFILE, station, text, {}, continuation.serials, continuation=continuation))
@@ -282,7 +284,7 @@ def tables_full(lab, case):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.runner, "assemble", full)
+        patch.setattr(bench.acquisition.run.runner, "assemble", full)
         outcome = lab.run(lab.job(case))
     (run,) = outcome.runs
     assert assemble(run)["state"] == "done"
@@ -291,7 +293,7 @@ def tables_full(lab, case):
 
 def disk_low(lab, case):
     usage = type("Usage", (), {"free": 5e7})
-    low = once(lambda station: lab.patch.setattr(bench.runner.shutil, "disk_usage", lambda path: usage))
+    low = once(lambda station: lab.patch.setattr(bench.acquisition.run.runner.shutil, "disk_usage", lambda path: usage))
     return lab.run(lab.job(case, LONG), low)
 
 
@@ -317,7 +319,7 @@ def drive(action):
                     action(self)
                 return super().advance(t0_s, t1_s)
 
-        lab.patch.setattr(bench.tables, "SimulatedTable", Failing)
+        lab.patch.setattr(bench.acquisition.station.rate_table, "SimulatedTable", Failing)
         lab.patch.setattr(
             "canopen.sdo.client.SdoClient.RESPONSE_TIMEOUT", 0.03
         )  # of wall time: bench time stands still

@@ -11,12 +11,12 @@ from analysis_data import curve, thermal_cycle, white, with_bias
 from scipy.interpolate import make_lsq_spline
 from scipy.optimize import curve_fit
 
-from bench import effects
-from bench.dataset import Dataset
-from bench.effects.base import Parameter, Physical
-from bench.errors import InputError
-from bench.fit import fit
-from bench.model import Model, load_model
+from bench.analysis import effects
+from bench.analysis.effects.base import Parameter, Physical
+from bench.analysis.effects.model import Model, load_model
+from bench.analysis.fit import fit_model
+from bench.base.errors import InputError
+from bench.record.dataset import Dataset
 
 GOLDEN = json.loads((Path(__file__).parent / "golden" / "nist_strd.json").read_text())
 
@@ -43,7 +43,7 @@ def test_nist_certified_coefficients(name):
     x, y = np.array(data["x"]), np.array(data["y"])
     time = np.arange(x.size, dtype=float)
     record = Dataset(name, time, {"rate": y, "temperature": x}, np.zeros(x.size, dtype=np.int64))
-    found = fit(model("polynomial", order=data["order"]), record, covariance="none")
+    found = fit_model(model("polynomial", order=data["order"]), record, covariance="none")
     values = [coefficient.value for coefficient in found.coefficients]
     np.testing.assert_allclose(values, data["coefficients"], rtol=1e-8)
     left = x.size - data["order"] - 1
@@ -67,7 +67,7 @@ def high_precision(columns, y):
 def test_fifth_power_of_temperature_agrees_with_80_digits():
     record = noisy().select(np.arange(720) % 9 == 0)
     fitted, beta = high_precision([(record.channels["temperature"], 5)], record.bias)
-    found = fit(model("polynomial", order=5), record, covariance="none")
+    found = fit_model(model("polynomial", order=5), record, covariance="none")
     np.testing.assert_allclose(found.predict(record).bias, fitted, rtol=0, atol=1e-12)
     np.testing.assert_allclose([c.value for c in found.coefficients], beta, rtol=1e-9)
 
@@ -80,7 +80,7 @@ def test_a_14_khz_frequency_that_moves_by_a_thousandth_agrees_with_80_digits():
     record = with_bias(record, truth)
     channels = [(record.channels[name], 3) for name in ("temperature", "frequency", "drive", "quadrature")]
     fitted, beta = high_precision(channels, record.bias)
-    found = fit(load_model("regression"), record, covariance="none")
+    found = fit_model(load_model("regression"), record, covariance="none")
     np.testing.assert_allclose(found.predict(record).bias, fitted, rtol=0, atol=1e-10)
     np.testing.assert_allclose([c.value for c in found.coefficients], beta, rtol=1e-7)
     assert found.condition < 1e6
@@ -90,7 +90,7 @@ def test_the_cubic_agrees_with_statsmodels():
     record = noisy()
     scaled = record.channels["temperature"] / 85.0
     reference = sm.OLS(record.bias, np.vander(scaled, 4, increasing=True)).fit()
-    found = fit(load_model("polynomial"), record)
+    found = fit_model(load_model("polynomial"), record)
     values = np.array([c.value for c in found.coefficients]) * 85.0 ** np.arange(4)
     np.testing.assert_allclose(values, reference.params, rtol=1e-9)
     np.testing.assert_allclose(found.rms_dph, np.sqrt(reference.ssr / 720), rtol=1e-12)
@@ -102,14 +102,14 @@ def test_counts_weigh_the_rows_as_statsmodels_does():
     record = Dataset("d", record.time, record.channels, record.segment, (), 30.0, {"rate": counts})
     scaled = record.channels["temperature"] / 85.0
     reference = sm.WLS(record.bias, np.vander(scaled, 4, increasing=True), weights=counts).fit()
-    found = fit(load_model("polynomial"), record, covariance="none")
+    found = fit_model(load_model("polynomial"), record, covariance="none")
     np.testing.assert_allclose(found.predict(record).bias, reference.fittedvalues, rtol=1e-9)
 
 
 def test_the_free_spline_agrees_with_scipy():
     record = noisy()
     temperature = record.channels["temperature"]
-    found = fit(model("spline", intervals=24, ends="free"), record)
+    found = fit_model(model("spline", intervals=24, ends="free"), record)
     order = np.argsort(temperature)
     knots = np.array(found.bound.effects[0].state()["knots"])
     clamped = np.concatenate([[knots[0]] * 3, knots, [knots[-1]] * 3])
@@ -122,7 +122,7 @@ def test_constrained_splines_agree_with_the_constrained_optimum(ends):
     """Independent: all piece coefficients as unknowns, continuity and ends as constraints (KKT system)."""
     record = noisy()
     m = 6
-    found = fit(model("spline", intervals=m, ends=ends), record, covariance="none")
+    found = fit_model(model("spline", intervals=m, ends=ends), record, covariance="none")
     knots = np.array(found.bound.effects[0].state()["knots"])
     width = knots[1] - knots[0]
     temperature = record.channels["temperature"]
@@ -160,7 +160,7 @@ def test_constrained_splines_agree_with_the_constrained_optimum(ends):
 def test_contributions_sum_to_the_prediction_and_the_constant_is_there_once():
     record = noisy()
     both = Model("both", (effects.make("spline", {"intervals": 8}), Warming()))
-    found = fit(both, record, covariance="none")
+    found = fit_model(both, record, covariance="none")
     parts = found.contributions(record)
     assert set(parts) == {"constant", "spline", "warming"}
     np.testing.assert_allclose(sum(parts.values()), found.predict(record).bias, atol=1e-12)
@@ -168,13 +168,13 @@ def test_contributions_sum_to_the_prediction_and_the_constant_is_there_once():
 
 
 def test_an_effect_without_a_place_for_it_gets_a_constant_of_its_own():
-    found = fit(Model("warm", (Warming(),)), noisy(), covariance="none")
+    found = fit_model(Model("warm", (Warming(),)), noisy(), covariance="none")
     assert list(by_key(found)) == ["constant", "warming.amplitude"]
 
 
 def test_predictions_outside_the_fitted_range_are_flagged_and_tame():
     record = noisy()
-    inside = fit(load_model("spline"), record, [record.channels["temperature"] < 60.0])
+    inside = fit_model(load_model("spline"), record, [record.channels["temperature"] < 60.0])
     prediction = inside.predict(record)
     hot = record.channels["temperature"] > inside.validity["temperature"][1]
     np.testing.assert_array_equal(prediction.out_of_range, hot)
@@ -188,7 +188,7 @@ def test_gaps_are_not_fitted_and_not_filled():
     rate[50:80] = np.nan
     temperature = record.channels["temperature"].copy()
     temperature[100] = np.nan
-    found = fit(load_model("spline"), record.with_channel("rate", rate).with_channel("temperature", temperature))
+    found = fit_model(load_model("spline"), record.with_channel("rate", rate).with_channel("temperature", temperature))
     assert found.rows == 720 - 31
     assert np.isnan(found.residuals[0][[50, 100]]).all()
     assert np.isnan(found.predict(record.with_channel("temperature", temperature)).bias[100])
@@ -198,21 +198,21 @@ def test_two_runs_are_fitted_as_one():
     whole = noisy()
     early = np.arange(720) < 300
     parts = [whole.select(early), whole.select(~early)]
-    together, apart = fit(load_model("spline"), whole), fit(load_model("spline"), parts)
+    together, apart = fit_model(load_model("spline"), whole), fit_model(load_model("spline"), parts)
     np.testing.assert_allclose(apart.predict(whole).bias, together.predict(whole).bias, rtol=1e-9)
 
 
 def test_an_automatic_spline_chooses_enough_intervals_but_not_the_most():
-    found = fit(model("spline"), noisy(), covariance="none")
+    found = fit_model(model("spline"), noisy(), covariance="none")
     assert 8 <= found.model.effects[0].intervals <= 24
     record = thermal_cycle()
     straight = with_bias(record, 2.0 + 0.1 * record.channels["temperature"] + white(record, 0.2))
-    assert fit(model("spline"), straight, covariance="none").model.effects[0].intervals <= 4
+    assert fit_model(model("spline"), straight, covariance="none").model.effects[0].intervals <= 4
 
 
 def test_heating_only_fits_the_heating_branch_only():
     record = noisy()
-    found = fit(Model("h", (effects.make("polynomial"),), "heating"), record)
+    found = fit_model(Model("h", (effects.make("polynomial"),), "heating"), record)
     fitted = np.isfinite(found.residuals[0])
     assert set(record.segment[fitted][3:-3]) == {1}
 
@@ -220,7 +220,7 @@ def test_heating_only_fits_the_heating_branch_only():
 def test_fixed_points_pass_exactly_through_the_soak_means():
     record = noisy()
     for rows, order in (("soaks_2", 1), ("soaks_3", 2)):
-        found = fit(Model("f", (effects.make("polynomial", {"order": order}),), rows), record)
+        found = fit_model(Model("f", (effects.make("polynomial", {"order": order}),), rows), record)
         assert found.rows == order + 1
         assert found.rms_dph < 1e-12
         last_half = record.select((record.segment == 2) & (record.time > 2.5 * 3600))
@@ -231,7 +231,7 @@ def test_fixed_points_pass_exactly_through_the_soak_means():
 
 
 def test_json_is_plain_and_complete():
-    found = fit(load_model("regression"), noisy())
+    found = fit_model(load_model("regression"), noisy())
     content = json.loads(json.dumps(found.to_json(), allow_nan=False))
     assert len(content["coefficients"]) == 13
     assert content["validity"]["frequency"]["unit"] == "Hz"
@@ -299,7 +299,7 @@ def test_a_time_constant_and_its_uncertainty_agree_with_scipy():
 
     best, pcov = curve_fit(explicit, record.time, biased.bias, p0=[900.0, 1.0, 0.0, 0.0, 0.0, 0.0])
     both = Model("m", (effects.make("polynomial"), Warming()))
-    noise, sandwich = fit(both, biased), fit(both, biased, covariance="sandwich")
+    noise, sandwich = fit_model(both, biased), fit_model(both, biased, covariance="sandwich")
     np.testing.assert_allclose(noise.theta["warming.tau_s"], best[0], rtol=1e-4)
     np.testing.assert_allclose(by_key(noise)["warming.amplitude"].value, best[1], rtol=1e-4)
     assert noise.noise.walk == noise.noise.flicker == 0.0  # this noise is white, and the fit knows
@@ -313,7 +313,7 @@ def test_an_effect_may_move_the_abscissa_of_all_others_wherever_it_stands_in_the
     biased = with_bias(record, curve(late) + white(record, 0.05))
     spline = effects.make("spline", {"intervals": 16})
     for order in ((spline, Delayed()), (Delayed(), spline)):
-        result = fit(Model("m", order), biased)
+        result = fit_model(Model("m", order), biased)
         assert abs(result.theta["delayed.delay_s"] - 500.0) < 5.0
         assert result.rms_dph < 0.06
         assert 0.0 < result.theta_std["delayed.delay_s"] < 10.0
@@ -322,14 +322,14 @@ def test_an_effect_may_move_the_abscissa_of_all_others_wherever_it_stands_in_the
 def test_a_start_replaces_the_grid():
     record = with_bias(thermal_cycle(), 4.0 * np.exp(-thermal_cycle().time / 1800.0))
     both = Model("m", (effects.make("polynomial"), Warming()))
-    again = fit(both, record, start={"warming.tau_s": 1500.0}, covariance="none")
+    again = fit_model(both, record, start={"warming.tau_s": 1500.0}, covariance="none")
     np.testing.assert_allclose(again.theta["warming.tau_s"], 1800.0, rtol=1e-3)
 
 
 def test_a_parameter_that_ends_on_its_bound_is_said_to_be_not_determined():
     record = thermal_cycle()
     both = Model("m", (effects.make("polynomial"), Warming()))
-    fast, slow = (fit(both, with_bias(record, 4.0 * np.exp(-record.time / tau_s))) for tau_s in (20.0, 1800.0))
+    fast, slow = (fit_model(both, with_bias(record, 4.0 * np.exp(-record.time / tau_s))) for tau_s in (20.0, 1800.0))
     assert (fast.on_bound, slow.on_bound) == (("warming.tau_s",), ())
     assert fast.to_json()["parameters"][0]["at_bound"] is True
     assert slow.to_json()["parameters"][0]["at_bound"] is False
@@ -343,7 +343,10 @@ def test_memory_sees_the_whole_record_and_rows_are_masked_afterwards():
     biased = with_bias(record, curve(late))
     both = Model("m", (effects.make("spline", {"intervals": 16}), Delayed()))
     hole = np.abs((np.arange(720) % 120) - 60) < 40
-    masked, cut = fit(both, biased, [hole], covariance="none"), fit(both, biased.select(hole), covariance="none")
+    masked, cut = (
+        fit_model(both, biased, [hole], covariance="none"),
+        fit_model(both, biased.select(hole), covariance="none"),
+    )
     assert masked.rms_dph < 0.1 * cut.rms_dph
 
 
@@ -354,7 +357,7 @@ def test_a_trial_parameter_that_empties_an_interval_is_judged_and_not_forbidden(
     biased = with_bias(record, curve(late))
     both = Model("m", (effects.make("spline", {"intervals": 24}), Delayed()))
     with pytest.raises(InputError, match="interval 19 of 24"):  # of the true delay, not of some other
-        fit(both, biased, [(np.arange(720) % 100) > 40], covariance="none")
+        fit_model(both, biased, [(np.arange(720) % 100) > 40], covariance="none")
 
 
 # --- uncertainty ----------------------------------------------------------------------------------
@@ -366,7 +369,9 @@ def test_bands_cover_the_truth_under_white_noise(kind):
     truth = 3.0 + 0.05 * record.channels["temperature"]
     inside = []
     for seed in range(12):
-        found = fit(load_model("polynomial"), with_bias(record, truth + white(record, 0.3, seed)), covariance=kind)
+        found = fit_model(
+            load_model("polynomial"), with_bias(record, truth + white(record, 0.3, seed)), covariance=kind
+        )
         prediction = found.predict(record)
         inside.append(np.mean(np.abs(prediction.bias - truth) < 1.96 * prediction.std))
     assert 0.85 < np.mean(inside) <= 1.0
@@ -379,7 +384,7 @@ def test_bands_know_that_noise_wanders():
     inside, naive = [], []
     for seed in range(12):
         walk = np.cumsum(np.random.default_rng(seed).normal(size=720)) * 0.05
-        found = fit(load_model("polynomial"), with_bias(record, 0.05 * temperature + walk - walk.mean()))
+        found = fit_model(load_model("polynomial"), with_bias(record, 0.05 * temperature + walk - walk.mean()))
         slope = by_key(found)["polynomial.a1"]
         inside.append(abs(slope.value - 0.05) < 1.96 * slope.std)
         reference = sm.OLS(walk, np.vander(temperature, 4, increasing=True)).fit()
@@ -394,7 +399,7 @@ def test_bands_know_that_noise_wanders():
 def test_a_constant_temperature_is_refused():
     record = noisy().with_channel("temperature", np.full(720, 25.0))
     with pytest.raises(InputError, match=r"temperature moves by 0 degC only .* cannot be determined"):
-        fit(load_model("spline"), record)
+        fit_model(load_model("spline"), record)
 
 
 def test_zero_rows_are_refused():
@@ -402,37 +407,37 @@ def test_zero_rows_are_refused():
     for rows in ([np.zeros(720, dtype=bool)], None):
         empty = record if rows else record.select(np.zeros(720, dtype=bool))
         with pytest.raises(InputError, match="zero rows to fit"):
-            fit(load_model("polynomial"), empty, rows)
+            fit_model(load_model("polynomial"), empty, rows)
     with pytest.raises(InputError, match="one mask a dataset"):
-        fit(load_model("polynomial"), record, [np.ones(3, dtype=bool)])
+        fit_model(load_model("polynomial"), record, [np.ones(3, dtype=bool)])
 
 
 def test_fewer_rows_than_coefficients_are_refused():
     with pytest.raises(InputError, match="10 rows for 13 coefficients"):
-        fit(load_model("regression"), noisy().select(np.arange(720) % 72 == 0))
+        fit_model(load_model("regression"), noisy().select(np.arange(720) % 72 == 0))
 
 
 def test_a_missing_channel_is_refused_by_name():
     record = noisy()
     bare = Dataset("bare", record.time, {k: record.channels[k] for k in ("rate", "temperature")}, record.segment)
     with pytest.raises(InputError, match=r"channel 'frequency' \[Hz\] is missing"):
-        fit(load_model("regression"), bare)
+        fit_model(load_model("regression"), bare)
 
 
 def test_terms_that_repeat_each_other_are_refused_by_name():
     twice = Model("twice", (effects.make("polynomial"), effects.make("regression")))
     with pytest.raises(InputError, match=r"'(polynomial|regression)' repeats what the other terms contain"):
-        fit(twice, noisy())
+        fit_model(twice, noisy())
     record = noisy()
     copied = record.with_channel("drive", record.channels["temperature"] * 1e-3)
     with pytest.raises(InputError, match="is not determined by these rows"):
-        fit(load_model("regression"), copied)
+        fit_model(load_model("regression"), copied)
 
 
 def test_the_fixed_temperature_method_needs_its_soaks():
     record = noisy().select(thermal_cycle().segment == 1)
     with pytest.raises(InputError, match="needs 2 soaks; cycle has none"):
-        fit(Model("f", (effects.make("polynomial", {"order": 1}),), "soaks_2"), record)
+        fit_model(Model("f", (effects.make("polynomial", {"order": 1}),), "soaks_2"), record)
 
 
 @pytest.mark.parametrize("from_raw", [True, False])
@@ -441,10 +446,10 @@ def test_one_degree_steps_of_the_sensor_are_found_and_sized(from_raw):
     truth = record.channels["temperature"]
     coarse = with_bias(record.with_channel("temperature", np.round(truth)), 0.5 * truth + white(record, 0.01))
     coarse = coarse.average(10.0) if from_raw else coarse
-    found = fit(load_model("polynomial"), coarse)
+    found = fit_model(load_model("polynomial"), coarse)
     assert "steps of 1 degC; they cause 0.144 deg/h RMS" in found.warnings[0]
     with pytest.raises(InputError, match=r"steps of 1 degC.*limit 0\.1 deg/h"):
-        fit(load_model("polynomial"), coarse, quantisation_limit_dph=0.1)
+        fit_model(load_model("polynomial"), coarse, quantisation_limit_dph=0.1)
 
 
 def test_a_fine_sensor_is_not_called_coarse():
@@ -452,7 +457,7 @@ def test_a_fine_sensor_is_not_called_coarse():
     fine = record.with_channel("temperature", np.round(record.channels["temperature"] / 0.005) * 0.005)
     for sensor in (record, fine, fine.average(30.0)):
         assert (
-            fit(
+            fit_model(
                 load_model("polynomial"), with_bias(sensor, curve(sensor.channels["temperature"])), covariance="none"
             ).warnings
             == ()

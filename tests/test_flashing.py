@@ -10,13 +10,15 @@ import flash_bench
 import numpy as np
 import pytest
 
-from bench.dataset import load
-from bench.effects import make
-from bench.errors import EquipmentError, InputError
-from bench.export.image import read
-from bench.export.words import to_words
-from bench.fit import fit
-from bench.flashing import (
+from bench.acquisition.run.runner import run_job
+from bench.acquisition.station.memory import open_alone
+from bench.analysis.effects import make
+from bench.analysis.effects.model import Model
+from bench.analysis.fit import fit_model
+from bench.analysis.judging.limits import Verdict
+from bench.analysis.judging.verification import Figures, refuse_same_profile, verify
+from bench.base.errors import EquipmentError, InputError
+from bench.commands.flash_record import (
     AlreadyThereError,
     Calibration,
     flash,
@@ -26,11 +28,9 @@ from bench.flashing import (
     newest_run,
     objection,
 )
-from bench.limits import Verdict
-from bench.model import Model
-from bench.runner import run_job
-from bench.unit_memory import open_alone
-from bench.verifying import Figures, refuse_same_profile, verify
+from bench.deliver.export.image import read
+from bench.deliver.export.words import to_words
+from bench.record.dataset import load
 from drivers.errors import IdentityError, RefusedError
 from drivers.flash_objects import Memory
 
@@ -175,7 +175,7 @@ def test_a_verification_run_records_the_corrected_rate_and_nothing_is_fitted_to_
     shift = np.nanmean(blank.bias) - np.nanmean(corrected.bias)
     assert shift == pytest.approx(3600 * 0.011, abs=1.0)  # what the image takes off near 25 degC
     with pytest.raises(InputError, match=r"the unit corrected its rate itself .*which is a verification"):
-        fit(Model("line", (make("polynomial", {"order": 1}),)), corrected)
+        fit_model(Model("line", (make("polynomial", {"order": 1}),)), corrected)
     found = verify(result.run, None, None, {"bank": 1})
     assert found.verdict is Verdict.INVALID  # no soak of five minutes to read the noise from
     stored = json.loads((result.run.path / "verification.json").read_text())

@@ -9,11 +9,11 @@ from click.testing import CliRunner
 from fleet_runs import LIMITS, line, station
 from scipy import stats
 
+from bench.archive.fleet.capability import capability, proportion
+from bench.archive.fleet.charts import chart, signals
+from bench.archive.fleet.drift import corrected, drifts, ewma
+from bench.archive.fleet.unlike import unlike
 from bench.cli import main
-from bench.fleet.capability import capability, proportion
-from bench.fleet.charts import chart, signals
-from bench.fleet.drift import corrected, drifts, ewma
-from bench.fleet.unlike import unlike
 
 DAY_S = 86400.0
 

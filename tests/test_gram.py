@@ -7,15 +7,15 @@ import statsmodels.api as sm
 from scipy import linalg
 from thermal_cycle import record
 
-from bench.dataset import Dataset
-from bench.effects.base import Scale, Series
-from bench.effects.polynomial import Polynomial
-from bench.effects.regression import Regression
-from bench.effects.surface import Surface
-from bench.fit.gram import ChebyshevRows, Gram
-from bench.fit.normal import solve
-from bench.fit.products import Products
-from bench.fit.state import State
+from bench.analysis.effects.base import Scale, Series
+from bench.analysis.effects.polynomial import Polynomial
+from bench.analysis.effects.regression import Regression
+from bench.analysis.effects.surface import Surface
+from bench.analysis.fit.gram import ChebyshevRows, Gram
+from bench.analysis.fit.normal import solve
+from bench.analysis.fit.products import Products
+from bench.analysis.fit.state import State
+from bench.record.dataset import Dataset
 
 # Filip and Wampler5: NIST Statistical Reference Datasets, public domain, https://www.itl.nist.gov/div898/strd/lls/
 FILIP_X = """-6.860120914 -4.324130045 -4.358625055 -4.358426747 -6.955852379 -6.661145254 -6.355462942 -6.118102026

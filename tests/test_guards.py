@@ -5,8 +5,8 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from bench.errors import InputError
-from bench.guards import OPTIONAL, Guards, GuardSettings, Signal, guards_of
+from bench.acquisition.profile.guards import OPTIONAL, Guards, GuardSettings, Signal, guards_of
+from bench.base.errors import InputError
 
 
 def guard(**settings):

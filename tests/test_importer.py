@@ -9,14 +9,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench import dataset
-from bench.errors import InputError
-from bench.importer import load_columns, plan_import, write_import
-from bench.importer.branches import find_branches, segment_of
-from bench.importer.columns import ChannelSource, ColumnMap, TimeSource, split_header
-from bench.importer.tables import read_table
-from bench.importer.units import conversion
-from bench.store import open_run
+from bench.acquisition.importer import load_columns, plan_import, write_import
+from bench.acquisition.importer.branches import find_branches, segment_of
+from bench.acquisition.importer.columns import ChannelSource, ColumnMap, TimeSource, split_header
+from bench.acquisition.importer.tables import read_table
+from bench.acquisition.importer.units import conversion
+from bench.base.errors import InputError
+from bench.record import dataset
+from bench.record.folder import open_run
 from drivers.wire import Message
 
 DBC = Path(__file__).parent.parent / "drivers" / "gyros" / "vibratory.dbc"

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 from hidden_runs import HiddenUnit, hidden_run
 
-from bench import effects
-from bench.diagnosis.diagnose import diagnose
-from bench.diagnosis.improve import add_effect, improve
-from bench.errors import InputError
-from bench.model import Model
+from bench.analysis import effects
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.improve import add_effect, improve
+from bench.analysis.effects.model import Model
+from bench.base.errors import InputError
 
 SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
 RATE = {"mechanism": "temperature_rate"}

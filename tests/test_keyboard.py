@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.keyboard import HELP, QUESTION, Keyboard
-from bench.remote import whoami
+from bench.acquisition.run.remote import whoami
+from bench.commands.terminal.keyboard import HELP, QUESTION, Keyboard
 
 
 class Desk:
@@ -95,7 +95,7 @@ def test_a_terminal_hands_over_single_keys_and_is_left_as_it_was(monkeypatch):
     ours, theirs = pty.openpty()
     monkeypatch.setattr(sys, "stdin", os.fdopen(theirs, closefd=False))
     monkeypatch.setattr(sys, "stderr", SimpleNamespace(isatty=lambda: True, write=sys.stderr.write))
-    monkeypatch.setattr("bench.keyboard._in_foreground", lambda handle: True)
+    monkeypatch.setattr("bench.commands.terminal.keyboard._in_foreground", lambda handle: True)
     before = termios.tcgetattr(theirs)
     desk = Desk()
     try:

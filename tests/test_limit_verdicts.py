@@ -11,13 +11,14 @@ import pytest
 from report_runs import looped, quick
 from run_folders import make_run, ramp_run
 
-from bench import limits
-from bench.errors import InputError
-from bench.limits import MEANING, Limit, Limits, Quantity, QuantityName, Verdict, judge
-from bench.report.analysis import Analysis, judged_by
-from bench.report.quantities import quantities
-from bench.report.validity import refusals
-from bench.workflow.analysis import report
+from bench.analysis.judging import limits
+from bench.analysis.judging.analysis import Analysis
+from bench.analysis.judging.judge import judged_by
+from bench.analysis.judging.limits import MEANING, Limit, Limits, Quantity, QuantityName, Verdict, judge_limits
+from bench.analysis.judging.quantities import quantities
+from bench.analysis.judging.validity import refusals
+from bench.base.errors import InputError
+from bench.commands.analysis import report
 
 SHIPPED = Path(__file__).parent.parent / "profiles" / "limits" / "vibratory.yaml"
 
@@ -27,7 +28,7 @@ def limit(**changes) -> Limit:
 
 
 def word(quantity: Quantity, **changes) -> Verdict | None:
-    return judge(Limits(name="test", limits=(limit(**changes),)), [quantity]).results[0].verdict
+    return judge_limits(Limits(name="test", limits=(limit(**changes),)), [quantity]).results[0].verdict
 
 
 def value(number: float, uncertainty: float = 0.0) -> Quantity:
@@ -72,8 +73,8 @@ def test_what_was_not_measured_is_invalid_only_where_it_is_required():
 def test_the_verdict_is_the_worst_word(words, expected):
     both = Limits(name="t", limits=(limit(marginal=0.2), limit(quantity="residual_peak_dph", marginal=0.2)))
     found = [value(words[0]), Quantity.exact("residual_peak_dph", words[1])]
-    assert judge(both, found).verdict == expected
-    assert judge(both, found, ["the run is not complete"]).verdict == "INVALID"
+    assert judge_limits(both, found).verdict == expected
+    assert judge_limits(both, found, ["the run is not complete"]).verdict == "INVALID"
 
 
 def test_an_upper_limit_is_exceeded_by_a_passed_unit_in_at_most_one_of_forty_cases():
@@ -102,7 +103,7 @@ def test_a_wrong_limit_is_refused_with_its_line(tmp_path, line, said):
     path = tmp_path / "limits.yaml"
     path.write_text(f"name: mine\nlimits:\n  - {line}\n")
     with pytest.raises(InputError, match=r"limits.yaml:3: ") as error:
-        limits.load(path)
+        limits.load_limits(path)
     assert said in str(error.value)
 
 
@@ -159,7 +160,7 @@ def test_what_a_static_curve_leaves_of_a_loop_is_refused_as_a_gap_between_the_br
 )
 def test_a_run_that_is_not_whole_is_invalid(tmp_path, change, said):
     analysis = quick(make_run(tmp_path / "run", **{**ramp_run(loop_dph=0.0), **change}))
-    judged = judged_by(analysis, limits.load(SHIPPED))
+    judged = judged_by(analysis, limits.load_limits(SHIPPED))
     assert judged.judgement.verdict == "INVALID"
     assert said in judged.judgement.refusals[0]
     assert not judged.within_limits
@@ -204,4 +205,4 @@ def test_report_writes_the_verdict_and_its_exit_code_is_the_limits(tmp_path):
 
 
 def test_shipped_limits_name_quantities_that_exist():
-    assert {entry.quantity for entry in limits.load(SHIPPED).limits} <= set(MEANING)
+    assert {entry.quantity for entry in limits.load_limits(SHIPPED).limits} <= set(MEANING)

@@ -2,10 +2,10 @@ import numpy as np
 from numpy.testing import assert_allclose
 from test_evidence import NOISE, TEMPERATURE, TIME, bias_of, candidates, coloured, columns_of
 
-from bench.diagnosis.candidates import Problem
-from bench.diagnosis.limits import expected_gap, probability, separation, smallest
-from bench.noise.likelihood import NoiseLattice
-from bench.noise.whitening import Whitener, covariance
+from bench.analysis.diagnosis.candidates import Problem
+from bench.analysis.diagnosis.limits import expected_gap, probability, separation, smallest
+from bench.analysis.noise.likelihood import NoiseLattice
+from bench.analysis.noise.whitening import Whitener, covariance
 
 DATA = Problem(TIME, bias_of(TEMPERATURE) + coloured(1), columns_of(TEMPERATURE), 30.0)
 LATTICE = NoiseLattice(DATA.records(), 30.0)

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from bench import remote
+from bench.acquisition.run import remote
 from bench.cli import main
-from bench.store import open_run
+from bench.record.folder import open_run
 
 PROFILE = """\
 name: long
@@ -52,7 +52,7 @@ def live(tmp_path):
     profile.write_text(PROFILE)
     process = start("run", profile, "--out", out, "--model", "polynomial", "--quiet")
     try:
-        until(lambda: process.poll() is not None or [r for r in remote.below(out) if r.condition() == "live"])
+        until(lambda: process.poll() is not None or [r for r in remote.live_below(out) if r.condition() == "live"])
         until(lambda: process.poll() is not None or "segment" in asked("status", "--out", out)["runs"][0])
         yield process, out
     finally:
@@ -104,8 +104,8 @@ def test_a_killed_run_is_seen_as_gone_and_says_how_to_go_on(live):
 @pytest.mark.skipif(sys.platform == "win32", reason="stops a process by a signal")
 def test_a_stopped_process_is_silent_and_its_run_is_not_resumed(live, monkeypatch):
     process, out = live
-    (run,) = remote.below(out)
-    monkeypatch.setattr(remote.ask, "__defaults__", (0.5,))
+    (run,) = remote.live_below(out)
+    monkeypatch.setattr(remote.ask_run, "__defaults__", (0.5,))
     process.send_signal(signal.SIGSTOP)
     try:
         answer = bench("status", "--out", out, "--json")
@@ -143,7 +143,7 @@ def test_a_bench_that_is_killed_in_real_time_goes_on_with_the_unit_that_kept_cou
     try:
         until(station.exists)
         first = start("run", profile, "--station", station, "--out", out, "--quiet", "--model", "polynomial")
-        (run,) = until(lambda: [r for r in remote.below(out) if r.condition() == "live"])
+        (run,) = until(lambda: [r for r in remote.live_below(out) if r.condition() == "live"])
         until(lambda: asked("status", run.path)["runs"][0].get("t_s", 0.0) > 4.0)
         first.send_signal(signal.SIGKILL)
         first.wait()

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from bench.runner import run_job
-from bench.sequencer import Status
-from bench.station import Station
+from bench.acquisition.run.runner import run_job
+from bench.acquisition.run.sequencer import Status
+from bench.acquisition.station.station import Station
 from drivers.journal import Kind, read_blocks
 from drivers.sim.blockbus import BlockBus
 from drivers.sim.modbus_chamber import ModbusChamber

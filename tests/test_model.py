@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from bench import effects
-from bench.errors import InputError
-from bench.model import Model, load_model, model_from
+from bench.analysis import effects
+from bench.analysis.effects.model import Model, load_model, model_from
+from bench.base.errors import InputError
 
 
 def write(path, text):

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from analysis_data import thermal_cycle, with_bias
 
-from bench.effects.polynomial import Polynomial
-from bench.effects.regression import Regression
-from bench.effects.spline import Spline
-from bench.effects.thermal_lag import ThermalLag
-from bench.errors import InputError
-from bench.fit import fit
-from bench.fit.from_moments import check, solve_moments
-from bench.fit.moments import SIZE, Moments, merged
-from bench.model import Model
+from bench.analysis.effects.model import Model
+from bench.analysis.effects.polynomial import Polynomial
+from bench.analysis.effects.regression import Regression
+from bench.analysis.effects.spline import Spline
+from bench.analysis.effects.thermal_lag import ThermalLag
+from bench.analysis.fit import fit_model
+from bench.analysis.fit.from_moments import check, solve_moments
+from bench.analysis.fit.moments import SIZE, Moments, merged
+from bench.base.errors import InputError
 
 EFFECTS = [
     *(Polynomial(order) for order in (1, 3, 5, 12)),
@@ -39,7 +39,7 @@ def record(seed=1, constant=12.0):
 
 
 def agree(moments, effect, records, tolerance=1e-9):
-    direct = fit(model(effect), records, covariance="none")
+    direct = fit_model(model(effect), records, covariance="none")
     solved = solve_moments(model(effect), moments)
     scale = np.max(np.abs(direct.beta))
     np.testing.assert_allclose(solved.beta, direct.beta, rtol=0, atol=tolerance * scale)
@@ -62,7 +62,7 @@ def test_a_fit_from_moments_is_the_fit_to_the_rows(effect):
 def test_a_large_bias_costs_no_digits_of_the_residual(constant):
     one = record(constant=constant)
     for effect in (Polynomial(3), Regression(3), Spline(12)):
-        direct = fit(model(effect), one, covariance="none")
+        direct = fit_model(model(effect), one, covariance="none")
         solved = solve_moments(model(effect), Moments.of([one]))
         assert solved.rms_dph == pytest.approx(direct.rms_dph, rel=1e-9)
 

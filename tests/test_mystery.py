@@ -6,13 +6,13 @@ import re
 import numpy as np
 import pytest
 
-from bench import effects
-from bench.dataset import load
-from bench.errors import InputError
-from bench.hidden import HIDDEN
-from bench.model import Model, load_model
-from bench.mystery import make_mystery, reveal
-from bench.report.analysis import analyse
+from bench.analysis import effects
+from bench.analysis.effects.model import Model, load_model
+from bench.analysis.judging.judge import analyse
+from bench.base.errors import InputError
+from bench.mystery.hidden import HIDDEN
+from bench.mystery.mystery import make_mystery, reveal
+from bench.record.dataset import load
 
 PROFILE = """name: short
 start: {temperature_degc: 25}

@@ -5,11 +5,20 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from bench.errors import InputError
-from bench.noise import Noise, Record, allan_deviation, estimate_noise, expected_rms, gls, likelihood, profile_noise
-from bench.noise.allan import allan_pyramid, coefficients_from_curve
-from bench.noise.likelihood import NoiseLattice, Surface
-from bench.noise.whitening import Ratios, Whitener, covariance
+from bench.analysis.noise import (
+    Noise,
+    Record,
+    allan_deviation,
+    estimate_noise,
+    expected_rms,
+    gls,
+    likelihood,
+    profile_noise,
+)
+from bench.analysis.noise.allan import allan_pyramid, coefficients_from_curve
+from bench.analysis.noise.likelihood import NoiseLattice, Surface
+from bench.analysis.noise.whitening import Ratios, Whitener, covariance
+from bench.base.errors import InputError
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

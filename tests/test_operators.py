@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from bench.effects.operators import play, ramp_invariant_lag
+from bench.analysis.effects.operators import play, ramp_invariant_lag
 
 
 def triangle(time_s):

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from numpy.polynomial.chebyshev import chebvander
 
-from bench.diagnosis.candidates import Problem
-from bench.diagnosis.probes import despike, examine, usual
-from bench.noise import Noise
-from bench.noise.likelihood import NoiseLattice, Record, Surface
-from bench.noise.whitening import covariance
+from bench.analysis.diagnosis.candidates import Problem
+from bench.analysis.diagnosis.probes import despike, examine, usual
+from bench.analysis.noise import Noise
+from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface
+from bench.analysis.noise.whitening import covariance
 
 NOISE = Noise(0.01, 0.03, 0.03)
 ROWS = 600

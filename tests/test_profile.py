@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bench import preflight, profile
-from bench.errors import InputError
-from bench.profile import Profile
+from bench.acquisition.profile import preflight, profile
+from bench.acquisition.profile.profile import Profile
+from bench.base.errors import InputError
 
 CALM = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 SHIPPED = sorted((Path(__file__).parent.parent / "profiles").glob("*.yaml"))
@@ -35,7 +35,7 @@ segments:
 
 
 def load(text):
-    return profile.from_text(text, "p.yaml")
+    return profile.profile_from_text(text, "p.yaml")
 
 
 def refusal(text):
@@ -160,10 +160,10 @@ def test_legs_follow_each_other_without_gaps_and_add_up_to_the_duration(found):
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_profiles_run_on_the_default_chamber(path):
-    found = preflight.check(profile.load(path), CHAMBER)
+    found = preflight.check_profile(profile.load_profile(path), CHAMBER)
     assert levels(found, "error") == []
     assert not any("chamber can only do" in text for text in levels(found, "warning"))
-    assert profile.load(path).name == path.stem
+    assert profile.load_profile(path).name == path.stem
 
 
 @pytest.mark.parametrize(
@@ -172,33 +172,33 @@ def test_shipped_profiles_run_on_the_default_chamber(path):
 )
 def test_shipped_profiles_take_the_time_that_they_promise(name, low_h, high_h):
     path = next(path for path in SHIPPED if path.stem == name)
-    assert low_h <= profile.load(path).duration_s / 3600 <= high_h
+    assert low_h <= profile.load_profile(path).duration_s / 3600 <= high_h
 
 
 def test_the_calibration_run_has_everything_that_separates_causes():
     path = next(path for path in SHIPPED if path.stem == "ramp_-40_85")
-    assert levels(preflight.check(profile.load(path), CHAMBER), "warning") == []
+    assert levels(preflight.check_profile(profile.load_profile(path), CHAMBER), "warning") == []
 
 
 def test_one_rate_is_warned_of():
     path = next(path for path in SHIPPED if path.stem == "one_rate")
-    found = levels(preflight.check(profile.load(path), CHAMBER), "warning")
+    found = levels(preflight.check_profile(profile.load_profile(path), CHAMBER), "warning")
     assert any("all ramps at 1 degC/min" in text for text in found)
     assert any("no minor loop" in text for text in found)
 
 
 def test_targets_outside_the_station_are_errors_with_their_line():
-    found = preflight.check(load(RAMPS), preflight.Limits(20, 50, 5.0, 5.0))
+    found = preflight.check_profile(load(RAMPS), preflight.Limits(20, 50, 5.0, 5.0))
     errors = [str(finding) for finding in found if finding.level == "error"]
     assert errors[0].startswith("p.yaml:7: error: ramp to 55 at 3: 55 degC is outside the station's limits, 20 to 50")
     assert [text.split(":")[1] for text in errors] == ["7", "12", "13"]
     with pytest.raises(InputError, match=r"^p\.yaml:7: .*\np\.yaml:12: "):
-        preflight.refuse(found)
+        preflight.refuse_errors(found)
 
 
 def test_a_ramp_that_the_chamber_cannot_follow_is_announced_with_its_delay():
     text = "name: x\nstart: {temperature_degc: -20}\nsegments:\n  - {kind: ramp, to_degc: -40, rate_degc_per_min: 2}\n"
-    found = levels(preflight.check(load(text), CHAMBER), "warning")
+    found = levels(preflight.check_profile(load(text), CHAMBER), "warning")
     assert any("from -24 to -40 degC the chamber can only do 0.64 degC/min" in line for line in found)
 
 
@@ -211,7 +211,7 @@ def test_expected_time_agrees_with_the_chambers_manual():
 
 def test_a_profile_that_ends_cold_and_never_returns_is_warned_of():
     text = "name: x\nstart: {temperature_degc: 25}\nsegments:\n  - {kind: ramp, to_degc: -20, rate_degc_per_min: 1}\n"
-    found = levels(preflight.check(load(text), CHAMBER), "warning")
+    found = levels(preflight.check_profile(load(text), CHAMBER), "warning")
     assert any("frost" in line for line in found)
     assert any("never returns to its start temperature" in line for line in found)
     assert any("no heating branch" in line for line in found)
@@ -219,14 +219,16 @@ def test_a_profile_that_ends_cold_and_never_returns_is_warned_of():
 
 
 def test_a_disk_that_is_too_small_is_an_error():
-    found = preflight.check(load(RAMPS), CHAMBER, preflight.Recording(bytes_per_s=20_000, units=2, free_bytes=1e6))
+    found = preflight.check_profile(
+        load(RAMPS), CHAMBER, preflight.Recording(bytes_per_s=20_000, units=2, free_bytes=1e6)
+    )
     assert "only 1 MB are free" in levels(found, "error")[0]
 
 
 @pytest.mark.parametrize("ascii_only", [True, False])
 @pytest.mark.parametrize(("width", "height"), [(40, 5), (78, 12), (120, 20)])
 def test_the_picture_fits_and_shows_the_extremes(width, height, ascii_only):
-    lines = preflight.picture(load(RAMPS), width, height, ascii_only).splitlines()
+    lines = preflight.profile_picture(load(RAMPS), width, height, ascii_only).splitlines()
     assert len(lines) == height + 1
     assert max(map(len, lines)) <= width
     assert lines[0].split()[0] == "55"

@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from bench import progress
-from bench.guards import Signal
-from bench.profile import from_text
-from bench.progress import Progress
-from bench.sequencer import Status
+from bench.acquisition.profile.guards import Signal
+from bench.acquisition.profile.profile import profile_from_text
+from bench.acquisition.run.sequencer import Status
+from bench.commands.terminal import progress
+from bench.commands.terminal.progress import Progress
 from drivers.chamber import ChamberReading
 
-PROFILE = from_text(
+PROFILE = profile_from_text(
     "name: p\nsegments:\n  - {kind: ramp, to_degc: 33, rate_degc_per_min: 2}\n  - {kind: soak, duration_min: 10}\n"
 )
 LOSSES = {"received": 6010, "lost": 3, "corrupt": 1}

@@ -6,13 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from bench.errors import InputError
-from bench.export.evaluate import evaluate
-from bench.export.forms import FORMS
-from bench.export.image import read, words_of
-from bench.export.measure import table
-from bench.export.surfaces import deliver_surface
-from bench.fit.rate_surface import (
+from bench.analysis.fit.rate_surface import (
     Points,
     binned,
     fit_surface,
@@ -21,6 +15,12 @@ from bench.fit.rate_surface import (
     points_of,
     surface_powers,
 )
+from bench.base.errors import InputError
+from bench.deliver.export.evaluate import evaluate
+from bench.deliver.export.forms import FORMS
+from bench.deliver.export.image import read, words_of
+from bench.deliver.export.measure import worst_errors
+from bench.deliver.export.surfaces import deliver_surface
 
 RATES = (-300.0, -200.0, -100.0, -50.0, -10.0, 0.0, 10.0, 50.0, 100.0, 200.0, 300.0)
 DEGC = (-55.0, -40.0, -20.0, 0.0, 25.0, 50.0, 75.0, 100.0, 125.0)
@@ -121,7 +121,7 @@ def test_the_delivered_surface_is_within_what_the_form_holds(form):
     Those are of a smaller correction; here it is 1.5 deg/s at full rate.
     """
     found = fit_surface(binned(*experiment()))
-    (row,) = table(deliver_surface(found), [form])
+    (row,) = worst_errors(deliver_surface(found), [form])
     limits = {"float32": 0.4, "fixed": 0.03, "split": 5e-3, "split_fixed": 1e-4}
     assert row.worst < limits[form]
 
@@ -170,8 +170,8 @@ def test_a_run_without_a_table_has_no_surface():
 
 def turned():
     """The experiment as a record, with a clock."""
-    from bench.channels import DPH_PER_DPS
-    from bench.dataset import Dataset
+    from bench.base.channels import DPH_PER_DPS
+    from bench.record.dataset import Dataset
 
     raw, celsius, rate = experiment(noise=1e-4)
     time = 30.0 * np.arange(raw.size)
@@ -181,11 +181,11 @@ def turned():
 
 def test_the_model_of_the_paper_is_the_surface_of_the_paper():
     """`rows: bins` of a surface over the output: NR - B is Rate(NR, T), coefficient by coefficient."""
-    from bench.fit import fit
-    from bench.model import load_model
+    from bench.analysis.effects.model import load_model
+    from bench.analysis.fit import fit_model
 
     record = turned()
-    found, wanted = fit(load_model("rate_surface"), record), fit_surface(points_of(record))
+    found, wanted = fit_model(load_model("rate_surface"), record), fit_surface(points_of(record))
     assert found.rows == points_of(record).raw.size < len(record)
     units = np.array([3600.0 ** (i - 1) for i, _ in wanted.powers])
     own = -np.array([c.value for c in found.coefficients]) * units
@@ -195,10 +195,10 @@ def test_the_model_of_the_paper_is_the_surface_of_the_paper():
 
 
 def test_bins_are_for_a_surface_alone():
-    from bench.effects import make
-    from bench.fit import fit
-    from bench.model import Model
+    from bench.analysis.effects import make
+    from bench.analysis.effects.model import Model
+    from bench.analysis.fit import fit_model
 
     model = Model("mixed", (make("surface", {"over": "rate"}), make("thermal_lag")), "bins")
     with pytest.raises(InputError, match="rows: bins is for a surface alone, not for thermal_lag"):
-        fit(model, turned())
+        fit_model(model, turned())

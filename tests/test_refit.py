@@ -11,15 +11,15 @@ import pytest
 from click.testing import CliRunner
 from run_folders import make_run, ramp_run
 
+from bench.analysis.effects.model import Model
+from bench.analysis.effects.spline import Spline
+from bench.analysis.fit import fit_model
+from bench.archive.fleet import engines, moments_file
+from bench.archive.fleet.moments_file import Stored
+from bench.archive.fleet.refit import refit_group, refit_unit, write_records
+from bench.base.errors import InputError
 from bench.cli import main
-from bench.dataset import load
-from bench.effects.spline import Spline
-from bench.errors import InputError
-from bench.fit import fit
-from bench.fleet import engines, moments_file
-from bench.fleet.moments_file import Stored
-from bench.fleet.refit import refit_group, refit_unit, write_records
-from bench.model import Model
+from bench.record.dataset import load
 from benchmarks.fleet_refit import fleet
 
 MODEL = Model("spline 12", (Spline(12),))
@@ -39,7 +39,7 @@ def moments(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def here(moments):
-    return [record for some in engines.serial(MODEL, moments_file.groups(moments)) for record in some]
+    return [record for some in engines.serial_engine(MODEL, moments_file.stored_groups(moments)) for record in some]
 
 
 def test_a_unit_that_fails_does_not_stop_the_rest(here):
@@ -50,7 +50,7 @@ def test_a_unit_that_fails_does_not_stop_the_rest(here):
 
 
 def test_a_unit_fitted_again_alone_has_the_same_numbers(here, moments):
-    group = next(moments_file.groups(moments))
+    group = next(moments_file.stored_groups(moments))
     for number in (0, 17, 255):
         assert refit_unit(MODEL, group.units[number], group.runs[number], group.values[number]) == here[number]
 
@@ -59,8 +59,8 @@ def test_a_unit_fitted_again_alone_has_the_same_numbers(here, moments):
 def test_two_workers_find_the_numbers_of_the_serial_refit_bit_for_bit(here, moments, engine):
     if engine == "dask":
         pytest.importorskip("distributed")
-    run = engines.pool(2) if engine == "pool" else engines.dask(2, None)
-    there = [record for some in run(MODEL, moments_file.groups(moments)) for record in some]
+    run = engines.pool_engine(2) if engine == "pool" else engines.dask_engine(2, None)
+    there = [record for some in run(MODEL, moments_file.stored_groups(moments)) for record in some]
     assert there == here
 
 
@@ -97,8 +97,8 @@ class Deadly(Model):
 
 def test_a_group_that_kills_its_process_is_recorded_as_failed(moments, monkeypatch):
     monkeypatch.setenv("BENCH_TEST_PARENT", str(os.getpid()))
-    group = next(moments_file.groups(moments))
-    (some,) = engines.pool(1)(Deadly("deadly", (Spline(12),)), [group])
+    group = next(moments_file.stored_groups(moments))
+    (some,) = engines.pool_engine(1)(Deadly("deadly", (Spline(12),)), [group])
     assert len(some) == len(group.units)
     assert {record.error for record in some} == {"not refitted: its worker process died"}
 
@@ -106,24 +106,24 @@ def test_a_group_that_kills_its_process_is_recorded_as_failed(moments, monkeypat
 def test_no_scheduler_there_is_bad_input(moments, tmp_path):
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match="no Dask scheduler"):
-        next(engines.dask(1, "nonsense")(MODEL, moments_file.groups(moments)))
+        next(engines.dask_engine(1, "nonsense")(MODEL, moments_file.stored_groups(moments)))
 
 
 def test_without_dask_the_pool_takes_over_and_dask_itself_is_told_how_to_be_had(moments, monkeypatch):
-    from bench.workflow import refitting
+    from bench.commands import refitting
 
     monkeypatch.setattr(refitting.importlib.util, "find_spec", lambda name: None)
-    assert refitting._engine(refitting.Work(workers=2), groups=100)[0] == "pool, 2 workers"
+    assert refitting._engine(refitting.RefitOptions(workers=2), groups=100)[0] == "pool, 2 workers"
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"gyro-thermal-bench\[fleet\]"):
-        next(engines.dask(1, None)(MODEL, moments_file.groups(moments)))
+        next(engines.dask_engine(1, None)(MODEL, moments_file.stored_groups(moments)))
 
 
 def test_records_are_written_whole_or_not_at_all(moments, tmp_path):
     target = tmp_path / "records.parquet"
 
     def broken():
-        yield refit_group(MODEL, next(moments_file.groups(moments)))
+        yield refit_group(MODEL, next(moments_file.stored_groups(moments)))
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -137,11 +137,11 @@ def test_a_file_that_is_no_moments_is_refused(tmp_path):
         if content:
             path.write_bytes(content)
         with pytest.raises(InputError, match="moments cannot be read"):
-            moments_file.size(path)
+            moments_file.stored_count(path)
 
 
 def test_memory_is_bounded_by_groups(moments):
-    assert [len(group.units) for group in moments_file.groups(moments)] == [256, 256, 188]
+    assert [len(group.units) for group in moments_file.stored_groups(moments)] == [256, 256, 188]
 
 
 @pytest.fixture
@@ -168,12 +168,12 @@ def test_registered_runs_are_refitted_to_what_a_fit_of_their_rows_finds(reports)
     done = refit(reports)
     assert (done["units"], done["failed"], done["engine"]) == (2, 0, "serial")
     (beta, _) = pq.read_table(done["records"]).column("beta").to_pylist()
-    direct = fit(MODEL, load(reports / "U-1" / "r1"), covariance="none")
+    direct = fit_model(MODEL, load(reports / "U-1" / "r1"), covariance="none")
     np.testing.assert_allclose(beta, direct.beta, rtol=0, atol=1e-9 * np.max(np.abs(direct.beta)))
 
 
 def test_moments_are_made_once_and_again_only_for_a_newer_run(reports, monkeypatch):
-    from bench.fleet import collect
+    from bench.archive.fleet import collect
 
     rebuild(reports)
     refit(reports)

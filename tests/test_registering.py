@@ -7,8 +7,8 @@ from click.testing import CliRunner
 from run_folders import make_run, ramp_run
 
 from bench.cli import main
-from bench.workflow.answer import Answer
-from bench.workflow.registering import registered
+from bench.commands.answer import Answer
+from bench.commands.registering import registered
 
 
 def bench(*arguments):

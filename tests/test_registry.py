@@ -12,13 +12,13 @@ import sqlalchemy
 from databases import binaries, database, postgres
 from run_folders import make_run
 
-from bench.errors import InputError
-from bench.registry.ledger import archive
-from bench.registry.opening import SCHEMA, open_registry
-from bench.registry.rebuild import rebuild
-from bench.registry.tables import Table
-from bench.registry.writing import TABLES, register, stored, tell
-from bench.store import RunFolder
+from bench.archive.registry.ledger import archive
+from bench.archive.registry.opening import SCHEMA, open_registry
+from bench.archive.registry.rebuild import rebuild
+from bench.archive.registry.tables import Table
+from bench.archive.registry.writing import TABLES, register, stored, tell
+from bench.base.errors import InputError
+from bench.record.folder import RunFolder
 
 NUMBERS = count()
 THERMOMETER = {"kind": "equipment", "name": "Pt100", "serial": "7", "type": "sensor", "due_on": "2027-01-31"}
@@ -214,7 +214,7 @@ def test_the_migrations_make_the_tables_that_the_code_means(where):
     from alembic.migration import MigrationContext
     from alembic.script import ScriptDirectory
 
-    from bench.registry import opening
+    from bench.archive.registry import opening
 
     with open_registry(where) as registry, registry.reading() as connection:
         context = MigrationContext.configure(connection)
@@ -233,7 +233,7 @@ def test_a_newer_schema_is_refused_in_one_line_and_left_alone(where):
 def test_a_database_of_something_else_is_refused(where):
     import sqlalchemy as sa
 
-    from bench.registry.opening import _engine, _url
+    from bench.archive.registry.opening import _engine, _url
 
     engine = _engine(_url(where))
     with engine.begin() as connection:

@@ -13,10 +13,10 @@ from click.testing import CliRunner
 from run_folders import make_run, ramp_run
 from test_continuation import TWO, go_on, kill_in
 
+from bench.acquisition.run.runner import run_job
+from bench.analysis.effects.model import load_model
+from bench.analysis.judging.judge import analyse
 from bench.cli import main
-from bench.model import load_model
-from bench.report.analysis import analyse
-from bench.runner import run_job
 
 
 def bench(*arguments):

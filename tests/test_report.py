@@ -12,17 +12,18 @@ import pytest
 from report_runs import clean, disturbed, looped, quick
 from run_folders import ARW, CYCLE, UNIT, make_run, ramp_run, truth_dph
 
-from bench.dataset import Dataset, load
-from bench.diagnosis.compare import HeldOut, compare, ladder
-from bench.errors import InputError
-from bench.model import load_model
-from bench.report.analysis import Analysis, analyse
-from bench.report.branches import branch_gap
-from bench.report.calibration import calibration
-from bench.report.cautions import cautions
-from bench.report.completeness import Completeness
-from bench.report.sections_run import losses
-from bench.report.verdict import Verdict, judge, with_diagnosis
+from bench.analysis.diagnosis.compare import HeldOut, compare, ladder
+from bench.analysis.effects.model import load_model
+from bench.analysis.judging.analysis import Analysis
+from bench.analysis.judging.branches import branch_gap
+from bench.analysis.judging.calibration import calibration
+from bench.analysis.judging.cautions import cautions
+from bench.analysis.judging.completeness import Completeness
+from bench.analysis.judging.judge import analyse
+from bench.analysis.judging.verdict import Verdict, judge, with_diagnosis
+from bench.base.errors import InputError
+from bench.deliver.report.sections_run import losses
+from bench.record.dataset import Dataset, load
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +151,7 @@ def test_a_check_run_is_what_the_model_is_judged_by(whole: Analysis, tmp_path: P
     shorter = [(name, kind, 60.0 if target == 85.0 else target, amount) for name, kind, target, amount in CYCLE]
     run = make_run(tmp_path / "run", **ramp_run())
     check = make_run(tmp_path / "check", **ramp_run(shorter, seed=2))
-    with patch("bench.report.analysis.noise_floor", return_value=whole.floor):
+    with patch("bench.analysis.judging.analysis.noise_floor", return_value=whole.floor):
         judged = analyse(run, [load_model("polynomial")], [check], diagnose=False)
     assert judged.best is not None
     assert judged.best.held_out.by == "check"
@@ -283,7 +284,7 @@ def test_what_the_library_does_not_explain_is_an_unknown_effect(tmp_path_factory
     [(InputError("too few rows"), "too few rows"), (ValueError("NaN"), "the diagnosis failed (ValueError: NaN)")],
 )
 def test_a_diagnosis_that_cannot_be_made_is_a_warning(tmp_path: Path, error: Exception, reason: str) -> None:
-    with patch("bench.report.diagnosed.diagnose", side_effect=error):
+    with patch("bench.analysis.judging.diagnosed.diagnose", side_effect=error):
         analysis = quick(make_run(tmp_path / "run", **ramp_run()), diagnose=True)
     assert analysis.verdict.word == "model_error"
     assert f"not diagnosed: {reason}" in analysis.warnings

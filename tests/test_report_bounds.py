@@ -8,8 +8,8 @@ import re
 from report_runs import quick
 from run_folders import CYCLE, make_run, ramp_run
 
-from bench.report.html import render
-from bench.report.plotting import MAX_POINTS
+from bench.deliver.report.html import render
+from bench.deliver.report.plotting import MAX_POINTS
 
 
 def test_a_record_of_a_day_and_a_half_has_no_more_points_to_a_trace_than_fit_the_screen(tmp_path):

@@ -18,14 +18,15 @@ from plotly.offline import get_plotlyjs_version
 from report_runs import clean, disturbed, looped, quick
 from run_folders import make_run, ramp_run
 
-from bench.diagnosis.digits import number, with_uncertainty
-from bench.diagnosis.sentences import sentence
-from bench.model import load_model
-from bench.report import plotting
-from bench.report.analysis import Analysis, analyse
-from bench.report.diagnosed import Diagnosed
-from bench.report.html import render, write_report
-from bench.report.markup import figure, in_print, moment
+from bench.analysis.diagnosis.sentences import sentence
+from bench.analysis.effects.model import load_model
+from bench.analysis.judging.analysis import Analysis
+from bench.analysis.judging.diagnosed import Diagnosed
+from bench.analysis.judging.judge import analyse
+from bench.base.digits import in_print, moment, number, with_uncertainty
+from bench.deliver.report import plotting
+from bench.deliver.report.html import render, write_report
+from bench.deliver.report.markup import figure
 
 FIGURES = {
     "profile", "loop", "channels", "ladder", "compensation", "spline", "residual-temperature", "residual-time", "allan",
@@ -263,7 +264,7 @@ def test_the_file_is_small_and_figures_do_not_grow_with_the_run(whole: Analysis)
 
 def test_gaps_stay_gaps_in_figures() -> None:
     values = np.array([1.0, np.nan, 3.0])
-    trace = plotting.line(np.arange(3.0), values, "x", plotting.BLUE).to_plotly_json()
+    trace = plotting.line_trace(np.arange(3.0), values, "x", plotting.BLUE).to_plotly_json()
     assert list(trace["y"]) == [1.0, None, 3.0]
     assert trace["connectgaps"] is False
 

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from bench.dataset import load
-from bench.report.analysis import analyse
-from bench.report.completeness import completeness
-from bench.report.parts import joints
-from bench.store import RunFolder
+from bench.analysis.judging.completeness import completeness
+from bench.analysis.judging.joints import joints
+from bench.analysis.judging.judge import analyse
+from bench.record.dataset import load
+from bench.record.folder import RunFolder
 from tests.run_folders import CYCLE, make_run, ramp_run
 
 FLOOR_DPH = 0.06

@@ -10,7 +10,7 @@ import pytest
 from report_runs import clean, quick
 from run_folders import make_run, ramp_run
 
-from bench.report.html import render
+from bench.deliver.report.html import render
 
 
 def on_a_table(folder, steps: int):

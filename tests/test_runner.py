@@ -17,13 +17,13 @@ import pyarrow.parquet as pq
 import pytest
 from acquisition import at
 
-import bench.runner
-import bench.station
-from bench.assemble import assemble
-from bench.errors import EquipmentError, InputError, RunAborted
-from bench.guards import GuardSettings
-from bench.runner import run_job
-from bench.store import RunFolder, open_run, sha256
+import bench.acquisition.run.runner
+import bench.acquisition.station.station
+from bench.acquisition.profile.guards import GuardSettings
+from bench.acquisition.recording.assemble import assemble
+from bench.acquisition.run.runner import run_job
+from bench.base.errors import EquipmentError, InputError, RunAborted
+from bench.record.folder import RunFolder, open_run, sha256
 from drivers.journal import Kind, read_blocks
 from drivers.sim.station import SimulatedStation
 
@@ -196,7 +196,7 @@ def test_a_unit_that_is_not_there_is_named_before_anything_moves(world, tmp_path
             super().advance(t0_s, t1_s)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.station, "SimulatedStation", Silent)
+        patch.setattr(bench.acquisition.station.station, "SimulatedStation", Silent)
         result = run_job(acquisition.job(tmp_path, settings=settings))
     assert isinstance(result.error, EquipmentError)
     assert str(result.error).startswith("not started: unit SIM-0001: no sound rate frame as number 0 on bus can0")
@@ -213,9 +213,9 @@ def test_the_wrong_unit_is_refused_before_anything_moves(world, tmp_path):
         simulated.units[0].wire.serial = 6
         return simulated
 
-    simulate = bench.station.simulate
+    simulate = bench.acquisition.station.station.simulate
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.station, "simulate", other)
+        patch.setattr(bench.acquisition.station.station, "simulate", other)
         result = run_job(acquisition.job(tmp_path, settings=acquisition.station(units=units)))
     assert isinstance(result.error, InputError)
     assert "6 answers as number 0, the station file says identity 5" in str(result.error)
@@ -254,7 +254,7 @@ def test_tables_that_do_not_fit_the_disk_can_be_made_later(world, tmp_path, monk
     def full(*args):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(bench.runner, "assemble", full)
+    monkeypatch.setattr(bench.acquisition.run.runner, "assemble", full)
     result = run_job(acquisition.job(tmp_path))
     assert isinstance(result.error, EquipmentError)
     assert "No space left on device" in str(result.error)
@@ -289,7 +289,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 import acquisition
-from bench.runner import run_job
+from bench.acquisition.run.runner import run_job
 run_job(acquisition.job(Path(sys.argv[1]), acquisition.LONG), lambda _, status: print(status.t_s, flush=True))
 """
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from bench.equipment import SafeStateSettings
-from bench.safety import SafeState, failures
+from bench.acquisition.station.safety import SafeState, failures
+from bench.acquisition.station.settings import SafeStateSettings
 from drivers.chamber import Chamber, SafeStep
 from drivers.clock import SimClock
 from drivers.modbus import ModbusLink

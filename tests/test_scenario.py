@@ -8,10 +8,10 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from bench.acquisition.run.runner import run_job
+from bench.acquisition.station.faults import OF_BUS, OF_CHAMBER, OF_UNIT
+from bench.base.errors import InputError
 from bench.cli import main
-from bench.errors import InputError
-from bench.runner import run_job
-from bench.scenario import OF_BUS, OF_CHAMBER, OF_UNIT
 from tests.test_several import FOUR, SERIALS, UP_AND_DOWN
 
 

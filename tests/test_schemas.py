@@ -6,11 +6,11 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from bench import config
-from bench.errors import InputError
-from bench.profile import Profile, from_document
-from bench.schemas import SCHEMAS, export
-from bench.yaml12 import parse
+from bench.acquisition.profile.profile import Profile, from_document
+from bench.base import config
+from bench.base.errors import InputError
+from bench.base.yaml12 import parse_yaml
+from bench.commands.schemas import SCHEMAS, export
 
 PROFILES = Path(__file__).parent.parent / "profiles"
 
@@ -21,7 +21,7 @@ def schema(kind):
 
 @pytest.mark.parametrize("kind", SCHEMAS)
 def test_schemas_are_up_to_date(kind):
-    assert schema(kind) == config.json_schema(SCHEMAS[kind], kind), "run `python -m bench.schemas`"
+    assert schema(kind) == config.json_schema(SCHEMAS[kind], kind), "run `python -m bench.commands.schemas`"
 
 
 @pytest.mark.parametrize("kind", SCHEMAS)
@@ -34,7 +34,7 @@ def test_profiles_name_their_schema_and_satisfy_it(path):
     first = path.read_text(encoding="utf-8").splitlines(keepends=True)[0]
     assert first == config.schema_line("schemas/profile.json")
     assert (path.parent / "schemas/profile.json").is_file()
-    jsonschema.validate(config.read(path).content, schema("profile"))
+    jsonschema.validate(config.read_yaml(path).content, schema("profile"))
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_profiles_name_their_schema_and_satisfy_it(path):
     ],
 )
 def test_schema_and_loader_refuse_the_same(text):
-    document = parse(text, "x.yaml")
+    document = parse_yaml(text, "x.yaml")
     with pytest.raises(InputError):
         from_document(document)
     with pytest.raises(jsonschema.ValidationError):

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.equipment import LinkSettings, SafeStateSettings
-from bench.errors import EquipmentError, RunAborted
-from bench.guards import DEFAULT_GUARDS, Guards, GuardSettings, Signal
-from bench.profile import from_text
-from bench.sequencer import Sequencer
+from bench.acquisition.profile.guards import DEFAULT_GUARDS, Guards, GuardSettings, Signal
+from bench.acquisition.profile.profile import profile_from_text
+from bench.acquisition.run.sequencer import Sequencer
+from bench.acquisition.station.settings import LinkSettings, SafeStateSettings
+from bench.base.errors import EquipmentError, RunAborted
 from drivers.chamber import ChamberReading
 from drivers.clock import SimClock
 from drivers.errors import LimitError, LinkError
@@ -118,7 +118,7 @@ class FakeBench:
         pass
 
     def go(self, *segments, start=True):
-        profile = from_text("name: p\nsegments:\n" + "".join(f"  - {{{text}}}\n" for text in segments))
+        profile = profile_from_text("name: p\nsegments:\n" + "".join(f"  - {{{text}}}\n" for text in segments))
         if start:
             self.sequencer.check_before_start()
             self.sequencer.start_chamber()

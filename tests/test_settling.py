@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from bench.segments import SettleRule
-from bench.settling import Settling
+from bench.acquisition.profile.segments import SettleRule
+from bench.acquisition.run.settling import Settling
 
 RULE = SettleRule(band_degc=0.5, unit_band_degc=3.0, slope_degc_per_min=0.05, dwell_min=2.0)
 

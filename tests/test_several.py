@@ -11,17 +11,17 @@ import pytest
 from acquisition import at
 from click.testing import CliRunner
 
-import bench.station
-import bench.workflow.several
-from bench.assemble import assemble
+import bench.acquisition.station.station
+import bench.commands.several
+from bench.acquisition.recording.assemble import assemble
+from bench.acquisition.recording.recorder import Recorder
+from bench.acquisition.run.runner import UnitResult, run_job
+from bench.analysis.effects.model import load_model
+from bench.base.errors import EquipmentError, InputError, RunAborted
 from bench.cli import main
-from bench.errors import EquipmentError, InputError, RunAborted
-from bench.model import load_model
-from bench.recorder import Recorder
-from bench.runner import UnitResult, run_job
-from bench.store import RunFolder, create_run, open_run, sha256
-from bench.workflow.answer import Answer
-from bench.workflow.several import report_on_all
+from bench.commands.answer import Answer
+from bench.commands.several import report_on_all
+from bench.record.folder import RunFolder, create_run, open_run, sha256
 from drivers.clock import SimClock
 
 FOUR = acquisition.STATION.parent / "four_units.yaml"
@@ -46,8 +46,10 @@ def dying(tmp_path_factory):
     """A run of four units, the second of which falls silent in mid-ramp, at 20 s; not to be changed."""
     with pytest.MonkeyPatch.context() as patch:
         opened = []
-        original = bench.station.simulate
-        patch.setattr(bench.station, "simulate", lambda *args: opened.append(original(*args)) or opened[-1])
+        original = bench.acquisition.station.station.simulate
+        patch.setattr(
+            bench.acquisition.station.station, "simulate", lambda *args: opened.append(original(*args)) or opened[-1]
+        )
         return run_job(job(tmp_path_factory.mktemp("dying")), at(20, lambda station: opened[0].units.pop(1)))
 
 
@@ -108,7 +110,7 @@ def test_a_bench_that_is_killed_leaves_folders_that_can_all_be_recovered(tmp_pat
 
 
 def test_a_file_system_without_links_gets_copies(whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(bench.station, "share", lambda source, target: False)
+    monkeypatch.setattr(bench.acquisition.station.station, "share", lambda source, target: False)
     copied = run_job(job(tmp_path))
     assert copied.error is None
     for linked, unit in zip(whole.units, copied.units, strict=True):
@@ -218,12 +220,12 @@ def test_the_last_one_is_left_to_the_guards(world, tmp_path):
 
 
 def test_before_the_start_all_have_to_be_heard(world, monkeypatch, tmp_path):
-    class Silent(bench.station.SimulatedStation):
+    class Silent(bench.acquisition.station.station.SimulatedStation):
         def advance(self, t0_s, t1_s):
             self.units[3:] = []
             super().advance(t0_s, t1_s)
 
-    monkeypatch.setattr(bench.station, "SimulatedStation", Silent)
+    monkeypatch.setattr(bench.acquisition.station.station, "SimulatedStation", Silent)
     result = run_job(job(tmp_path))
     assert str(result.error).startswith("not started: unit SIM-0004: no sound rate frame as number 1 on bus can1")
     assert not any(events(unit.run, "write") for unit in result.units)
@@ -265,7 +267,7 @@ def test_the_answer_for_several_is_the_worst_and_one_that_cannot_be_analysed_los
         word, code = ("adequate", 0) if error is None else ("partial", error.exit_code)
         return Answer({"run": str(run.path), "verdict": word, "sentence": "so be it.", "rms_dph": 0.1}, "text", code)
 
-    monkeypatch.setattr(bench.workflow.several, "report_on", report_on)
+    monkeypatch.setattr(bench.commands.several, "report_on", report_on)
     answer = report_on_all([unit("G1"), unit("G2"), unit("G3", EquipmentError("dropped: silent"))], [])
     assert answer.content["verdict"] == "partial"
     assert [content["verdict"] for content in answer.content["units"]] == ["adequate", "unproven", "partial"]

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.guards import OPTIONAL, Signal
-from bench.links import Link
-from bench.signals import Signals, told, told_by
+from bench.acquisition.profile.guards import OPTIONAL, Signal
+from bench.acquisition.run.signals import Signals, told, told_by
+from bench.acquisition.station.links import Link
 from drivers.chamber import ChamberReading
 from drivers.clock import SimClock
 from drivers.registers import load_map

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from thermal_cycle import curve, in_cells, record
 
-from bench.effects.base import Scale, Series
-from bench.errors import InputError
-from bench.fit.cells import Cells
-from bench.fit.gram import ChebyshevRows, Gram
-from bench.fit.normal import left_out
-from bench.fit.smooth import solve_spline, spline_normal
-from bench.fit.state import State
+from bench.analysis.effects.base import Scale, Series
+from bench.analysis.fit.cells import Cells
+from bench.analysis.fit.gram import ChebyshevRows, Gram
+from bench.analysis.fit.normal import left_out
+from bench.analysis.fit.smooth import solve_spline, spline_normal
+from bench.analysis.fit.state import State
+from bench.base.errors import InputError
 
 
 def test_gaps_are_left_out_and_nothing_stands_in_for_them():

@@ -9,12 +9,13 @@ from datetime import UTC, datetime
 import acquisition
 import pytest
 
-from bench import config
-from bench.errors import EquipmentError, InputError
-from bench.recorder import Recorder
-from bench.serve import serve
-from bench.station import StationSettings, open_station
-from bench.store import RunFolder, create_run
+from bench.acquisition.recording.recorder import Recorder
+from bench.acquisition.station.serve import serve_station
+from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.station import open_station
+from bench.base import config
+from bench.base.errors import EquipmentError, InputError
+from bench.record.folder import RunFolder, create_run
 from drivers.clock import WallClock
 from drivers.errors import LinkError
 
@@ -35,7 +36,7 @@ REAL = {
 
 
 def load(content):
-    return config.load(config.parse(json.dumps(content, indent=1), "s.yaml"), StationSettings)
+    return config.load_config(config.parse_yaml(json.dumps(content, indent=1), "s.yaml"), StationSettings)
 
 
 def test_a_real_station_is_read():
@@ -50,7 +51,7 @@ def test_a_watchdog_that_would_take_a_slow_chamber_for_a_hanging_bench_is_refuse
     slow = {**CHAMBER, "connection": {"url": "tcp://127.0.0.1:1", "timeout_s": 2.0}}
     text = json.dumps({**REAL, "chamber": slow, "watchdog": {"silent_s": 10.0}})
     with pytest.raises(InputError, match=r"silent_s is 10: .* up to 6 times its timeout_s, 2; raise it"):
-        config.load(config.parse(text, "station.yaml"), StationSettings)
+        config.load_config(config.parse_yaml(text, "station.yaml"), StationSettings)
 
 
 def test_the_embedded_station_has_one_unit_that_needs_no_naming():
@@ -98,7 +99,7 @@ def test_what_is_wrong_in_a_station_file_is_said_with_its_line(change, message):
 @pytest.fixture
 def real(tmp_path):
     """A station behind servers, opened as if it were real, captured into a run folder."""
-    with serve(acquisition.station()) as served:
+    with serve_station(acquisition.station()) as served:
         settings = load(served.station_file())
         (tmp_path / "journal").mkdir()
         with open_station(settings, settings.units) as station:
@@ -169,7 +170,7 @@ def test_a_bus_whose_capture_dies_takes_its_units_with_it_and_leaves_the_others(
     folders = [create_run(tmp_path, serial, "p", datetime.now(UTC)) for serial in ("G1", "G2")]
     units = [{"serial": f"G{n}", "bus": f"can{n}", "identity": n} for n in (1, 2)]
     buses = {name: {"interface": "blocks", "channel": name} for name in ("can1", "can2")}
-    with serve(acquisition.station(buses=buses, units=units)) as served:
+    with serve_station(acquisition.station(buses=buses, units=units)) as served:
         content = served.station_file()
         for bus in content["buses"].values():
             bus["link"] = {"degraded_after_s": 0.1, "lost_after_s": 0.2}

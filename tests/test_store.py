@@ -4,8 +4,8 @@ from datetime import UTC, datetime
 
 import pytest
 
-from bench.errors import InputError
-from bench.store import RunFolder, create_run, open_run, write_atomically
+from bench.base.errors import InputError
+from bench.record.folder import RunFolder, create_run, open_run, write_atomically
 
 CREATED = datetime(2026, 11, 21, 7, 0, tzinfo=UTC)
 

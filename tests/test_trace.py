@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.trace import CAPACITY, Envelope, Trace
+from bench.acquisition.recording.trace import CAPACITY, Envelope, Trace
 
 NAN = math.nan
 DAY_S = 86_400

@@ -9,16 +9,19 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import bench.runner
-import bench.tables
-from bench import config, dataset, preflight
-from bench.errors import EquipmentError, InputError
-from bench.profile import Leg, from_text
-from bench.runner import Job, run_job
-from bench.serve import keep_running, serve
-from bench.station import StationSettings, open_station
-from bench.tables import halt
-from bench.turning import Turntable
+import bench.acquisition.run.runner
+import bench.acquisition.station.rate_table
+from bench.acquisition.profile import preflight
+from bench.acquisition.profile.profile import Leg, profile_from_text
+from bench.acquisition.run.runner import Job, run_job
+from bench.acquisition.station.rate_table import halt
+from bench.acquisition.station.serve import keep_running, serve_station
+from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.station import open_station
+from bench.acquisition.station.turning import Turntable
+from bench.base import config
+from bench.base.errors import EquipmentError, InputError
+from bench.record import dataset
 from drivers.clock import SimClock
 from drivers.errors import DriverError, LinkError
 from drivers.rate_table import TableLimits, table_array
@@ -36,7 +39,7 @@ SCALE_PPM, LINEAR_PPM = 300.0, 80.0
 
 
 def content(**changes):
-    return json.loads(json.dumps(dict(config.read(STATION).content) | changes))
+    return json.loads(json.dumps(dict(config.read_yaml(STATION).content) | changes))
 
 
 def station(unit=None, **changes):
@@ -44,12 +47,17 @@ def station(unit=None, **changes):
     fields = content(**changes)
     if unit is not None:
         fields["units"][0]["simulation"] = unit
-    return config.load(config.parse(json.dumps(fields), "station.yaml"), StationSettings)
+    return config.load_config(config.parse_yaml(json.dumps(fields), "station.yaml"), StationSettings)
 
 
 def job(out, text, settings=None):
     return Job(
-        from_text(text), text, settings or station(), json.dumps(content()), {"model.yaml": "name: m\n"}, out=out
+        profile_from_text(text),
+        text,
+        settings or station(),
+        json.dumps(content()),
+        {"model.yaml": "name: m\n"},
+        out=out,
     )
 
 
@@ -79,7 +87,7 @@ def turned(tmp_path_factory):
 
 
 def test_a_rate_segment_turns_each_rate_both_ways_at_each_temperature():
-    legs = from_text(
+    legs = profile_from_text(
         "name: p\nsegments:\n  - {kind: rate, temperatures_degc: [25, 50], rates_dps: [0, 10], dwell_s: 60}\n"
         "  - {kind: soak, duration_min: 1}\n"
     ).legs()
@@ -93,7 +101,7 @@ def test_a_rate_segment_turns_each_rate_both_ways_at_each_temperature():
 
 
 def test_ramps_soaks_and_steps_may_turn_meanwhile():
-    legs = from_text(
+    legs = profile_from_text(
         "name: p\nsegments:\n  - {kind: ramp, to_degc: 30, rate_degc_per_min: 1, turn_dps: 10}\n"
         "  - {kind: step, temperatures_degc: [40], turn_dps: -10}\n  - {kind: soak, duration_min: 1, turn_dps: 5}\n"
     ).legs()
@@ -102,28 +110,28 @@ def test_ramps_soaks_and_steps_may_turn_meanwhile():
 
 def test_settle_without_a_temperature_is_refused():
     with pytest.raises(InputError, match="has no effect without `temperatures_degc`"):
-        from_text("name: p\nsegments:\n  - {kind: rate, rates_dps: [1], dwell_s: 9, settle: {dwell_min: 1}}\n")
+        profile_from_text("name: p\nsegments:\n  - {kind: rate, rates_dps: [1], dwell_s: 9, settle: {dwell_min: 1}}\n")
 
 
 def test_a_rate_without_a_table_is_refused_with_its_line():
-    found = preflight.check(from_text(RATES, "p.yaml"), acquisition.station().limits())
+    found = preflight.check_profile(profile_from_text(RATES, "p.yaml"), acquisition.station().limits())
     with pytest.raises(InputError, match=r"turns a rate table, but the station has none"):
-        preflight.refuse(found)
+        preflight.refuse_errors(found)
     assert [f.line for f in found if f.level == "error"] == [4]
 
 
 def test_a_rate_beyond_the_table_is_refused_with_its_line(tmp_path):
     path = tmp_path / "p.yaml"
     path.write_text(RATES.replace("100]", "300]"))
-    from bench import profile
+    from bench.acquisition.profile import profile
 
     with pytest.raises(InputError, match=r"p\.yaml:4: .*300 deg/s is outside the rate table's limits, \+-200"):
-        preflight.refuse(preflight.check(profile.load(path), station().limits()))
+        preflight.refuse_errors(preflight.check_profile(profile.load_profile(path), station().limits()))
 
 
 def test_turning_one_way_only_is_warned_of():
     text = "name: p\nsegments:\n  - {kind: rate, rates_dps: [10], dwell_s: 9, both_directions: false}\n"
-    found = preflight.check(from_text(text), station().limits())
+    found = preflight.check_profile(profile_from_text(text), station().limits())
     assert any("no negative rates" in finding.text for finding in found)
 
 
@@ -231,7 +239,7 @@ def test_a_fault_of_the_drive_ends_the_run_and_is_named(tmp_path, monkeypatch):
                 self.fail(0x8611)
             return super().advance(t0_s, t1_s)
 
-    monkeypatch.setattr(bench.tables, "SimulatedTable", Failing)
+    monkeypatch.setattr(bench.acquisition.station.rate_table, "SimulatedTable", Failing)
     result = run_job(job(tmp_path, RATES))
     assert isinstance(result.error, EquipmentError)
     assert "drive fault 0x8611" in str(result.error)
@@ -241,7 +249,7 @@ def test_a_fault_of_the_drive_ends_the_run_and_is_named(tmp_path, monkeypatch):
 def test_a_hold_brings_the_table_to_a_stand_and_the_resumed_segment_turns_again(tmp_path, monkeypatch):
     made, held_dps = [], []
 
-    class Sequencer(bench.runner.Sequencer):
+    class Sequencer(bench.acquisition.run.runner.Sequencer):
         def __init__(self, *arguments):
             super().__init__(*arguments)
             made.append(self)
@@ -257,7 +265,7 @@ def test_a_hold_brings_the_table_to_a_stand_and_the_resumed_segment_turns_again(
             if len(held_dps) == 10:
                 sequencer.request_resume("test")
 
-    monkeypatch.setattr(bench.runner, "Sequencer", Sequencer)
+    monkeypatch.setattr(bench.acquisition.run.runner, "Sequencer", Sequencer)
     result = run_job(job(tmp_path, RATES.replace("[20, 60, 100]", "[20]")), onlooker)
     assert result.error is None
     assert held_dps[0] > 15
@@ -390,12 +398,12 @@ def test_a_table_that_leaves_its_rate_has_failed(turntable):
 def test_a_table_of_another_process_is_turned_and_halted_from_outside():
     """`bench sim` on one side, a real station on the other; the watchdog's way to stop it."""
     over = threading.Event()
-    with serve(station()) as served:
+    with serve_station(station()) as served:
         thread = threading.Thread(target=keep_running, args=(served, 1.0, over.is_set))
         thread.start()
         try:
             text = served.station_yaml()
-            settings = config.load(config.parse(text, "remote.yaml"), StationSettings)
+            settings = config.load_config(config.parse_yaml(text, "remote.yaml"), StationSettings)
             with open_station(settings, settings.units) as opened:
                 opened.turntable.begin(leg(20.0))
                 while opened.turntable.arrived_s() is None:
@@ -416,7 +424,7 @@ def test_a_table_that_cannot_be_reached_is_said():
     fields = settings.model_dump(mode="json", exclude_defaults=True) | {"simulated": False}
     fields["chamber"]["connection"] = {"url": "tcp://127.0.0.1:1"}
     fields["buses"] = {name: {"interface": "loopcan", "channel": "1"} for name in fields["buses"]}
-    (step,) = halt(config.load(config.parse(json.dumps(fields), "s.yaml"), StationSettings))
+    (step,) = halt(config.load_config(config.parse_yaml(json.dumps(fields), "s.yaml"), StationSettings))
     assert not step.ok
     assert "press its emergency stop" in step.detail
 

@@ -17,8 +17,8 @@ import pytest
 import yaml
 from modbus_tk import modbus_tcp
 
-from bench.store import RunFolder
-from bench.watchdog import EVENTS, Listener
+from bench.acquisition.station.watchdog import EVENTS, Listener
+from bench.record.folder import RunFolder
 
 SETPOINT, MODE, OFF, AUTO = 2782, 2730, 62, 10
 PATIENCE_S = 60.0
@@ -140,7 +140,7 @@ def test_ctrl_c_and_sigterm_to_everybody_leave_it_to_the_bench(world):
     (child,) = [
         int(pid)
         for pid in Path(f"/proc/{bench.pid}/task/{bench.pid}/children").read_text().split()
-        if "bench.watchdog" in Path(f"/proc/{pid}/cmdline").read_text()
+        if "bench.acquisition.station.watchdog" in Path(f"/proc/{pid}/cmdline").read_text()
     ]
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         os.kill(child, number)

@@ -12,14 +12,15 @@ import pytest
 from click.testing import CliRunner
 from web_client import served
 
+from bench.base.errors import InputError
 from bench.cli import main
-from bench.errors import InputError
-from bench.web import people, policy
-from bench.web.people import People
-from bench.web.serving import Tls
-from bench.web.sessions import LIFE_S, Sessions
-from bench.web.settings import Settings
-from bench.web.throttle import EACH_S, TRIES, Throttle
+from bench.web.ground import policy
+from bench.web.ground.settings import Settings
+from bench.web.ground.throttle import EACH_S, TRIES, Throttle
+from bench.web.people import people
+from bench.web.people.people import People
+from bench.web.people.sessions import LIFE_S, Sessions
+from bench.web.server.serving import Tls
 
 API = "/api/v1"
 JSON = {"Content-Type": "application/json"}
@@ -31,7 +32,7 @@ PAGES = ("/", "/live", "/workbench", "/units", "/units/SIM-0001", "/fleet", "/lo
 def tokens(tmp_path_factory):
     """The access file of three people, and their tokens by role."""
     path = tmp_path_factory.mktemp("access") / "access.yaml"
-    return path, {role: people.add(path, f"{role} one", role) for role in ROLES}
+    return path, {role: people.add_person(path, f"{role} one", role) for role in ROLES}
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +140,7 @@ def test_on_a_full_disk_an_operator_still_signs_in(tokens, tmp_path, monkeypatch
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("bench.web.sessions.write_atomically", full)
+    monkeypatch.setattr("bench.web.people.sessions.write_atomically", full)
     with served(Settings(tmp_path, access=path)) as client:
         assert client.post(f"{API}/session", json={"token": known["operator"]}).json()["role"] == "operator"
         assert client.get(f"{API}/session").json()["role"] == "operator"
@@ -147,7 +148,7 @@ def test_on_a_full_disk_an_operator_still_signs_in(tokens, tmp_path, monkeypatch
 
 def test_a_token_that_is_taken_out_of_the_file_is_not_valid_from_then_on(tmp_path):
     path = tmp_path / "access.yaml"
-    token = people.add(path, "Anna", "engineer")
+    token = people.add_person(path, "Anna", "engineer")
     known = People(path)
     assert known.by_token(token).name == "Anna"
     path.write_text("people: []\n")
@@ -324,7 +325,7 @@ def test_a_new_token_is_printed_once_and_stored_as_a_hash_in_a_file_of_its_owner
 )
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
-    people.add(Path("good.yaml"), "A", "viewer")
+    people.add_person(Path("good.yaml"), "A", "viewer")
     Path("odd.yaml").write_text("people: 5\n")
     Path("loose.yaml").write_text("people: []\n")
     for name, mode in (("odd.yaml", 0o600), ("loose.yaml", 0o666)):

@@ -9,10 +9,10 @@ from hypothesis import HealthCheck, Phase, settings
 from schemathesis.checks import CHECKS
 from web_client import served
 
-from bench.web import policy
-from bench.web.app import create_app
-from bench.web.problems import RESPONSES
-from bench.web.settings import Settings
+from bench.web.ground import policy
+from bench.web.ground.problems import RESPONSES
+from bench.web.ground.settings import Settings
+from bench.web.server.app import create_app
 
 schemathesis.checks.load_all_checks()
 SCHEMA = schemathesis.openapi.from_dict(create_app(Settings(Path("nowhere"))).openapi())

@@ -11,10 +11,10 @@ from test_live import PROFILE, start, until
 from web_client import served
 
 from bench.cli import main
-from bench.store import open_run
-from bench.web import people
-from bench.web.settings import Settings
-from bench.workflow.live import how_it_ended
+from bench.commands.live import how_it_ended
+from bench.record.folder import open_run
+from bench.web.ground.settings import Settings
+from bench.web.people import people
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def site(tmp_path, monkeypatch):
     """A long run of the simulator, a server that asks for tokens, and the tokens of a viewer and an operator."""
     profile, out, access = tmp_path / "long.yaml", tmp_path / "reports", tmp_path / "access.yaml"
     profile.write_text(PROFILE)
-    tokens = {role: people.add(access, f"the {role}", role) for role in ("viewer", "operator")}
+    tokens = {role: people.add_person(access, f"the {role}", role) for role in ("viewer", "operator")}
     process = start("run", profile, "--out", out, "--model", "polynomial", "--quiet")
     try:
         with served(Settings(out, project=tmp_path, access=access)) as client:

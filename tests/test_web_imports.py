@@ -10,11 +10,11 @@ import pyarrow.parquet as pq
 import pytest
 from web_client import served
 
-from bench.errors import InputError
-from bench.store import RunFolder
-from bench.web.confined import Confines, confined
-from bench.web.settings import Settings
-from bench.web.uploads import safe_name
+from bench.base.errors import InputError
+from bench.record.folder import RunFolder
+from bench.web.ground.settings import Settings
+from bench.web.imports.confined import Confines, confined
+from bench.web.imports.uploads import safe_name
 
 API = "/api/v1/imports"
 HEADERS = {"X-Bench": "1"}
@@ -45,7 +45,7 @@ def ended(client, answer):
 
 
 def test_an_upload_leaves_the_disk_to_the_runs(client, tmp_path, monkeypatch):
-    monkeypatch.setattr("bench.web.uploads.SPARE_BYTES", 1 << 62)
+    monkeypatch.setattr("bench.web.imports.uploads.SPARE_BYTES", 1 << 62)
     refused = send(client, table())
     assert (refused.status_code, "the disk is nearly full" in refused.json()["detail"]) == (400, True)
     assert list((tmp_path / "out" / ".web" / "imports").iterdir()) == []

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from bench.web.lanes import CANCELLED, MOST_WAITING, PATIENCE_S, Full, Job, Jobs
-from bench.web.workers import KILLED, GivenUp, Refused, Worker
+from bench.web.jobs.lanes import CANCELLED, MOST_WAITING, PATIENCE_S, Full, Job, Jobs
+from bench.web.jobs.workers import KILLED, GivenUp, Refused, Worker
 
 
 class Clock:
@@ -149,7 +149,7 @@ def test_the_queue_is_bounded(jobs: Jobs, slow: Slow) -> None:
 def test_old_answers_are_forgotten_before_memory_is_short(
     jobs: Jobs, slow: Slow, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.web.lanes.KEPT_JOBS", 2)
+    monkeypatch.setattr("bench.web.jobs.lanes.KEPT_JOBS", 2)
     slow.go.set()
     made = [jobs.submit("analysis", "t", {}, key=str(n)) for n in range(3)]
     for job in made:

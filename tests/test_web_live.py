@@ -13,19 +13,20 @@ from hypothesis import strategies as st
 from test_control import STATION, Sequencer, status
 from web_client import served
 
-from bench import control, remote
-from bench.control import Desk
-from bench.recorder import Recorder
-from bench.store import RunFolder
-from bench.trace import Trace
-from bench.web import people, watching
-from bench.web.finding import Finder, folder_of
-from bench.web.mirror import Mirror
-from bench.web.settings import Settings
-from bench.web.starts import Starts
-from bench.web.streaming import KEPT, KEPT_ENDS, Stream
-from bench.web.telling import Teller
-from bench.web.watching import PERIOD_S, SILENT_S, Watcher
+from bench.acquisition.recording.recorder import Recorder
+from bench.acquisition.recording.trace import Trace
+from bench.acquisition.run import control, remote
+from bench.acquisition.run.control import Desk
+from bench.record.folder import RunFolder
+from bench.web.ground.settings import Settings
+from bench.web.live import watching
+from bench.web.live.finding import Finder, folder_of
+from bench.web.live.mirror import Mirror
+from bench.web.live.starts import Starts
+from bench.web.live.streaming import KEPT, KEPT_ENDS, Stream
+from bench.web.live.telling import Teller
+from bench.web.live.watching import PERIOD_S, SILENT_S, Watcher
+from bench.web.people import people
 from drivers.clock import SimClock
 
 PROFILE = "name: p\nsegments:\n  - {kind: ramp, to_degc: 33, rate_degc_per_min: 2}\n"
@@ -81,7 +82,7 @@ def watcher(out, tmp_path, heard):
 
 
 def live(desk, folder):
-    return control.serve(desk, [folder], [folder / "journal" / "bench.gtbj"])
+    return control.serve_desk(desk, [folder], [folder / "journal" / "bench.gtbj"])
 
 
 def test_a_live_run_is_seen_with_its_profile_its_guards_and_its_trace(desk, folder, watcher, heard):
@@ -98,7 +99,7 @@ def test_a_live_run_is_seen_with_its_profile_its_guards_and_its_trace(desk, fold
 
 def test_a_run_is_asked_five_times_a_second_at_most(desk, folder, watcher, monkeypatch):
     asked = []
-    ask = remote.ask
+    ask = remote.ask_run
     monkeypatch.setattr(watching.remote, "ask", lambda *a, **k: asked.append(a[1]) or ask(*a, **k))
     with live(desk, folder):
         for turn in range(100):
@@ -108,7 +109,7 @@ def test_a_run_is_asked_five_times_a_second_at_most(desk, folder, watcher, monke
 
 
 def test_a_run_of_an_older_bench_is_live_without_curves(desk, folder, watcher, heard, monkeypatch):
-    asked, ask = [], remote.ask
+    asked, ask = [], remote.ask_run
 
     def older(run, action, *more, **known):
         asked.append(action)
@@ -220,7 +221,7 @@ def test_an_end_that_cannot_be_understood_is_told_and_the_others_are_watched_on(
     other = out / "G-2" / "run"
     other.mkdir(parents=True)
     second = Desk()
-    with control.serve(second, [other]):
+    with control.serve_desk(second, [other]):
         with live(desk, folder):
             watcher.turn(0.0)
             monkeypatch.setattr(watching.story, "ending", lambda run: 1 / 0)
@@ -382,7 +383,7 @@ def test_a_mirror_shows_the_trace_itself_whatever_the_pace(bursts):
 
 
 def test_a_mirror_shows_a_new_generation_when_it_is_whole(monkeypatch):
-    monkeypatch.setattr("bench.trace._PAGE_BYTES", 80 * 10)  # ten points a page
+    monkeypatch.setattr("bench.acquisition.recording.trace._PAGE_BYTES", 80 * 10)  # ten points a page
     trace, mirror = Trace(capacity=64), Mirror()
 
     def fetch():
@@ -487,7 +488,7 @@ def until(condition):
 def tokens(tmp_path):
     file = tmp_path / "access.yaml"
     roles = ("viewer", "operator", "engineer")
-    return file, {role: {"Authorization": f"Bearer {people.add(file, role.title(), role)}"} for role in roles}
+    return file, {role: {"Authorization": f"Bearer {people.add_person(file, role.title(), role)}"} for role in roles}
 
 
 def test_operators_act_viewers_look_and_the_run_knows_who_it_was(desk, folder, out, tokens):
@@ -526,7 +527,7 @@ def test_what_is_not_live_is_said_in_one_line(folder, out):
 
 @pytest.mark.parametrize("signed_in", [False, True])
 def test_a_stream_ends_with_the_token_that_it_was_opened_with(out, tokens, signed_in, monkeypatch):
-    monkeypatch.setattr("bench.web.streaming.BEAT_S", 0.02)
+    monkeypatch.setattr("bench.web.live.streaming.BEAT_S", 0.02)
     file, bearer = tokens
     with served(Settings(out=out, access=file)) as client:
         if signed_in:

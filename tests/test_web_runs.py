@@ -14,10 +14,10 @@ import run_folders
 from fastapi import HTTPException
 from web_client import served
 
-from bench.remote import LiveFile
-from bench.web import indexing
-from bench.web.indexing import LOOK_S, SAVE_S, Index, ordered
-from bench.web.settings import Settings
+from bench.acquisition.run.remote import LiveFile
+from bench.web.ground.settings import Settings
+from bench.web.shelf import indexing
+from bench.web.shelf.indexing import LOOK_S, SAVE_S, Index, ordered
 
 
 class Clock:

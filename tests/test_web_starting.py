@@ -12,14 +12,14 @@ import pytest
 from test_live import until
 from web_client import served
 
-from bench import config
-from bench.errors import InputError
-from bench.profile import from_text
-from bench.store import open_run
-from bench.web import catalog, people
-from bench.web.catalog import Catalog, named
-from bench.web.settings import Settings
-from bench.workflow.acquisition import library
+from bench.acquisition.profile.profile import profile_from_text
+from bench.base import config, library
+from bench.base.errors import InputError
+from bench.record.folder import open_run
+from bench.web.ground.settings import Settings
+from bench.web.people import people
+from bench.web.plans import catalog
+from bench.web.plans.catalog import Catalog, named
 
 LONG = """\
 name: long
@@ -45,10 +45,10 @@ def settings(tmp_path):
     profiles = tmp_path / "project" / "profiles"
     (profiles / "stations").mkdir(parents=True)
     for text in (LONG, SHORT, HOT):
-        (profiles / f"{from_text(text).name}.yaml").write_text(text)
+        (profiles / f"{profile_from_text(text).name}.yaml").write_text(text)
     (profiles / "broken.yaml").write_text("name: broken\nsegments: 5\n")
     file = tmp_path / "access.yaml"
-    tokens = {role: people.add(file, f"{role.title()} Petrenko", role) for role in ("viewer", "operator")}
+    tokens = {role: people.add_person(file, f"{role.title()} Petrenko", role) for role in ("viewer", "operator")}
     made = Settings(out=tmp_path / "reports", project=profiles.parent, access=file)
     yield made, {role: {"Authorization": f"Bearer {token}"} for role, token in tokens.items()}
     for start in (tmp_path / "reports" / ".web" / "starts").glob("*/start.json"):
@@ -233,9 +233,9 @@ def test_the_projects_own_file_takes_the_place_of_a_shipped_one(tmp_path):
 
 def test_a_curve_has_a_bounded_number_of_corners():
     legs = "".join(f"  - {{kind: ramp, to_degc: {20 + n % 2 * 30}, rate_degc_per_min: 2}}\n" for n in range(1500))
-    curve = catalog.curve(from_text(f"name: saw\nsegments:\n{legs}"))
+    curve = catalog.curve(profile_from_text(f"name: saw\nsegments:\n{legs}"))
     assert len(curve) == catalog.MOST_CORNERS
-    flat = from_text("name: flat\nsegments:\n" + "  - {kind: soak, duration_min: 1}\n" * 50)
+    flat = profile_from_text("name: flat\nsegments:\n" + "  - {kind: soak, duration_min: 1}\n" * 50)
     assert catalog.curve(flat) == [(0.0, 23.0), (3000.0, 23.0)]
 
 
@@ -245,7 +245,8 @@ def test_two_station_files_of_one_chamber_are_one_station():
     real = text.replace("simulated: true", "simulated: false").replace("interface: blocks", "interface: socketcan")
     real = real.replace("  map: watlow_f4t", "  map: watlow_f4t\n  connection: {url: 'tcp://10.0.0.5:502'}")
     stations = [
-        config.load(config.parse(real.replace("name: simulated", f"name: {name}"), "s"), type(one)) for name in "ab"
+        config.load_config(config.parse_yaml(real.replace("name: simulated", f"name: {name}"), "s"), type(one))
+        for name in "ab"
     ]
     shared = catalog.equipment(stations[0]) & catalog.equipment(stations[1])
     assert shared == {"chamber tcp://10.0.0.5:502"}
@@ -254,7 +255,7 @@ def test_two_station_files_of_one_chamber_are_one_station():
 def test_the_wrapper_leaves_the_exit_code_of_the_bench(tmp_path):
     lock = os.open(tmp_path, os.O_RDONLY)
     try:
-        command = [sys.executable, "-m", "bench.web.started", str(tmp_path), str(lock), "run", "nothing.yaml"]
+        command = [sys.executable, "-m", "bench.cli.started", str(tmp_path), str(lock), "run", "nothing.yaml"]
         done = subprocess.run(command, pass_fds=[lock], capture_output=True, text=True, check=False)
     finally:
         os.close(lock)

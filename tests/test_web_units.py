@@ -8,9 +8,9 @@ from fleet_runs import LIMITS, line, station
 from unit_history import PDF, UNIT, unit_with_history
 from web_client import served
 
-from bench.fleet.board import harmless
-from bench.web.settings import Settings
-from bench.workflow.registering import register
+from bench.archive.fleet.board import harmless
+from bench.commands.registering import register
+from bench.web.ground.settings import Settings
 
 API = "/api/v1"
 

@@ -13,13 +13,13 @@ import pytest
 import run_folders
 from web_client import served
 
-from bench.dataset import load
-from bench.diagnosis.experiment import Proposal
-from bench.diagnosis.plan import chamber_limits, minor_loops
-from bench.web import diagnosing
-from bench.web.access import Access
-from bench.web.settings import Settings
-from bench.web.zoom import view
+from bench.analysis.diagnosis.experiment import Proposal
+from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
+from bench.record.dataset import load
+from bench.web.ground.settings import Settings
+from bench.web.people.access import Access
+from bench.web.workbench import diagnosing
+from bench.web.workbench.zoom import view
 
 API = "/api/v1"
 RUN, OTHER = "SIM-0001/20261121T060000Z_ramp", "SIM-0002/20261121T070000Z_ramp"
@@ -196,7 +196,7 @@ def test_a_run_that_goes_on_is_not_analysed(client: httpx.Client, store: Path) -
 
 
 def test_viewers_look_and_engineers_compute(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bench.web.access import Who
+    from bench.web.people.access import Who
 
     monkeypatch.setattr(Access, "who", lambda self, request: Who("Vera", "viewer", "127.0.0.1"))
     with served(Settings(out=store)) as client:
@@ -211,7 +211,7 @@ def test_viewers_look_and_engineers_compute(store: Path, monkeypatch: pytest.Mon
 
 
 def test_a_view_keeps_gaps_and_extremes(tmp_path: Path) -> None:
-    from bench.dataset import Dataset
+    from bench.record.dataset import Dataset
 
     time = np.arange(100.0) + 0.5
     rate = np.sin(time)

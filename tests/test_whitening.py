@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bench.noise.whitening import Ratios, Whitener, covariance, whiteners
+from bench.analysis.noise.whitening import Ratios, Whitener, covariance, whiteners
 
 RATIOS = [Ratios(), Ratios(0.08, 0.08), Ratios(30.0, 30.0), Ratios(0.0, 10.0), Ratios(100.0, 1e-3)]
 

@@ -23,19 +23,19 @@ from report_runs import quick
 from run_folders import CYCLE, make_run, ramp_run
 from work import calls, costs, peak_bytes
 
-from bench.effects.base import Scale, Series
-from bench.effects.surface import Surface
-from bench.fit.cells import Cells
-from bench.fit.gram import ChebyshevRows, Gram
-from bench.fit.normal import held_out_rms, left_out, solve
-from bench.fit.products import Products
-from bench.fit.smooth import Smoother, choose_intervals, solve_spline, spline_normal
-from bench.fit.so_far import SoFar
-from bench.fit.state import State
-from bench.noise import allan_deviation, allan_pyramid
-from bench.report.html import render
-from bench.runner import run_job
-from bench.workflow import analysis
+from bench.acquisition.run.runner import run_job
+from bench.analysis.effects.base import Scale, Series
+from bench.analysis.effects.surface import Surface
+from bench.analysis.fit.cells import Cells
+from bench.analysis.fit.gram import ChebyshevRows, Gram
+from bench.analysis.fit.normal import held_out_rms, left_out, solve
+from bench.analysis.fit.products import Products
+from bench.analysis.fit.smooth import Smoother, choose_intervals, solve_spline, spline_normal
+from bench.analysis.fit.so_far import SoFar
+from bench.analysis.fit.state import State
+from bench.analysis.noise import allan_deviation, allan_pyramid
+from bench.commands import analysis
+from bench.deliver.report.html import render
 from drivers.gyro import GyroDecoder
 from drivers.journal import JournalWriter, Kind, read_blocks
 from drivers.sim.can_gyro import CanGyro

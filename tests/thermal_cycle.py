@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from bench.dataset import Dataset
-from bench.effects.spline import Spline
-from bench.fit.cells import Cells
-from bench.fit.state import State
+from bench.analysis.effects.spline import Spline
+from bench.analysis.fit.cells import Cells
+from bench.analysis.fit.state import State
+from bench.record.dataset import Dataset
 
 HZ = 50.0
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fleet_runs import BEGIN
 
-from bench.store import RunFolder
+from bench.record.folder import RunFolder
 
 UNIT = "GX-0042"
 PDF = b"%PDF-1.4\n%a certificate\n"

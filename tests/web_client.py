@@ -11,8 +11,8 @@ from typing import Any
 import httpx
 import uvicorn
 
-from bench.web.app import create_app
-from bench.web.settings import Settings
+from bench.web.ground.settings import Settings
+from bench.web.server.app import create_app
 
 
 class _Server(uvicorn.Server):

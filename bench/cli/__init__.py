@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import click
 
-from bench import __version__
+from bench.base import __version__
 from bench.cli import analyse, deliver, measure, pages, stock
 
 SECTIONS: dict[str, Sequence[click.Command]] = {

@@ -23,7 +23,7 @@ from bench.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from bench.workflow.answer import Answer
+    from bench.commands import Answer
 
 
 @click.command()
@@ -43,11 +43,11 @@ def compare(
     every_sample: bool,
 ) -> Answer:
     """Model against measurement: in-sample and held-out error beside the noise floor, models side by side."""
-    from bench.workflow import analysis
+    from bench import commands
 
     if every_sample:
-        return analysis.compare_every_sample(runs, models, check_runs, static)
-    return analysis.compare(runs, models, check_runs, static)
+        return commands.compare_every_sample(runs, models, check_runs, static)
+    return commands.compare(runs, models, check_runs, static)
 
 
 @click.command()
@@ -69,9 +69,9 @@ def report(
     Its diagnosis is made anew with the --static and --check runs given, and saved as diagnosis.json; one that was made
     with more runs is kept as diagnosis-before.json, and the report says so.
     """
-    from bench.workflow import analysis
+    from bench import commands
 
-    return analysis.report(run_folder, models, check_runs, static, limits)
+    return commands.report(run_folder, models, check_runs, static, limits)
 
 
 @click.command()
@@ -83,9 +83,9 @@ def report(
 @answers
 def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, ...]) -> Answer:
     """Make the numbers of each RUN again from its raw frames; exit code 1 where a bit differs, and what it is."""
-    from bench.workflow import comparing
+    from bench import commands
 
-    return comparing.replay(runs, models, others)
+    return commands.replay(runs, models, others)
 
 
 @click.command()
@@ -96,9 +96,9 @@ def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, 
 @answers
 def diff(a: Path, b: Path) -> Answer:
     """What differs between the runs A and B, of one unit or of two: settings, coefficients, residuals, curves."""
-    from bench.workflow import comparing
+    from bench import commands
 
-    return comparing.diff(a, b)
+    return commands.diff(a, b)
 
 
 @click.command("import")
@@ -114,9 +114,9 @@ def diff(a: Path, b: Path) -> Answer:
 @registers(begin=True)
 def import_(file: Path, serial: str, out: Path, columns: Path | None, dbc: Path | None, preview: bool) -> Answer:
     """Make a run folder of somebody else's FILE: CSV, Parquet, MF4, BLF or ASC."""
-    from bench.workflow import analysis
+    from bench import commands
 
-    return analysis.import_table(file, columns, serial, dbc, None if preview else out)
+    return commands.import_table(file, columns, serial, dbc, None if preview else out)
 
 
 @click.command()
@@ -136,9 +136,9 @@ def diagnose(
     plan: Path | None,
 ) -> Answer:
     """Where the model fails, which physical effect is missing, and which experiment would tell."""
-    from bench.workflow import diagnosis
+    from bench import commands
 
-    return diagnosis.diagnose(runs, check_runs, static, model, plan)
+    return commands.diagnose(runs, check_runs, static, model, plan)
 
 
 @click.command()
@@ -150,9 +150,9 @@ def diagnose(
 @answers
 def add(effect: str, model: str, out: Path) -> Answer:
     """Write a model with one more EFFECT; then `bench compare` shows whether the error falls."""
-    from bench.workflow import diagnosis
+    from bench import commands
 
-    return diagnosis.add(effect, model, out)
+    return commands.add(effect, model, out)
 
 
 @click.command()
@@ -163,11 +163,11 @@ def add(effect: str, model: str, out: Path) -> Answer:
 @answers
 def effects(action: str, name: str | None) -> Answer:
     """The catalogue of physical effects; `show NAME` explains and draws one."""
-    from bench.workflow import diagnosis
+    from bench import commands
 
     if (action == "show") != (name is not None):
         raise click.UsageError("`bench effects` lists all, `bench effects show NAME` explains one")
-    return diagnosis.effects() if name is None else diagnosis.show_effect(name)
+    return commands.effects() if name is None else commands.show_effect(name)
 
 
 @click.command()
@@ -187,9 +187,9 @@ def improve(
     out: Path | None,
 ) -> Answer:
     """The whole walk unattended: diagnose, add, prove on unseen data, until nothing more pays."""
-    from bench.workflow import diagnosis
+    from bench import commands
 
-    return diagnosis.improve(runs, check_runs, static, model, out)
+    return commands.improve(runs, check_runs, static, model, out)
 
 
 @click.command()
@@ -200,9 +200,9 @@ def improve(
 @answers
 def mystery(seed: int | None, count: int, out: Path) -> Answer:
     """Record a simulated unit with hidden effects, a check run and an isothermal run, and tell nothing."""
-    from bench.workflow import diagnosis
+    from bench import commands
 
-    return diagnosis.mystery(seed, count, out)
+    return commands.mystery(seed, count, out)
 
 
 @click.command()
@@ -213,6 +213,6 @@ def mystery(seed: int | None, count: int, out: Path) -> Answer:
 @answers
 def reveal(folder: Path, model: str) -> Answer:
     """Open the envelope of a mystery in FOLDER and score your model against the truth."""
-    from bench.workflow import diagnosis
+    from bench import commands
 
-    return diagnosis.reveal(folder, model)
+    return commands.reveal(folder, model)

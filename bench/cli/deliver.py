@@ -18,7 +18,7 @@ from bench.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from bench.workflow.answer import Answer
+    from bench.commands import Answer
 
 
 def _address(context: click.Context, parameter: click.Parameter, text: str) -> int:
@@ -47,10 +47,10 @@ def _address(context: click.Context, parameter: click.Parameter, text: str) -> i
 @answers
 def export(run_folder: Path, format_: str, out: Path | None, **wishes: Any) -> Answer:
     """The calibration of RUN for its unit: C code, EEPROM image, hex files; worst error of each embedded form."""
-    from bench.export.delivering import Wishes
-    from bench.workflow import delivering
+    from bench import commands
+    from bench.deliver import ExportOptions
 
-    return delivering.export(run_folder, format_, Wishes(**wishes), out)
+    return commands.export(run_folder, format_, ExportOptions(**wishes), out)
 
 
 @click.command()
@@ -67,9 +67,9 @@ def export(run_folder: Path, format_: str, out: Path | None, **wishes: Any) -> A
 @registers(begin=False)
 def certificate(run_folder: Path, out: Path | None, **wishes: Any) -> Answer:
     """Certificate of RUN as PDF, the same facts as JSON attached and beside it; refused where nothing is proven."""
-    from bench.workflow import certifying
+    from bench import commands
 
-    return certifying.certificate(run_folder, certifying.Wishes(**wishes), out)
+    return commands.certificate(run_folder, commands.CertificateOptions(**wishes), out)
 
 
 @click.command()
@@ -86,9 +86,9 @@ def certificate(run_folder: Path, out: Path | None, **wishes: Any) -> Answer:
 @answers
 def flash(unit: str, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
     """Write a calibration into UNIT: other bank, read back, CRC, switch, reset, read again; the old one stays whole."""
-    from bench.workflow import flashing
+    from bench import commands
 
-    return flashing.flash(unit, station, flashing.Wishes(**wishes), out, quiet)
+    return commands.flash(unit, station, commands.FlashOptions(**wishes), out, quiet)
 
 
 @click.command()
@@ -102,9 +102,9 @@ def flash(unit: str, station: Path | None, out: Path, quiet: bool, **wishes: Any
 @answers
 def verify(profile: Path, serial: str, station: Path | None, limits: Path | None, out: Path, quiet: bool) -> Answer:
     """Run PROFILE with the unit's own correction on, and judge what it leaves; nothing is fitted."""
-    from bench.workflow import flashing
+    from bench import commands
 
-    return flashing.verify(profile, serial, station, limits, out, quiet)
+    return commands.verify(profile, serial, station, limits, out, quiet)
 
 
 @click.command()
@@ -122,7 +122,7 @@ def verify(profile: Path, serial: str, station: Path | None, limits: Path | None
 @registers(begin=True)
 def calibrate(serial: str, plan: Path, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
     """From the shelf to a certificate: check, run, fit, diagnose, flash, verify, certificate; goes on where it was."""
-    from bench.production import command
-    from bench.production.order import Order
+    from bench import commands
+    from bench.commands import Order
 
-    return command.run(Order.load(plan, station, serial, out, quiet), **wishes)
+    return commands.calibrate_unit(Order.load(plan, station, serial, out, quiet), **wishes)

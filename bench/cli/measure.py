@@ -22,7 +22,7 @@ from bench.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from bench.workflow.answer import Answer
+    from bench.commands import Answer
 
 
 @click.command()
@@ -45,10 +45,10 @@ if TYPE_CHECKING:
 @registers(begin=True)
 def run(profile: Path, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
     """Run PROFILE: drive the chamber, capture the units, fit the models, write the reports."""
-    from bench.workflow import acquisition
+    from bench import commands
 
     registry = click.get_current_context().params["where"]  # taken by `registers` before it gets here
-    return acquisition.run(profile, station, acquisition.Wishes(**wishes, registry=registry), out, quiet)
+    return commands.run_profile(profile, station, commands.RunOptions(**wishes, registry=registry), out, quiet)
 
 
 @click.command()
@@ -58,9 +58,9 @@ def run(profile: Path, station: Path | None, out: Path, quiet: bool, **wishes: A
 @answers
 def check(profile: Path, station: Path | None) -> Answer:
     """Say everything about PROFILE that can be known before anything moves."""
-    from bench.workflow import acquisition
+    from bench import commands
 
-    return acquisition.check(profile, station)
+    return commands.check_command(profile, station)
 
 
 @click.command()
@@ -72,12 +72,12 @@ def check(profile: Path, station: Path | None) -> Answer:
 def status(run_folder: Path | None, out: Path, server: str | None) -> Answer:
     """What a live RUN does just now; without RUN: all of them."""
     if server:
-        from bench.web import client
+        from bench import commands
 
-        return client.status(client.of(server), run_folder)
-    from bench.workflow import live
+        return commands.server_status(commands.server_at(server), run_folder)
+    from bench import commands
 
-    return live.status(run_folder, out)
+    return commands.status(run_folder, out)
 
 
 @click.command()
@@ -105,12 +105,12 @@ def pause(run_folder: Path | None, out: Path, server: str | None) -> Answer:
 def _act(action: str, run_folder: Path | None, out: Path, server: str | None) -> Answer:
     """Ask a live run for something, through a server where one is named."""
     if server:
-        from bench.web import client
+        from bench import commands
 
-        return client.act(client.of(server), action, run_folder)
-    from bench.workflow import live
+        return commands.server_act(commands.server_at(server), action, run_folder)
+    from bench import commands
 
-    return live.act(action, run_folder, out)
+    return commands.act_on_run(action, run_folder, out)
 
 
 @click.command()
@@ -126,9 +126,9 @@ def resume(run_folder: Path | None, station: Path | None, out: Path, server: str
     """Go on: with a live RUN that holds, or with one whose bench was killed, from where its journals end."""
     if server:
         return _act("resume", run_folder, out, server)
-    from bench.workflow import live
+    from bench import commands
 
-    return live.resume(run_folder, station, out, quiet)
+    return commands.resume(run_folder, station, out, quiet)
 
 
 @click.command()
@@ -140,12 +140,12 @@ def resume(run_folder: Path | None, station: Path | None, out: Path, server: str
 def abort(run_folder: Path | None, out: Path, server: str | None) -> Answer:
     """End a live RUN and say what the safe state reached; asks nothing. Without RUN: the only one."""
     if server:
-        from bench.web import client
+        from bench import commands
 
-        return client.abort(client.of(server), run_folder)
-    from bench.workflow import live
+        return commands.server_abort(commands.server_at(server), run_folder)
+    from bench import commands
 
-    return live.abort(run_folder, out)
+    return commands.abort(run_folder, out)
 
 
 @click.command()
@@ -154,9 +154,9 @@ def abort(run_folder: Path | None, out: Path, server: str | None) -> Answer:
 @answers
 def init(folder: Path) -> Answer:
     """Copy the shipped profiles, stations and models to FOLDER/profiles, as your own."""
-    from bench.workflow import acquisition
+    from bench import commands
 
-    return acquisition.init(folder)
+    return commands.init(folder)
 
 
 @click.command()
@@ -169,9 +169,9 @@ def init(folder: Path) -> Answer:
 @answers
 def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, write_station: Path | None) -> Answer:
     """Serve the simulated station on 127.0.0.1 until Ctrl-C: Modbus TCP, and CAN as python-can's `loopcan`."""
-    from bench.workflow import acquisition
+    from bench import commands
 
-    return acquisition.sim(station, (modbus_port, can_port), speed, write_station)
+    return commands.sim(station, (modbus_port, can_port), speed, write_station)
 
 
 @click.command()
@@ -182,6 +182,6 @@ def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, wri
 @answers
 def doctor(station: Path | None, listen_s: float, contract: bool) -> Answer:
     """Ask the equipment of STATION what it is, read-only, and say what agrees with the file and what does not."""
-    from bench.workflow import examination
+    from bench import commands
 
-    return examination.contract(station) if contract else examination.doctor(station, listen_s)
+    return commands.contract(station) if contract else commands.doctor(station, listen_s)

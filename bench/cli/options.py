@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bench.errors import BenchError
+from bench.base import BenchError
 from drivers.errors import ConfigError, DriverError, IdentityError, LimitError
 
 if TYPE_CHECKING:
-    from bench.workflow.answer import Answer
+    from bench.commands import Answer
 
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, nothing else.")
 station_option = click.option(
@@ -58,7 +58,7 @@ def registers(begin: bool) -> Callable[[Callable[..., Answer]], Callable[..., An
     def decorate(command: Callable[..., Answer]) -> Callable[..., Answer]:
         @wraps(command)
         def wrapped(*args: Any, where: str | None = None, **kwargs: Any) -> Answer:
-            from bench.workflow.registering import registered
+            from bench.commands import registered
 
             return registered(command(*args, **kwargs), where, begin)
 
@@ -78,7 +78,7 @@ def answers(command: Callable[..., Answer]) -> Callable[..., None]:
         code: int
         try:
             if own_effects:
-                from bench.effects.registry import load_effect
+                from bench.analysis import load_effect
 
                 for spec in own_effects:
                     load_effect(spec)

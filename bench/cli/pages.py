@@ -10,7 +10,7 @@ import click
 from bench.cli.options import answers, out_option
 
 if TYPE_CHECKING:
-    from bench.workflow.answer import Answer
+    from bench.commands import Answer
 
 
 @click.command()
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 @answers
 def ui(**wishes: Any) -> Answer:
     """Serve the bench to a browser: start and watch runs, find what a model lacks, look up units."""
-    from bench.workflow.answer import Answer
+    from bench.commands import Answer
 
     if wishes["new_token"] is not None:
         return Answer({}, _new_token(wishes["access"], wishes["new_token"], wishes["role"]))
@@ -36,25 +36,24 @@ def ui(**wishes: Any) -> Answer:
 
 
 def _new_token(access: Path | None, name: str, role: str | None) -> str:
-    from bench.errors import InputError
-    from bench.web import people
+    from bench.base import InputError
+    from bench.web import add_person
 
     if access is None or role is None:
         raise InputError("--new-token NAME needs --access FILE (may be new) and --role viewer, operator or engineer")
-    return people.add(access, name, role)  # type: ignore[arg-type]  # click has checked it
+    return add_person(access, name, role)  # type: ignore[arg-type]  # click has checked it
 
 
 def _serve(**wishes: Any) -> None:
-    from bench.errors import InputError
+    from bench.base import InputError
 
     try:
-        from bench.web import serving
-        from bench.web.settings import Settings
+        from bench.web import Settings, Tls, serve
     except ModuleNotFoundError as error:
         raise InputError(f"`bench ui` needs {error.name}; pip install 'gyro-thermal-bench[web]'") from error
     certificate, key = wishes["certificate"], wishes["key"]
     if (certificate is None) != (key is None):
         raise InputError("--certificate and --key belong together; give both or neither")
-    tls = serving.Tls(certificate, key) if certificate else None
+    tls = Tls(certificate, key) if certificate else None
     settings = Settings(wishes["out"].resolve(), access=wishes["access"], host=wishes["host"], names=wishes["names"])
-    serving.serve(settings, wishes["port"], tls, not wishes["no_browser"])
+    serve(settings, wishes["port"], tls, not wishes["no_browser"])

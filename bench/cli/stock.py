@@ -11,7 +11,7 @@ import click
 from bench.cli.options import answers, json_option, model_argument, out_option, registry_option
 
 if TYPE_CHECKING:
-    from bench.workflow.answer import Answer
+    from bench.commands import Answer
 
 
 @click.group()
@@ -28,9 +28,9 @@ def registry() -> None:
 @answers
 def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> Answer:
     """The runs, newest first, with the verdicts of their calibrations."""
-    from bench.workflow import registering
+    from bench import commands
 
-    return registering.listing(out, where, unit, most)
+    return commands.registry_list(out, where, unit, most)
 
 
 @registry.command("show")
@@ -41,9 +41,9 @@ def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> 
 @answers
 def registry_show(name: str, out: Path, where: str | None) -> Answer:
     """All that is known of a unit or a run."""
-    from bench.workflow import registering
+    from bench import commands
 
-    return registering.show(out, where, name)
+    return commands.registry_show(out, where, name)
 
 
 @registry.command("rebuild")
@@ -54,9 +54,9 @@ def registry_show(name: str, out: Path, where: str | None) -> Answer:
 @answers
 def registry_rebuild(only_compare: bool, out: Path, where: str | None) -> Answer:
     """Make the rows again from the run folders, say what differed, and prove that they are equal."""
-    from bench.workflow import registering
+    from bench import commands
 
-    return registering.rebuild(out, where, only_compare)
+    return commands.registry_rebuild(out, where, only_compare)
 
 
 @registry.command("lot")
@@ -68,10 +68,10 @@ def registry_rebuild(only_compare: bool, out: Path, where: str | None) -> Answer
 @answers
 def registry_lot(lot: str, serials: tuple[str, ...], out: Path, where: str | None) -> Answer:
     """Say that the units SERIALS are of LOT."""
-    from bench.workflow import registering
+    from bench import commands
 
     entry = {"kind": "lot", "lot": lot, "units": list(serials)}
-    return registering.tell(out, where, entry, f"{len(serials)} units are of lot {lot}")
+    return commands.registry_tell(out, where, entry, f"{len(serials)} units are of lot {lot}")
 
 
 @registry.command("operator")
@@ -82,9 +82,9 @@ def registry_lot(lot: str, serials: tuple[str, ...], out: Path, where: str | Non
 @answers
 def registry_operator(name: str, out: Path, where: str | None) -> Answer:
     """Add an operator."""
-    from bench.workflow import registering
+    from bench import commands
 
-    return registering.tell(out, where, {"kind": "operator", "name": name}, f"operator {name}")
+    return commands.registry_tell(out, where, {"kind": "operator", "name": name}, f"operator {name}")
 
 
 @registry.group("equipment")
@@ -104,9 +104,9 @@ def registry_equipment() -> None:
 @answers
 def registry_equipment_add(name: str, serial: str, out: Path, where: str | None, **given: Any) -> Answer:
     """Add a piece of equipment, or its new calibration."""
-    from bench.workflow import registering
+    from bench import commands
 
-    return registering.add_equipment(out, where, name, serial, **given)
+    return commands.add_equipment(out, where, name, serial, **given)
 
 
 @registry_equipment.command("list")
@@ -117,9 +117,9 @@ def registry_equipment_add(name: str, serial: str, out: Path, where: str | None,
 @answers
 def registry_equipment_list(on: datetime | None, out: Path, where: str | None) -> Answer:
     """The equipment, what is due first on top; exit code 1 where a calibration is overdue."""
-    from bench.workflow import registering
+    from bench import commands
 
-    return registering.equipment(out, where, (on or datetime.now()).date())
+    return commands.registry_equipment(out, where, (on or datetime.now()).date())
 
 
 @click.group(invoke_without_command=True)
@@ -139,9 +139,9 @@ def fleet(context: click.Context, /, **wishes: Any) -> None:
 
 @answers
 def _fleet(pattern: str | None, limits: Path | None, out: Path, where: str | None, **files: Path | None) -> Answer:
-    from bench.workflow import fleet as work
+    from bench import commands
 
-    return work.fleet(out, where, pattern, limits, **files)
+    return commands.fleet(out, where, pattern, limits, **files)
 
 
 @fleet.command("refit")
@@ -159,6 +159,6 @@ def fleet_refit(
     model: str, moments: Path | None, records: Path | None, out: Path, where: str | None, **work: Any
 ) -> Answer:
     """Fit every stored unit anew, from small moments of its newest run; one that fails does not stop the rest."""
-    from bench.workflow import refitting
+    from bench import commands
 
-    return refitting.refit(model, out, where, moments, records, refitting.Work(**work))
+    return commands.refit(model, out, where, moments, records, commands.RefitOptions(**work))

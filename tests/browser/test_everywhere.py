@@ -15,9 +15,9 @@ from servers import serving
 from unit_history import UNIT, unit_with_history
 from visiting import DESKTOP, TABLET, picture
 
-from bench.mystery import make_mystery
-from bench.web import people
-from bench.workflow.acquisition import library
+from bench.base import library
+from bench.mystery.mystery import make_mystery
+from bench.web.people import people
 
 AXE = Path(__file__).parent.parent / "assets" / "axe.min.js"
 WORDS = Path(__file__).parents[2] / "bench" / "web" / "static" / "words"
@@ -172,7 +172,7 @@ def test_no_page_shows_a_missing_word(bench, names, visitors, language):
 
 def test_who_must_sign_in_is_asked_for_a_token(tmp_path, visitors):
     access = tmp_path / "access.yaml"
-    token = people.add(access, "Olena", "viewer")
+    token = people.add_person(access, "Olena", "viewer")
     with serving(tmp_path / "out", "--access", str(access)) as address:
         page = visitors.come(address)
         page.goto("/units")

@@ -7,7 +7,7 @@ import pytest
 from bench_project import LONG, SLOW_UNIT, bench_over, until
 from visiting import PATIENCE_MS, PICTURES, TABLET, picture
 
-from bench.web import people
+from bench.web.people import people
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_from_serial_number_to_abort_by_keyboard_alone(bench, visitors):
 def guarded(tmp_path, project):
     """A bench that wants tokens, used by a line controller; and the token of Olena, an operator."""
     access = tmp_path / "access.yaml"
-    controller, olena = (people.add(access, name, "operator") for name in ("MES", "Olena"))
+    controller, olena = (people.add_person(access, name, "operator") for name in ("MES", "Olena"))
     with bench_over(tmp_path / "out", project, "--access", str(access), token=controller) as bench:
         yield bench, olena
 

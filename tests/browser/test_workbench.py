@@ -8,8 +8,8 @@ import json
 import pytest
 from conftest import serving
 
-from bench.mystery import make_mystery
-from bench.workflow.acquisition import library
+from bench.base import library
+from bench.mystery.mystery import make_mystery
 
 SEED = 7  # hides `aging`
 MANY = 3000

@@ -1,0 +1,1 @@
+from .base.versions import __version__ as __version__

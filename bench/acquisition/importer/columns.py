@@ -1,0 +1,224 @@
+"""Which column of a foreign table is which channel, and in what unit: from a column map, or from obvious headers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pydantic import BaseModel, Field, model_validator
+
+from bench.acquisition.importer.tables import Table
+from bench.acquisition.importer.units import Conversion, conversion, examples, is_unit
+from bench.base import CHANNELS, STRICT, InputError, nearest
+
+_SYNONYMS = {
+    "time": "time t timestamp elapsed seconds timesec timens timems",
+    "rate": "rate gyro gyrox gyroy gyroz gx gy gz g omega angularrate rateoutput zro bias wx wy wz ratex ratey ratez",
+    "temperature": "temperature temp tgyro gyrotemp gyrotemperature temperaturegyro sensortemperature unittemperature",
+    "frequency": "frequency freq resonancefrequency resonance drivefrequency f0",
+    "drive": "drive driveamplitude antinode excitation amplitude",
+    "quadrature": "quadrature quad quadratureamplitude",
+    "supply": "supply supplyvoltage vdd vcc vsupply",
+    "chamber_temperature": "chambertemperature chambertemp tchamber airtemperature chamber air",
+    "chamber_setpoint": "chambersetpoint setpoint",
+    "compressor": "compressor",
+    "applied_rate": "appliedrate tablerate ratetable referencerate",
+}
+_BY_WORD = {word: channel for channel, words in _SYNONYMS.items() for word in words.split()}
+_COUNTERS = {"sample", "samples", "samplenumber", "index", "n", "i", "row", "counter", "samplecounter"}
+
+
+class TimeSource(BaseModel):
+    """Where time comes from: a column of times, a column of sample numbers with their interval, or the interval."""
+
+    model_config = STRICT
+
+    column: str | None = None
+    """Column of times, or of sample numbers where an interval or a rate is given."""
+    unit: str | None = None
+    """Unit of a column of times: s, ms, us, ns, min, h."""
+    interval_s: float | None = Field(default=None, gt=0)
+    """Time from one sample to the next."""
+    rate_hz: float | None = Field(default=None, gt=0)
+    """Samples in one second."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> TimeSource:
+        ways = sum(value is not None for value in (self.unit, self.interval_s, self.rate_hz))
+        if ways > 1:
+            raise ValueError("give one of unit (a column of times), interval_s or rate_hz")
+        if ways == 0 and self.column is None:
+            raise ValueError("give a column of times, or interval_s, or rate_hz")
+        return self
+
+    @property
+    def step_s(self) -> float | None:
+        """Interval of the samples [s]; None when the column holds times."""
+        return 1.0 / self.rate_hz if self.rate_hz is not None else self.interval_s
+
+
+class ChannelSource(BaseModel):
+    """The column of one channel."""
+
+    model_config = STRICT
+
+    column: str
+    """Its name in the table."""
+    unit: str | None = None
+    """Its unit, such as deg/s, rad/s, mdps, degF, K; left out: as its header says, or the channel's own."""
+
+
+class ColumnMap(BaseModel):
+    """A column map: for every channel of the bench the column of the table that holds it."""
+
+    model_config = STRICT
+
+    time: TimeSource | None = None
+    rate: ChannelSource | None = None
+    temperature: ChannelSource | None = None
+    frequency: ChannelSource | None = None
+    drive: ChannelSource | None = None
+    quadrature: ChannelSource | None = None
+    supply: ChannelSource | None = None
+    chamber_temperature: ChannelSource | None = None
+    chamber_setpoint: ChannelSource | None = None
+    compressor: ChannelSource | None = None
+    applied_rate: ChannelSource | None = None
+
+    def channel(self, name: str) -> ChannelSource | None:
+        """Source of one channel other than time."""
+        source: ChannelSource | None = getattr(self, name)
+        return source
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """One channel as it was understood."""
+
+    channel: str
+    column: str
+    unit: str
+    convert: Conversion
+    how: str
+    """map, header, or assumed: where the unit comes from."""
+
+
+def split_header(name: str, stated: str | None = None) -> tuple[str, str | None]:
+    """Name and unit of a header such as `rate [deg/h]`, `gx_dph`, `T (°C)`; the unit is None where it has none."""
+    if stated:
+        return name, stated
+    bracketed = re.fullmatch(r"\s*(.*?)\s*[\[({]\s*([^\])}]+?)\s*[\])}]\s*", name)
+    if bracketed and bracketed[1]:
+        return bracketed[1], bracketed[2]
+    parts = re.split(r"[_\s]+", name)
+    for size in (2, 1):  # deg_h before h
+        unit = "_".join(parts[-size:])
+        if len(parts) > size and is_unit(unit):
+            return "_".join(parts[:-size]), unit
+    return name, None
+
+
+def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
+    """Channels but time that the map names or a header makes obvious; InputError when a required one is unclear."""
+    named = {name: columns.channel(name) for name in CHANNELS if name != "time"}
+    found = {name: _mapped(table, name, source) for name, source in named.items() if source is not None}
+    taken = {mapped.column for mapped in found.values()} | {columns.time.column if columns.time else None}
+    for channel, candidates in _obvious(table, taken).items():
+        if channel in found or channel == "time":
+            continue
+        if len(candidates) > 1:
+            if CHANNELS[channel].required:
+                names = ", ".join(candidates)
+                raise InputError(f"several columns could be {channel}: {names}; choose one in a column map, "
+                                 f"`{channel}: {{column: {candidates[0]}}}`", table.path)  # fmt: skip
+            continue
+        found[channel] = _mapped(table, channel, ChannelSource(column=candidates[0]))
+    for channel in ("rate", "temperature"):
+        if channel not in found:
+            raise InputError(f"no column is {channel}; it has {', '.join(table.columns)}; name it in a column map, "
+                             f"`{channel}: {{column: …, unit: {examples(channel)[0]}}}`", table.path)  # fmt: skip
+    return {channel: found[channel] for channel in CHANNELS if channel in found}
+
+
+def find_time(table: Table, columns: ColumnMap) -> TimeSource:
+    """Where time comes from; InputError when neither the map nor a header says."""
+    if columns.time is not None:
+        if columns.time.column is not None:
+            _existing(table, "time", columns.time.column)
+        return columns.time
+    candidates = _obvious(table, set()).get("time", [])
+    if len(candidates) == 1:
+        return TimeSource(column=candidates[0])
+    if candidates:
+        raise InputError(f"several columns could be time: {', '.join(candidates)}; choose one in a column map, "
+                         f"`time: {{column: {candidates[0]}}}`", table.path)  # fmt: skip
+    counters = [name for name in table.columns if _word(name) in _COUNTERS]
+    if counters:
+        raise InputError(f"'{counters[0]}' counts samples, and nothing says how long one takes; in a column map, "
+                         f"`time: {{column: {counters[0]}, interval_s: …}}`", table.path)  # fmt: skip
+    raise InputError("no column is time; in a column map, `time: {column: …, unit: s}` or `time: {rate_hz: …}`",
+                     table.path)  # fmt: skip
+
+
+def time_conversion(table: Table, source: TimeSource) -> Conversion:
+    """From a column of times into seconds."""
+    header = split_header(source.column or "", table.units.get(source.column or ""))[1]
+    return _convert(table, source.unit or header or "s", "time")
+
+
+def guess(table: Table) -> dict[str, str]:
+    """For every channel the one column whose header names it: a beginning, where the whole is not clear yet."""
+    return {channel: names[0] for channel, names in _obvious(table, set()).items() if len(names) == 1}
+
+
+def _obvious(table: Table, taken: set[str | None]) -> dict[str, list[str]]:
+    """Columns by the channel that their header names."""
+    found: dict[str, list[str]] = {}
+    for name in table.columns:
+        word, unit = split_header(name, table.units.get(name))
+        channel = name if name in CHANNELS else _BY_WORD.get(_word(word))
+        if channel == "time" and unit is not None and _measures(unit, "temperature"):
+            channel = "temperature"  # T in degC is no time
+        if channel is not None and name not in taken:
+            found.setdefault(channel, []).append(name)
+    exact = {channel: [channel] for channel in found if channel in found[channel]}
+    return {**found, **exact}
+
+
+def _measures(unit: str, channel: str) -> bool:
+    try:
+        conversion(unit, channel)
+    except InputError:
+        return False
+    return True
+
+
+def _word(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.rsplit(".", 1)[-1].lower())
+
+
+def _mapped(table: Table, channel: str, source: ChannelSource) -> Mapped:
+    _existing(table, channel, source.column)
+    header = split_header(source.column, table.units.get(source.column))[1]
+    unit, how = source.unit or header, "column map" if source.unit else "header"
+    if unit is None:
+        if channel == "rate" and source.column != "rate":
+            wanted = f"`rate: {{column: {source.column}, unit: …}}` with one of {', '.join(examples(channel))}"
+            raise InputError(f"'{source.column}' does not say its unit; in a column map, {wanted}", table.path)
+        unit, how = CHANNELS[channel].unit, "assumed"
+    return Mapped(channel, source.column, unit, _convert(table, unit, channel), how)
+
+
+def _convert(table: Table, unit: str, channel: str) -> Conversion:
+    try:
+        return conversion(unit, channel)
+    except InputError as error:
+        raise InputError(str(error), table.path) from None
+
+
+def _existing(table: Table, channel: str, column: str) -> None:
+    if column not in table.columns:
+        known: Mapping[str, object] = table.columns
+        raise InputError(f"column '{column}' for {channel} does not exist{nearest(column, known)}; it has "
+                         f"{', '.join(known)}", table.path)  # fmt: skip

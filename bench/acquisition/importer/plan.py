@@ -1,0 +1,239 @@
+"""A table that somebody else recorded, into a run folder; with a preview of what was understood, and refusals.
+
+`plan_import` reads, converts and judges without writing anything; `write_import` makes the run folder from the plan.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.acquisition.importer.branches import Branch, find_branches, segment_of
+from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
+from bench.acquisition.importer.tables import Table, read_table
+from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, FloatArray, InputError, __version__, dump, load_config
+from bench.record import RunFolder, create_run, sha256, write_means
+
+_FASTEST_DPH = 5000 * DPH_PER_DPS
+"""No gyro measures more [deg/h]."""
+_QUIETEST_DPH = 0.01
+"""A rate that scatters less is most likely in another unit [deg/h]."""
+_COLDEST_DEGC, _HOTTEST_DEGC = -100.0, 200.0
+_CONSTANT_DEGC = 1.0
+_COARSE_DEGC = 0.4
+_GAP_INTERVALS = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class ImportPlan:
+    """A foreign table as it was understood: channels in the bench's units, (n,) each, NaN in gaps."""
+
+    table: Table
+    serial: str
+    time_source: TimeSource
+    time: FloatArray
+    channels: Mapping[str, FloatArray]
+    mapped: tuple[Mapped, ...]
+    branches: tuple[Branch, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def interval_s(self) -> float:
+        """Median time from sample to sample [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    def preview(self) -> str:
+        """What was understood, as text for a person."""
+        hours = (self.time[-1] - self.time[0]) / 3600
+        lines = [
+            f"{self.table.path}: {self.time.size:,} rows, {hours:.2f} h, one every {self.interval_s:.4g} s",
+            f"  time                 from {_spell(self.time_source)}",
+        ]
+        for mapped in self.mapped:
+            values = self.channels[mapped.channel]
+            known = values[np.isfinite(values)]
+            unit = CHANNELS[mapped.channel].unit
+            given = "" if mapped.unit == unit else f", converted from {mapped.unit}"
+            how = f"column '{mapped.column}' (unit: {mapped.how}{given})"
+            lines.append(
+                f"  {mapped.channel:<20} {known.min():.6g} to {known.max():.6g} {unit}, {known.size:,} values, {how}"
+            )
+        used = {self.time_source.column, *(m.column for m in self.mapped)}
+        left_out = [name for name in self.table.columns if name not in used]
+        lines.append(f"  not used             {', '.join(left_out)}" if left_out else "  every column is used")
+        lines += [f"  branch {b.as_segment(i)['name']}, {(b.to_s - b.from_s) / 60:.0f} min, {b.rate_degc_per_min:.2g} "
+                  "degC/min" for i, b in enumerate(self.branches)]  # fmt: skip
+        return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
+
+    def to_json(self) -> dict[str, Any]:
+        """The same for a program."""
+        return {
+            "file": str(self.table.path),
+            "unit": self.serial,
+            "rows": int(self.time.size),
+            "interval_s": self.interval_s,
+            "time": self.time_source.model_dump(exclude_none=True),
+            "columns": {m.channel: {"column": m.column, "unit": m.unit, "how": m.how} for m in self.mapped},
+            "segments": [branch.as_segment(i) for i, branch in enumerate(self.branches)],
+            "warnings": list(self.warnings),
+        }
+
+
+def load_columns(path: Path | str) -> ColumnMap:
+    """Column map from its YAML file; InputError with file and line."""
+    return load_config(path, ColumnMap)
+
+
+def plan_import(
+    path: Path | str, columns: ColumnMap | None = None, serial: str = "unknown", dbc: Path | str | None = None
+) -> ImportPlan:
+    """Read and judge a table; InputError, one line with file and line number, when it cannot become a run."""
+    return plan_table(read_table(path, dbc), columns or ColumnMap(), serial)
+
+
+def plan_table(table: Table, columns: ColumnMap, serial: str) -> ImportPlan:
+    """Judge a table that was read; InputError when it cannot become a run."""
+    source = find_time(table, columns)
+    mapped = find_channels(table, columns)
+    time = _time(table, source)
+    channels = {name: entry.convert(table.columns[entry.column]) for name, entry in mapped.items()}
+    for name in ("rate", "temperature"):
+        if not np.any(np.isfinite(channels[name])):
+            raise InputError(f"column '{mapped[name].column}' ({name}) has no value in any row", table.path)
+    channels = {name: values for name, values in channels.items() if np.any(np.isfinite(values))}
+    used = tuple(mapped[name] for name in channels)
+    warnings = (*table.notes, *_doubts(channels, mapped), *_time_gaps(time, table))
+    branches = find_branches(time, channels["temperature"])
+    return ImportPlan(table, serial, source, time, channels, used, branches, warnings)
+
+
+def write_import(
+    plan: ImportPlan, out: Path, created: datetime | None = None, operator: str | None = None
+) -> RunFolder:
+    """Make the run folder of a plan under `out`: data, means, events, column map and manifest; InputError if it cannot.
+
+    `created` is the calendar time of the import, for a folder with a known name; `operator` is who asked for it.
+    """
+    created = created or datetime.now(UTC)
+    run = create_run(out, plan.serial, f"import_{plan.table.path.stem}", created)
+    run.journal.rmdir()  # there is no raw journal: the source file is named with its hash instead
+    try:
+        _write_data(plan, run.data)
+        write_means(run.data, run.means)
+        (run.path / "columns.yaml").write_text(_column_map(plan), encoding="utf-8")
+        notes = [{"t_s": 0.0, "kind": "import", "text": warning} for warning in plan.warnings]
+        (run.path / "events.jsonl").write_text("".join(f"{json.dumps(note)}\n" for note in notes), encoding="utf-8")
+        people = {} if operator is None else {"operator": operator}
+        run.write_manifest({**_manifest(plan, run, created), **people})
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}; choose another place with --out", run.path) from None
+    return run
+
+
+def _time(table: Table, source: TimeSource) -> FloatArray:
+    """Time of each row since the first [s]; InputError with the line where it stands still, runs back or is missing."""
+    if source.column is None:
+        return np.arange(table.rows, dtype=np.float64) * (source.step_s or 1.0)
+    values = table.columns[source.column]
+    missing = np.flatnonzero(~np.isfinite(values))
+    if missing.size:
+        raise InputError(f"'{source.column}' (time) has no value", table.path, table.line(int(missing[0])))
+    seconds = time_conversion(table, source)(values - values[0]) if source.step_s is None else None
+    time = seconds if seconds is not None else (values - values[0]) * (source.step_s or 1.0)
+    if time.size < 2:
+        raise InputError("holds one row; a run needs more", table.path)
+    wrong = np.flatnonzero(np.diff(time) <= 0)
+    if wrong.size:
+        row = int(wrong[0]) + 1
+        verb = "stands still" if time[row] == time[row - 1] else "runs backwards"
+        text = f"time {verb}: '{source.column}' is {values[row]:.10g} after {values[row - 1]:.10g}"
+        raise InputError(f"{text}; sort the rows, or give sample numbers with interval_s", table.path, table.line(row))
+    return time
+
+
+def _spell(source: TimeSource) -> str:
+    if source.step_s is None:
+        return f"column '{source.column}'" + (f" [{source.unit}]" if source.unit else "")
+    numbers = "row numbers" if source.column is None else f"sample numbers in '{source.column}'"
+    return f"{numbers}, one every {source.step_s:g} s"
+
+
+def _doubts(channels: Mapping[str, FloatArray], mapped: Mapping[str, Mapped]) -> list[str]:
+    """What the magnitudes make doubtful."""
+    found = []
+    rate, degc = (channels[name][np.isfinite(channels[name])] for name in ("rate", "temperature"))
+    given = mapped["rate"].unit
+    fastest, scatter = float(np.abs(rate).max()), float(np.std(np.diff(rate))) if rate.size > 1 else 0.0
+    if fastest > _FASTEST_DPH:
+        found.append(f"rate reaches {fastest / DPH_PER_DPS:.3g} deg/s when read as {given}: more than any "
+                     "gyro measures; is it in deg/h?")  # fmt: skip
+    elif 0 < scatter < _QUIETEST_DPH and fastest < 15.0:
+        found.append(
+            f"rate scatters by only {scatter:.2g} deg/h from sample to sample when read as {given}; read as rad/s it "
+            f"would be {scatter * DPH_PER_RADPS:.2g} deg/h, as deg/s {scatter * DPH_PER_DPS:.2g} deg/h: check the unit"
+        )
+    if degc.min() < _COLDEST_DEGC or degc.max() > _HOTTEST_DEGC:
+        text = f"temperature is {degc.min():.4g} to {degc.max():.4g} degC when read as {mapped['temperature'].unit}"
+        found.append(f"{text}: check the unit (K, degF?)")
+    if np.ptp(degc) < _CONSTANT_DEGC:
+        found.append(f"temperature is constant ({degc.min():.2f} to {degc.max():.2f} degC): good as a static run for "
+                     "the noise, useless for a model over temperature")  # fmt: skip
+    else:
+        steps = np.diff(np.unique(degc))
+        if steps.size and steps.min() >= _COARSE_DEGC:
+            found.append(f"temperature moves in steps of {steps.min():.2g} degC: too coarse for a good calibration")
+    return found
+
+
+def _time_gaps(time: FloatArray, table: Table) -> list[str]:
+    steps = np.diff(time)
+    gaps = np.flatnonzero(steps > _GAP_INTERVALS * np.median(steps))
+    if not gaps.size:
+        return []
+    line = table.line(int(gaps[0]) + 1)
+    where = "" if line is None else f", the first before line {line}"
+    return [f"{gaps.size} gaps in time, together {float(steps[gaps].sum()):.4g} s{where}; they stay gaps"]
+
+
+def _write_data(plan: ImportPlan, path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    floats = {"time": plan.time, **plan.channels}
+    arrays = {name: pa.array(values, from_pandas=True) for name, values in floats.items()}
+    arrays["segment"] = pa.array(segment_of(plan.branches, plan.time).astype(np.int16))
+    pq.write_table(pa.table(arrays), path, compression="zstd", write_page_checksum=True,
+                   use_dictionary=["segment"], column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"))  # fmt: skip
+
+
+def _column_map(plan: ImportPlan) -> str:
+    """The map that repeats this import exactly."""
+    columns = {m.channel: {"column": m.column, "unit": m.unit} for m in plan.mapped}
+    return dump({"time": plan.time_source.model_dump(exclude_none=True), **columns})
+
+
+def _manifest(plan: ImportPlan, run: RunFolder, created: datetime) -> dict[str, Any]:
+    return {
+        "run": run.path.name,
+        "unit": plan.serial,
+        "created": created.isoformat(timespec="seconds"),
+        "profile": f"import of {plan.table.path.name}",
+        "state": "done",
+        "cause": "imported",
+        "simulated": False,
+        "source": {**plan.to_json(), "sha256": sha256(plan.table.path)},
+        "sample_rate_hz": 1.0 / plan.interval_s,
+        "rows": int(plan.time.size),
+        "duration_s": float(plan.time[-1]),
+        "segments": [branch.as_segment(i) for i, branch in enumerate(plan.branches)],
+        "losses": {},
+        "versions": {"bench": __version__, "numpy": np.__version__},
+        "seeds": {},
+        "files": run.hashes(),
+    }

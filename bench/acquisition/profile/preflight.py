@@ -1,0 +1,287 @@
+"""What can be known about a profile before anything moves: findings by line, expected times, and a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from bench.acquisition.profile.profile import Leg, Profile
+from bench.base import FloatArray, InputError
+
+Level = Literal["error", "warning", "info"]
+RateCurve = Sequence[tuple[float, float]]
+"""What a chamber can do: pairs of temperature [degC] and rate [degC/min], straight lines between them."""
+
+TESTEQUITY_107_COOLING: RateCurve = ((-40, 0.64), (-35, 1.2), (-30, 1.8), (0, 2.8), (23, 3.6), (85, 6.0))
+"""Cooling by the live-load table and the cool-down times of the TestEquity 107 manual, p. 7-1, and 3.29 kJ/K."""
+
+_NEAR_DEGC = 2.0
+_FROST_MARGIN_DEGC = 8.0
+_SHORTEST_SOAK_S = 900.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing to know before the run; an error means that the profile cannot run here."""
+
+    level: Level
+    text: str
+    file: str | None = None
+    line: int | None = None
+
+    def __str__(self) -> str:
+        where = "" if self.line is None else f"{self.file or 'profile'}:{self.line}: "
+        return f"{where}{self.level}: {self.text}"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the station allows and its chamber can do; a curve may be one number."""
+
+    low_degc: float
+    high_degc: float
+    heating: RateCurve | float
+    cooling: RateCurve | float
+    ambient_degc: float = 23.0
+    turn_dps: float | None = None
+    """Fastest rate of the rate table, either way [deg/s]; None: the station has no table."""
+
+    def fastest(self, temperature_degc: FloatArray, heating: bool) -> FloatArray:
+        """Fastest rate that the chamber can follow [degC/min], shape of the input."""
+        curve = self.heating if heating else self.cooling
+        if isinstance(curve, int | float):
+            return np.full(np.shape(temperature_degc), float(curve))
+        degc, rate = np.array(sorted(curve), dtype=np.float64).T
+        return np.asarray(np.interp(temperature_degc, degc, rate), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a run records and where to; from it the disk that it needs."""
+
+    sample_rate_hz: float = 500.0
+    bytes_per_s: float = 20_000.0
+    units: int = 1
+    free_bytes: float | None = None
+
+
+def check_profile(
+    profile: Profile,
+    limits: Limits,
+    recording: Recording | None = None,
+    plant_duration_s: Callable[[Profile], float] | None = None,
+) -> tuple[Finding, ...]:
+    """All findings, the worst first. `plant_duration_s` predicts the duration [s] better than the rate curves do."""
+    duration_s = plant_duration_s(profile) if plant_duration_s is not None else expected_duration_s(profile, limits)
+    rules: tuple[Iterator[Finding], ...] = (
+        _outside(profile, limits),
+        _too_fast(profile, limits),
+        _turns(profile, limits),
+        _ends(profile, limits),
+        _repeats(profile),
+        _separates(profile),
+        _soaks(profile),
+        _record(profile, duration_s, recording or Recording()),
+    )
+    order = ("error", "warning", "info")
+    found = [finding for rule in rules for finding in rule]
+    return tuple(sorted(found, key=lambda finding: order.index(finding.level)))
+
+
+def refuse_errors(findings: Sequence[Finding]) -> None:
+    """Raise InputError with every error among the findings, the first one's place; nothing when there is none."""
+    errors = [finding for finding in findings if finding.level == "error"]
+    if errors:
+        further = "".join(f"\n{finding.file}:{finding.line}: {finding.text}" for finding in errors[1:])
+        raise InputError(errors[0].text + further, errors[0].file, errors[0].line)
+
+
+def expected_duration_s(profile: Profile, limits: Limits) -> float:
+    """Duration [s] with the chamber as slow as its rate curves say; settling beyond the dwell time is not in it."""
+    return sum(leg.nominal_s - leg.move_s + _move_s(leg, limits) for leg in profile.legs())
+
+
+def _move_s(leg: Leg, limits: Limits) -> float:
+    """Time that the chamber air needs to the target [s]."""
+    if leg.target_degc == leg.from_degc:
+        return 0.0
+    edges = np.linspace(leg.from_degc, leg.target_degc, 201)
+    fastest = limits.fastest((edges[1:] + edges[:-1]) / 2, leg.target_degc > leg.from_degc)
+    wanted = np.inf if leg.rate_degc_per_min is None else leg.rate_degc_per_min
+    return float(60.0 * np.sum(np.abs(np.diff(edges)) / np.minimum(fastest, wanted)))
+
+
+def _find(profile: Profile, level: Level, text: str, leg: Leg | None = None) -> Finding:
+    return Finding(level, text, profile.file, None if leg is None else leg.line)
+
+
+def _once_a_line(legs: Sequence[Leg]) -> Iterator[Leg]:
+    """Legs that a repeat made several times, once."""
+    seen: set[tuple[int | None, float, float]] = set()
+    for leg in legs:
+        key = (leg.line, leg.from_degc, leg.target_degc)
+        if leg.line is None or key not in seen:
+            seen.add(key)
+            yield leg
+
+
+def _outside(profile: Profile, limits: Limits) -> Iterator[Finding]:
+    for leg in _once_a_line(profile.legs()):
+        if leg.kind not in {"soak", "rate"} and not limits.low_degc <= leg.target_degc <= limits.high_degc:
+            text = f"{leg.name}: {leg.target_degc:g} degC is outside the station's limits, "
+            text += f"{limits.low_degc:g} to {limits.high_degc:g} degC; lower the target or name another station"
+            yield _find(profile, "error", text, leg)
+
+
+def _too_fast(profile: Profile, limits: Limits) -> Iterator[Finding]:
+    for leg in _once_a_line(profile.legs()):
+        if leg.rate_degc_per_min is None or leg.direction == "constant":
+            continue
+        degc = np.linspace(leg.from_degc, leg.target_degc, 201)
+        fastest = limits.fastest(degc, leg.direction == "heating")
+        short = fastest < leg.rate_degc_per_min * (1 - 1e-9)
+        late_s = _move_s(leg, limits) - leg.move_s
+        if np.any(short) and late_s > 30.0:
+            first, last = degc[short][0], degc[short][-1]
+            text = f"{leg.name}: from {first:.0f} to {last:.0f} degC the chamber can only do "
+            text += f"{np.min(fastest):.2g} degC/min; the leg waits for it, about {late_s / 60:.0f} min longer"
+            yield _find(profile, "warning", text, leg)
+
+
+def _turns(profile: Profile, limits: Limits) -> Iterator[Finding]:
+    turning = [leg for leg in profile.legs() if leg.turn_dps]
+    if not turning:
+        return
+    if limits.turn_dps is None:
+        text = f"{turning[0].name}: turns a rate table, but the station has none; name a station with `rate_table`"
+        yield _find(profile, "error", text, turning[0])
+        return
+    for line in dict.fromkeys(leg.line for leg in turning):
+        fastest = max((leg for leg in turning if leg.line == line), key=lambda leg: abs(leg.turn_dps))
+        if abs(fastest.turn_dps) > limits.turn_dps:
+            text = f"{fastest.name}: {fastest.turn_dps:g} deg/s is outside the rate table's limits, "
+            yield _find(profile, "error", f"{text}+-{limits.turn_dps:g} deg/s; lower the rate", fastest)
+    for sign, missing in ((1, "negative"), (-1, "positive")):
+        if all(sign * leg.turn_dps >= 0 for leg in turning):
+            text = f"turns one way only, no {missing} rates: scale factor and bias cannot be told from each other there"
+            yield _find(profile, "warning", text, turning[-1])
+
+
+def _ends(profile: Profile, limits: Limits) -> Iterator[Finding]:
+    last = profile.legs()[-1]
+    if last.target_degc < limits.ambient_degc - _FROST_MARGIN_DEGC:
+        text = f"ends at {last.target_degc:g} degC: opened there, unit and chamber collect water and frost; "
+        yield _find(profile, "warning", f"{text}end near {limits.ambient_degc:g} degC", last)
+
+
+def _repeats(profile: Profile) -> Iterator[Finding]:
+    legs = profile.legs()
+    start_degc = legs[0].target_degc if profile.start is not None else legs[0].from_degc
+    here = [leg for leg in legs[1:] if abs(leg.target_degc - start_degc) <= _NEAR_DEGC]
+    away = [leg.index for leg in legs if abs(leg.target_degc - start_degc) > _NEAR_DEGC]
+    if not away:
+        return
+    back = [leg for leg in here if leg.index > away[0]]
+    if not back:
+        text = f"never returns to its start temperature, {start_degc:g} degC: drift, warm-up and creep cannot be told"
+        yield _find(profile, "warning", f"{text} from temperature", legs[-1])
+    elif all(leg.index > away[-1] for leg in back):
+        text = f"returns to its start temperature, {start_degc:g} degC, only at the end; a stop in the middle"
+        yield _find(profile, "info", f"{text} would separate warm-up from ageing")
+
+
+def _moving(profile: Profile) -> list[Leg]:
+    """Legs in which the temperature goes one way, without the way to the start."""
+    return [leg for leg in profile.legs()[profile.start is not None :] if leg.direction != "constant"]
+
+
+def turning_points(profile: Profile) -> list[tuple[float, Leg]]:
+    """Temperatures [degC] where the profile changes direction, each with the leg that leads there."""
+    moving = _moving(profile)
+    pairs = pairwise(moving)
+    return [(leg.target_degc, leg) for leg, after in pairs if leg.direction != after.direction]
+
+
+def _separates(profile: Profile) -> Iterator[Finding]:
+    ramps = [leg for leg in _moving(profile) if leg.kind == "ramp"]
+    if not ramps:
+        text = "has no ramps: a thermal lag and a dT/dt term do not show, and hysteresis shows weakly"
+        yield _find(profile, "info", text)
+        return
+    for missing in {"heating", "cooling"} - {leg.direction for leg in _moving(profile)}:
+        yield _find(profile, "warning", f"has no {missing} branch: hysteresis cannot be seen")
+    rates = {round(leg.rate_degc_per_min or 0.0, 2) for leg in ramps}
+    if len(rates) == 1:
+        text = f"all ramps at {rates.pop():g} degC/min: thermal lag, dT/dt and hysteresis cannot be separated;"
+        yield _find(profile, "warning", f"{text} give some ramps another rate", ramps[-1])
+    degc = [leg.target_degc for leg in profile.legs()]
+    margin = 0.05 * (max(degc) - min(degc))
+    if not any(min(degc) + margin < turn < max(degc) - margin for turn, _ in turning_points(profile)):
+        text = "has no reversal inside its range (no minor loop): dT/dt and hysteresis are hard to separate; "
+        yield _find(profile, "warning", f"{text}turn back once half-way, it costs no time")
+
+
+def _soaks(profile: Profile) -> Iterator[Finding]:
+    soaks = [leg for leg in profile.legs() if leg.kind == "soak"]
+    longest_s = max((leg.duration_s for leg in soaks), default=0.0)
+    if longest_s < _SHORTEST_SOAK_S:
+        text = f"longest soak is {longest_s / 60:.0f} min: the noise floor needs one of at least"
+        yield _find(profile, "warning", f"{text} {_SHORTEST_SOAK_S / 60:.0f} min", soaks[-1] if soaks else None)
+
+
+def _record(profile: Profile, duration_s: float, recording: Recording) -> Iterator[Finding]:
+    degc = [leg.target_degc for leg in profile.legs()]
+    text = f"{min(degc):g} to {max(degc):g} degC in {len(profile.legs())} legs, nominal {_hours(profile.duration_s)}, "
+    yield _find(profile, "info", f"{text}expected at least {_hours(duration_s)} on this chamber")
+    samples = duration_s * recording.sample_rate_hz
+    need = duration_s * recording.bytes_per_s * recording.units
+    text = f"{samples:,.0f} samples of each of {recording.units} unit(s), about {need / 1e6:,.0f} MB on disk"
+    if recording.free_bytes is not None and need > recording.free_bytes:
+        free = f"only {recording.free_bytes / 1e6:,.0f} MB are free; free some or choose another place with --out"
+        yield _find(profile, "error", f"{text}; {free}")
+    else:
+        yield _find(profile, "info", text)
+
+
+def _hours(seconds: float) -> str:
+    minutes = round(seconds / 60)
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def profile_picture(profile: Profile, width: int = 78, height: int = 12, ascii_only: bool = False) -> str:
+    """Set point over nominal time as text of `width` columns, `height` rows and a time axis."""
+    columns = max(width - 7, 16)
+    fine, tall = (1, 1) if ascii_only else (2, 4)
+    times = np.linspace(0.0, profile.duration_s, columns * fine)
+    degc = profile.setpoint(times)
+    corners = profile.corners()[1]
+    low, high = float(corners.min()), float(corners.max())
+    span = high - low or 1.0
+    rows = np.rint((high - degc) / span * (height * tall - 1)).astype(int)
+    dots = np.zeros((height * tall, columns * fine), dtype=bool)
+    for x, row in enumerate(rows):
+        before = rows[x - 1] if x else row
+        dots[min(before + np.sign(row - before), row) : max(before + np.sign(row - before), row) + 1, x] = True
+    lines = []
+    for y in range(height):
+        label = high - span * (y + 0.5) / height if 0 < y < height - 1 else (high if y == 0 else low)
+        marked = f"{label:6.0f}" if y in {0, height // 2, height - 1} else " " * 6
+        block = dots[y * tall : (y + 1) * tall]
+        cells = (block[:, x * fine : (x + 1) * fine] for x in range(columns))
+        lines.append(f"{marked} " + "".join(_cell(cell, ascii_only) for cell in cells).rstrip())
+    hours = profile.duration_s / 3600
+    axis = f"{'degC':>6} 0 h" + f"{hours / 2:.1f} h".center(columns - 10) + f"{hours:.1f} h"
+    return "\n".join([*lines, axis])
+
+
+def _cell(dots: np.ndarray[tuple[int, int], np.dtype[np.bool_]], ascii_only: bool) -> str:
+    if not dots.any():
+        return " "
+    if ascii_only:
+        return "*"
+    weights = np.array([[1, 8], [2, 16], [4, 32], [64, 128]])
+    return chr(0x2800 + int(np.sum(weights[dots])))

@@ -1,0 +1,180 @@
+"""The segments of a profile's file: ramp, soak, step, rate, repeat, and what settled means."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, Field, model_validator
+
+from bench.base import STRICT
+
+Degc = Annotated[float, Field(ge=-273.15, le=1000)]
+Rate = Annotated[float, Field(gt=0, le=100)]
+Minutes = Annotated[float, Field(ge=0, le=100_000)]
+Positive = Annotated[float, Field(gt=0, le=100_000)]
+Turn = Annotated[float, Field(ge=-10_000, le=10_000)]
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f]+$")]
+
+
+class SettleRule(BaseModel):
+    """When a temperature counts as settled: all of it, for the whole dwell time."""
+
+    model_config = STRICT
+
+    band_degc: Positive = 0.5
+    """Largest distance of the chamber air from the target."""
+    unit_band_degc: Positive = 3.0
+    """Largest distance of the unit's own sensor from the target; it heats itself, so more than the air's."""
+    slope_degc_per_min: Positive = 0.05
+    """Largest slope of the unit's own sensor over the dwell time."""
+    dwell_min: Positive = 5.0
+    """How long all of it must hold."""
+    timeout_min: Positive = 120.0
+    """A target that has not settled after this time is a failed segment."""
+
+    @property
+    def dwell_s(self) -> float:
+        """How long all of it must hold [s]."""
+        return 60.0 * self.dwell_min
+
+
+class SettleChange(BaseModel):
+    """Values that differ from the profile's `settle`, for one segment."""
+
+    model_config = STRICT
+
+    band_degc: Positive | None = None
+    unit_band_degc: Positive | None = None
+    slope_degc_per_min: Positive | None = None
+    dwell_min: Positive | None = None
+    timeout_min: Positive | None = None
+
+
+class Ramp(BaseModel):
+    """Move the set point at a constant rate; ends when the chamber air has arrived."""
+
+    model_config = STRICT
+
+    kind: Literal["ramp"]
+    name: Name | None = None
+    to_degc: Degc
+    """Temperature at the end."""
+    rate_degc_per_min: Rate | None = None
+    """Rate in both directions; left out: the rate of its direction in `rates`."""
+    arrival_band_degc: Positive = 1.0
+    """The ramp has arrived when the chamber air is this near."""
+    timeout_min: Positive = 60.0
+    """Time that the chamber may be late."""
+    turn_dps: Turn = 0.0
+    """Rate of the table meanwhile [deg/s]; the station needs one."""
+
+
+class Soak(BaseModel):
+    """Keep the set point for a time, until settled, or both."""
+
+    model_config = STRICT
+
+    kind: Literal["soak"]
+    name: Name | None = None
+    duration_min: Minutes | None = None
+    """Shortest duration."""
+    until: Literal["settled"] | None = None
+    """Wait also until the temperature has settled."""
+    settle: SettleChange | None = None
+    """Values that differ from the profile's `settle`."""
+    turn_dps: Turn = 0.0
+    """Rate of the table meanwhile [deg/s]; the station needs one."""
+
+    @model_validator(mode="after")
+    def _ends(self) -> Soak:
+        if self.duration_min is None and self.until is None:
+            raise ValueError("a soak needs duration_min, `until: settled`, or both")
+        if self.settle is not None and self.until is None:
+            raise ValueError("`settle` has no effect without `until: settled`; add it or remove `settle`")
+        return self
+
+
+class Step(BaseModel):
+    """Fixed temperatures: go there, settle, average. The classic method."""
+
+    model_config = STRICT
+
+    kind: Literal["step"]
+    name: Name | None = None
+    temperatures_degc: Annotated[tuple[Degc, ...], Field(min_length=1, max_length=200)]
+    """Temperatures in their order."""
+    average_min: Positive = 10.0
+    """Averaging time at each of them, after it has settled."""
+    settle: SettleChange | None = None
+    """Values that differ from the profile's `settle`."""
+    turn_dps: Turn = 0.0
+    """Rate of the table meanwhile, on the way and while averaging [deg/s]; the station needs one."""
+
+
+class RateSteps(BaseModel):
+    """Fixed temperature, several rates of the rate table, one after the other."""
+
+    model_config = STRICT
+
+    kind: Literal["rate"]
+    name: Name | None = None
+    rates_dps: Annotated[tuple[Turn, ...], Field(min_length=1, max_length=200)]
+    """Rates in their order [deg/s]; 0 is a stand."""
+    dwell_s: Positive
+    """Time at each of them, once the table has got there [s]."""
+    both_directions: bool = True
+    """Each rate is followed by the same one the other way; what it leaves of a cable's twist is undone."""
+    temperatures_degc: Annotated[tuple[Degc, ...], Field(min_length=1, max_length=200)] | None = None
+    """Go to each of these, settle with the table standing, and turn there; left out: where the chamber stands."""
+    settle: SettleChange | None = None
+    """Values that differ from the profile's `settle`."""
+
+    @model_validator(mode="after")
+    def _settles(self) -> RateSteps:
+        if self.settle is not None and self.temperatures_degc is None:
+            raise ValueError("`settle` has no effect without `temperatures_degc`; add them or remove `settle`")
+        return self
+
+    def turns(self) -> tuple[float, ...]:
+        """All rates in their order, both directions written out [deg/s]."""
+        if not self.both_directions:
+            return self.rates_dps
+        return tuple(turn for rate in self.rates_dps for turn in ((rate, -rate) if rate else (0.0,)))
+
+
+class Repeat(BaseModel):
+    """Segments to be repeated."""
+
+    model_config = STRICT
+
+    kind: Literal["repeat"]
+    times: Annotated[int, Field(ge=1, le=1000)]
+    """How often."""
+    segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
+    """What."""
+
+
+Segment = Annotated[Ramp | Soak | Step | RateSteps | Repeat, Field(discriminator="kind")]
+Repeat.model_rebuild()
+
+
+class Start(BaseModel):
+    """Where the profile starts."""
+
+    model_config = STRICT
+
+    temperature_degc: Degc
+    """The chamber goes there and settles before the first segment."""
+    soak_min: Minutes = 0.0
+    """Time there after it has settled."""
+
+
+class Rates(BaseModel):
+    """Fastest ramps, one limit a direction; ramps without a rate of their own use them, faster ones are refused."""
+
+    model_config = STRICT
+
+    heating_degc_per_min: Rate
+    """Limit when heating."""
+    cooling_degc_per_min: Rate
+    """Limit when cooling: most chambers cool slower than they heat."""

@@ -1,0 +1,1 @@
+"""Journals while a run is under way, tables when it has ended."""

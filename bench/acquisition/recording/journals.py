@@ -1,0 +1,131 @@
+"""What the journals of a run say: meta, events and readings of the bench, frames of a bus, the watchdog's last words.
+
+Units in one chamber have a run folder each. The journal of a bus that several are on is one file with a name in each
+folder; where the file system has no such links, a folder fetches its copy from the first one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.acquisition.recording.recorder import BENCH_JOURNAL, READING
+from bench.base import InputError
+from bench.record import RunFolder, copy_whole
+from drivers.journal import Damage, FrameArray, Kind, read_blocks
+from drivers.rate_table import TABLE
+
+WATCHDOG = "watchdog.jsonl"
+"""Events of the watchdog, one JSON object a line, in the run folder."""
+KILLED = "the bench was killed"
+
+Readings = np.ndarray[Any, np.dtype[np.void]]
+
+
+@dataclass(frozen=True)
+class BenchJournal:
+    """What the bench's own journal says."""
+
+    meta: dict[str, Any]
+    events: list[dict[str, Any]]
+    readings: Readings
+    table: Readings
+    """Encoder of the rate table."""
+    watchdog: list[dict[str, Any]]
+    """What the watchdog did after the bench was killed."""
+
+    def end(self) -> dict[str, Any] | None:
+        """The event that ended the run; None when the bench was killed before."""
+        return next((event for event in reversed(self.events) if event["kind"] == "end"), None)
+
+    def outcome(self) -> dict[str, Any]:
+        """How the run ended; of a bench that was killed the watchdog may tell what became of the equipment."""
+        if end := self.end():
+            return {"state": end["state"], "cause": end["text"]}
+        cause = f"{KILLED}; recovered from its journals"
+        if not self.watchdog:
+            return {"state": "aborted", "cause": cause}
+        failed = [event["text"] for event in self.watchdog if event.get("ok") is False]
+        if not failed:
+            return {"state": "aborted", "cause": f"{cause}; made safe by the watchdog"}
+        return {"state": "failed", "cause": f"{cause}; SAFE STATE NOT VERIFIED by the watchdog: {'; '.join(failed)}"}
+
+    def sound_until_ns(self) -> int | None:
+        """Bench time [ns] of the last frame that belongs to the unit, where it left a run of several."""
+        until_s = (self.end() or {}).get("sound_until_s")
+        return None if until_s is None else round(until_s * 1e9)
+
+    def segments(self) -> list[dict[str, Any]]:
+        """Executed segments; one that a kill cut off, or that the unit left, ends with the last reading."""
+        done = [event for event in self.events if event["kind"] == "segment" and event["phase"] == "end"]
+        started = [event for event in self.events if event["kind"] == "segment" and event["phase"] == "start"]
+        segments = [dict(event["segment"]) for event in done]
+        if len(started) > len(done):
+            to_s = float(self.readings["t_s"][-1]) if len(self.readings) else started[-1]["t_s"]
+            end = self.end()
+            cut = {"to_s": to_s, "outcome": "interrupted", "reason": end["text"] if end else KILLED}
+            segments.append({**started[-1]["segment"], **cut})
+        return [{**segment, "settled": segment["outcome"] == "done"} for segment in segments]
+
+
+def read_bench(run: RunFolder, damage: Damage) -> BenchJournal:
+    """Meta, events and readings; InputError when the journal is missing or holds no meta block."""
+    path = run.journal / BENCH_JOURNAL
+    meta: dict[str, Any] = {}
+    events: list[dict[str, Any]] = []
+    rows: list[bytes] = []
+    turned: list[bytes] = []
+    if path.exists():
+        for block in read_blocks(path, damage):
+            if block.kind is Kind.META:
+                meta = json.loads(block.payload)
+            elif block.kind is Kind.EVENT:
+                events.append(json.loads(block.payload))
+            elif block.kind is Kind.READING:
+                rows.append(block.payload)
+            elif block.kind is Kind.TABLE:
+                turned.append(block.payload)
+    if not meta:
+        raise InputError("not a run folder: no manifest and no readable journal", run.path)
+    fetch(run, meta, Path(WATCHDOG))
+    readings, table = np.frombuffer(b"".join(rows), READING), np.frombuffer(b"".join(turned), TABLE)
+    return BenchJournal(meta, events, readings, table, _read_watchdog(run.path / WATCHDOG))
+
+
+def _read_watchdog(path: Path) -> list[dict[str, Any]]:
+    """Events that the watchdog left, if any; its last line may be torn."""
+    events = []
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
+        with contextlib.suppress(ValueError):
+            event = json.loads(line)
+            events.append({"kind": "watchdog", "text": "", **event, "t_s": float(event["t_s"])})
+    return events
+
+
+def fetch(run: RunFolder, meta: Mapping[str, Any], name: Path) -> None:
+    """Copy a file that units in the same chamber share and another one's folder holds, where there is no link to it."""
+    if (run.path / name).exists():
+        return
+    for companion in meta.get("companions", ()):
+        source = run.path / companion["run"] / name
+        if source.exists():
+            copy_whole(source, run.path / name)
+            return
+
+
+def bus_blocks(
+    source: Path, damage: Damage, events: list[dict[str, Any]], until_ns: int | None = None
+) -> Iterator[FrameArray]:
+    """Frames of a bus in blocks, up to a bench time [ns]; what its capture had to say goes into `events`."""
+    for block in read_blocks(source, damage) if source.exists() else ():
+        if block.kind is Kind.FRAMES:
+            frames = block.frames()
+            yield frames if until_ns is None else frames[frames["t_ns"] <= until_ns]
+        elif block.kind is Kind.EVENT and (until_ns is None or block.t_s * 1e9 <= until_ns):
+            events.append({"t_s": round(block.t_s, 3), **json.loads(block.payload)})

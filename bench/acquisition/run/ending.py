@@ -1,0 +1,86 @@
+"""How a run ends: the equipment made safe and read back, the records closed, the error that is told."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+
+from bench.acquisition.recording.recorder import Recorder
+from bench.acquisition.run.sequencer import Sequencer
+from bench.acquisition.station.safety import SafeState, failures
+from bench.acquisition.station.station import Station
+from bench.acquisition.station.watchdog import Watchdog
+from bench.base import BenchError, EquipmentError, InputError, RunAborted
+from drivers.errors import DriverError
+
+
+def _state(error: BenchError | None) -> str:
+    if error is None:
+        return "done"
+    return "aborted" if isinstance(error, RunAborted) else "failed"
+
+
+def as_bench_error(caught: BenchError | DriverError | OSError, moved: bool) -> BenchError:
+    """What ended the run, as an error of the bench; once equipment has moved, it is no more a matter of bad input."""
+    if isinstance(caught, BenchError) and not (moved and isinstance(caught, InputError)):
+        return caught
+    error = EquipmentError(cannot_record(caught) if isinstance(caught, OSError) else str(caught))
+    error.__cause__ = caught
+    return error
+
+
+def make_safe(
+    station: Station, recorder: Recorder, error: BenchError | None, sequencer: Sequencer, watchdog: Watchdog | None
+) -> BenchError | None:
+    """The safe state, read back; says loudly what could not be verified, and leaves that to the watchdog.
+
+    Equipment that was not commanded yet is left as it was found. The disk may be full: equipment first, records then.
+    """
+    records: list[Callable[[], None]] = []
+    trouble = ""
+    if sequencer.moved:
+        station.on_write = lambda write: records.append(partial(recorder.write, write))
+        settings = station.settings
+        way = SafeState(
+            station.chamber,
+            station.clock,
+            settings.safe_state,
+            settings.ambient_degc,
+            60.0 * settings.safe_state.retry_min,
+            stop_table=list if station.turntable is None else station.turntable.safe,
+            beat=partial(_still_alive, watchdog, 60.0 + 4.0 * settings.safe_state.step_s),
+            hurry=lambda: sequencer.asked_to_stop,
+            report=lambda kind, text, **facts: records.append(partial(recorder.event, kind, text, **facts)),
+        )
+        trouble = failures(way.make())
+    if watchdog is not None:
+        (watchdog.take_over if trouble else watchdog.done)()
+    if trouble:
+        further = "; the watchdog goes on trying" if watchdog is not None else ""
+        cause = f" (run ended by: {error})" if error is not None else ""
+        error = EquipmentError(f"{trouble}{further}{cause}")
+        with suppress(OSError):  # now, and not after minutes of tables and report
+            print(f"bench: {error}", file=sys.stderr, flush=True)
+    try:
+        for record in records:
+            record()
+        station.stop_capture()
+        recorder.event("end", str(error or "end of profile"), state=_state(error))
+        recorder.sync()
+    except OSError as caught:
+        error = error or EquipmentError(cannot_record(caught))
+    return error
+
+
+def _still_alive(watchdog: Watchdog | None, allow_s: float) -> None:
+    """A heartbeat that may be the last one for a while; a watchdog that died does not keep us from being safe."""
+    if watchdog is not None:
+        with suppress(EquipmentError):
+            watchdog.beat(allow_s)
+
+
+def cannot_record(error: OSError) -> str:
+    """Why a record could not be written, and what helps."""
+    return f"cannot record: {error.strerror or error}; free disk space or choose another place with --out"

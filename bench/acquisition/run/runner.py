@@ -1,0 +1,297 @@
+"""Profile + station → run folder: the only place where sequencer and recorder meet.
+
+Whatever happens (end, abort, exception, signal, lost link), the chamber is taken to the safe state, which is read
+back, and what was captured becomes a run folder.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from bench.acquisition.profile.guards import Guards, Signal, guards_of
+from bench.acquisition.profile.profile import Leg, Profile
+from bench.acquisition.recording.assemble import assemble
+from bench.acquisition.recording.recorder import BENCH_JOURNAL, Recorder
+from bench.acquisition.run import signals
+from bench.acquisition.run.continuation import Continuation
+from bench.acquisition.run.control import Desk, serve_desk
+from bench.acquisition.run.ending import as_bench_error, cannot_record, make_safe
+from bench.acquisition.run.remote import whoami
+from bench.acquisition.run.sequencer import Sequencer, Status
+from bench.acquisition.station.memory import Compensated, Output
+from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.station import Dropped, LiveUnit, Station, open_station
+from bench.acquisition.station.watchdog import Watchdog
+from bench.base import BenchError, EquipmentError, InputError, package_versions
+from bench.record import RunFolder, create_run
+from drivers.clock import WallClock
+from drivers.errors import DriverError
+
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to run and where to leave it; texts are the verbatim files."""
+
+    profile: Profile
+    profile_text: str
+    station: StationSettings
+    station_text: str
+    model_texts: Mapping[str, str]
+    serials: Sequence[str] = ()
+    """Units to run with; none: all units of the station."""
+    out: Path = Path("reports")
+    compensation: Compensated = "off"
+    """Whether the units correct their rate: off for a calibration, on for a verification."""
+    continuation: Continuation | None = None
+    """How to go on with a run whose bench was killed; none: a new run."""
+    operator: str = ""
+    """Who started it, for events and manifest; empty: who this process runs for."""
+
+    def legs(self) -> tuple[Leg, ...]:
+        """What is to be run."""
+        return self.profile.legs() if self.continuation is None else self.continuation.legs
+
+
+@dataclass(frozen=True)
+class UnitResult:
+    """How a run ended for one unit; `error` is None when the unit went with it to its end."""
+
+    serial: str
+    run: RunFolder
+    error: BenchError | None
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """How a run ended, for each of its units."""
+
+    units: tuple[UnitResult, ...]
+
+    @property
+    def run(self) -> RunFolder:
+        """The run folder of the first unit."""
+        return self.units[0].run
+
+    @property
+    def error(self) -> BenchError | None:
+        """The worst that happened to a unit; None when all went to the end."""
+        errors = [unit.error for unit in self.units if unit.error is not None]
+        return max(errors, key=lambda error: error.exit_code, default=None)
+
+
+def run_job(
+    job: Job,
+    onlooker: Callable[[Station, Status], None] = lambda station, status: None,
+    desk: Desk | None = None,
+) -> RunResult:
+    """Execute the job and leave a finished run folder for each unit; InputError before anything moves.
+
+    An aborted or failed run is returned with its error, not raised: its data are kept. What is our own bug (or an
+    interrupt that nobody handled) is raised again, after the safe state and with the run folders finished.
+    """
+    chosen = job.station.chosen(job.serials)
+    start_s = 0.0 if job.continuation is None else job.continuation.start_s(job.station.simulated)
+    with open_station(job.station, chosen, _occasion(job), start_s) as station:
+        guards = _guards(job, station)
+        recorder = _open_recorder(job, station)
+        station.on_event = recorder.event
+        if station.scenario is not None:
+            station.scenario.on_event = recorder.event
+        station.on_drop = partial(_drop, station, recorder)
+        failures: tuple[BenchError | None, ...] = ()
+        try:
+            with _control(desk, recorder):
+                error = _conduct(job, station, guards, recorder, onlooker, desk or Desk())
+        finally:
+            recorder.close()
+            failures = tuple(map(_assemble, recorder.runs, station.everyone))
+    reasons = {gone.unit.serial: EquipmentError(f"dropped: {gone.reason}") for gone in station.dropped}
+    ended = zip(chosen, recorder.runs, failures, strict=True)
+    return RunResult(
+        tuple(UnitResult(unit.serial, run, reasons.get(unit.serial) or error or failed) for unit, run, failed in ended)
+    )
+
+
+def _occasion(job: Job) -> str:
+    """Each part of a simulated run has noise of its own."""
+    part = 1 if job.continuation is None else job.continuation.runs[0].part
+    return job.profile.name if part == 1 else f"{job.profile.name} {part}"
+
+
+def _open_recorder(job: Job, station: Station) -> Recorder:
+    """A run folder for each unit; each knows where its companions in the chamber have theirs."""
+    texts = {"profile.yaml": job.profile_text, "station.yaml": job.station_text, **job.model_texts}
+    created = station.clock.utc()
+    serials = [unit.serial for unit in station.everyone]
+    folders = (
+        [create_run(job.out, serial, job.profile.name, created, texts) for serial in serials]
+        if job.continuation is None
+        else list(job.continuation.open(job.station_text))
+    )
+    metas = [_meta(job, unit, folder, created) for unit, folder in zip(station.everyone, folders, strict=True)]
+    for meta, folder in zip(metas, folders, strict=True):
+        meta["companions"] = [
+            {"unit": serial, "run": os.path.relpath(other.path, folder.path)}
+            for serial, other in zip(serials, folders, strict=True)
+            if other is not folder
+        ]
+    try:
+        return Recorder(folders[0], station.clock, metas[0], *zip(folders[1:], metas[1:], strict=True))
+    except OSError as error:
+        raise InputError(cannot_record(error), folders[0].path) from None
+
+
+def _meta(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime) -> dict[str, Any]:
+    settings = unit.settings
+    return {
+        "run": folder.path.name,
+        "unit": unit.serial,
+        "created": created.isoformat(timespec="seconds"),
+        "profile": job.profile.name,
+        "station": job.station.name,
+        "simulated": job.station.simulated,
+        "purpose": "calibration" if job.compensation == "off" else "verification",
+        "gyro": {"layout": settings.gyro, "number": settings.number, "bus": settings.bus},
+        **({"operator": job.operator} if job.operator else {}),
+        "seeds": job.station.seeds(job.profile.name),
+        "versions": package_versions(),
+    }
+
+
+def _drop(station: Station, recorder: Recorder, gone: Dropped) -> None:
+    """A unit leaves: its own run folder ends here with the reason, those of the others go on."""
+    folder = recorder.runs[station.everyone.index(gone.unit)]
+    recorder.leave(folder, gone.reason, state="failed", sound_until_s=gone.sound_until_s)
+    recorder.event("dropped", f"unit {gone.unit.serial} left the run: {gone.reason}", unit=gone.unit.serial)
+
+
+def _assemble(folder: RunFolder, unit: LiveUnit) -> BenchError | None:
+    """Finish a run folder; a disk that does not take the tables leaves the journals to make them from later."""
+    try:
+        assemble(folder, unit.decoded())
+    except OSError as error:
+        text = f"the journals are complete; then `bench report {folder.path}` makes the tables"
+        return EquipmentError(f"{cannot_record(error)}; {text}")
+    return None
+
+
+def _guards(job: Job, station: Station) -> Guards:
+    """The guards of the run. InputError when one watches what this controller, asked now, does not tell."""
+    told = signals.told(station.chamber.poll())
+    patience_s = job.station.chamber.link.lost_after_s + 30.0
+    return Guards(guards_of(job.station.guards, job.profile.guards, told, patience_s))
+
+
+def _conduct(
+    job: Job,
+    station: Station,
+    guards: Guards,
+    recorder: Recorder,
+    onlooker: Callable[[Station, Status], None],
+    desk: Desk,
+) -> BenchError | None:
+    """Run the sequence and make the equipment safe; the error that ended it, if any."""
+    watched = desk.watched(onlooker)
+    output = Output(station, job.compensation, recorder.event)
+
+    def look(status: Status) -> None:
+        watched(station, status)
+        output.check()
+
+    sequencer = Sequencer(station, guards, recorder, look)
+    if station.turntable is not None:
+        sequencer.turning = station.turntable.begin
+    desk.attach(sequencer, job.profile.duration_s, guards)
+    sequencer.signals.extra = lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)}
+    station.on_write = recorder.write
+    error: BenchError | None = None
+    watchdog: Watchdog | None = None
+    with _stop_signals(sequencer):
+        try:
+            station.start_capture(recorder)
+            recorder.event("run", "start", who=job.operator or whoami())
+            sequencer.check_before_start()
+            output.establish()
+            _record_gap(job, station, recorder)
+            watchdog = _watch(station, recorder, sequencer)
+            sequencer.start_chamber()
+            sequencer.run(job.legs())
+        except (BenchError, DriverError, OSError) as caught:
+            error = as_bench_error(caught, sequencer.moved)
+        except BaseException as bug:
+            error = EquipmentError(f"internal error: {type(bug).__name__}: {bug}")
+            raise
+        finally:
+            desk.ends(str(error or "the profile is over"))
+            error = make_safe(station, recorder, error, sequencer, watchdog)
+            output.restore()
+    return error
+
+
+def _record_gap(job: Job, station: Station, recorder: Recorder) -> None:
+    """What is known of the time between the parts of a run that goes on."""
+    if job.continuation is not None:
+        units = {u.serial: None if u.temperature is None else round(u.temperature.value, 3) for u in station.units}
+        recorder.event("gap", **job.continuation.gap(station.started_s, station.chamber.poll(), units))
+
+
+def _watch(station: Station, recorder: Recorder, sequencer: Sequencer) -> Watchdog | None:
+    """Let a process of its own watch over real equipment from here on; a simulated chamber dies with this process."""
+    if not isinstance(station.clock, WallClock):
+        return None
+    watchdog = Watchdog(station.settings, recorder.run.path, station.clock.started_monotonic_ns)
+    sequencer.beat = watchdog.beat
+    watchdog.arm()
+    recorder.event("watchdog", f"process {watchdog.pid} watches over this run", pid=watchdog.pid)
+    return watchdog
+
+
+@contextmanager
+def _control(desk: Desk | None, recorder: Recorder) -> Iterator[None]:
+    """Serve the desk to other processes of this machine; without a port the run goes its way."""
+    if desk is None:
+        yield
+        return
+    journals = [run.journal / BENCH_JOURNAL for run in recorder.runs]
+    with serve_desk(desk, [run.path for run in recorder.runs], journals) as trouble:
+        if trouble:
+            recorder.event("control", trouble)
+        yield
+
+
+def _disk_free(path: Path, station: Station) -> Signal:
+    return Signal(shutil.disk_usage(path).free / 1e6, station.clock.now())
+
+
+@contextmanager
+def _stop_signals(sequencer: Sequencer) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and a closed terminal end the run at the next tick, through the safe state.
+
+    What whoever started us told us to ignore (`nohup`) stays ignored.
+    """
+
+    def stop(number: int, frame: Any) -> None:
+        sequencer.request_stop("operator (Ctrl-C)" if number == signal.SIGINT else signal.Signals(number).name)
+
+    try:
+        heard = [number for number in STOP_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+        previous = {number: signal.signal(number, stop) for number in heard}
+    except ValueError:  # not in the main thread: whoever started us handles signals
+        yield
+        return
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -1,0 +1,140 @@
+"""The calibration memory of a unit of a station, opened; and what a run needs of it: raw or corrected output.
+
+A calibration needs the raw rate. A unit that corrects itself is told to stop for the time of the run, and to go on
+after it; it forgets that with its power, so a run during which it starts anew ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+from typing import Literal
+
+from bench.acquisition.station.settings import Bus, StationSettings, UnitSettings
+from bench.acquisition.station.station import Station, open_station
+from bench.acquisition.station.unit import LiveUnit
+from bench.base import EquipmentError, InputError
+from drivers.clock import Clock, WallClock
+from drivers.coefficients import CoefficientStore
+from drivers.errors import DriverError
+from drivers.interfaces import open_bus
+from drivers.unit_line import UnitLine
+
+Compensated = Literal["off", "on"]
+HEARD_S = 3.0
+"""Heartbeats come once a second."""
+
+
+@contextmanager
+def open_store(bus: Bus, clock: Clock, unit: UnitSettings) -> Iterator[CoefficientStore]:
+    """The memory of a unit, over a connection to its bus of its own."""
+    wire = open_bus(bus.to_driver())
+    try:
+        line = UnitLine(wire, clock, unit.gyro, unit.number)
+        addresses = unit.flash.addresses(unit.number)
+        if addresses.protocol == "uds":
+            from drivers.uds_store import UdsStore  # an extra: only who flashes by UDS needs it
+
+            yield UdsStore(line, addresses.request, addresses.answer)
+        else:
+            from drivers.canopen_store import CanopenStore
+
+            yield CanopenStore(line, addresses.node, unit.flash.transfer)
+    finally:
+        wire.shutdown()
+
+
+@contextmanager
+def open_alone(settings: StationSettings, unit: UnitSettings) -> Iterator[CoefficientStore]:
+    """The memory of a unit when nothing runs; of real equipment only the unit's bus is opened."""
+    if not settings.simulated:
+        with open_store(settings.buses[unit.bus], WallClock(), unit) as store:
+            yield store
+        return
+    with (
+        open_station(settings, [unit], "flash") as station,
+        open_store(station.buses[unit.bus], station.clock, unit) as store,
+    ):
+        yield store
+
+
+class Output:
+    """Sees to it that the units of a run send what the run is about."""
+
+    def __init__(self, station: Station, wanted: Compensated, report: Callable[..., None]) -> None:
+        """`report` takes kind, text and numbers of an event."""
+        self._station, self._wanted, self._report = station, wanted, report
+        self._silenced: list[LiveUnit] = []
+        self._established = False
+
+    def establish(self) -> None:
+        """Raw or corrected rate from all units, proved by their heartbeats.
+
+        InputError for a unit without calibration where the corrected rate is wanted, DriverError or EquipmentError for
+        one that goes on correcting.
+        """
+        for unit in self._station.units:
+            self._wait(partial(_is_known, unit), f"unit {unit.serial}: no heartbeat")
+            if self._wanted == "on" and not _set_of(unit):
+                text = f"unit {unit.serial} sends its raw rate; write a calibration with `bench flash {unit.serial}`"
+                raise InputError(text)
+            if self._wanted == "off" and _set_of(unit):
+                self._silence(unit)
+        self._established = True
+
+    def check(self) -> None:
+        """EquipmentError when a unit has changed its mind: it lost its power, and what it sends is another quantity."""
+        if not self._established:
+            return
+        for unit in self._station.units:
+            if unit.decoder.identity is not None and bool(_set_of(unit)) != (self._wanted == "on"):
+                now = "corrects its rate again" if self._wanted == "off" else "sends its raw rate"
+                raise EquipmentError(f"unit {unit.serial} started anew and {now}: the run mixes two quantities")
+
+    def restore(self) -> None:
+        """Let the units correct their rate again; a unit that does not answer does so after its next power cycle."""
+        for unit in self._silenced:
+            try:
+                with self._store(unit) as store:
+                    store.compensate(True)
+                self._report("compensation", f"unit {unit.serial} corrects its rate again", unit=unit.serial)
+            except DriverError as error:
+                text = f"unit {unit.serial} sends its raw rate until its next power cycle: {error}"
+                self._report("compensation", text, unit=unit.serial, ok=False)
+
+    def _silence(self, unit: LiveUnit) -> None:
+        number = _set_of(unit)
+        try:
+            with self._store(unit) as store:
+                store.compensate(False)
+        except DriverError as error:
+            text = f"unit {unit.serial} corrects its rate (coefficient set {number}) and cannot be told to stop"
+            raise EquipmentError(
+                f"not started: {text}: {error}; see `flash` of the unit in the station file"
+            ) from error
+        self._silenced.append(unit)
+        self._wait(lambda: not _set_of(unit), f"unit {unit.serial} still corrects its rate")
+        text = f"unit {unit.serial} sends its raw rate for this run (coefficient set {number} is off)"
+        self._report("compensation", text, unit=unit.serial, coefficient_set=number)
+
+    def _wait(self, condition: Callable[[], bool], trouble: str) -> None:
+        clock = self._station.clock
+        until_s = clock.now() + HEARD_S
+        while not condition():
+            if clock.now() >= until_s:
+                raise EquipmentError(f"not started: {trouble} within {HEARD_S:g} s")
+            clock.sleep_until(clock.now() + 0.1)
+            self._station.poll()
+
+    def _store(self, unit: LiveUnit) -> AbstractContextManager[CoefficientStore]:
+        return open_store(self._station.buses[unit.settings.bus], self._station.clock, unit.settings)
+
+
+def _is_known(unit: LiveUnit) -> bool:
+    return unit.decoder.identity is not None
+
+
+def _set_of(unit: LiveUnit) -> int:
+    identity = unit.decoder.identity
+    return 0 if identity is None else identity.coefficient_set

@@ -1,0 +1,85 @@
+"""The simulated station as servers of its own on 127.0.0.1: Modbus TCP and CAN (`loopcan`), for other programs and CI.
+
+It runs on wall time, or `speed` times as fast. A station file that names these ports drives it like real equipment.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.station import Bus, simulate
+from bench.base import EquipmentError
+from drivers.clock import Clock, WallClock
+from drivers.sim.loopcan import Broker
+from drivers.sim.station import SimulatedStation
+
+STEP_S = 0.02
+"""Simulated time between two looks at the commands: ten rate samples of one housekeeping cycle."""
+
+
+@dataclass(frozen=True)
+class Served:
+    """A simulated station that other processes can reach."""
+
+    settings: StationSettings
+    station: SimulatedStation
+    can_ports: dict[str, int]
+
+    def station_file(self) -> dict[str, Any]:
+        """A station file that drives these servers as if they were real."""
+        inside = {"seed", "simulated", "units", "faults", "eeproms"}
+        content = self.settings.model_dump(mode="json", exclude_defaults=True, exclude=inside)
+        content["name"] = f"{self.settings.name}-remote"
+        content["chamber"]["connection"] = {"url": f"tcp://127.0.0.1:{self.station.modbus_port}"}
+        content["buses"] = {
+            name: {"interface": "loopcan", "channel": str(port)} for name, port in self.can_ports.items()
+        }
+        units = [unit.model_dump(mode="json", exclude_defaults=True) for unit in self.settings.units]
+        content["units"] = [{key: value for key, value in unit.items() if key != "simulation"} for unit in units]
+        return content
+
+    def station_yaml(self) -> str:
+        """The same as YAML text."""
+        return yaml.safe_dump(self.station_file(), sort_keys=False)
+
+
+@contextmanager
+def serve_station(settings: StationSettings, modbus_port: int = 0, can_port: int = 0) -> Iterator[Served]:
+    """Open the servers; `can_port` is the first bus's, further buses get free ports. EquipmentError: port taken."""
+    with ExitStack() as stack:
+        ports: dict[str, int] = {}
+        for name in settings.buses:
+            try:
+                broker = stack.enter_context(closing(Broker(port=can_port if not ports else 0)))
+            except OSError as error:
+                raise EquipmentError(f"cannot serve bus {name} on 127.0.0.1:{can_port}: {error.strerror}") from None
+            ports[name] = broker.port
+        buses = {name: Bus(interface="loopcan", channel=str(port)) for name, port in ports.items()}
+        simulated = simulate(settings, settings.units, buses, stack, modbus_port=modbus_port)
+        stack.enter_context(closing(simulated))
+        yield Served(settings, simulated, ports)
+
+
+def keep_running(served: Served, speed: float, stopped: Callable[[], bool], clock: Clock | None = None) -> None:
+    """Let simulated time pass at `speed` times wall time until `stopped`."""
+    clock = clock or WallClock()
+    step = 0
+    while not stopped():
+        served.station.advance(step * STEP_S, (step + 1) * STEP_S)
+        step += 1
+        clock.sleep_until(step * STEP_S / speed)
+
+
+def until_signal() -> Callable[[], bool]:
+    """A condition that becomes true with Ctrl-C or SIGTERM."""
+    seen: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, frame: seen.append(received))
+    return lambda: bool(seen)

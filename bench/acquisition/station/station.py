@@ -1,0 +1,297 @@
+"""The equipment of a bench, opened: chamber, buses, units; real, or simulated in lock-step.
+
+`open_station` is the one context manager that opens everything and closes everything, in the right order.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import can
+
+from bench.acquisition.recording.recorder import Recorder
+from bench.acquisition.station.injected import TIMEOUT_S, Scenario
+from bench.acquisition.station.links import Link
+from bench.acquisition.station.rate_table import open_table, simulate_table
+from bench.acquisition.station.settings import LOCAL_INTERFACES, Bus, Connection, StationSettings, UnitSettings
+from bench.acquisition.station.turning import Turntable
+from bench.acquisition.station.unit import LiveUnit, Trouble
+from bench.base import EquipmentError
+from bench.record import share, slug
+from drivers.canbus import Capture, CaptureHealth, InProcessCapture, ProcessCapture, open_bus
+from drivers.chamber import Chamber, Write
+from drivers.clock import Clock, SimClock, WallClock
+from drivers.journal import FrameArray, JournalWriter
+from drivers.modbus import ModbusLink
+from drivers.registers import RegisterMap, load_map
+from drivers.sim.can_gyro import CanGyro
+from drivers.sim.eeprom import Eeprom
+from drivers.sim.flash_port import FlashPort
+from drivers.sim.memory import CalibrationMemory
+from drivers.sim.plant import Plant, PlantParameters
+from drivers.sim.resonator import Resonator, default_unit
+from drivers.sim.resonator import UnitSettings as GyroPhysics
+from drivers.sim.station import SimulatedStation, SimulatedUnit
+
+__all__ = ["Bus", "Dropped", "LiveUnit", "Station", "StationSettings", "open_station", "simulate"]
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """A unit that had to leave a run which went on without it."""
+
+    unit: LiveUnit
+    reason: str
+    sound_until_s: float
+    """Bench time up to which its data are its own [s]."""
+
+
+class Station:
+    """Everything that is open: one clock, one chamber, the buses and the units on them.
+
+    `units` are those alive, `dropped` those that had to leave: a unit that fails alone does not end the run of the
+    others. When it is the last one, or when all fail together, nobody leaves and the guards of the run decide.
+    """
+
+    def __init__(
+        self,
+        settings: StationSettings,
+        clock: Clock,
+        link: ModbusLink,
+        registers: RegisterMap,
+        units: Sequence[UnitSettings],
+    ) -> None:
+        limits = settings.chamber.lowest_degc, settings.chamber.highest_degc
+        self.settings, self.clock = settings, clock
+        self.started_s = clock.now()
+        """Bench time at which it was opened [s]."""
+        self.chamber = Chamber(link, registers, limits, clock, journal=self._written)
+        self.everyone = tuple(LiveUnit(unit, clock) for unit in units)
+        self.units = list(self.everyone)
+        self.dropped: list[Dropped] = []
+        self.on_write: Callable[[Write], None] = lambda write: None
+        """Sees every register of the chamber that is written."""
+        self.on_drop: Callable[[Dropped], None] = lambda dropped: None
+        """Sees every unit that leaves."""
+        self.on_event: Callable[..., None] = lambda kind, text, **facts: None
+        """Hears what happens to the buses: kind, text and numbers of an event."""
+        self.scenario: Scenario | None = None
+        """What goes wrong in a simulated station on purpose."""
+        self.turntable: Turntable | None = None
+        """The rate table that the units are on, where there is one."""
+        self.buses: Mapping[str, Bus] = settings.buses
+        """Under the names that they are open by: a simulated station has private ones."""
+        self.local_buses: dict[str, can.BusABC] = {}
+        self._captures: dict[str, Capture] = {}
+        self._links: dict[str, Link] = {}
+        self._complete = False
+
+    def start_capture(self, recorder: Recorder) -> None:
+        """Capture every bus that a unit is on into one journal, which the run folders of all units on it share."""
+        if self.turntable is not None:
+            self.turntable.record, self.turntable.on_event = recorder.table, recorder.event
+        folders = list(zip(self.everyone, recorder.runs, strict=True))
+        for name in sorted({unit.settings.bus for unit in self.everyone}):
+            path, *others = (run.journal / f"{name}.gtbj" for unit, run in folders if unit.settings.bus == name)
+            path.touch()
+            for other in others:
+                share(path, other)
+            self._captures[name] = self._capture(name, path, recorder)
+            self._links[name] = Link(f"bus {name}", self.settings.buses[name].link, self.on_event)
+
+    def _capture(self, name: str, path: Path, recorder: Recorder) -> Capture:
+        if name in self.local_buses:
+            writer = JournalWriter(path)
+            recorder.keep_synced(writer)
+            return InProcessCapture(self.local_buses[name], writer, now=self.clock.now)
+        started_ns = self.clock.started_monotonic_ns if isinstance(self.clock, WallClock) else 0
+        heard = [unit.settings for unit in self.everyone if unit.settings.bus == name]
+        return ProcessCapture(self.settings.buses[name].to_driver(heard), path, started_ns)
+
+    def poll(self) -> None:
+        """Take in what was captured since the last call; drop units that fail alone.
+
+        Raises EquipmentError when no unit is left on a bus that works, InputError when another unit than the
+        described one answers before all were heard, or in the place of the last one; DriverError or EquipmentError
+        when the rate table fails.
+        """
+        if self.turntable is not None:
+            self.turntable.poll()
+        for name, capture in self._captures.items():
+            self._take(name, capture.poll())
+        lost = self._lost_buses()
+        for unit in self.units:
+            for text in unit.news():
+                self.on_event("unit", text, unit=unit.serial)
+        if self._complete:
+            self._drop(lost)
+        if left := {unit.settings.bus for unit in self.units} & lost.keys():
+            raise EquipmentError("; ".join(lost[name] for name in sorted(left)))
+        for unit in self.units:
+            unit.check_identity()
+        self._complete = self._complete or not any(unit.missing() for unit in self.units)
+
+    @property
+    def bus_failed_s(self) -> float:
+        """How long a bus has failed, the longest of those that fail now [s]."""
+        return max((link.silent_s(self.clock.now()) for link in self._links.values()), default=0.0)
+
+    def _lost_buses(self) -> dict[str, str]:
+        """Buses whose capture has failed for too long, each with what is wrong."""
+        now_s, lost = self.clock.now(), {}
+        for name, capture in self._captures.items():
+            link, health = self._links[name], capture.health()
+            try:
+                if health.error is None:
+                    link.answered(now_s)
+                elif health.state == "lost":
+                    link.gone(now_s, health.error)
+                else:
+                    link.failed(now_s, health.error)
+            except EquipmentError as trouble:
+                lost[name] = str(trouble)
+        return lost
+
+    def _drop(self, lost: Mapping[str, str]) -> None:
+        """Let units leave that cannot go on, unless nobody would be left."""
+        troubles: list[tuple[LiveUnit, Trouble]] = []
+        for unit in self.units:
+            trouble = unit.trouble(self.settings.unit_silent_s)
+            if failed := lost.get(unit.settings.bus):
+                trouble = Trouble(failed, self.clock.now())
+            if trouble is not None:
+                troubles.append((unit, trouble))
+        if len(troubles) == len(self.units):
+            return
+        for unit, trouble in troubles:
+            self.units.remove(unit)
+            self.dropped.append(Dropped(unit, trouble.reason, trouble.sound_until_s))
+            self.on_drop(self.dropped[-1])
+
+    def captures(self) -> list[CaptureHealth]:
+        """How the capture of each bus is, by its name in the station file."""
+        return [replace(capture.health(), bus=name) for name, capture in self._captures.items()]
+
+    def missing_units(self) -> list[str]:
+        """Units that were not heard yet, each with what is missing and what to look at."""
+        found = []
+        for unit in self.units:
+            if what := unit.missing():
+                bus = self.settings.buses[unit.settings.bus]
+                frames = self._captures[unit.settings.bus].health().frames if self._captures else 0
+                found.append(
+                    f"unit {unit.serial}: {what} as number {unit.settings.number} on bus {unit.settings.bus} "
+                    f"({bus.interface} {bus.channel}, {frames} frames); check its power, number and bit rate"
+                )
+        return found
+
+    def stop_capture(self) -> None:
+        """Take what is left and stop capturing; a second call does nothing."""
+        while self._captures:
+            name, capture = self._captures.popitem()
+            try:
+                self._take(name, capture.poll())
+            finally:
+                capture.close()
+            self._take(name, capture.poll())  # what a process still journalled at its end
+
+    def losses(self) -> dict[str, int]:
+        """Frame counts of all units together, those that have left included."""
+        counts = [unit.decoder.losses.as_dict() for unit in self.everyone]
+        return {name: sum(count[name] for count in counts) for name in counts[0]}
+
+    def _written(self, write: Write) -> None:
+        self.on_write(write)
+
+    def _take(self, bus: str, frames: FrameArray) -> None:
+        for unit in self.units:
+            if unit.settings.bus == bus:
+                unit.take(frames)
+
+
+@contextmanager
+def open_station(
+    settings: StationSettings, units: Sequence[UnitSettings], occasion: str = "", start_s: float = 0.0
+) -> Iterator[Station]:
+    """Open what `units` need: the chamber, identified, and the buses; closed again in reverse order.
+
+    `occasion`, the name of what is run, makes the noise of a simulated station its own. Bench time begins at `start_s`.
+    """
+    registers = load_map(settings.chamber.map)
+    scenario: Scenario | None = None
+    with ExitStack() as stack:
+        clock: Clock
+        if settings.simulated:
+            clock = SimClock(start_s=start_s)
+            buses = _private_buses(settings)
+            simulation = stack.enter_context(closing(simulate(settings, units, buses, stack, occasion)))
+            connection = Connection(url=f"tcp://127.0.0.1:{simulation.modbus_port}")
+            if settings.faults:
+                scenario = Scenario(settings, units, simulation, registers, stack)
+                clock.attach(scenario.advance)
+                if scenario.proxy is not None:
+                    connection = Connection(url=scenario.proxy.url, timeout_s=TIMEOUT_S)
+            else:
+                clock.attach(simulation.advance)
+        else:
+            clock, buses = WallClock(start_s), settings.buses
+            assert settings.chamber.connection is not None  # checked with the file
+            connection = settings.chamber.connection
+        link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
+        stack.enter_context(closing(link))
+        station = Station(settings, clock, link, registers, units)
+        station.scenario, station.buses = scenario, buses
+        for name, unit in {unit.bus: unit for unit in units}.items():
+            if buses[name].interface in LOCAL_INTERFACES:
+                bus = open_bus(buses[name].to_driver())
+                stack.callback(bus.shutdown)
+                if scenario is not None and name in scenario.where:
+                    bus = scenario.around(name, bus, unit)
+                station.local_buses[name] = bus
+        station.turntable = open_table(settings, clock, buses, stack)
+        station.chamber.identify()
+        stack.callback(station.stop_capture)
+        yield station
+
+
+def simulate(
+    settings: StationSettings,
+    units: Sequence[UnitSettings],
+    buses: Mapping[str, Bus],
+    stack: ExitStack,
+    occasion: str = "",
+    modbus_port: int = 0,
+) -> SimulatedStation:
+    """The simulated chamber and units of a station file, on these buses; `stack` closes the buses."""
+    seed = settings.seeds(occasion)["run"]
+    plant = Plant(PlantParameters(ambient_degc=settings.ambient_degc), seed=seed)
+    simulated = []
+    wires: dict[str, can.BusABC] = {}  # one connection a bus: one that only sends would collect what the others send
+    for unit in units:
+        physics = default_unit() if unit.simulation is None else GyroPhysics.parse(unit.simulation)
+        if unit.bus not in wires:
+            wires[unit.bus] = open_bus(buses[unit.bus].to_driver())
+            stack.callback(wires[unit.bus].shutdown)
+        identity = unit.identity or unit.number + 1
+        wire = CanGyro(wires[unit.bus], unit.number, identity, layout=unit.gyro)
+        kept = None if settings.eeproms is None else Path(settings.eeproms) / f"{slug(unit.serial)}.eeprom"
+        port = FlashPort(wire, CalibrationMemory(Eeprom(kept), identity), unit.flash.addresses(unit.number))
+        simulated.append(SimulatedUnit(Resonator(physics, seed=seed + settings.units.index(unit)), wire, port))
+    table = simulate_table(settings, buses, stack, seed)
+    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table)
+
+
+def _private_buses(settings: StationSettings) -> dict[str, Bus]:
+    """The same buses under names that no other station in this process uses."""
+    suffix = uuid.uuid4().hex[:8]
+    options = {"virtual": {"preserve_timestamps": True}, "blocks": {}}
+    return {
+        name: bus.model_copy(
+            update={"channel": f"{bus.channel}-{suffix}", "options": options[bus.interface] | bus.options}
+        )
+        for name, bus in settings.buses.items()
+    }

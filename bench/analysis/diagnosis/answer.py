@@ -1,0 +1,200 @@
+"""The answer of a diagnosis: verdict, where the model fails, suspects best first, and what the run could not show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any, Literal
+
+from bench.analysis.diagnosis.candidates import Theta
+from bench.analysis.effects.model import Model
+from bench.base import CHANNELS, FloatArray, finite
+
+VerdictWord = Literal["adequate", "missing_effect", "unknown_effect"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a model fails: a range of a channel (or of time, of dT/dt), how large and how certain.
+
+    `rms_dph` is the residual's RMS there, `misfit_dph` the RMS of the systematic part, `p` the chance of it.
+    """
+
+    channel: str
+    low: float
+    high: float
+    rms_dph: float
+    floor_ratio: float
+    misfit_dph: float
+    p: float
+    note: str = ""
+
+    @property
+    def unit(self) -> str:
+        """Of the range's ends."""
+        return "degC/min" if self.channel == "dT_dt" else CHANNELS[self.channel].unit
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of `where`."""
+        return {
+            "channel": self.channel,
+            "from": finite(self.low),
+            "to": finite(self.high),
+            "rms_dph": finite(self.rms_dph),
+            "floor_ratio": finite(self.floor_ratio),
+            "misfit_dph": finite(self.misfit_dph),
+            "p": self.p,
+            "note": self.note,
+        }
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted number with its unit, standard deviation and, for a nonlinear parameter, 95 % interval."""
+
+    value: float
+    unit: str
+    std: float
+    interval: tuple[float, float] | None = None
+    at_bound: bool = False
+    """The search ended at an end of its range: the data do not determine the value."""
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of `parameters`."""
+        entry = {"value": finite(self.value), "unit": self.unit, "std": finite(self.std)}
+        if self.interval is None:
+            return entry
+        return entry | {"interval": [finite(end) for end in self.interval], "at_bound": self.at_bound}
+
+
+@dataclass(frozen=True, eq=False)
+class SuspectedEffect:
+    """An effect that may be missing, judged beside what was found before it.
+
+    `removes` is the share of the excess variance over the floor that adding it removes on data that the fit did not
+    see (NaN where there is no excess); `chance` how often runs without any effect reach this evidence; `legs` the gain
+    in 2 ln L that each segment holds, at the noise left beside the effect. `model` is the model with it added; `reason`
+    says why that could not be fitted.
+    """
+
+    effect: str
+    options: Mapping[str, Any]
+    found: bool
+    evidence: float
+    chance: float
+    held_out_before_dph: float
+    held_out_rms_dph: float
+    removes: float
+    parameters: Mapping[str, Value]
+    look_alikes: tuple[str, ...]
+    legs: tuple[tuple[str, float], ...]
+    model: Model
+    theta: Theta
+    shape: tuple[FloatArray, ...] = field(default=(), repr=False)
+    """What it adds to the fitted bias of each run (n,) [deg/h]; NaN in rows that were not fitted."""
+    reason: str = ""
+
+    @property
+    def scored(self) -> bool:
+        """Whether there is an error on unseen data without it and with it."""
+        return isfinite(self.held_out_before_dph) and isfinite(self.held_out_rms_dph)
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of `suspects`."""
+        return {
+            "effect": self.effect,
+            "options": dict(self.options),
+            "found": self.found,
+            "held_out_before_dph": finite(self.held_out_before_dph),
+            "held_out_rms_dph": finite(self.held_out_rms_dph),
+            "removes": finite(self.removes),
+            "evidence": finite(self.evidence),
+            "chance": finite(self.chance),
+            "parameters": {name: value.to_json() for name, value in self.parameters.items()},
+            "look_alikes": list(self.look_alikes),
+            "legs": [{"segment": name, "gain": finite(gain)} for name, gain in self.legs],
+            "reason": self.reason,
+        }
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The smallest effect that the run would have shown; infinite (JSON null) where no size would."""
+
+    effect: str
+    rms_dph: float
+    amplitude: float
+    unit: str
+    parameters: Mapping[str, float]
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of `smallest_detectable`."""
+        return {
+            "effect": self.effect,
+            "rms_dph": finite(self.rms_dph),
+            "amplitude": finite(self.amplitude),
+            "unit": self.unit,
+            "parameters": dict(self.parameters),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What `bench diagnose` answers. `residuals` and `unexplained_residuals` are (n,) [deg/h] of each run.
+
+    `model` is the model that was diagnosed, its automatic options settled; `improved` the same with what was found.
+    """
+
+    verdict: VerdictWord
+    sentence: str
+    runs: tuple[str, ...]
+    check: tuple[str, ...]
+    floor_dph: float
+    rms_dph: float
+    held_out_rms_dph: float
+    held_out_by: str
+    where: tuple[Place, ...]
+    suspects: tuple[SuspectedEffect, ...]
+    unexplained: tuple[Place, ...]
+    threshold: float
+    not_excited: Mapping[str, str]
+    smallest_detectable: tuple[Detectable, ...]
+    noise_finding: str
+    notes: tuple[str, ...]
+    model: Model
+    improved: Model
+    residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
+    unexplained_residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
+    next_experiment: Mapping[str, Any] | None = None
+    static: str = ""
+    """Name of the isothermal run that tells the noise; empty without."""
+
+    @property
+    def found(self) -> tuple[SuspectedEffect, ...]:
+        """Effects that are missing by the evidence, strongest first."""
+        return tuple(suspect for suspect in self.suspects if suspect.found)
+
+    def to_json(self) -> dict[str, Any]:
+        """The object of `bench diagnose --json`; null where a number does not exist."""
+        return {
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "runs": list(self.runs),
+            "check": list(self.check),
+            "static": self.static or None,
+            "model": self.model.name,
+            "floor_dph": finite(self.floor_dph),
+            "rms_dph": finite(self.rms_dph),
+            "held_out_rms_dph": finite(self.held_out_rms_dph),
+            "held_out_by": self.held_out_by,
+            "where": [place.to_json() for place in self.where],
+            "suspects": [suspect.to_json() for suspect in self.suspects],
+            "next_experiment": None if self.next_experiment is None else dict(self.next_experiment),
+            "unexplained": [place.to_json() for place in self.unexplained],
+            "threshold": finite(self.threshold),
+            "not_excited": [{"effect": name, "reason": why} for name, why in self.not_excited.items()],
+            "smallest_detectable": [limit.to_json() for limit in self.smallest_detectable],
+            "noise_finding": self.noise_finding or None,
+            "notes": list(self.notes),
+        }

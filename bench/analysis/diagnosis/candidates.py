@@ -1,0 +1,118 @@
+"""What the evidence engine compares: a record with its present model, and candidates for what that model lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Literal
+
+import numpy as np
+
+from bench.analysis.effects.base import Parameter
+from bench.analysis.noise.likelihood import Record
+from bench.base import FloatArray
+
+Theta = tuple[float, ...]
+"""Nonlinear parameters of one candidate, in the order of its `parameters`."""
+
+_POINTS = (24, 9, 5)  # grid points of each parameter for one, two and three of them
+_POINTS_OF_CHANGE = 160  # a jump is sharp: what lies between two points would look smaller than it is
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect that may be missing.
+
+    `columns(theta)` are the columns (n, k) that it adds to the base, or for an "abscissa" the columns (n, p) that
+    replace the base's, one by one. `change_point` costs one count more; `count` replaces the number of parameters that
+    is paid for (shapes of one effect pay the same, or the one with more parameters would never be named).
+    """
+
+    name: str
+    columns: Callable[[Theta], FloatArray]
+    family: str = ""
+    kind: Literal["term", "abscissa"] = "term"
+    parameters: tuple[Parameter, ...] = ()
+    change_point: bool = False
+    count: int | None = None
+    points: int | None = None
+
+    def grid(self) -> list[Theta]:
+        """Parameters to try, the same number of steps to each; one empty tuple where there are none."""
+        if not self.parameters:
+            return [()]
+        usual = _POINTS_OF_CHANGE if self.change_point else _POINTS[min(len(self.parameters), len(_POINTS)) - 1]
+        axes = [from_unit(parameter, np.linspace(0.0, 1.0, self.points or usual)) for parameter in self.parameters]
+        return [tuple(map(float, theta)) for theta in product(*axes)]
+
+    def paid(self, base_columns: int, columns: int) -> int:
+        """Parameters counted by the evidence for this many base columns and columns of its own."""
+        if self.count is not None:
+            return self.count
+        linear = columns - base_columns if self.kind == "abscissa" else columns
+        return linear + len(self.parameters) + int(self.change_point)
+
+
+def from_unit(parameter: Parameter, at: FloatArray) -> FloatArray:
+    """Values of a parameter for positions 0..1 between its bounds."""
+    if parameter.log:
+        return np.asarray(parameter.low * (parameter.high / parameter.low) ** at)
+    return np.asarray(parameter.low + (parameter.high - parameter.low) * at)
+
+
+def to_unit(parameter: Parameter, value: float) -> float:
+    """Position 0..1 of a value between the bounds of its parameter."""
+    if parameter.log:
+        return float(np.log(value / parameter.low) / np.log(parameter.high / parameter.low))
+    return (value - parameter.low) / (parameter.high - parameter.low)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A record of means, the columns of its present model and what else is known of the noise.
+
+    Rows are complete: gaps are left out before, memory effects having seen the whole record. `white` (n,) scales the
+    white variance of means over fewer samples. `statics` are isothermal records of the same gyro, own columns.
+    Several runs are stacked with their times set days apart (a month, say): flicker is forgotten by then, and a walk
+    leaves each run a constant of its own; where a gyro's turn-on scatters, each further run has a constant in `base`.
+    """
+
+    time_s: FloatArray
+    y: FloatArray
+    base: FloatArray
+    interval_s: float
+    statics: tuple[Record, ...] = ()
+    white: FloatArray | None = field(default=None, repr=False)
+
+    def records(self, columns: FloatArray | None = None) -> tuple[Record, ...]:
+        """The run with these columns (the base by default), then the isothermal records."""
+        X = self.base if columns is None else columns
+        return (Record(self.time_s, self.y, X, self.white), *self.statics)
+
+    @property
+    def rows(self) -> int:
+        """Rows of all records together."""
+        return len(self.y) + sum(len(record.y) for record in self.statics)
+
+
+def joint(problem: Problem, candidate: Candidate, theta: Theta) -> FloatArray:
+    """Columns of base and candidate together (n, ...)."""
+    own = candidate.columns(theta)
+    return own if candidate.kind == "abscissa" else np.column_stack([problem.base, own])
+
+
+def orthonormal(columns: FloatArray, least: float = 1e-10) -> FloatArray:
+    """Basis (n, r) of the columns' span; columns that depend on the others to `least` give nothing."""
+    norm = np.linalg.norm(columns, axis=0)
+    kept: FloatArray = columns[:, norm > 0.0] / norm[norm > 0.0]
+    if kept.shape[1] == 0:
+        return kept
+    u, s, _ = np.linalg.svd(kept, full_matrices=False)
+    basis: FloatArray = u[:, s > s[0] * least]
+    return basis
+
+
+def library(candidates: Sequence[Candidate]) -> list[tuple[int, Theta, FloatArray]]:
+    """Every candidate at every point of its grid: (candidate, parameters, columns)."""
+    return [(i, theta, c.columns(theta)) for i, c in enumerate(candidates) for theta in c.grid()]

@@ -1,0 +1,287 @@
+"""Models side by side: error in the fitted rows, on data left out, and a segment at a time, beside the noise floor.
+
+Held out are whole contiguous pieces, never random rows: neighbours would give the answer away. Effects see the whole
+record, rows are masked afterwards. In-sample error alone proves nothing: a spline with more intervals always lowers it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import effects
+from bench.analysis.effects.model import Model
+from bench.analysis.fit import Fit, fit_model, refuse_corrected
+from bench.analysis.fit.solve import one_blas_thread
+from bench.base import BoolArray, FloatArray, InputError, IntArray, finite
+from bench.record import Dataset
+
+BLOCKS = 20
+_RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class SegmentScore:
+    """Error of one segment of one run [deg/h] and its ratio to the floor."""
+
+    run: str
+    name: str
+    rms_dph: float
+    floor_ratio: float
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Error on rows that the fit did not see [deg/h] with its 95 % interval; `reason` where there is none."""
+
+    by: str
+    rms_dph: float = np.nan
+    interval_dph: tuple[float, float] = (np.nan, np.nan)
+    peak_dph: float = np.nan
+    """Greatest absolute error of a row."""
+    out_of_range: float = 0.0
+    """Share of the rows that lie outside the range of the rows that were fitted."""
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """One model: its fit, its error over all rows of the same runs, on rows left out, and in every segment [deg/h].
+
+    `rms_dph` is over all rows also for a model that was fitted to one branch; `fit.rms_dph` is over the fitted ones.
+    """
+
+    model: Model
+    fit: Fit
+    rms_dph: float
+    interval_dph: tuple[float, float]
+    held_out: HeldOut
+    """By check run where there is one, else by blocks."""
+    by_blocks: HeldOut
+    by_segments: HeldOut
+    segments: tuple[SegmentScore, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Scores of all models that could be fitted; `refused` says why the others could not."""
+
+    runs: tuple[str, ...]
+    check: tuple[str, ...]
+    floor_dph: float
+    interval_s: float
+    scores: tuple[Score, ...]
+    refused: tuple[tuple[str, str], ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """The object of `bench compare --json`; null where a number does not exist."""
+        return {
+            "runs": list(self.runs),
+            "check": list(self.check),
+            "floor_dph": finite(self.floor_dph),
+            "interval_s": self.interval_s,
+            "models": [_score_json(score) for score in self.scores],
+            "refused": [{"name": name, "reason": reason} for name, reason in self.refused],
+        }
+
+
+def ladder() -> tuple[Model, ...]:
+    """Baselines and the models of the source papers, simplest first; all but the last three are common practice."""
+    cubic, line, parabola = (effects.make("polynomial", {"order": order}) for order in (3, 1, 2))
+    return (
+        Model("fixed points, line", (line,), "soaks_2"),
+        Model("fixed points, parabola", (parabola,), "soaks_3"),
+        Model("cubic, heating only", (cubic,), "heating"),
+        Model("polynomial", (cubic,)),
+        Model("regression", (effects.make("regression"),)),
+        Model("spline", (effects.make("spline", {"intervals": 24}),)),
+    )
+
+
+def compare(
+    datasets: Dataset | Sequence[Dataset],
+    models: Sequence[Model],
+    floor_dph: float,
+    check: Dataset | Sequence[Dataset] | None = None,
+    *,
+    strict: bool = True,
+) -> Comparison:
+    """Score models on runs of one unit. `floor_dph` is the noise floor of these means (NaN where it is not known).
+
+    With `check` runs the held-out error is that of a fit to all `datasets` on them; without, that on 20 contiguous
+    blocks left out in turn. A model that cannot be fitted raises its InputError, or is refused where not `strict`.
+    """
+    records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
+    checks = () if check is None else (check,) if isinstance(check, Dataset) else tuple(check)
+    refuse_corrected(checks)
+    scores, refused = [], []
+    with one_blas_thread():
+        for model in models:
+            try:
+                scores.append(_score(model, records, checks, floor_dph))
+            except InputError as error:
+                if strict:
+                    raise
+                refused.append((model.name, str(error)))
+    names = tuple(tuple(record.name for record in group) for group in (records, checks))
+    interval_s = records[0].interval_s if records else np.nan
+    return Comparison(names[0], names[1], floor_dph, interval_s, tuple(scores), tuple(refused))
+
+
+def _score(model: Model, records: tuple[Dataset, ...], checks: tuple[Dataset, ...], floor_dph: float) -> Score:
+    found = fit_model(model, records)
+    residuals = tuple(record.bias - found.predict(record).bias for record in records)
+    # Automatic options stay as all rows settled them; parameters are searched again from where all rows put them.
+    settled = replace(found.model, name=model.name)
+    by_blocks = _left_out(settled, found, records, "blocks", [_blocks(len(record), BLOCKS) for record in records])
+    by_segments = _left_out(settled, found, records, "segments", [record.segment for record in records])
+    return Score(
+        model=settled,
+        fit=found,
+        rms_dph=_rms(records, residuals),
+        interval_dph=_interval(records, residuals),
+        held_out=_checked(found, checks) if checks else by_blocks,
+        by_blocks=by_blocks,
+        by_segments=by_segments,
+        segments=tuple(_segments(records, residuals, floor_dph)),
+    )
+
+
+def _checked(found: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
+    try:
+        predictions = [found.predict(check) for check in checks]
+    except InputError as error:
+        return HeldOut("check", reason=str(error))
+    residuals = tuple(check.bias - p.bias for check, p in zip(checks, predictions, strict=True))
+    outside = float(np.mean(np.concatenate([p.out_of_range for p in predictions])))
+    return error_of("check", checks, residuals, outside)
+
+
+def error_of(
+    by: str, records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...], out_of_range: float = 0.0
+) -> HeldOut:
+    """Error of residuals (n,) [deg/h] of records that the fit did not see."""
+    rms, interval, peak = _rms(records, residuals), _interval(records, residuals), _peak(residuals)
+    return HeldOut(by, rms, interval, peak, out_of_range)
+
+
+def _left_out(model: Model, found: Fit, records: tuple[Dataset, ...], by: str, pieces: Sequence[IntArray]) -> HeldOut:
+    """Refit without each piece in turn and predict it; a fold that cannot be fitted leaves only its reason."""
+    folds = [(i, piece) for i, own in enumerate(pieces) for piece in np.unique(own).tolist()]
+    if len(folds) < 2:
+        return HeldOut(by, reason=f"the data is one piece: nothing can be left out by {by}")
+    residuals = tuple(np.full(len(record), np.nan) for record in records)
+    outside = 0
+    for i, piece in folds:
+        out = pieces[i] == piece
+        rows = [~out if j == i else np.ones(len(record), dtype=bool) for j, record in enumerate(records)]
+        try:
+            part = fit_model(model, records, rows, covariance="none", start=found.theta)
+        except InputError as error:
+            return HeldOut(by, reason=f"without {_named(records[i], by, piece)}: {error}")
+        predicted = part.predict(records[i])
+        residuals[i][out] = (records[i].bias - predicted.bias)[out]
+        outside += int(np.sum(predicted.out_of_range & out))
+    share = outside / sum(len(record) for record in records)
+    return error_of(by, records, residuals, share)
+
+
+def _named(record: Dataset, by: str, piece: int) -> str:
+    if by == "segments":
+        return f"segment '{segment_name(record, piece)}' of {record.name}"
+    return f"block {piece + 1} of {record.name}"
+
+
+def _segments(
+    records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...], floor_dph: float
+) -> Iterable[SegmentScore]:
+    for record, residual in zip(records, residuals, strict=True):
+        for index in dict.fromkeys(record.segment.tolist()):
+            own = record.segment == index
+            if np.any(np.isfinite(residual[own])):
+                rms = _rms((record.select(own),), (residual[own],))
+                yield SegmentScore(record.name, segment_name(record, index), rms, rms / floor_dph)
+
+
+def segment_name(record: Dataset, index: int) -> str:
+    """Name of a segment of a record."""
+    named = {segment.index: segment.name for segment in record.segments}
+    return named.get(index, "outside segments" if index < 0 else f"segment {index}")
+
+
+def _blocks(rows: int, least: int) -> IntArray:
+    return np.arange(rows, dtype=np.int64) * least // max(rows, 1)
+
+
+def _squares(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:
+    """Weighted squares and weights of all rows, zero in gaps; weights as the fit's: samples behind the mean."""
+    count = np.concatenate([record.count("rate") for record in records])
+    residual = np.concatenate(residuals)
+    present: BoolArray = np.isfinite(residual) & (count > 0)
+    weights = np.where(present, np.minimum(count / np.median(count[present]) if present.any() else 0.0, 1.0), 0.0)
+    return weights * np.where(present, residual, 0.0) ** 2, weights
+
+
+def _rms(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) -> float:
+    squares, weights = _squares(records, residuals)
+    return float(np.sqrt(squares.sum() / weights.sum())) if weights.any() else np.nan
+
+
+def _peak(residuals: tuple[FloatArray, ...]) -> float:
+    residual = np.concatenate(residuals)
+    return float(np.nanmax(np.abs(residual))) if np.any(np.isfinite(residual)) else np.nan
+
+
+def _interval(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) -> tuple[float, float]:
+    """95 % interval of the RMS by resampling contiguous blocks (seeded: the same data gives the same interval)."""
+    squares, weights = _squares(records, residuals)
+    starts = np.unique(np.linspace(0, squares.size, BLOCKS + 1).astype(np.int64)[:-1])
+    return interval_of(np.add.reduceat(squares, starts), np.add.reduceat(weights, starts))
+
+
+def interval_of(own: FloatArray, weight: FloatArray) -> tuple[float, float]:
+    """95 % interval of the RMS from square sums (b,) of contiguous blocks and their weights (b,)."""
+    drawn = np.random.default_rng(0).integers(0, own.size, (_RESAMPLES, own.size))
+    total = weight[drawn].sum(axis=1)
+    rms = np.sqrt(own[drawn].sum(axis=1)[total > 0] / total[total > 0])
+    low, high = np.quantile(rms, [0.025, 0.975]) if rms.size else (np.nan, np.nan)
+    return float(low), float(high)
+
+
+def _score_json(score: Score) -> dict[str, Any]:
+    return {
+        "name": score.model.name,
+        "effects": [effect.name for effect in score.model.effects],
+        "rows": score.model.rows,
+        "rms_dph": finite(score.rms_dph),
+        "fitted_rms_dph": finite(score.fit.rms_dph),
+        "rms_interval_dph": [finite(end) for end in score.interval_dph],
+        "held_out_rms_dph": finite(score.held_out.rms_dph),
+        "held_out_by": score.held_out.by,
+        "held_out": [_held_out_json(part) for part in _distinct(score)],
+        "segments": [
+            {"name": s.name, "run": s.run, "rms_dph": finite(s.rms_dph), "floor_ratio": finite(s.floor_ratio)}
+            for s in score.segments
+        ],
+        "parameters": score.fit.to_json()["parameters"],
+        "warnings": list(score.fit.warnings),
+    }
+
+
+def _distinct(score: Score) -> list[HeldOut]:
+    first = [score.held_out] if score.held_out.by == "check" else []
+    return [*first, score.by_blocks, score.by_segments]
+
+
+def _held_out_json(part: HeldOut) -> dict[str, Any]:
+    return {
+        "by": part.by,
+        "rms_dph": finite(part.rms_dph),
+        "interval_dph": [finite(end) for end in part.interval_dph],
+        "peak_dph": finite(part.peak_dph),
+        "out_of_range": finite(part.out_of_range),
+        "reason": part.reason,
+    }

@@ -1,0 +1,195 @@
+"""Where a model fails, which physical effect is missing, and what this run could not have shown.
+
+Evidence names, unseen data proves, and the probes are asked again after each effect: see `evidence`, `probes` and
+`verdict` for the method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
+from bench.analysis.diagnosis.crew import usual_workers
+from bench.analysis.diagnosis.held_out import Unseen, unseen
+from bench.analysis.diagnosis.levelling import levelled
+from bench.analysis.diagnosis.limits import smallest
+from bench.analysis.diagnosis.places import places
+from bench.analysis.diagnosis.probes import despike
+from bench.analysis.diagnosis.ranking import Ranking
+from bench.analysis.diagnosis.sentences import sentence
+from bench.analysis.diagnosis.suspects import Layout, Offer, catalogued, isothermal, offer
+from bench.analysis.diagnosis.verdict import Explanation, Search, effect_name
+from bench.analysis.effects.base import Effect
+from bench.analysis.effects.model import Model
+from bench.analysis.effects.spline import Spline
+from bench.analysis.fit import Fit, fit_model
+from bench.analysis.fit.design import assemble
+from bench.analysis.fit.solve import one_blas_thread
+from bench.analysis.noise.floor import noise_floor
+from bench.analysis.noise.likelihood import NoiseLattice
+from bench.base import FloatArray, InputError
+from bench.record import Dataset
+
+_LEAST_INTERVALS = 12
+"""A spline of fewer, chosen by itself on a one-rate ramp, misses parts of the curve that then look like an effect."""
+_DRIFTS = "the run drifts more than the isothermal run: a cause that no channel records"
+_UNMOVED = "the run does not move what it acts on: its terms cannot be told from the model's"
+
+
+def diagnose(  # noqa: PLR0913 - options of one command, by keyword
+    runs: Sequence[Dataset],
+    model: Model,
+    *,
+    check: Sequence[Dataset] = (),
+    static: Dataset | None = None,
+    candidates: Sequence[Effect] | None = None,
+    floor_dph: float | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+) -> Diagnosis:
+    """Diagnose a model on runs of one unit; `candidates` replace the effects of the catalogue that the model lacks.
+
+    `check` are runs that no fit sees; `static` is a run at constant temperature that tells the noise. `floor_dph` is
+    the noise floor of these means, read from finer rows (NaN: there is none); None reads it from the rows given.
+    `workers` processes share the work, by default those of `crew.usual_workers`; the answer is the same for any number.
+    Raises InputError: no run, or the model cannot be fitted.
+    """
+    with one_blas_thread():
+        return _Case.of(tuple(runs), model, static, candidates, floor_dph).diagnosis(
+            tuple(check), seed, usual_workers() if workers is None else workers
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """Runs and model ready for the search."""
+
+    fit: Fit
+    layout: Layout
+    offer: Offer
+    floor_dph: float
+    noise: str
+    notes: tuple[str, ...]
+    static: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        runs: tuple[Dataset, ...],
+        model: Model,
+        static: Dataset | None,
+        wanted: Sequence[Effect] | None,
+        floor_dph: float | None,
+    ) -> _Case:
+        notes = []
+        if model.rows != "all":
+            notes.append(f"the model is fitted to '{model.rows}' rows by itself; here it was fitted to all rows")
+        if len({round(run.interval_s, 6) for run in runs}) > 1:
+            raise InputError("the runs are averaged over different intervals; load them with the same one")
+        found, finer = _fitted(replace(model, rows="all"), runs)
+        notes += finer
+        kept = [despike(np.nan_to_num(r)) & np.isfinite(r) for r in found.residuals]
+        spikes = sum(int((np.isfinite(r) & ~k).sum()) for r, k in zip(found.residuals, kept, strict=True))
+        if spikes:
+            notes.append(f"{spikes} rows with spikes were left out")
+        if static is None:
+            notes.append(
+                "without an isothermal run (--static) a slow cause that no channel records cannot be told from the "
+                "unit's own noise"
+            )
+        statics = () if static is None else (isothermal(static, runs[0].interval_s),)
+        rows = assemble(found.model, runs, kept)
+        layout = Layout(rows, np.array(list(found.theta.values())), statics)
+        layout, offered = offer(layout, catalogued(found.model, runs) if wanted is None else wanted)
+        layout, noise = levelled(layout)
+        floor = noise_floor(runs, runs[0].interval_s, static).floor_dph if floor_dph is None else floor_dph
+        return cls(found, layout, offered, floor, noise, tuple(notes), "" if static is None else static.name)
+
+    def diagnosis(self, check: tuple[Dataset, ...], seed: int, workers: int = 1) -> Diagnosis:
+        """The answer."""
+        lattice = NoiseLattice(self.layout.problem.records(), self.layout.problem.interval_s)
+        found = Search(self.offer, lattice, seed, workers).explain(self.layout)
+        runs = self.layout.rows.records
+        base = unseen(self.layout.rows, self.layout.theta, check)
+        ranking = Ranking(found, self.offer, check, self.floor_dph)
+        improved = unseen(found.layout.rows, found.layout.theta, check) if found.steps else base
+        answer = Diagnosis(
+            verdict=found.word,
+            sentence="",
+            runs=tuple(run.name for run in runs),
+            check=tuple(run.name for run in check),
+            floor_dph=self.floor_dph,
+            rms_dph=self.fit.rms_dph,
+            held_out_rms_dph=base.rms_dph,
+            held_out_by="check" if check else "blocks",
+            where=self._where(found, base),
+            suspects=ranking.suspects(),
+            unexplained=self._unexplained(found, improved),
+            threshold=found.threshold,
+            not_excited=self._not_excited(found),
+            smallest_detectable=self._detectable(found, lattice),
+            noise_finding=_DRIFTS if found.drifts else self.noise,
+            notes=self.notes,
+            model=self.fit.model,
+            improved=found.layout.rows.model,
+            residuals=base.residuals,
+            unexplained_residuals=improved.residuals,
+            static=self.static,
+        )
+        return replace(answer, sentence=sentence(answer, found.drifts))
+
+    def _where(self, found: Explanation, base: Unseen) -> tuple[Place, ...]:
+        alarms = [f for f in found.before.alarms if f.name != "noise"]
+        return places(self.layout, alarms, self._stacked(base), self.floor_dph)
+
+    def _unexplained(self, found: Explanation, improved: Unseen) -> tuple[Place, ...]:
+        return places(self.layout, found.left, self._stacked(improved), self.floor_dph)
+
+    def _stacked(self, scored: Unseen) -> FloatArray:
+        return self.layout.stacked(scored.residuals or self.fit.residuals)
+
+    def _not_excited(self, found: Explanation) -> dict[str, str]:
+        hidden = {effect_name(s.name): _UNMOVED for s in found.first.suspects if not s.excited}
+        shown = {effect_name(s.name) for s in found.first.suspects if s.excited}
+        return dict(self.offer.refused) | {name: why for name, why in hidden.items() if name not in shown}
+
+    def _detectable(self, found: Explanation, lattice: NoiseLattice) -> tuple[Detectable, ...]:
+        """The smallest size of each effect, of its first shape at usual parameters, that this run would have shown."""
+        listed = []
+        for candidate in self.offer.candidates(self.layout):
+            effect = self.offer.effects[candidate.name]
+            if candidate.name != effect.name:
+                continue
+            theta = tuple(p.start for p in candidate.parameters)
+            limit = smallest(self.layout.problem, candidate, theta, lattice, found.first.point, found.first.sigma2)
+            names = [p.name for p in candidate.parameters]
+            moved = candidate.kind == "abscissa"
+            unit = candidate.parameters[0].unit if moved else self.layout.prepared(effect).physical().units[0]
+            amplitude = (limit.theta[0] if limit.theta else np.inf) if moved else limit.amplitude
+            at = {} if moved else dict(zip(names, limit.theta, strict=False))
+            listed.append(Detectable(effect.name, limit.rms_dph, amplitude, unit, at))
+        return tuple(listed)
+
+
+def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:
+    """The fit that is diagnosed, a spline that may choose its intervals never with few; what to say of that."""
+    found = fit_model(model, runs, covariance="none")
+    finer = tuple(map(_finer, model.effects, found.model.effects))
+    if finer == model.effects:
+        return found, []
+    try:
+        found = fit_model(replace(model, effects=finer), runs, covariance="none")
+    except InputError:  # too few rows in one of the intervals
+        return found, []
+    text = (
+        f"the spline would have chosen fewer intervals; diagnosed with {_LEAST_INTERVALS}, or the misfit of the curve"
+    )
+    return found, [f"{text} would be taken for an effect"]
+
+
+def _finer(asked: Effect, chosen: Effect) -> Effect:
+    coarse = isinstance(chosen, Spline) and int(chosen.intervals) < _LEAST_INTERVALS
+    return Spline(_LEAST_INTERVALS, asked.ends) if coarse and isinstance(asked, Spline) and asked.choices() else asked

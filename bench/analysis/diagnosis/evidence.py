@@ -1,0 +1,222 @@
+"""Which effect is missing: evidence of each candidate by generalised least squares, the noise fitted anew for each.
+
+E_j = (-2 ln L of the base) - (-2 ln L with candidate j) - k_j ln n: base and candidate are fitted together, its
+nonlinear parameters searched on a grid and then continuously, and the noise ratios profiled on either side. What chance
+alone reaches is learnt from noise drawn from the fitted base. Full likelihood, not the restricted one: columns differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, joint
+from bench.analysis.diagnosis.crew import Aside, shared
+from bench.analysis.diagnosis.refine import Interval, Refiner, Start
+from bench.analysis.diagnosis.scan import DEPENDENT, Library
+from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
+from bench.analysis.noise.whitening import Ratios
+from bench.base import FloatArray
+
+TIE = 6.0
+"""Candidates within this evidence of the best are not told apart by the data."""
+WRONGLY_NAMED = 0.015
+"""Share of simulated runs in which chance may name an effect; of real clean runs it is to be below 2 %."""
+_GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
+_BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls will do, as where there is none
+_DECADE = 16
+_NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
+_NULL_POINTS = 20
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """One candidate after refinement.
+
+    `amplitudes` and `deviations` (k,) belong to its own columns (empty for an abscissa), the uncertainty of the
+    parameters included; `parameters` carry 95 % intervals at the noise found. `effect` (n,) is what the candidate adds
+    to the fitted bias [deg/h]. `cumulative` (n,) is the gain in 2 ln L up to each row, whitening being causal.
+    `excited` is False where the run cannot show it.
+    """
+
+    name: str
+    family: str
+    evidence: float
+    weight: float
+    theta: Theta
+    parameters: dict[str, Interval]
+    amplitudes: FloatArray
+    deviations: FloatArray
+    excited: bool
+    point: Point
+    ratios: Ratios
+    sigma2: float
+    effect: FloatArray
+    cumulative: FloatArray
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All candidates, best first, and what chance reaches.
+
+    `threshold` is the 98.5 % point of the best evidence among `nulls` (runs,) simulated without any effect.
+    `ties` are the names within `TIE` of the best, the best included; empty if nothing beats the threshold.
+    """
+
+    minus2logl: float
+    point: Point
+    ratios: Ratios
+    sigma2: float
+    suspects: tuple[Suspect, ...]
+    threshold: float
+    nulls: FloatArray
+    lattice: NoiseLattice
+
+    @property
+    def ties(self) -> tuple[str, ...]:
+        """Names that this data cannot tell apart, best first."""
+        if not self.suspects or self.suspects[0].evidence <= self.threshold:
+            return ()
+        return tuple(s.name for s in self.suspects if s.evidence >= self.suspects[0].evidence - TIE)
+
+    def chance(self, evidence: float) -> float:
+        """Share of simulated nulls whose best candidate reaches this evidence."""
+        return float(np.mean(self.nulls >= evidence)) if len(self.nulls) else float("nan")
+
+
+def weigh(
+    problem: Problem,
+    candidates: Sequence[Candidate],
+    nulls: int = 500,
+    seed: int = 0,
+    lattice: NoiseLattice | None = None,
+    workers: int = 1,
+) -> Evidence:
+    """The evidence of every candidate against the base; `lattice` may be an earlier one of the same records.
+
+    The answer does not depend on the number of workers.
+    """
+    lattice = lattice or NoiseLattice(problem.records(), problem.interval_s)
+    surface = Surface.of(problem.records(), lattice, restricted=False)
+    columns = Aside(lambda: Library(problem, candidates), workers)
+    best = surface.search()
+    shelf = columns.answer()
+    statics = [record.y[:, None] for record in problem.statics]
+    points = _points_for_candidates(best)
+    scanned = shelf.scan(lattice, points, problem.y[:, None], statics, workers)
+    refiner = Refiner(problem, lattice)
+    height, sigma2 = surface.known[best]
+    paid = shelf.paid(candidates)
+    rough = scanned.base[0] - scanned.values[:, 0] - paid
+    entries = [
+        [i for i, (which, _) in enumerate(scanned.entries) if which == index] for index in range(len(candidates))
+    ]
+    hopes = [float(np.max(_GROWS * (rough[own] + paid[own]) - paid[own])) for own in entries]
+
+    def judged(index: int, closely: bool) -> Suspect:
+        own, candidate = entries[index], candidates[index]
+        grid = [Start(scanned.entries[i][1], points[scanned.where[i, 0]], float(scanned.values[i, 0])) for i in own]
+        excited = bool(max(scanned.excited[i] for i in own) >= DEPENDENT)
+        theta, point, reached = refiner.refine(candidate, grid, best, closely=closely)
+        return _suspect(refiner, candidate, theta, point, (height - reached - paid[own[0]], excited))
+
+    found: list[Suspect] = []
+    order = sorted(range(len(candidates)), key=lambda index: -max(rough[entries[index]]))
+    for part in [order[:workers], order[workers:]] if workers > 1 else [[index] for index in order]:
+        least = _least(found)
+        tasks = [partial(judged, index, hopes[index] >= least) for index in part]
+        for index, suspect in zip(part, shared(tasks, workers), strict=True):
+            # One worker would have known of all before it: the answer is the same for any number.
+            needless = least <= hopes[index] < _least(found)
+            found.append(judged(index, False) if needless else suspect)
+    doubt = 0.0 < max((s.evidence for s in found), default=0.0) < _BEYOND_DOUBT
+    draw = (nulls if doubt else nulls // 5, seed)
+    chance = _nulls(candidates, shelf, surface, best, draw, workers) if nulls else np.empty(0)
+    threshold = float(np.quantile(chance, 1.0 - WRONGLY_NAMED)) if nulls else 0.0
+    suspects = tuple(sorted(_weighted(found), key=lambda s: -s.evidence))
+    return Evidence(height, best, lattice.ratios(best), sigma2, suspects, threshold, chance, lattice)
+
+
+def _least(found: Sequence[Suspect]) -> float:
+    """Evidence that a candidate has to come near to, beside those judged so far."""
+    return max([0.0, *(s.evidence for s in found)]) - TIE
+
+
+def _points_for_candidates(best: Point) -> list[Point]:
+    """Noise points a decade apart up to a decade above the base's: an effect explained leaves less noise, not more."""
+    return [p for p in NoiseLattice.coarse(_DECADE) if all(i <= b + _DECADE for i, b in zip(p, best, strict=True))]
+
+
+def _suspect(refiner: Refiner, candidate: Candidate, theta: Theta, point: Point, scored: tuple[float, bool]) -> Suspect:
+    """Everything there is to say about one candidate at its best."""
+    problem = refiner.problem
+    way = refiner.lattice.at([point])[0][0]
+    sigma2 = refiner.sigma2(candidate, theta, point)
+    columns = joint(problem, candidate, theta)
+    fit = gls(columns, problem.y, way, sigma2)
+    first = columns.shape[1] if candidate.kind == "abscissa" else problem.base.shape[1]
+    moved = columns - problem.base if candidate.kind == "abscissa" else columns[:, first:]
+    before = gls(problem.base, problem.y, way, sigma2)
+    return Suspect(
+        name=candidate.name,
+        family=candidate.family or candidate.name,
+        evidence=scored[0],
+        weight=0.0,
+        theta=theta,
+        parameters=refiner.intervals(candidate, theta, point),
+        amplitudes=fit.beta[first:],
+        deviations=refiner.deviations(candidate, theta, fit.beta, point)[first : columns.shape[1]],
+        excited=scored[1],
+        point=point,
+        ratios=refiner.lattice.ratios(point),
+        sigma2=sigma2,
+        effect=moved @ (fit.beta if candidate.kind == "abscissa" else fit.beta[first:]),
+        cumulative=np.cumsum(before.residual**2 - fit.residual**2) / sigma2,
+    )
+
+
+def _weighted(found: Sequence[Suspect]) -> list[Suspect]:
+    """Posterior weights e^(E/2) with equal priors, "nothing missing" (E = 0) being one of the answers."""
+    top = max([0.0, *(s.evidence for s in found)])
+    share = [float(np.exp((s.evidence - top) / 2.0)) for s in found]
+    total = sum(share) + float(np.exp(-top / 2.0))
+    return [replace(s, weight=w / total) for s, w in zip(found, share, strict=True)]
+
+
+def _nulls(
+    candidates: Sequence[Candidate],
+    shelf: Library,
+    surface: Surface,
+    best: Point,
+    draw: tuple[int, int],
+    workers: int,
+) -> FloatArray:
+    """Best evidence of any candidate in runs simulated from the fitted base and its noise alone (runs,)."""
+    runs, seed = draw
+    rng = np.random.default_rng(seed)
+    problem = shelf.problem
+    lattice = surface.lattice
+    near = sorted(surface.region(best, _NULL_REACH, step=_DECADE // 2), key=surface.height)[:_NULL_POINTS]
+    less = [point for point in _points_for_candidates(best) if point not in near]  # as far as a candidate may get
+    mean = problem.base @ gls(problem.base, problem.y, lattice.at([best])[0][0]).beta
+    run, *statics = drawn(Surface.of(problem.records(), lattice, restricted=True), near, rng, runs)
+    scanned = shelf.scan(lattice, [*near, *less], mean[:, None] + run, statics, workers)
+    evidence = scanned.base - scanned.values - shelf.paid(candidates)[:, None]
+    return np.asarray(evidence.max(axis=0))
+
+
+def drawn(surface: Surface, points: Sequence[Point], rng: np.random.Generator, runs: int) -> list[FloatArray]:
+    """Noise of every record (n, runs), each run's level by lot as the data allow: one level would be too sure of it."""
+    surface.visit(points)
+    heights = np.array([surface.height(point) for point in points])
+    share = np.exp(0.5 * (heights.min() - heights))
+    counts = rng.multinomial(runs, share / share.sum())
+    kept = [(point, int(count)) for point, count in zip(points, counts, strict=True) if count]
+    parts = []
+    for (point, count), ways in zip(kept, surface.lattice.at([point for point, _ in kept]), strict=True):
+        deviation = np.sqrt(surface.known[point][1])
+        parts.append([way.colour(rng.standard_normal((way.rows, count))) * deviation for way in ways])
+    return [np.hstack(part) for part in zip(*parts, strict=True)]

@@ -1,0 +1,71 @@
+"""Error of a model on data that its fit did not see: check runs, or blocks left out where there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis.fit.design import Bound, Problem
+from bench.analysis.fit.solve import MAX_CONDITION, left_out_rms, solve
+from bench.base import FloatArray, InputError
+from bench.record import Dataset
+
+
+@dataclass(frozen=True, eq=False)
+class Unseen:
+    """Least squares at given nonlinear parameters, scored.
+
+    `rms_dph` is on unseen rows, `shape_dph` about each check run's own mean (a turn-on bias is nobody's merit);
+    `residuals` (n,) of each fitted run [deg/h]. `reason` says why there is nothing.
+    """
+
+    rms_dph: float = np.nan
+    shape_dph: float = np.nan
+    residuals: tuple[FloatArray, ...] = ()
+    reason: str = ""
+
+
+def unseen(rows: Problem, theta: FloatArray, check: Sequence[Dataset]) -> Unseen:
+    """Score a model on the check runs or, without, on 20 contiguous blocks, each predicted from all others."""
+    try:
+        bound, columns = rows.bind(theta)
+        solution = solve(columns, rows.y, rows.weights)
+        if solution.condition > MAX_CONDITION:
+            return Unseen(reason=f"model '{rows.model.name}' is not determined by these rows")
+        residuals = tuple(_residual(bound, record, solution.beta) for record in rows.records)
+        if not check:
+            rms = left_out_rms(solution, rows.weights, rows.blocks())
+            rms = rms if np.isfinite(rms) else np.nan
+            return Unseen(rms, rms, residuals)
+        left = [_residual(bound, record, solution.beta) for record in check]
+    except InputError as error:
+        return Unseen(reason=str(error))
+    weights = [record.count("rate") for record in check]
+    centred = [r - _mean(r, w) for r, w in zip(left, weights, strict=True)]
+    return Unseen(_rms(left, weights), _rms(centred, weights), residuals)
+
+
+def removed(before: Unseen, after: Unseen, floor_dph: float) -> float:
+    """Share 0..1 of the excess variance over the floor that is gone; NaN where there was no excess or no number."""
+    excess = before.shape_dph**2 - floor_dph**2
+    if not excess > 0.0 or not np.isfinite(after.shape_dph):
+        return np.nan
+    return float(np.clip((before.shape_dph**2 - after.shape_dph**2) / excess, 0.0, 1.0))
+
+
+def _residual(bound: Bound, record: Dataset, beta: FloatArray) -> FloatArray:
+    left: FloatArray = record.bias - bound.columns(record) @ beta
+    return left
+
+
+def _mean(residual: FloatArray, weight: FloatArray) -> float:
+    present = np.isfinite(residual)
+    return float(np.average(residual[present], weights=weight[present]))
+
+
+def _rms(residuals: Sequence[FloatArray], weights: Sequence[FloatArray]) -> float:
+    residual, weight = np.concatenate(list(residuals)), np.concatenate(list(weights))
+    present = np.isfinite(residual)
+    return float(np.sqrt(np.average(residual[present] ** 2, weights=weight[present])))

@@ -1,0 +1,158 @@
+"""The whole walk unattended: diagnose, add what is missing, prove it on unseen data, until nothing more pays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, Literal
+
+from bench.analysis import effects
+from bench.analysis.diagnosis.answer import Diagnosis, SuspectedEffect
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.effects.base import Effect
+from bench.analysis.effects.model import Model
+from bench.base import InputError, finite
+from bench.record import Dataset
+
+MOST_STEPS = 6
+_PAYS = 1e-3
+"""Least fall of the held-out error, relative, that pays for an effect."""
+
+Action = Literal["added", "refused", "stopped"]
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One decision: an effect added or refused, or the end of the walk; errors on unseen data [deg/h]."""
+
+    action: Action
+    effect: str
+    model: Model
+    """The model after the step."""
+    before_dph: float
+    after_dph: float
+    sentence: str
+    diagnosis: Diagnosis
+    """Of the model before the step."""
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of `steps`."""
+        return {
+            "action": self.action,
+            "effect": self.effect or None,
+            "model": self.model.name,
+            "before_dph": finite(self.before_dph),
+            "after_dph": finite(self.after_dph),
+            "sentence": self.sentence,
+            "verdict": self.diagnosis.verdict,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Improvement:
+    """All steps of a walk; the last one says why it ended."""
+
+    steps: tuple[Step, ...]
+
+    @property
+    def model(self) -> Model:
+        """The model that the walk ended with."""
+        return self.steps[-1].model
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """Diagnosis of that model."""
+        return self.steps[-1].diagnosis
+
+    def to_json(self) -> dict[str, Any]:
+        """The object of `bench improve --json`."""
+        return {
+            "steps": [step.to_json() for step in self.steps],
+            "model": self.model.name,
+            "effects": [effect.name for effect in self.model.effects],
+            **{key: value for key, value in self.diagnosis.to_json().items() if key not in {"model"}},
+        }
+
+
+def add_effect(model: Model, name: str, options: Mapping[str, Any] | None = None) -> Model:
+    """The model with one more effect, as `bench add` writes it.
+
+    Raises InputError: an unknown effect or option, or an effect that the model has already.
+    """
+    if any(effect.name == name for effect in model.effects):
+        raise InputError(f"model '{model.name}' has '{name}' already")
+    return model.adding(effects.make(name, options))
+
+
+def improve(
+    runs: Sequence[Dataset],
+    check: Sequence[Dataset],
+    model: Model,
+    *,
+    static: Dataset | None = None,
+    candidates: Sequence[Effect] | None = None,
+    floor_dph: float | None = None,
+) -> Improvement:
+    """Walk from a model to one that lacks nothing that these runs can show, one effect at a time.
+
+    An effect is added if the evidence names it and the error falls on the check runs (without, on blocks left out);
+    one that does not pay is refused, and what the data cannot tell from it is tried in its place.
+    """
+    steps: list[Step] = []
+    while True:
+        lacking = None if candidates is None else [c for c in candidates if c.name not in _names(model)]
+        answer = diagnose(runs, model, check=check, static=static, candidates=lacking, floor_dph=floor_dph)
+        model = answer.model
+        tried = _tried(answer) if len(steps) < MOST_STEPS else []
+        steps += tried
+        if not tried or tried[-1].action != "added":
+            return Improvement((*steps, _end(answer, bool(tried))))
+        model = tried[-1].model
+
+
+def _names(model: Model) -> set[str]:
+    return {effect.name for effect in model.effects}
+
+
+def _tried(answer: Diagnosis) -> list[Step]:
+    """The strongest effect found, or the first of its look-alikes that pays; every refusal is a step."""
+    if answer.verdict != "missing_effect":
+        return []
+    strongest = answer.found[0]
+    wanted = [strongest, *(s for s in answer.suspects if s.effect in strongest.look_alikes)]
+    steps: list[Step] = []
+    for suspect in wanted:
+        steps.append(_step(answer, suspect))
+        if steps[-1].action == "added":
+            break
+    return steps
+
+
+def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Step:
+    before, after = suspect.held_out_before_dph, suspect.held_out_rms_dph
+    pays = after < before * (1.0 - _PAYS)
+    floor = f" (noise floor {answer.floor_dph:.4f})" if isfinite(answer.floor_dph) else ""
+    fall = f"the error on unseen data goes from {before:.4f} to {after:.4f} deg/h{floor}"
+    if suspect.reason:
+        text = f"{suspect.effect} refused: {suspect.reason}"
+    elif not suspect.scored:
+        text = f"{suspect.effect} refused: no data is left to prove it on, record a second run and give it as --check"
+    elif pays:
+        text = f"{suspect.effect} added: evidence {suspect.evidence:.0f}, {fall}"
+    else:
+        text = f"{suspect.effect} refused although its evidence is {suspect.evidence:.0f}: it does not pay, {fall}"
+    effect = suspect.model.effects[-1]
+    model = answer.model.adding(effect) if pays else answer.model
+    return Step("added" if pays else "refused", suspect.effect, model, before, after, text, answer)
+
+
+def _end(answer: Diagnosis, refused: bool) -> Step:
+    """Why the walk ends here."""
+    if answer.verdict == "missing_effect":
+        text = "Nothing that pays on unseen data is left to add." if refused else f"{MOST_STEPS} steps are enough."
+        text = f"{text} {answer.sentence}"
+    else:
+        text = answer.sentence
+    held_out = answer.held_out_rms_dph
+    return Step("stopped", "", answer.model, held_out, held_out, text, answer)

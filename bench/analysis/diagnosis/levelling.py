@@ -1,0 +1,50 @@
+"""White noise of a run beside that of its isothermal record: it may grow with temperature and is then no drift.
+
+Neighbouring rows differ by white noise almost alone, whatever the model lacks. Where their differences are not those of
+the isothermal record, the run's white variance is taken from them, by temperature; what the noise test still sees after
+that is slow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bench.analysis.diagnosis.suspects import Layout
+from bench.base import FloatArray, IntArray
+
+_BINS = 6  # of temperature
+_SURE = 4.0  # standard deviations of a bin's logarithm
+
+
+def levelled(layout: Layout) -> tuple[Layout, str]:
+    """The layout with the white noise of its run, and the finding in words; as it was where they do not differ."""
+    if not layout.statics:
+        return layout, ""
+    problem = layout.problem
+    near = np.flatnonzero(np.diff(problem.time_s) < 1.5 * problem.interval_s)
+    square = (np.diff(layout.beyond(problem.y))[near] / np.sqrt(_pairs(problem.white, near))) ** 2
+    still = np.concatenate([np.diff(r.y)[np.diff(r.time_s) < 1.5 * problem.interval_s] for r in problem.statics]) ** 2
+    temperature = layout.temperature
+    edges = np.quantile(temperature[near], np.linspace(0.0, 1.0, _BINS + 1))
+    which = np.clip(np.searchsorted(edges, temperature[near]) - 1, 0, _BINS - 1)
+    counts = np.bincount(which, minlength=_BINS)
+    if counts.min() < 3:
+        return layout, ""
+    ratio = np.bincount(which, square, _BINS) / counts / np.mean(still)
+    # Differences of white noise overlap: the variance of their mean square is 3 / n of its square, not 2 / n.
+    deviation = np.sqrt(3.0 / counts + 3.0 / len(still))
+    if np.all(np.abs(np.log(ratio)) < _SURE * deviation):
+        return layout, ""
+    white = np.interp(temperature, 0.5 * (edges[1:] + edges[:-1]), ratio)
+    low, high = np.sqrt([ratio.min(), ratio.max()])
+    words = f"white noise of the run is {low:.2f} to {high:.2f} times that of the isothermal run, by temperature"
+    return replace(layout, white=white), words
+
+
+def _pairs(white: FloatArray | None, near: IntArray) -> FloatArray:
+    """Mean of the white variances of each row and the next."""
+    if white is None:
+        return np.ones(len(near))
+    return np.asarray(0.5 * (white[near] + white[near + 1]))

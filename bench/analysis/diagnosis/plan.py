@@ -1,0 +1,194 @@
+"""Profiles that could be run next: ramps and soaks within what the chamber can do, written as the bench's YAML.
+
+A library of five kinds (minor loops, loops with rests, steps, another rate, long soaks), its temperatures and rates
+tuned to the range and the rates of this chamber. Set points never jump, so a prediction needs no more of the
+chamber than its lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from textwrap import fill
+
+import numpy as np
+
+from bench.base import CHANNELS, FloatArray, InputError
+from bench.record import Dataset
+
+_LEAST_RATE = 0.5  # degC/min
+_STEADY_S = 600.0  # rates are taken from what the unit kept up for this long
+
+
+@dataclass(frozen=True)
+class ChamberLimits:
+    """Range [degC] and rates [degC/min] that a proposed profile keeps to, and its longest duration [min]."""
+
+    lowest_degc: float
+    highest_degc: float
+    heating_degc_per_min: float
+    cooling_degc_per_min: float
+    budget_min: float = 480.0
+
+    def __post_init__(self) -> None:
+        if not self.lowest_degc < self.highest_degc or min(self.heating_degc_per_min, self.cooling_degc_per_min) <= 0:
+            raise InputError(f"a chamber needs a range and rates above zero, not {self}")
+
+    def at(self, share: float) -> float:
+        """Whole temperature [degC] at a share of the range."""
+        return float(round(self.lowest_degc + share * (self.highest_degc - self.lowest_degc)))
+
+
+@dataclass(frozen=True)
+class Move:
+    """A ramp [degC, degC/min] and a rest after it [min]."""
+
+    to_degc: float
+    rate_degc_per_min: float
+    rest_min: float = 0.0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A profile in the making: start temperature, then moves; `reason` says what its kind is good for."""
+
+    name: str
+    reason: str
+    start_degc: float
+    moves: tuple[Move, ...]
+    settle_min: float = 10.0
+
+    @property
+    def duration_s(self) -> float:
+        """Nominal duration from the settled start [s]."""
+        return float(len(self.setpoint()) - 1)
+
+    def setpoint(self) -> FloatArray:
+        """Set point [degC] of every second."""
+        path = [np.full(round(60.0 * self.settle_min) + 1, self.start_degc)]
+        at = self.start_degc
+        for move in self.moves:
+            seconds = round(60.0 * abs(move.to_degc - at) / move.rate_degc_per_min)
+            path.append(np.linspace(at, move.to_degc, seconds + 1)[1:])
+            path.append(np.full(round(60.0 * move.rest_min), move.to_degc))
+            at = move.to_degc
+        return np.concatenate(path)
+
+    def to_yaml(self, limits: ChamberLimits, description: str) -> str:
+        """The profile's file: what `bench run` reads."""
+        text = fill(description, 110, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
+        lines = [
+            f"name: {self.name}",
+            "description: >-",
+            text,
+            f"start: {{temperature_degc: {self.start_degc:g}, soak_min: {self.settle_min:g}}}",
+            f"rates: {{heating_degc_per_min: {limits.heating_degc_per_min:g}, "
+            f"cooling_degc_per_min: {limits.cooling_degc_per_min:g}}}",
+            "segments:",
+        ]
+        at = self.start_degc
+        for move in self.moves:
+            if move.to_degc != at:
+                lines.append(
+                    f"  - {{kind: ramp, to_degc: {move.to_degc:g}, rate_degc_per_min: {move.rate_degc_per_min:g}}}"
+                )
+            if move.rest_min:
+                lines.append(f"  - {{kind: soak, duration_min: {move.rest_min:g}}}")
+            at = move.to_degc
+        return "\n".join(lines) + "\n"
+
+
+def chamber_limits(records: Sequence[Dataset]) -> ChamberLimits:
+    """Limits from what the runs showed: their range, and rates somewhat above those that the unit kept up for long.
+
+    Nearly every chamber heats faster than it cools; one that cannot follow makes the ramp wait. `bench check` holds the
+    profile against the station's own limits.
+    """
+    temperature = np.concatenate([record.channel("temperature") for record in records])
+    low, high = float(np.ceil(np.nanmin(temperature))), float(np.floor(np.nanmax(temperature)))
+    rates = []
+    for record in records:
+        rows = max(1, round(_STEADY_S / record.interval_s))
+        measured = record.channel("temperature")
+        rates.append(60.0 * (measured[rows:] - measured[:-rows]) / (record.time[rows:] - record.time[:-rows]))
+    slope = np.concatenate(rates)
+    heating, cooling = float(np.nanmax(slope, initial=0.0)), float(-np.nanmin(slope, initial=0.0))
+    return ChamberLimits(low, high, _faster(heating, 2.0), _faster(cooling, 1.5))
+
+
+def _faster(seen: float, factor: float) -> float:
+    """A rate [degC/min] of one decimal."""
+    return float(max(np.round(factor * seen, 1), _LEAST_RATE))
+
+
+_SHARES = (0.83, 0.54, 0.96, 0.37, 0.54, 0.08, 0.33, 0.21, 0.5)
+_LOOPS = "standing still ends what follows dT/dt, reversing shows what remembers"
+_CYCLE = "another rate: what follows dT/dt changes with it, a hysteresis does not"
+_STEPS = "a rest after each step lets what follows dT/dt die and leaves what remembers"
+_SOAKS = "long soaks: what needs hours goes on, all else stands still"
+
+
+def minor_loops(limits: ChamberLimits) -> Plan:
+    """Reversals of many sizes all over the range: the default, whatever the rivals are."""
+    rests = (0.0, 0.0, 15.0, 0.0, 0.0, 15.0, 0.0, 0.0, 15.0)
+    return _through(limits, ("minor_loops", _LOOPS), _SHARES, rests)
+
+
+def plans(limits: ChamberLimits) -> list[Plan]:
+    """The library, tuned to the chamber; those that fit into the time, or the shortest where none does."""
+    found = [
+        minor_loops(limits),
+        _through(limits, ("slow_minor_loops", _LOOPS), _SHARES, (15.0,), 0.6),
+        _through(limits, ("minor_loops_with_rests", _LOOPS), (0.8, 0.5, 0.95, 0.4, 0.6, 0.08, 0.3, 0.5), (20.0,)),
+        _through(
+            limits, ("steps_of_a_fifth", _STEPS), (0.2, 0.4, 0.6, 0.8, 1.0, 0.8, 0.6, 0.4, 0.2, 0.08, 0.5), (25.0,)
+        ),
+        _through(limits, ("large_steps", _STEPS), (0.9, 0.3, 0.7, 0.1, 0.5), (25.0,)),
+        _through(limits, ("fast_cycle", _CYCLE), (0.08, 1.0, 0.5), (15.0,)),
+        _through(limits, ("slow_cycle", _CYCLE), (0.0, 1.0, 0.5), (15.0,), 0.4),
+        _through(limits, ("long_soaks", _SOAKS), (1.0, 0.5), (120.0,)),
+    ]
+    for centre in (0.3, 0.5, 0.7):
+        for half in (0.1, 0.2):
+            called = f"loops_of_{2 * half:.0%}_at_{limits.at(centre):g}_degC".replace("%", "_percent")
+            found.append(_through(limits, (called, _LOOPS), (*(centre + half, centre - half) * 4, 0.5), (12.0,)))
+    affordable = [plan for plan in found if plan.duration_s <= 60.0 * limits.budget_min]
+    return affordable or [min(found, key=lambda plan: plan.duration_s)]
+
+
+def _through(
+    limits: ChamberLimits, called: tuple[str, str], shares: Sequence[float], rests: Sequence[float], speed: float = 1.0
+) -> Plan:
+    """A plan (name, reason) from mid-range through shares of the range; one rest for all moves, or one each."""
+    moves, at = [], limits.at(0.5)
+    for number, share in enumerate(shares):
+        end = limits.at(share)
+        fastest = limits.heating_degc_per_min if end > at else limits.cooling_degc_per_min
+        moves.append(Move(end, round(speed * fastest, 2), rests[number % len(rests)]))
+        at = end
+    return Plan(*called, limits.at(0.5), tuple(moves))
+
+
+_EXCITE = {
+    "supply": "step the supply by a few percent, up and down, every 10 minutes",
+    "drive": "change the amplitude set point of the drive by a few percent, up and down, every 10 minutes",
+    "frequency": "change the drive (amplitude set point, phase) so that the frequency moves, every 10 minutes",
+    "quadrature": "change the quadrature null (its trim or set point), up and down, every 10 minutes",
+    "compressor": "let the compressor start and stop: switch the chamber off for 10 minutes at a time",
+    "applied_rate": "turn the rate table in steps, both directions, every 10 minutes",
+}
+
+
+def exciting(limits: ChamberLimits, channels: Sequence[str], names: Sequence[str]) -> tuple[Plan, str]:
+    """Rests at three temperatures while somebody moves the channels by hand, and what to do in words."""
+    known = [channel for channel in channels if channel in _EXCITE]
+    what = "; ".join(_EXCITE[channel] for channel in known)
+    other = [c for c in channels if c not in _EXCITE]
+    what = "; ".join(filter(None, [what, f"move {', '.join(other)} on purpose" if other else ""]))
+    units = ", ".join(f"{c} [{CHANNELS[c].unit}]" if c in CHANNELS else c for c in channels)
+    why = (
+        f"{' and '.join(names)} differ in what {units} does, which the chamber does not move by itself: during each "
+        f"rest, {what}"
+    )
+    called = ("excite_channels", "channels moved at rest")
+    return _through(limits, called, (0.5, 0.15, 0.85), (60.0,)), why

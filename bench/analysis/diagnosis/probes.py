@@ -1,0 +1,202 @@
+"""Where a model fails, without asking why: significance of structure in what it leaves, noise taken for what it is.
+
+A probe is a set of columns Z. S = |U' r|^2 / sigma^2 with U a basis of (I - QQ') W Z and r = (I - QQ') W y, Q a basis
+of the whitened model; chi-squared with rank U degrees of freedom if nothing is missing. Cells are shown one by one with
+their own uncertainty. Alarm if the smallest p-value is below 0.03 / number of probes (Bonferroni).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.stats import chi2
+
+from bench.analysis.diagnosis.candidates import Problem, orthonormal
+from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
+from bench.base import BoolArray, FloatArray
+
+_LEVEL = 0.03  # of all probes together; with the evidence's 0.02, 5 % of clean runs raise any alarm
+_LONGEST_GAP = 100  # rows: longer ones, as between runs, are closed up
+_DEPENDENT = 1e-4  # of a column's length outside the model, whitened: less is the model's own
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Columns (n, m) that show one kind of misfit; `labels` (m,) name them where they stand for themselves (cells)."""
+
+    name: str
+    columns: FloatArray
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one probe says: p-value, statistic and its degrees of freedom.
+
+    `shape` (n,) is the fitted misfit [deg/h]; `estimates` and `deviations` (m,) [deg/h] belong to the probe's labels.
+    """
+
+    name: str
+    p: float
+    statistic: float
+    rank: int
+    shape: FloatArray
+    labels: tuple[str, ...] = ()
+    estimates: FloatArray | None = None
+    deviations: FloatArray | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Examination:
+    """All findings, most significant first; `level` is the p-value below which there is an alarm."""
+
+    findings: tuple[Finding, ...]
+    level: float
+
+    @property
+    def alarms(self) -> tuple[Finding, ...]:
+        """Findings that chance does not explain."""
+        return tuple(f for f in self.findings if f.p < self.level)
+
+
+def examine(
+    problem: Problem, probes: Sequence[Probe], lattice: NoiseLattice, point: Point, model: FloatArray | None = None
+) -> Examination:
+    """Every probe, the periodogram and, with isothermal records, the noise test, at the noise of a lattice point.
+
+    `model` are the columns of the present model (n, p), the problem's base by default.
+    """
+    X = problem.base if model is None else model
+    ways = lattice.at([point])[0]
+    q = orthonormal(ways[0].apply(X))
+    white = ways[0].apply(problem.y)
+    residual = white - q @ (q.T @ white)
+    sigma2 = float(residual @ residual) / max(1, len(residual) - q.shape[1])
+    findings = []
+    for probe in probes:
+        moved = ways[0].apply(probe.columns)
+        before = np.linalg.norm(moved, axis=0)
+        moved -= q @ (q.T @ moved)
+        moved[:, np.linalg.norm(moved, axis=0) < _DEPENDENT * before] = 0.0
+        findings.append(_finding(probe, moved, residual, sigma2))
+    findings.append(periodogram(residual, problem.time_s, problem.interval_s))
+    if problem.statics:
+        findings.append(noise_test(problem, X, lattice, point))
+    findings = [f for f in findings if f.rank > 0]
+    return Examination(tuple(sorted(findings, key=lambda f: f.p)), _LEVEL / max(1, len(findings)))
+
+
+def _finding(probe: Probe, moved: FloatArray, residual: FloatArray, sigma2: float) -> Finding:
+    norm = np.linalg.norm(moved, axis=0)
+    scale = np.where(norm > 0.0, norm, 1.0)
+    u, s, vt = np.linalg.svd(moved / scale, full_matrices=False)
+    rank = int(np.sum(s > 1e-6 * s[0])) if s[0] > 0.0 else 0
+    u, s, vt = u[:, :rank], s[:rank], vt[:rank]
+    statistic = float(np.sum((u.T @ residual) ** 2)) / sigma2
+    fitted = (vt.T / s) @ (u.T @ residual) / scale
+    singly = (moved.T @ residual) / scale**2
+    return Finding(
+        probe.name,
+        float(chi2.sf(statistic, rank)) if rank else 1.0,
+        statistic,
+        rank,
+        probe.columns @ fitted,
+        probe.labels,
+        np.where(norm > 0.0, singly, np.nan),
+        np.where(norm > 0.0, np.sqrt(sigma2) / scale, np.nan),
+    )
+
+
+def periodogram(whitened: FloatArray, time_s: FloatArray, interval_s: float) -> Finding:
+    """Largest line of the whitened residual's spectrum; p = 1 - (1 - e^-max)^m. Missing rows count as zero."""
+    steps = np.rint(np.diff(time_s, prepend=time_s[0]) / interval_s).astype(np.int64)
+    row = np.cumsum(np.minimum(steps, _LONGEST_GAP))
+    filled = np.zeros(int(row[-1]) + 1)
+    filled[row] = whitened
+    power = np.abs(np.fft.rfft(filled))[1:-1] ** 2 / float(whitened @ whitened)
+    top = int(np.argmax(power))
+    p = float(-np.expm1(len(power) * np.log1p(-np.exp(-power[top]))))
+    period_s = len(filled) * interval_s / (top + 1)
+    phase = 2.0 * np.pi * row * interval_s / period_s
+    return Finding(
+        "periodic",
+        p,
+        float(power[top]),
+        2,
+        np.cos(phase + float(np.angle(np.fft.rfft(filled)[top + 1]))),
+        note=f"period {period_s:.0f} s",
+    )
+
+
+def noise_test(problem: Problem, X: FloatArray, lattice: NoiseLattice, point: Point) -> Finding:
+    """Is the noise of the run that of the isothermal records? Likelihood ratio, chi-squared with three."""
+    together = Surface.of(problem.records(X), lattice, restricted=True)
+    together.visit([point])
+    joint = together.height(together.descend(point))
+    alone, sizes = [], []
+    for records, offset in ((problem.records(X)[:1], 0), (problem.statics, 1)):
+        surface = Surface.of(records, lattice.part(offset, len(records)), restricted=True)
+        surface.visit([point])
+        best = surface.descend(point)
+        alone.append(surface.height(best))
+        sizes.append(surface.known[best][1])
+    statistic = max(0.0, joint - sum(alone))
+    ratio = float(np.sqrt(sizes[0] / sizes[1]))
+    note = f"white noise of the run is {ratio:.2f} of the isothermal"
+    return Finding("noise", float(chi2.sf(statistic, 3)), statistic, 3, np.zeros(len(problem.y)), note=note)
+
+
+def cells(temperature: FloatArray, direction: FloatArray, bins: int = 8) -> Probe:
+    """Temperature bins by direction (-1 cooling, 0 constant, 1 heating), each one column."""
+    edges = np.linspace(np.min(temperature), np.max(temperature), bins + 1)
+    which = np.clip(np.digitize(temperature, edges) - 1, 0, bins - 1)
+    columns, labels = [], []
+    for sign, word in ((1, "heating"), (-1, "cooling"), (0, "constant")):
+        for number in range(bins):
+            inside = (which == number) & (np.sign(direction) == sign)
+            if inside.sum() >= 3:
+                columns.append(inside.astype(np.float64))
+                labels.append(f"{word} {edges[number]:.3g}..{edges[number + 1]:.3g}")
+    return Probe("temperature x direction", np.column_stack(columns), tuple(labels))
+
+
+def spline(name: str, value: FloatArray, freedom: int = 6) -> Probe:
+    """Smooth function of one variable: cubic B-splines, knots at quantiles so that each sees data."""
+    inner = np.unique(np.quantile(value, np.linspace(0.0, 1.0, max(2, freedom - 2))))
+    if len(inner) < 3 and np.ptp(value) > 0.0:
+        return Probe(name, (value - value.mean())[:, None])
+    if np.ptp(value) == 0.0:
+        return Probe(name, np.zeros((len(value), 1)))
+    knots = np.concatenate([[inner[0]] * 3, inner, [inner[-1]] * 3])
+    return Probe(name, BSpline.design_matrix(np.clip(value, inner[0], inner[-1]), knots, 3).toarray())
+
+
+def usual(
+    time_s: FloatArray, temperature: FloatArray, rate_of_change: FloatArray, channels: Mapping[str, FloatArray]
+) -> list[Probe]:
+    """The probes of a run: cells, elapsed time, dT/dt [degC/min], fine temperature and each further channel."""
+    direction = np.where(np.abs(rate_of_change) < 0.1, 0.0, np.sign(rate_of_change))
+    return [
+        cells(temperature, direction),
+        spline("time", time_s, 8),
+        spline("dT/dt", rate_of_change, 6),
+        spline("fine temperature", temperature, 30),
+        *(spline(name, value) for name, value in channels.items()),
+    ]
+
+
+def despike(residual: FloatArray, limit: float = 6.0) -> BoolArray:
+    """Rows (n,) to keep: those within `limit` robust standard deviations of the median of five neighbours.
+
+    For the residual of the present model, before anything else: a few spikes make a run look noisier than it is. A step
+    or a slow error is no spike.
+    """
+    padded = np.pad(residual, 2, mode="reflect")
+    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+    off = residual - around
+    deviation = 1.4826 * float(np.median(np.abs(off)))
+    return np.asarray(np.abs(off) <= limit * max(deviation, 1e-300)) if deviation > 0.0 else np.ones(len(off), bool)

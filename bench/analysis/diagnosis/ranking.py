@@ -1,0 +1,115 @@
+"""The suspects of a diagnosis: what was found, then its rivals, each refitted and scored on unseen data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis.diagnosis.answer import SuspectedEffect, Value
+from bench.analysis.diagnosis.evidence import TIE, Evidence, Suspect
+from bench.analysis.diagnosis.held_out import Unseen, removed, unseen
+from bench.analysis.diagnosis.suspects import Layout, Offer
+from bench.analysis.diagnosis.verdict import Explanation, effect_name
+from bench.analysis.effects.base import Effect, moves_abscissa, options_of
+from bench.base import FloatArray
+from bench.record import Dataset
+
+_RIVALS = 4
+_ALL_TERMS = 3
+"""Coefficients of an effect that are listed; a spline has no few."""
+_WITHIN = 3.92  # standard deviations in a 95 % interval
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Scores suspects of one explanation."""
+
+    found: Explanation
+    offer: Offer
+    check: tuple[Dataset, ...]
+    floor_dph: float
+
+    def suspects(self) -> tuple[SuspectedEffect, ...]:
+        """What was found, strongest first, then what comes next in evidence."""
+        steps = self.found.steps
+        named = {step.name for step in steps}
+        listed = [self._scored(step.layout, step.evidence, step.suspect, True) for step in steps]
+        layout, evidence = (steps[0].layout, steps[0].evidence) if steps else (self.found.layout, self.found.first)
+        rivals = [s for s in _each_once(evidence) if effect_name(s.name) not in named]
+        listed += [self._scored(layout, evidence, s, False) for s in rivals[:_RIVALS]]
+        return tuple(listed)
+
+    def _scored(self, layout: Layout, evidence: Evidence, suspect: Suspect, found: bool) -> SuspectedEffect:
+        effect = self.offer.effects[suspect.name]
+        after = layout.adding(effect, suspect.theta)
+        before, scored = self._unseen(layout), self._unseen(after)
+        return SuspectedEffect(
+            effect=effect.name,
+            options=options_of(effect),
+            found=found,
+            evidence=suspect.evidence,
+            chance=self.found.first.chance(suspect.evidence),
+            held_out_before_dph=before.rms_dph,
+            held_out_rms_dph=scored.rms_dph,
+            removes=removed(before, scored, self.floor_dph),
+            parameters=_values(layout, effect, suspect),
+            look_alikes=self._look_alikes(evidence, suspect),
+            legs=tuple(_legs(layout, suspect.cumulative)),
+            model=after.rows.model,
+            theta=suspect.theta,
+            shape=layout.rows.scatter(suspect.effect),
+            reason=scored.reason,
+        )
+
+    def _unseen(self, layout: Layout) -> Unseen:
+        return unseen(layout.rows, layout.theta, self.check)
+
+    def _look_alikes(self, evidence: Evidence, suspect: Suspect) -> tuple[str, ...]:
+        """Names within the tie of the best, if the suspect is within it, too, and the best beats chance."""
+        ranked = _each_once(evidence)
+        if not ranked or ranked[0].evidence <= self.found.threshold:
+            return ()
+        tied = [effect_name(s.name) for s in ranked if s.evidence >= ranked[0].evidence - TIE]
+        own = effect_name(suspect.name)
+        return tuple(name for name in tied if name != own) if own in tied else ()
+
+
+def _each_once(evidence: Evidence) -> list[Suspect]:
+    """The best shape of each effect that the run excites, best first."""
+    first: dict[str, Suspect] = {}
+    for suspect in evidence.suspects:
+        if suspect.excited:
+            first.setdefault(effect_name(suspect.name), suspect)
+    return list(first.values())
+
+
+def _values(layout: Layout, effect: Effect, suspect: Suspect) -> dict[str, Value]:
+    """Nonlinear parameters and amplitudes in their units."""
+    searched = {p.name: p for p in effect.parameters}
+    values = {
+        name: Value(p.value, p.unit, (p.high - p.low) / _WITHIN, (p.low, p.high), searched[name].on_bound(p.value))
+        for name, p in suspect.parameters.items()
+    }
+    form = layout.prepared(effect).physical()
+    if moves_abscissa(effect) or len(form.labels) > _ALL_TERMS:
+        return values
+    matrix = form.matrix[:, 1:]
+    numbers = matrix @ suspect.amplitudes
+    deviations = np.sqrt(matrix**2 @ suspect.deviations**2)
+    rows = zip(form.labels, form.units, numbers.tolist(), deviations.tolist(), strict=True)
+    return values | {label: Value(value, unit, std) for label, unit, value, std in rows}
+
+
+def _legs(layout: Layout, cumulative: FloatArray) -> Iterator[tuple[str, float]]:
+    """What each segment adds to the evidence, in order of time."""
+    gains = np.diff(cumulative, prepend=0.0)
+    at = 0
+    for record, mask in zip(layout.rows.records, layout.rows.masks, strict=True):
+        segment = record.segment[mask]
+        own = gains[at : at + len(segment)]
+        at += len(segment)
+        names = {s.index: s.name for s in record.segments}
+        for index in dict.fromkeys(segment.tolist()):
+            yield names.get(index, "outside segments"), float(own[segment == index].sum())

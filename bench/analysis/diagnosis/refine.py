@@ -1,0 +1,232 @@
+"""One candidate's best parameters and noise, continuously, and how well the data fix the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq, minimize, minimize_scalar
+from scipy.stats import chi2
+
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, from_unit, joint, orthonormal, to_unit
+from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
+from bench.base import FloatArray
+
+_STARTS = 4
+_DIFFERENCE = 2e-3  # of a parameter's range, for slopes
+_WITHIN = float(chi2.ppf(0.95, 1))
+Goal = Callable[[Candidate, Theta, Point], float]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter with its 95 % profile-likelihood interval, cut at the bounds of the search."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Start:
+    """A grid point, the noise point where it does best, and its -2 ln L there."""
+
+    theta: Theta
+    point: Point
+    height: float
+
+
+class _Whitened(NamedTuple):
+    """The problem at one noise: basis of the base, the response and its rest beside the base, the isothermal records'
+    square sum, and ln |C| of all.
+    """
+
+    basis: FloatArray
+    white: FloatArray
+    residual: FloatArray
+    still: float
+    log_det: float
+
+
+class Refiner:
+    """-2 ln L of candidates of one problem at any parameters and lattice points; what a noise point needs is kept."""
+
+    def __init__(self, problem: Problem, lattice: NoiseLattice) -> None:
+        """Shares the whiteners of the lattice."""
+        self.problem, self.lattice = problem, lattice
+        self._kept: dict[Point, _Whitened] = {}
+
+    def height(self, candidate: Candidate, theta: Theta, point: Point) -> float:
+        """-2 ln L of base and candidate."""
+        at, total = self._at(point), self.problem.rows
+        return total * float(np.log((self.rss(candidate, theta, point) + at.still) / total)) + at.log_det
+
+    def sigma2(self, candidate: Candidate, theta: Theta, point: Point) -> float:
+        """White variance of one mean that goes with `height` [(deg/h)^2]."""
+        return (self.rss(candidate, theta, point) + self._at(point).still) / self.problem.rows
+
+    def rss(self, candidate: Candidate, theta: Theta, point: Point) -> float:
+        """Whitened residual square sum of the run under base and candidate."""
+        at = self._at(point)
+        columns, response = self.lattice.at([point])[0][0].apply(candidate.columns(theta)), at.white
+        if candidate.kind == "term":
+            before = np.linalg.norm(columns, axis=0)
+            columns -= at.basis @ (at.basis.T @ columns)
+            columns, response = columns[:, np.linalg.norm(columns, axis=0) > 3e-5 * before], at.residual
+        return max(_outside(columns, response), 1e-300)
+
+    def _at(self, point: Point) -> _Whitened:
+        if point not in self._kept:
+            way, *ways = self.lattice.at([point])[0]
+            base = way.apply(np.column_stack([self.problem.base, self.problem.y]))
+            basis, white = orthonormal(base[:, :-1]), base[:, -1]
+            still = 0.0
+            for record, other in zip(self.problem.statics, ways, strict=True):
+                both = other.apply(np.column_stack([record.X, record.y]))
+                still += _outside(both[:, :-1], both[:, -1])
+            log_det = sum(each.log_det for each in (way, *ways))
+            self._kept[point] = _Whitened(basis, white, white - basis @ (basis.T @ white), still, log_det)
+        return self._kept[point]
+
+    def refine(
+        self, candidate: Candidate, grid: Sequence[Start], base: Point, closely: bool = True
+    ) -> tuple[Theta, Point, float]:
+        """Best parameters, noise point and -2 ln L, from the lowest few minima of the grid.
+
+        Not closely: from the lowest alone, at the noise of the base.
+        """
+        starts = _minima(grid)[:_STARTS]
+        if not closely:
+            starts = [Start(starts[0].theta, base, self.height(candidate, starts[0].theta, base))]
+        if candidate.parameters:
+            starts = [self._search(candidate, start) for start in starts]
+        best = min(starts, key=lambda start: start.height)
+        for _ in range((2 if candidate.parameters else 1) if closely else 0):
+            best = self._denoise(candidate, best, base)
+            if candidate.parameters:
+                best = self._search(candidate, best)
+        return best.theta, best.point, best.height
+
+    def lowest_rss(self, candidate: Candidate, grid: Sequence[Start]) -> float:
+        """Least whitened square sum over the parameters at the starts' noise; their heights are square sums."""
+        starts = _minima(grid)[:_STARTS]
+        if candidate.parameters:
+            starts = [self._search(candidate, start, self.rss) for start in starts]
+        return min(start.height for start in starts)
+
+    def _denoise(self, candidate: Candidate, start: Start, base: Point) -> Start:
+        """The noise profiled at fixed parameters, from the better of the start's and the base's."""
+        own = candidate.columns(start.theta)
+        fixed = replace(candidate, columns=lambda _: own)
+        surface = Surface(self.lattice, lambda point: (self.height(fixed, start.theta, point), np.nan))
+        surface.visit([start.point, base])
+        point = surface.descend(min((start.point, base), key=surface.height))
+        return Start(start.theta, point, surface.height(point))
+
+    def _search(self, candidate: Candidate, start: Start, goal: Goal | None = None) -> Start:
+        """Parameters improved at fixed noise, within one grid step of the start (one parameter) or by simplex."""
+        function = self._of_unit(candidate, start.point, goal or self.height)
+        at = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, start.theta, strict=True)])
+        if len(at) == 1:
+            step = 1.0 / max(1, len(candidate.grid()) - 1)
+            bounds = (max(0.0, at[0] - step), min(1.0, at[0] + step))
+            found = minimize_scalar(
+                lambda u: function(np.array([u])),
+                bounds=bounds,
+                method="bounded",
+                options={"xatol": step / 200.0, "maxiter": 18},
+            )
+            unit, height = np.array([float(found.x)]), float(found.fun)
+        else:
+            simplex = minimize(
+                function,
+                at,
+                method="Nelder-Mead",
+                bounds=[(0.0, 1.0)] * len(at),
+                options={"maxfev": 60 * len(at), "xatol": 1e-4, "fatol": 1e-3},
+            )
+            unit, height = np.asarray(simplex.x), float(simplex.fun)
+        if height >= start.height:
+            return start
+        return Start(_theta(candidate, unit), start.point, height)
+
+    @staticmethod
+    def _of_unit(candidate: Candidate, point: Point, goal: Goal) -> Callable[[FloatArray], float]:
+        return lambda unit: goal(candidate, _theta(candidate, unit), point)
+
+    def intervals(self, candidate: Candidate, theta: Theta, point: Point) -> dict[str, Interval]:
+        """95 % intervals of the parameters at this noise; of several parameters, each with the others held."""
+        found = {}
+        best = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, theta, strict=True)])
+        function = self._of_unit(candidate, point, self.height)
+        lowest = function(best)
+        for number, parameter in enumerate(candidate.parameters):
+            rise = partial(_rise, function, best, number, lowest)
+            ends = np.array([_crossing(rise, float(best[number]), end) for end in (0.0, 1.0)])
+            low, high = from_unit(parameter, ends).tolist()
+            found[parameter.name] = Interval(theta[number], low, high, parameter.unit)
+        return found
+
+    def deviations(self, candidate: Candidate, theta: Theta, beta: FloatArray, point: Point) -> FloatArray:
+        """Standard deviations of the linear coefficients, the parameters being fitted too (linearised)."""
+        columns = joint(self.problem, candidate, theta)
+        slopes = []
+        best = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, theta, strict=True)])
+        for index in range(0 if candidate.change_point else len(best)):
+            ends = np.clip(best[index] + np.array([-_DIFFERENCE, _DIFFERENCE]), 0.0, 1.0)
+            low, high = (joint(self.problem, candidate, _theta(candidate, _moved(best, index, e))) @ beta for e in ends)
+            slopes.append((high - low) / (ends[1] - ends[0]))
+        way = self.lattice.at([point])[0][0]
+        fit = gls(np.column_stack([columns, *slopes]), self.problem.y, way, self.sigma2(candidate, theta, point))
+        return np.sqrt(np.diag(fit.covariance))
+
+
+def _outside(columns: FloatArray, response: FloatArray) -> float:
+    """Square sum of what columns (n, k) leave of a response (n,)."""
+    basis = orthonormal(columns)
+    left = response - basis @ (basis.T @ response)
+    return float(left @ left)
+
+
+def _theta(candidate: Candidate, unit: FloatArray) -> Theta:
+    inside = np.clip(unit, 0.0, 1.0)
+    return tuple(float(from_unit(p, inside[[i]])[0]) for i, p in enumerate(candidate.parameters))
+
+
+def _rise(function: Callable[[FloatArray], float], best: FloatArray, index: int, lowest: float, value: float) -> float:
+    """-2 ln L above the lowest with one parameter moved."""
+    return function(_moved(best, index, value)) - lowest
+
+
+def _moved(best: FloatArray, index: int, value: float) -> FloatArray:
+    changed = best.copy()
+    changed[index] = value
+    return changed
+
+
+def _crossing(rise: Callable[[float], float], best: float, end: float) -> float:
+    """Where the rise passes 3.84 on the way from the best to the end of the range; doubling steps, then bisection."""
+    step, inside = 0.002, best
+    while True:
+        outside = best + np.sign(end - best) * step
+        if (end - outside) * (end - best) <= 0.0:
+            outside = end
+        if rise(outside) >= _WITHIN:
+            return float(brentq(lambda u: rise(u) - _WITHIN, inside, outside, xtol=1e-4, maxiter=60))
+        if outside == end:
+            return end
+        inside, step = outside, 2.0 * step
+
+
+def _minima(grid: Sequence[Start]) -> list[Start]:
+    """Grid points lower than both neighbours, lowest first; with several parameters all points, lowest first."""
+    ordered = sorted(grid, key=lambda start: start.height)
+    if not grid or len(grid[0].theta) != 1:
+        return ordered
+    heights = [np.inf, *(start.height for start in grid), np.inf]
+    low = [s for i, s in enumerate(grid) if heights[i + 1] <= min(heights[i], heights[i + 2])]
+    return sorted(low, key=lambda start: start.height)

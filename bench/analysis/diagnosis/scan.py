@@ -1,0 +1,148 @@
+"""Likelihood of every candidate at every grid point under every noise, for many responses at once.
+
+At each point of the noise lattice the base and all columns of all candidates are whitened and made orthogonal to the
+base once; what remains for each response (the run, or simulated nulls) are inner products.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, library, orthonormal
+from bench.analysis.diagnosis.crew import shared
+from bench.analysis.noise.likelihood import NoiseLattice, Point
+from bench.analysis.noise.whitening import Whitener
+from bench.base import FloatArray, IntArray
+
+DEPENDENT = 1e-9
+"""A column of which less than this share (in variance) lies outside the base cannot be told from the base."""
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Lowest -2 ln L over the noise points: of the base (m,), of every entry (entries, m), and at which point."""
+
+    entries: tuple[tuple[int, Theta], ...]
+    widths: IntArray
+    excited: FloatArray
+    """Largest share of an entry's variance outside the base (entries,)."""
+    base: FloatArray
+    values: FloatArray
+    where: IntArray
+
+
+class Library:
+    """All candidates at all grid points, columns of equal width stacked."""
+
+    def __init__(self, problem: Problem, candidates: Sequence[Candidate]) -> None:
+        """Columns are computed here once; every later step only whitens them."""
+        listed = library(candidates)
+        self.problem = problem
+        self.entries = tuple((index, theta) for index, theta, _ in listed)
+        self.widths = np.array([columns.shape[1] for _, _, columns in listed], dtype=np.int64)
+        replaces = np.array([candidates[index].kind == "abscissa" for index, _, _ in listed], dtype=bool)
+        self._stacks: list[tuple[IntArray, bool, int, FloatArray]] = []
+        for replacing in (False, True):
+            for width in np.unique(self.widths[replaces == replacing]):
+                which = np.flatnonzero((self.widths == width) & (replaces == replacing)).astype(np.int64)
+                stacked = np.column_stack([listed[i][2] for i in which])
+                self._stacks.append((which, replacing, int(width), stacked))
+
+    def paid(self, candidates: Sequence[Candidate]) -> FloatArray:
+        """What the parameters of every entry cost in evidence (entries,)."""
+        base, log_n = self.problem.base.shape[1], float(np.log(len(self.problem.y)))
+        return np.array([
+            candidates[index].paid(base, int(width)) * log_n
+            for (index, _), width in zip(self.entries, self.widths, strict=True)
+        ])  # fmt: skip
+
+    def scan(
+        self,
+        lattice: NoiseLattice,
+        points: Sequence[Point],
+        run: FloatArray,
+        statics: list[FloatArray],
+        workers: int = 1,
+    ) -> Scan:
+        """Best over the points for responses `run` (n, m) and the isothermal records' `statics` (n_s, m) each."""
+        size = -(-len(points) // workers)
+        tasks = [
+            partial(self._part, lattice, points[first : first + size], run, statics)
+            for first in range(0, len(points), size)
+        ]
+        best, *others = shared(tasks, workers)
+        for number, other in enumerate(others, start=1):
+            better = other.values < best.values
+            where = np.where(better, other.where + number * size, best.where)
+            values = np.where(better, other.values, best.values)
+            base, excited = np.minimum(best.base, other.base), np.maximum(best.excited, other.excited)
+            best = replace(best, excited=excited, base=base, values=values, where=where)
+        return best
+
+    def _part(self, lattice: NoiseLattice, points: Sequence[Point], run: FloatArray, statics: list[FloatArray]) -> Scan:
+        """Best over some of the points."""
+        base = np.full(run.shape[1], np.inf)
+        values = np.full((len(self.entries), run.shape[1]), np.inf)
+        where = np.zeros(values.shape, dtype=np.int64)
+        excited = np.zeros(len(self.entries))
+        total = self.problem.rows
+        for number, ways in enumerate(lattice.at(points)):
+            log_det = sum(way.log_det for way in ways)
+            still = np.zeros(run.shape[1])
+            for record, way, response in zip(self.problem.statics, ways[1:], statics, strict=True):
+                still += _left(orthonormal(way.apply(record.X)), way.apply(response))
+            rss0, rss = self._run(ways[0], run, excited)
+            base = np.minimum(base, total * np.log((rss0 + still) / total) + log_det)
+            here = total * np.log((rss + still) / total) + log_det
+            better = here < values
+            values[better] = here[better]
+            where[better] = number
+        return Scan(self.entries, self.widths, excited, base, values, where)
+
+    def _run(self, way: Whitener, run: FloatArray, excited: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residual square sums of the run under one noise: base (m,), entries (entries, m)."""
+        white = way.apply(run)
+        q = orthonormal(way.apply(self.problem.base))
+        residual = white - q @ (q.T @ white)
+        rss0 = np.einsum("ij,ij->j", residual, residual)
+        power = np.einsum("ij,ij->j", white, white)
+        rss = np.empty((len(self.entries), run.shape[1]))
+        for which, replacing, width, stacked in self._stacks:
+            columns = way.apply(stacked)
+            if replacing:
+                gain = _explained(columns, width, white)
+                rss[which] = np.maximum(power - gain, 0.0)
+                excited[which] = 1.0
+                continue
+            before = np.einsum("ij,ij->j", columns, columns)
+            columns -= q @ (q.T @ columns)
+            share = np.einsum("ij,ij->j", columns, columns) / np.maximum(before, 1e-300)
+            columns[:, share < DEPENDENT] = 0.0
+            excited[which] = np.maximum(excited[which], share.reshape(-1, width).max(axis=1))
+            rss[which] = np.maximum(rss0 - _explained(columns, width, residual), 1e-300)
+        return rss0, rss
+
+
+def _explained(columns: FloatArray, width: int, response: FloatArray) -> FloatArray:
+    """Square sum that each group of `width` columns explains of each response: (groups, m)."""
+    if width == 1:
+        norm = np.einsum("ij,ij->j", columns, columns)
+        product = columns.T @ response
+        return np.asarray(product**2 / np.where(norm > 0.0, norm, np.inf)[:, None])
+    groups = columns.T.reshape(-1, width, len(columns))
+    scaled = groups / np.maximum(np.linalg.norm(groups, axis=2, keepdims=True), 1e-300)
+    product = (scaled.reshape(-1, len(columns)) @ response).reshape(len(groups), width, -1)
+    values, vectors = np.linalg.eigh(scaled @ scaled.transpose(0, 2, 1))
+    inverse = np.where(values > values[:, -1:] * 1e-12, 1.0 / np.maximum(values, 1e-300), 0.0)
+    turned = vectors.transpose(0, 2, 1) @ product
+    return np.asarray(np.einsum("gk,gkm->gm", inverse, turned**2))
+
+
+def _left(basis: FloatArray, response: FloatArray) -> FloatArray:
+    """Square sum (m,) of the responses outside a basis."""
+    residual = response - basis @ (basis.T @ response)
+    return np.asarray(np.einsum("ij,ij->j", residual, residual))

@@ -1,0 +1,278 @@
+"""Runs and a model laid out for the evidence engine, and every effect that the model lacks as a candidate for it.
+
+Several runs are stacked a month apart, each with a constant of its own (a turn-on bias is no effect of temperature).
+The model's own nonlinear parameters take part through the slopes of the fitted curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bench.analysis import effects
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal
+from bench.analysis.diagnosis.probes import Probe, usual
+from bench.analysis.effects.base import Demanding, Effect, moves_abscissa
+from bench.analysis.effects.model import Model
+from bench.analysis.fit import design
+from bench.analysis.fit.solve import solve
+from bench.analysis.noise.likelihood import Record
+from bench.base import BoolArray, FloatArray, InputError
+from bench.record import Dataset
+
+_APART_S = 30 * 86400.0
+_STEP = 1e-4  # of a parameter's range, for slopes
+_POINTS_OF_TWO = 14  # grid points of each parameter of a change point with a width
+_STILL_DEGC_PER_MIN = 0.1
+_LEAST_PRESENT = 0.9  # share of rows in which an effect's channel has a value
+_LEAST_STATIC = 40
+_CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate")
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """A model over the rows of its runs at fixed nonlinear parameters `theta` (in the order of its effects)."""
+
+    rows: design.Problem
+    theta: FloatArray
+    statics: tuple[Record, ...] = ()
+    white: FloatArray | None = None
+    """White variance of the rows (n,) relative to the isothermal records', where it is not the same."""
+
+    @cached_property
+    def problem(self) -> Problem:
+        """What the engine sees: rows stacked, the model's columns, constants of further runs, slopes."""
+        _, columns = self.rows.bind(self.theta, trial=True)
+        starts = _APART_S * np.arange(len(self.rows.time))
+        time = np.concatenate([t + s for t, s in zip(self.rows.time, starts, strict=True)])
+        return Problem(
+            time_s=time,
+            y=self.rows.y,
+            base=np.hstack([columns, self._others]),
+            interval_s=self.rows.records[0].interval_s,
+            statics=self.statics,
+            white=(1.0 if self.white is None else self.white) / self.rows.weights,
+        )
+
+    def adding(self, effect: Effect, theta: Theta) -> Layout:
+        """The same rows with one more effect in the model."""
+        rows = replace(self.rows, model=self.rows.model.adding(effect))
+        return replace(self, rows=rows, theta=np.concatenate([self.theta, np.array(theta, dtype=np.float64)]))
+
+    def prepared(self, effect: Effect) -> Effect:
+        """The effect with its scales fixed to the rows, as the model's terms see them."""
+        return effect.prepare([r.select(m) for r, m in zip(self.seen, self.rows.masks, strict=True)])
+
+    def candidate(self, effect: Effect, name: str) -> Candidate:
+        """The effect as a candidate; InputError where the rows do not allow it."""
+        moving = any(p.change_point for p in effect.parameters)
+        return Candidate(
+            name=name,
+            columns=_Moved(self, effect) if moves_abscissa(effect) else _Terms(self, effect),
+            family=effect.family,
+            kind="abscissa" if moves_abscissa(effect) else "term",
+            parameters=effect.parameters,
+            change_point=moving,
+            points=_POINTS_OF_TWO if moving and len(effect.parameters) > 1 else None,
+        )
+
+    def probes(self) -> list[Probe]:
+        """Where to look for misfit: temperature by direction, time, rate of change, channels."""
+        time = np.concatenate(self.rows.time)
+        channels = {name: self.stacked([record.channel(name) for record in self.rows.records]) for name in self.further}
+        moving = {name: values for name, values in channels.items() if np.ptp(values) > 0.0}
+        return usual(time, self.temperature, self.slope, moving)
+
+    @property
+    def slope(self) -> FloatArray:
+        """Rate of change of the temperature at the rows [degC/min]."""
+        return np.nan_to_num(self.stacked([record.dT_dt for record in self.rows.records]))
+
+    @property
+    def further(self) -> tuple[str, ...]:
+        """Channels beside the temperature that have a value in every row."""
+        return tuple(
+            name
+            for name in _CHANNELS
+            if all(name in r.channels and np.all(np.isfinite(r.channels[name][m])) for r, m in self._pairs)
+        )
+
+    @property
+    def temperature(self) -> FloatArray:
+        """Temperature of the rows [degC]."""
+        return self.stacked([record.channel("temperature") for record in self.rows.records])
+
+    def beyond(self, values: FloatArray) -> FloatArray:
+        """What the model's columns do not take of values (n,)."""
+        basis = orthonormal(self.problem.base)
+        left: FloatArray = values - basis @ (basis.T @ values)
+        return left
+
+    def stacked(self, columns: Sequence[FloatArray]) -> FloatArray:
+        """Values of whole records at the rows of the problem."""
+        return np.concatenate([c[m] for c, m in zip(columns, self.rows.masks, strict=True)])
+
+    @cached_property
+    def seen(self) -> tuple[Dataset, ...]:
+        """The records with the temperature that the model's terms see."""
+        bound, _ = self.rows.bind(self.theta, trial=True)
+        records = self.rows.records
+        for key, effect in zip(bound.keys, bound.effects, strict=True):
+            if moves_abscissa(effect):
+                records = tuple(r.with_channel("temperature", effect.abscissa(r, bound.theta[key])) for r in records)
+        return records
+
+    @property
+    def _pairs(self) -> list[tuple[Dataset, BoolArray]]:
+        return list(zip(self.rows.records, self.rows.masks, strict=True))
+
+    @cached_property
+    def _others(self) -> FloatArray:
+        """Constants of the runs after the first, and the slopes of the fitted curve along the model's parameters."""
+        sizes = [len(t) for t in self.rows.time]
+        run = np.repeat(np.arange(len(sizes)), sizes)
+        constants = [(run == i).astype(np.float64) for i in range(1, len(sizes)) if sizes[i]]
+        return np.column_stack([np.zeros((len(run), 0)), *constants, *self._slopes()])
+
+    def _slopes(self) -> list[FloatArray]:
+        if not self.theta.size:
+            return []
+        _, columns = self.rows.bind(self.theta, trial=True)
+        beta = solve(columns, self.rows.y, self.rows.weights).beta
+        slopes = []
+        for i, parameter in enumerate(self.rows.parameters):
+            step = _STEP * (self.theta[i] if parameter.log else parameter.high - parameter.low)
+            ends = np.clip(self.theta[i] + np.array([-step, step]), parameter.low, parameter.high)
+            curves = []
+            for end in ends:
+                moved = np.where(np.arange(self.theta.size) == i, end, self.theta)
+                curves.append(self.rows.bind(moved, trial=True)[1] @ beta)
+            slopes.append((curves[1] - curves[0]) / (ends[1] - ends[0]))
+        return [slope for slope in slopes if np.all(np.isfinite(slope)) and np.any(slope)]
+
+
+@dataclass(frozen=True, eq=False)
+class Offer:
+    """Effects that may be missing, by the name of their candidate, and why the others cannot be judged."""
+
+    effects: Mapping[str, Effect]
+    refused: Mapping[str, str]
+
+    def candidates(self, layout: Layout) -> list[Candidate]:
+        """All that the layout's model does not have yet."""
+        have = {effect.name for effect in layout.rows.model.effects}
+        return [layout.candidate(e, name) for name, e in self.effects.items() if e.name not in have]
+
+
+def catalogued(model: Model, records: Sequence[Dataset]) -> tuple[Effect, ...]:
+    """Every effect of the catalogue that the model lacks; a spline where it has a lesser static curve."""
+    have = {effect.name for effect in model.effects}
+    lacking = [entry.name for entry in effects.catalogue() if entry.suspect and entry.name not in have]
+    curves = () if have & {"spline", "surface"} else _spline(records)
+    return (*(effects.make(name) for name in lacking), *curves)
+
+
+def _spline(records: Sequence[Dataset]) -> tuple[Effect, ...]:
+    """The finest of a few splines that the rows can carry."""
+    for intervals in (24, 12, 6):
+        spline = effects.make("spline", {"intervals": intervals})
+        try:
+            ready = spline.prepare(records)
+            if isinstance(ready, Demanding):
+                ready.demand(records)
+        except InputError:
+            continue
+        return (spline,)
+    return ()
+
+
+def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
+    """Candidates for these effects, in all their shapes, and the layout without the rows where their channels gap.
+
+    An effect whose channel is missing, constant or mostly gaps is refused with the reason.
+    """
+    taken: dict[str, Effect] = {}
+    refused: dict[str, str] = {}
+    for effect in wanted:
+        reason = _absent(layout, effect)
+        if reason:
+            refused[effect.name] = reason
+            continue
+        for i, shape in enumerate(effects.shapes(effects.suited(effect, layout.rows.records))):
+            taken[effect.name if i == 0 else f"{effect.name} {i + 1}"] = shape
+    needs = {channel for effect in taken.values() for channel in effect.needs}
+    masks = tuple(
+        mask & np.all([np.isfinite(r.channel(c)) for c in needs], axis=0) if needs else mask
+        for r, mask in zip(layout.rows.records, layout.rows.masks, strict=True)
+    )
+    ready = replace(layout, rows=replace(layout.rows, masks=masks))
+    for name, effect in list(taken.items()):
+        try:
+            ready.candidate(effect, name)
+        except InputError as error:
+            del taken[name]
+            refused.setdefault(effect.name, str(error))
+    return ready, Offer(taken, refused)
+
+
+def _absent(layout: Layout, effect: Effect) -> str:
+    """Why the channels of an effect do not allow it, or nothing."""
+    for channel in effect.needs:
+        for record, mask in zip(layout.rows.records, layout.rows.masks, strict=True):
+            if channel not in record.channels:
+                return f"{record.name} has no channel '{channel}'"
+            present = float(np.mean(np.isfinite(record.channels[channel][mask])))
+            if present < _LEAST_PRESENT:
+                return f"{record.name}: channel '{channel}' has values in {100 * present:.0f} % of the rows only"
+    return ""
+
+
+def isothermal(static: Dataset, interval_s: float) -> Record:
+    """A run at constant temperature as a record of noise, beside a parabola in time of its own.
+
+    Raises InputError: rows longer than `interval_s`, or too few of them stand still.
+    """
+    record = static.average(interval_s)
+    still = np.isfinite(record.bias) & (np.abs(np.nan_to_num(record.dT_dt)) < _STILL_DEGC_PER_MIN)
+    if still.sum() < _LEAST_STATIC:
+        raise InputError(
+            f"static run {static.name} has {still.sum()} means over {interval_s:g} s with the temperature standing "
+            f"still, at least {_LEAST_STATIC} are needed: record some hours at one temperature"
+        )
+    kept = record.select(still)
+    count = kept.count("rate")
+    at = (kept.time - kept.time.mean()) / max(float(np.ptp(kept.time)), 1.0)
+    return Record(kept.time, kept.bias, np.vander(at, 3), np.maximum(np.median(count) / count, 1.0))
+
+
+class _Terms:
+    """Columns of an effect that adds terms, at the temperature that the model's own effects leave to it."""
+
+    def __init__(self, layout: Layout, effect: Effect) -> None:
+        self._layout = layout
+        self._names = [p.name for p in effect.parameters]
+        self._effect = layout.prepared(effect)
+
+    def __call__(self, theta: Theta) -> FloatArray:
+        named = dict(zip(self._names, theta, strict=True))
+        return self._layout.stacked([self._effect.columns(record, named) for record in self._layout.seen])
+
+
+class _Moved:
+    """The model's columns at the temperature that an effect moves them to."""
+
+    def __init__(self, layout: Layout, effect: Effect) -> None:
+        self._layout = layout
+        self._rows = layout.adding(effect, ()).rows
+        start = tuple(p.start for p in effect.parameters)
+        self._rows.bind(np.concatenate([layout.theta, np.array(start)]), trial=True)
+
+    def __call__(self, theta: Theta) -> FloatArray:
+        try:
+            _, columns = self._rows.bind(np.concatenate([self._layout.theta, np.array(theta)]), trial=True)
+        except InputError:  # a lag so long that the moved temperature stands still
+            return self._layout.problem.base
+        return np.hstack([columns, self._layout._others])

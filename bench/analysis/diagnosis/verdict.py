@@ -1,0 +1,168 @@
+"""From evidence to a verdict: effects one after the other, judged again together, and what remains after them.
+
+The threshold is what chance reaches in runs simulated from the model and its noise alone. After each effect the probes
+are asked again: what they still see is not explained, whatever the name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from bench.analysis.diagnosis.answer import VerdictWord
+from bench.analysis.diagnosis.evidence import TIE, Evidence, Suspect, weigh
+from bench.analysis.diagnosis.probes import Examination, Finding, examine
+from bench.analysis.diagnosis.suspects import Layout, Offer
+from bench.analysis.effects.base import Effect
+from bench.analysis.noise.likelihood import NoiseLattice, Surface
+
+MOST_EFFECTS = 3
+_NULLS = 300
+_MINOR = 0.15
+"""What remains may be this share of the evidence explained: real effects follow textbook equations about so well."""
+_FURTHER = 10.0
+"""Evidence that a further effect needs: the first one's equation is never the whole truth, and what it leaves over
+resembles something."""
+_NOISE = "noise"
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One effect found: the layout without it, the evidence of all candidates there, and its own."""
+
+    layout: Layout
+    evidence: Evidence
+    suspect: Suspect
+    effect: Effect
+
+    @property
+    def name(self) -> str:
+        """The effect's name in models."""
+        return self.effect.name
+
+    @property
+    def ties(self) -> tuple[str, ...]:
+        """Other effects that this data does not tell from it."""
+        best = self.suspect.evidence
+        names = (s.name for s in self.evidence.suspects if s.excited and s.evidence >= best - TIE)
+        return tuple(dict.fromkeys(n for n in map(effect_name, names) if n != self.name))
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What was found and what is left. `first` judges all candidates beside the model as it is, `last` beside all that
+    was found.
+    """
+
+    first: Evidence
+    before: Examination
+    steps: tuple[Step, ...]
+    layout: Layout
+    last: Evidence
+    after: Examination
+    threshold: float
+
+    @property
+    def drifts(self) -> bool:
+        """The run's noise is not the isothermal run's, its white part having been levelled."""
+        return any(f.name == _NOISE for f in self.after.alarms)
+
+    @property
+    def left(self) -> tuple[Finding, ...]:
+        """Alarms that remain beside what was found."""
+        return tuple(f for f in self.after.alarms if f.name != _NOISE)
+
+    @property
+    def word(self) -> VerdictWord:
+        """The verdict."""
+        if not self.left and not self.drifts:
+            return "missing_effect" if self.steps else "adequate"
+        explained = sum(step.suspect.evidence for step in self.steps)
+        rest = max((f.statistic - f.rank for f in self.after.alarms if f.name != _NOISE or self.drifts), default=0.0)
+        return "missing_effect" if self.steps and rest < _MINOR * explained else "unknown_effect"
+
+
+def effect_name(candidate: str) -> str:
+    """Name of the effect that a candidate is a shape of."""
+    return candidate.split(" ", 1)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Everything that the steps of one diagnosis share."""
+
+    offer: Offer
+    lattice: NoiseLattice
+    seed: int = 0
+    workers: int = 1
+    threshold: float = 0.0
+    known: dict[frozenset[Effect], Evidence] = field(default_factory=dict, repr=False)
+
+    def explain(self, layout: Layout) -> Explanation:
+        """Effects one after the other while they beat chance, then judged again together."""
+        first = weigh(layout.problem, self.offer.candidates(layout), _NULLS, self.seed, self.lattice, self.workers)
+        before = self._examine(layout, layout, first)
+        search = replace(self, threshold=first.threshold)
+        steps = search.forward(layout, first)
+        if len(steps) > 1:
+            steps = search.again(layout, steps)
+        last_layout = _with(layout, steps)
+        last = search.weigh(last_layout) if steps else first
+        after = self._examine(last_layout, layout, last) if steps else before
+        return Explanation(first, before, steps, last_layout, last, after, first.threshold)
+
+    def weigh(self, layout: Layout) -> Evidence:
+        """Evidence of all candidates beside a layout, without simulating chance again; the same effects once only.
+
+        Their parameters may have moved a little since: the slopes in the base follow that.
+        """
+        key = frozenset(layout.rows.model.effects)
+        if key not in self.known:
+            candidates = self.offer.candidates(layout)
+            self.known[key] = weigh(layout.problem, candidates, 0, self.seed, self.lattice, self.workers)
+        return self.known[key]
+
+    def _examine(self, layout: Layout, seen: Layout, evidence: Evidence) -> Examination:
+        """The probes of `seen` beside a layout, at the noise of the restricted likelihood: tests, not a comparison."""
+        surface = Surface.of(layout.problem.records(), self.lattice, restricted=True)
+        surface.visit([evidence.point])
+        return examine(layout.problem, seen.probes(), self.lattice, surface.descend(evidence.point))
+
+    def forward(self, layout: Layout, evidence: Evidence) -> tuple[Step, ...]:
+        """The best effect, the best beside it, and so on while it beats chance."""
+        steps: list[Step] = []
+        while len(steps) < MOST_EFFECTS:
+            best = _best(evidence)
+            if best is None or best.evidence <= self._bar(len(steps)):
+                break
+            steps.append(Step(layout, evidence, best, self.offer.effects[best.name]))
+            layout = _with(layout, steps[-1:])
+            evidence = self.weigh(layout)
+        return tuple(steps)
+
+    def _bar(self, others: int) -> float:
+        """Evidence needed beside so many other effects."""
+        return max(self.threshold, _FURTHER) if others else self.threshold
+
+    def again(self, layout: Layout, steps: tuple[Step, ...]) -> tuple[Step, ...]:
+        """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice."""
+        current = list(steps)
+        for step in steps:
+            others = [s for s in current if s is not step]
+            without = _with(layout, others)
+            evidence = self.weigh(without)
+            best = _best(evidence)
+            current = others
+            if best is not None and best.evidence > self._bar(len(others)):
+                current.append(Step(without, evidence, best, self.offer.effects[best.name]))
+        return tuple(sorted(current, key=lambda s: -s.suspect.evidence))
+
+
+def _with(layout: Layout, steps: Sequence[Step]) -> Layout:
+    for step in steps:
+        layout = layout.adding(step.effect, step.suspect.theta)
+    return layout
+
+
+def _best(evidence: Evidence) -> Suspect | None:
+    return next((s for s in evidence.suspects if s.excited), None)

@@ -1,0 +1,23 @@
+"""Physical effects, one a file. `registry.py` lists them, `base.py` says what an effect is."""
+
+from bench.analysis.effects.catalogue import Entry, catalogue, entry, markdown
+from bench.analysis.effects.registry import doc, effect_names, get, load_effect, make, nearest, register, shapes, suited
+from bench.analysis.effects.signature import Signature, signature
+
+__all__ = [
+    "Entry",
+    "Signature",
+    "catalogue",
+    "doc",
+    "effect_names",
+    "entry",
+    "get",
+    "load_effect",
+    "make",
+    "markdown",
+    "nearest",
+    "register",
+    "shapes",
+    "signature",
+    "suited",
+]

@@ -1,0 +1,285 @@
+"""What a physical effect is, once for all of them: columns of a linear model, computed from the whole record.
+
+A model of the bias is one constant plus the sum of its effects. An effect either *adds terms* (`Effect`) or *moves the
+abscissa* (`MovesAbscissa`: the temperature that all terms shall see). Its amplitudes are linear and solved
+exactly; what is not linear (a time constant, a width, a time of jump) is a `Parameter`, searched within its bounds.
+
+The life of an effect in a fit:  options (frozen dataclass fields)  ->  `prepare(records)` fixes scales, knots, sources
+to the rows that are fitted  ->  `columns(record, theta)` of any whole record  ->  `physical()` translates the scaled
+amplitudes into coefficients with units. Columns carry no constant and are scaled to order one, so that T^5 and a
+14 kHz frequency that moves by 1e-3 are well conditioned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, fields
+from fractions import Fraction
+from math import comb
+from typing import Any, Protocol, TypeGuard, TypeVar, cast, runtime_checkable
+
+import numpy as np
+
+from bench.base import CHANNELS, FloatArray, InputError
+from bench.record import Dataset
+
+_T = TypeVar("_T")
+
+Theta = Mapping[str, float]
+"""Nonlinear parameters of one effect by name, in their units."""
+
+
+_ON_BOUND = 1e-3
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One nonlinear parameter: searched between `low` and `high`, on a logarithmic scale where `log`."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    start: float
+    log: bool = False
+    meaning: str = ""
+    change_point: bool = False
+    """A place in time or temperature where something begins: chance finds one easily, so rankings charge one more."""
+
+    def on_bound(self, value: float) -> bool:
+        """Whether a search ended at an end of the range, to a thousandth of it: the data do not determine the value."""
+        low, high, at = np.log([self.low, self.high, value]) if self.log else (self.low, self.high, value)
+        return bool(min(at - low, high - at) <= _ON_BOUND * (high - low))
+
+
+@dataclass(frozen=True)
+class Physical:
+    """Translation of scaled amplitudes into physical coefficients: `matrix` (p, 1 + k) @ [constant, amplitudes].
+
+    Column 0 is what the model's one constant adds (1 in the row of a0); the model uses it for the first effect that
+    has such a row and leaves it out for the others, so that the sum is counted once.
+    """
+
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    matrix: FloatArray
+
+
+@runtime_checkable
+class Effect(Protocol):
+    """A frozen dataclass with these members; see CONTRIBUTING for the recipe and `polynomial.py` for the smallest."""
+
+    @property
+    def name(self) -> str:
+        """Name in models and reports, the file's name."""
+
+    @property
+    def family(self) -> str:
+        """Shapes of one cause (the hysteresis loops, the static curves): rankings name the family, not the shape."""
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Channels without which there are no columns; the fit's validity covers exactly these."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Nonlinear parameters, () where the effect is linear."""
+
+    def prepare(self, records: Sequence[Dataset]) -> Effect:
+        """The same effect with scales fixed to these rows; InputError where a channel is missing or constant."""
+
+    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
+        """Regressors (n, k) of the whole record, without a constant; NaN where a channel has a gap."""
+
+    def physical(self) -> Physical:
+        """Coefficients with units; `()` labels and a (0, 1) matrix for an effect without terms."""
+
+    def state(self) -> dict[str, Any]:
+        """What `prepare` fixed, for calibration.json: scales, knots."""
+
+
+class MovesAbscissa(Effect, Protocol):
+    """An effect that changes the temperature which all terms see (a lag, another thermometer); no columns: (n, 0)."""
+
+    def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
+        """Temperature (n,) [degC] in place of the sensor's, from the whole record."""
+
+
+def moves_abscissa(effect: Effect) -> TypeGuard[MovesAbscissa]:
+    """Whether it does; asked for every trial parameter, where `isinstance` of a protocol was a tenth of a diagnosis."""
+    return hasattr(type(effect), "abscissa")
+
+
+@runtime_checkable
+class Demanding(Effect, Protocol):
+    """A prepared effect that demands more of its rows than a range. Asked of the final fit, never of trial parameters:
+    a refusal there would push a time constant away from its true value.
+    """
+
+    def demand(self, records: Sequence[Dataset]) -> None:
+        """InputError where these rows cannot determine the effect, with what to do."""
+
+
+@runtime_checkable
+class Open(Effect, Protocol):
+    """An effect with an automatic option, which the fit settles by leaving contiguous blocks out."""
+
+    def choices(self) -> tuple[Effect, ...]:
+        """Variants to choose from, () where nothing is open."""
+
+
+@runtime_checkable
+class Resolved(Effect, Protocol):
+    """An effect of which an option decides whether it adds terms or moves the abscissa."""
+
+    def resolved(self) -> Effect:
+        """The effect that the options ask for."""
+
+
+@runtime_checkable
+class Suited(Effect, Protocol):
+    """An effect whose nonlinear parameters are searched within what the runs visit (a time of jump, a temperature)."""
+
+    def suited(self, records: Sequence[Dataset]) -> Effect:
+        """The same effect with these bounds, before any fit."""
+
+
+@runtime_checkable
+class Shaped(Effect, Protocol):
+    """An effect that comes in several shapes; rankings try each and count the best as one effect."""
+
+    def shapes(self) -> tuple[Effect, ...]:
+        """The effect in each shape, the simplest first."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Affine map of [low, high] to [-1, 1]."""
+
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, records: Sequence[Dataset], channel: str, least: float = 0.0) -> Scale:
+        """Range of a channel over the rows; InputError where it moves by no more than `least` or has no value."""
+        values = np.concatenate([record.channel(channel) for record in records])
+        values = values[np.isfinite(values)]
+        unit = CHANNELS[channel].unit if channel in CHANNELS else ""
+        if values.size == 0:
+            raise InputError(f"channel '{channel}' has no value in the rows to fit")
+        low, high = float(values.min()), float(values.max())
+        if high - low <= max(least, 1e-12 * max(abs(low), abs(high))):
+            raise InputError(
+                f"{channel} moves by {high - low:.3g} {unit} only ({low:.6g} to {high:.6g}): its effect cannot be "
+                f"determined, more than {least:g} {unit} is needed; fit a run that changes it, or leave the effect out"
+            )
+        return cls(low, high)
+
+    @property
+    def centre(self) -> float:
+        """Value that maps to 0."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def half(self) -> float:
+        """Half of the range."""
+        return 0.5 * (self.high - self.low)
+
+    def unit(self, values: FloatArray) -> FloatArray:
+        """Values mapped to [-1, 1] inside the range."""
+        return (values - self.centre) / self.half
+
+
+REFERENCE_DEGC = 25.0
+"""Temperature to which coefficients of products with temperature refer [degC]."""
+
+LEAST_RANGE_DEGC = 1.0
+"""A temperature that moves by less carries no temperature effect [degC]."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Power series of one channel without its constant, as Chebyshev polynomials of the scaled channel."""
+
+    channel: str
+    order: int
+    scale: Scale
+
+    @classmethod
+    def of(cls, records: Sequence[Dataset], channel: str, order: int) -> Series:
+        """Series with the scale of these rows."""
+        least = LEAST_RANGE_DEGC if channel == "temperature" else 0.0
+        return cls(channel, order, Scale.of(records, channel, least))
+
+    def columns(self, record: Dataset) -> FloatArray:
+        """T_1..T_order (n, order); outside the range the tangent at its end, never a wild polynomial."""
+        x = self.scale.unit(record.channel(self.channel))
+        inside = np.clip(x, -1.0, 1.0)
+        table = [np.ones_like(x), inside]
+        for _ in range(2, self.order + 1):
+            table.append(2 * inside * table[-1] - table[-2])
+        beyond = x - inside
+        slope = [k * k * np.where(x < 0, (-1.0) ** (k + 1), 1.0) for k in range(1, self.order + 1)]
+        return np.column_stack([table[k] + slope[k - 1] * beyond for k in range(1, self.order + 1)])
+
+    def powers(self) -> FloatArray:
+        """Matrix (order + 1, order): coefficient of channel^p in T_k, computed exactly and rounded once."""
+        centre, half = Fraction(self.scale.centre), Fraction(self.scale.half)
+        chebyshev = [[Fraction(1)], [Fraction(0), Fraction(1)]]
+        while len(chebyshev) <= self.order:
+            last, before = [Fraction(0), *(2 * c for c in chebyshev[-1])], chebyshev[-2]
+            chebyshev.append([c - (before[i] if i < len(before) else 0) for i, c in enumerate(last)])
+        matrix = np.zeros((self.order + 1, self.order))
+        for k in range(1, self.order + 1):
+            for p in range(k + 1):
+                terms = (c / half**i * comb(i, p) * (-centre) ** (i - p) for i, c in enumerate(chebyshev[k]) if i >= p)
+                matrix[p, k - 1] = float(sum(terms))
+        return matrix
+
+
+def powers_unit(channel: str, power: int) -> str:
+    """Unit of the coefficient of channel^power, for instance deg/h/degC^2."""
+    return "deg/h" if power == 0 else f"deg/h/{CHANNELS[channel].unit}" + (f"^{power}" if power > 1 else "")
+
+
+def linear_terms(labels: Sequence[str], units: Sequence[str]) -> Physical:
+    """Translation for columns that are physical as they stand: amplitude i is coefficient i, none is a constant."""
+    return Physical(tuple(labels), tuple(units), np.eye(len(labels), 1 + len(labels), 1))
+
+
+def prepared(fixed: _T | None) -> _T:
+    """What `prepare` fixed; RuntimeError if it was not called."""
+    if fixed is None:
+        raise RuntimeError("prepare() comes before columns()")
+    return fixed
+
+
+def check_number(effect: str, option: str, value: object, low: float, high: float) -> None:
+    """InputError unless the option is a number within [low, high]."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not low <= value <= high:
+        raise InputError(f"{effect}: {option} is {value!r}, allowed is a number from {low:g} to {high:g}")
+
+
+def check_choice(effect: str, option: str, value: object, allowed: Sequence[object]) -> None:
+    """InputError unless the option is one of these."""
+    if not any(value == one and type(value) is type(one) for one in allowed):
+        raise InputError(f"{effect}: {option} is {value!r}, allowed are {', '.join(map(str, allowed))}")
+
+
+def check_whole(effect: str, option: str, value: object, low: int, high: int) -> None:
+    """InputError unless the option is a whole number within [low, high]."""
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise InputError(f"{effect}: {option} is {value!r}, allowed is a whole number from {low} to {high}")
+
+
+def _default(item: Field[Any]) -> Any:
+    return item.default_factory() if item.default_factory is not MISSING else item.default
+
+
+def options_of(effect: Effect) -> dict[str, Any]:
+    """Options of an effect that differ from their defaults (what a model file has to say)."""
+    return {
+        item.name: getattr(effect, item.name)
+        for item in fields(cast(Any, effect))
+        if not item.metadata.get("fitted") and getattr(effect, item.name) != _default(item)
+    }

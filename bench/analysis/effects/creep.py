@@ -1,0 +1,62 @@
+"""Glue, solder and stress that follow the temperature for hours.
+
+Equation: B = k (x - T), tau dx/dt = T - x: what is still missing from equilibrium; the settled part is the static
+curve's. At the start of the record x = T (`initial: settled`), or anything (`initial: free`, + c exp(-t / tau)).
+Units: B and c [deg/h], T and x [degC], k [deg/h/degC], tau [h], t time since the start of the record [h].
+Source: standard linear solid (Zener model) of viscoelasticity; recoveries of soldered units within 24 h are usual.
+When left out: slow relaxation in soaks after each change of temperature; loops whose width depends on the ramp rate.
+Look-alikes: hysteresis (no relaxation in a soak), aging and warm_up (do not follow the temperature), thermal_lag with a
+long time constant (acts through the bias curve, not beside it).
+Separated by: soaks of hours after a step, and coming back a day later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from bench.analysis.effects.base import Parameter, Physical, Theta, check_choice, linear_terms
+from bench.analysis.effects.operators import ramp_invariant_lag
+from bench.base import FloatArray
+from bench.record import Dataset
+
+
+@dataclass(frozen=True)
+class Creep:
+    """One relaxing term; `initial` settled or free."""
+
+    name: ClassVar[str] = "creep"
+    family: ClassVar[str] = "creep"
+    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("tau_h", "h", 0.5, 24.0, 2.0, log=True, meaning="time constant of the relaxation"),
+    )
+
+    initial: str = "settled"
+
+    def __post_init__(self) -> None:
+        check_choice(self.name, "initial", self.initial, ("settled", "free"))
+
+    def prepare(self, records: Sequence[Dataset]) -> Creep:
+        """Nothing to fix."""
+        return self
+
+    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
+        """What is missing, x - T [degC] (n, 1), and the decay of a free initial state (n, 2)."""
+        temperature, tau_s = record.channel("temperature"), 3600.0 * theta["tau_h"]
+        missing = ramp_invariant_lag(record.time, temperature, tau_s) - temperature
+        if self.initial == "settled":
+            return missing[:, None]
+        return np.column_stack([missing, np.exp(-record.time / tau_s)])
+
+    def physical(self) -> Physical:
+        """k, and c of a free initial state."""
+        count = 1 if self.initial == "settled" else 2
+        return linear_terms(("k", "c")[:count], ("deg/h/degC", "deg/h")[:count])
+
+    def state(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}

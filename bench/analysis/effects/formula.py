@@ -1,0 +1,232 @@
+"""One-line formulas of a user: parsed by Python's grammar, checked node by node, computed by numpy; never executed.
+
+Allowed: channel names, time [s], dT_dt [degC/min], direction (+1 heating, -1 cooling, 0), pi, numbers, + - * / **, and
+the functions of `FUNCTIONS`. Every other name is a parameter: an amplitude, if it is a factor of a term, or a nonlinear
+parameter, if bounds are given for it.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import math
+import warnings
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from bench.analysis.effects.operators import play, ramp_invariant_lag, slope
+from bench.base import CHANNELS, FloatArray, InputError
+from bench.record import STILL_DEGC_PER_MIN, Dataset
+
+FUNCTIONS: dict[str, int] = {
+    "lag": 2, "play": 2, "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1, "sign": 1,
+}  # fmt: skip
+"""Functions and their numbers of arguments: lag(x, tau_s), play(x, width) in the unit of x."""
+
+_PLAIN: dict[str, Callable[[Any], Any]] = {
+    "abs": np.abs, "exp": np.exp, "log": np.log, "sqrt": np.sqrt,
+    "sin": np.sin, "cos": np.cos, "tanh": np.tanh, "sign": np.sign,
+}  # fmt: skip
+_BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power,
+}  # fmt: skip
+_DERIVED = ("dT_dt", "direction", "time")
+_MAX_LENGTH, _MAX_NODES = 400, 150
+
+Terms = dict[str, ast.expr]
+"""Factor of each amplitude; '' holds what no amplitude multiplies."""
+
+
+def variables() -> tuple[str, ...]:
+    """Names that a formula may use as data; the rate is what is modelled."""
+    return (*(name for name in CHANNELS if name not in {"rate", "time"}), *_DERIVED)
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A checked formula: amplitude and factor of each term, nonlinear parameters, channels."""
+
+    text: str
+    amplitudes: tuple[str, ...]
+    factors: tuple[ast.expr, ...]
+    nonlinear: tuple[str, ...]
+    needs: tuple[str, ...]
+
+    def columns(self, record: Dataset, theta: Mapping[str, float]) -> FloatArray:
+        """Factors (n, k) of the whole record, NaN in gaps; InputError where one has no value in a row without a gap."""
+        data: dict[str, Any] = {name: record.channel(name) for name in self.needs}
+        data |= {"time": record.time, "pi": math.pi, **theta}
+        if "temperature" in data:
+            data["dT_dt"] = 60.0 * slope(record.time, data["temperature"], 60.0)
+            data["direction"] = np.where(np.abs(data["dT_dt"]) < STILL_DEGC_PER_MIN, 0.0, np.sign(data["dT_dt"]))
+        with np.errstate(all="ignore"):
+            values = [np.broadcast_to(_value(factor, data), len(record)) for factor in self.factors]
+        columns: FloatArray = np.column_stack(values).astype(np.float64)
+        complete = np.all([np.isfinite(data[name]) for name in self.needs], axis=0) if self.needs else np.True_
+        if not np.all(np.isfinite(columns[np.broadcast_to(complete, len(record))])):
+            raise InputError(
+                f"expression: '{self.text}' has no finite value in some rows (a root or logarithm below 0?)"
+            )
+        return columns
+
+
+def parse(text: str, bounded: Collection[str] = ()) -> Formula:
+    """Formula of this text, with `bounded` names nonlinear. InputError that says what is not understood, and why."""
+    tree = _tree(text)
+    names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)} - set(FUNCTIONS)
+    for name in bounded:
+        if name in variables() or name in FUNCTIONS or name not in names:
+            raise InputError(f"expression: bounds for '{name}', which is not a parameter of '{text}'")
+    free = names - set(variables()) - set(bounded) - {"pi"}
+    for name in free:
+        if name.startswith("_") or not name.isascii() or name in CHANNELS:
+            why = "the rate is what is modelled" if name == "rate" else "names are letters, digits and _ inside"
+            raise InputError(f"expression: '{name}' is not allowed: {why}")
+    terms = _terms(tree, free)
+    if "" in terms:
+        raise InputError(
+            f"expression: '{ast.unparse(terms[''])}' has no amplitude; write k * ({ast.unparse(terms[''])})"
+        )
+    for name, factor in terms.items():
+        if not _names(factor) & set(variables()):
+            raise InputError(f"expression: '{name}' multiplies no channel: that is the model's constant; leave it out")
+    used = names & set(variables())
+    needs = tuple(n for n in CHANNELS if n in used - {"time"} or (n == "temperature" and used & {"dT_dt", "direction"}))
+    ordered = tuple(sorted(set(bounded), key=text.find))
+    return Formula(text, tuple(terms), tuple(terms.values()), ordered, needs)
+
+
+def _tree(text: str) -> ast.expr:
+    """Expression tree with allowed nodes only."""
+    if not isinstance(text, str) or not 0 < len(text) <= _MAX_LENGTH:
+        raise InputError(f"expression: a formula is a text of 1 to {_MAX_LENGTH} characters, such as 'k * dT_dt'")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        line = " ".join(text.split())
+        raise InputError(f"expression: '{line}' is not a formula ({getattr(error, 'msg', error)})") from None
+    nodes = list(ast.walk(tree))
+    if len(nodes) > _MAX_NODES:
+        raise InputError(f"expression: '{text[:40]}...' is too long; write an effect in a file instead")
+    called = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
+    for node in nodes:
+        _allow(node, called)
+    return tree
+
+
+def _allow(node: ast.AST, called: set[int]) -> None:
+    if isinstance(node, ast.Call):
+        _allow_call(node)
+    elif isinstance(node, ast.Name):
+        if node.id in FUNCTIONS and id(node) not in called:
+            raise InputError(f"expression: '{node.id}' is a function: write {node.id}(...)")
+    elif isinstance(node, ast.Constant):
+        if type(node.value) not in {int, float} or not abs(cast(float, node.value)) < 1e300:
+            raise InputError(f"expression: {str(node.value)[:20]!r} is not a number that a formula can use")
+    elif isinstance(node, ast.BinOp | ast.UnaryOp):
+        if type(node.op) not in {*_BINARY, ast.USub, ast.UAdd}:
+            raise InputError(f"expression: '{ast.unparse(node)}': allowed are + - * / and ** for powers")
+    elif not isinstance(node, ast.operator | ast.unaryop | ast.expr_context):
+        kind = type(node).__name__
+        raise InputError(f"expression: {kind} is not allowed; use channels, parameters, + - * / ** and functions")
+
+
+def _allow_call(node: ast.Call) -> None:
+    known = ", ".join(FUNCTIONS)
+    if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS:
+        raise InputError(f"expression: no function '{ast.unparse(node.func)[:40]}'; known are {known}")
+    wanted = FUNCTIONS[node.func.id]
+    if node.keywords or len(node.args) != wanted:
+        raise InputError(f"expression: {node.func.id} takes {wanted} argument{'s' * (wanted > 1)}, in order")
+    if wanted == 2 and (_names(node.args[1]) & set(variables())):
+        raise InputError(f"expression: the second argument of {node.func.id} is a number or a parameter, not a channel")
+
+
+def _terms(node: ast.expr, free: set[str]) -> Terms:
+    """The expression as a sum over amplitudes; InputError where a free name is not simply a factor."""
+    inside = _names(node) & free
+    if not inside:
+        return {"": node}
+    if isinstance(node, ast.Name):
+        return {node.id: ast.Constant(1.0)}
+    if isinstance(node, ast.UnaryOp):
+        return {name: ast.UnaryOp(node.op, factor) for name, factor in _terms(node.operand, free).items()}
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+        return _sum(node, free)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div):
+        return _product(node, free)
+    raise _no_factor(node, inside)
+
+
+def _sum(node: ast.BinOp, free: set[str]) -> Terms:
+    total = _terms(node.left, free)
+    for name, factor in _terms(node.right, free).items():
+        signed = factor if isinstance(node.op, ast.Add) else ast.UnaryOp(ast.USub(), factor)
+        total[name] = ast.BinOp(total[name], ast.Add(), signed) if name in total else signed
+    return total
+
+
+def _product(node: ast.BinOp, free: set[str]) -> Terms:
+    left, right = _names(node.left) & free, _names(node.right) & free
+    if not right:
+        return {name: _times(factor, node.op, node.right) for name, factor in _terms(node.left, free).items()}
+    if isinstance(node.op, ast.Div):
+        raise _no_factor(node, right)
+    others = _terms(node.right, free)
+    if not left:
+        return {name: _times(factor, node.op, node.left) for name, factor in others.items()}
+    _terms(node.left, free)
+    both = " and ".join(f"'{name}'" for name in sorted(left | right))
+    raise InputError(f"expression: {both} multiply each other: one amplitude is enough{_hint(left | right)}")
+
+
+def _no_factor(node: ast.expr, names: Collection[str]) -> InputError:
+    one = min(names)
+    return InputError(
+        f"expression: '{one}' is not simply a factor in '{ast.unparse(node)}': give it bounds, such as "
+        f"bounds: {{{one}: [10, 1000]}}{_hint(names)}"
+    )
+
+
+def _times(factor: ast.expr, op: ast.operator, other: ast.expr) -> ast.expr:
+    if isinstance(factor, ast.Constant) and factor.value == 1.0 and isinstance(op, ast.Mult):
+        return other
+    return ast.BinOp(factor, op, other)
+
+
+def _hint(names: Collection[str]) -> str:
+    """A likely slip of the pen: a parameter that nearly is a channel."""
+    known = (*variables(), *FUNCTIONS)
+    close = {name: difflib.get_close_matches(name, known, n=1, cutoff=0.8) for name in sorted(names)}
+    return "".join(f"; did you mean '{found[0]}' by '{name}'?" for name, found in close.items() if found)
+
+
+def _names(node: ast.AST) -> set[str]:
+    return {item.id for item in ast.walk(node) if isinstance(item, ast.Name)}
+
+
+def _value(node: ast.expr, data: Mapping[str, Any]) -> Any:
+    """Value of a checked node: an array (n,) or a number."""
+    if isinstance(node, ast.Name):
+        return data[node.id]
+    if isinstance(node, ast.BinOp):
+        return _BINARY[type(node.op)](_value(node.left, data), _value(node.right, data))
+    if isinstance(node, ast.UnaryOp):
+        return _value(node.operand, data) * (-1.0 if isinstance(node.op, ast.USub) else 1.0)
+    if isinstance(node, ast.Call):
+        return _called(cast(ast.Name, node.func).id, [_value(argument, data) for argument in node.args], data["time"])
+    return np.float64(cast(float, cast(ast.Constant, node).value))
+
+
+def _called(name: str, arguments: list[Any], time_s: FloatArray) -> Any:
+    if name in _PLAIN:
+        return _PLAIN[name](arguments[0])
+    record = np.broadcast_to(np.asarray(arguments[0], dtype=np.float64), time_s.shape)
+    if name == "play":
+        return play(record, float(arguments[1]))
+    return ramp_invariant_lag(time_s, record, float(arguments[1]))

@@ -1,0 +1,145 @@
+"""A model of the bias: a named list of effects and their options, as a YAML file; nothing but the list.
+
+name: spline
+rows: all                 # all, heating, cooling, soaks_2, soaks_3 or bins: which rows are fitted
+effects:
+  - spline: {intervals: 24, ends: natural}
+  - thermal_lag
+  - expression: "k * dT_dt * quadrature"   # a term of your own
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from bench.analysis import effects
+from bench.analysis.effects.base import Effect, options_of
+from bench.base import Document, InputError, dump, library, read_yaml
+
+ROWS = ("all", "heating", "cooling", "soaks_2", "soaks_3", "bins")
+"""Rows that a model is fitted to: all, one branch only, the means of 2 or 3 soaks (fixed-temperature method), or, of a
+surface, bins of equal width and equal count at each rate.
+"""
+
+_KEYS = ("name", "rows", "effects")
+
+
+@dataclass(frozen=True)
+class Model:
+    """One constant plus the sum of `effects`; `rows` says to which rows it is fitted (baselines fit fewer)."""
+
+    name: str
+    effects: tuple[Effect, ...]
+    rows: str = "all"
+
+    def __post_init__(self) -> None:
+        if not self.effects:
+            raise InputError(f"model '{self.name}' has no effects; known are {', '.join(effects.effect_names())}")
+        if self.rows not in ROWS:
+            raise InputError(f"model '{self.name}': rows is {self.rows!r}, allowed are {', '.join(ROWS)}")
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """One unique key an effect: its name, and `name_2` for the second of a kind."""
+        names = [effect.name for effect in self.effects]
+        seen = [names[:i].count(name) for i, name in enumerate(names)]
+        return tuple(f"{name}_{n + 1}" if n else name for name, n in zip(names, seen, strict=True))
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Channels of all effects, each once."""
+        return tuple(dict.fromkeys(channel for effect in self.effects for channel in effect.needs))
+
+    def adding(self, effect: Effect, name: str | None = None) -> Model:
+        """The model with one more effect."""
+        return replace(self, name=name or f"{self.name} + {effect.name}", effects=(*self.effects, effect))
+
+    def to_yaml(self) -> str:
+        """The file's text; `load_model` reads it back to an equal model."""
+        entries = [_entry(e) for e in self.effects]
+        content: dict[str, Any] = {"name": self.name, "effects": entries}
+        if self.rows != "all":
+            content["rows"] = self.rows
+        return dump(content)
+
+
+def _entry(effect: Effect) -> Any:
+    options = options_of(effect)
+    if effect.name == "expression" and set(options) == {"formula"}:
+        return {"expression": options["formula"]}
+    return {effect.name: options} if options else effect.name
+
+
+def load_model(name_or_path: str | Path) -> Model:
+    """Model from a YAML file, by the name of a file in profiles/models, or an effect's name (that effect alone).
+
+    Raises InputError: no such model, not YAML, unknown key, effect or option (with the nearest known word and line).
+    """
+    path = Path(name_or_path)
+    if path.is_file():
+        return _read(path)
+    name = str(name_or_path)
+    if path.suffix in {".yaml", ".yml"} or path.parent != Path():
+        raise InputError("no such model file", path)
+    for folder in _libraries():
+        if (folder / f"{name}.yaml").is_file():
+            return _read(folder / f"{name}.yaml")
+    if name in effects.effect_names():
+        return Model(name, (effects.make(name),))
+    known = {file.stem for folder in _libraries() for file in folder.glob("*.yaml")} | set(effects.effect_names())
+    raise InputError(f"unknown model '{name}'{effects.nearest(name, tuple(sorted(known)))}")
+
+
+def _libraries() -> tuple[Path, ...]:
+    """Folders of named models: the user's own (`bench init`), the shipped ones."""
+    return tuple(folder for folder in (Path("profiles/models"), library() / "models") if folder.is_dir())
+
+
+def _read(path: Path) -> Model:
+    document = read_yaml(path)
+    return model_from(document.content, document)
+
+
+def model_from(content: object, document: Document | None = None) -> Model:
+    """Model from parsed YAML; InputError, with the line in `document`, for anything that is not exactly a model."""
+    with _at(document):
+        if not isinstance(content, Mapping):
+            raise InputError(f"a model is a mapping with the keys {', '.join(_KEYS)}")
+        for key in content:
+            if key not in _KEYS:
+                with _at(document, key):
+                    raise InputError(f"unknown key '{key}'{effects.nearest(str(key), _KEYS)}")
+        name, entries, rows = content.get("name"), content.get("effects"), content.get("rows", "all")
+        if not isinstance(name, str) or not name:
+            raise InputError("a model needs a 'name'")
+        if not isinstance(entries, list):
+            raise InputError("'effects' must be a list, such as [spline] or [{spline: {intervals: 24}}]")
+        return Model(name, tuple(_effect(entry, document, i) for i, entry in enumerate(entries)), rows)
+
+
+def _effect(entry: object, document: Document | None, index: int) -> Effect:
+    with _at(document, "effects", index):
+        if isinstance(entry, str):
+            return effects.make(entry)
+        if isinstance(entry, Mapping) and len(entry) == 1:
+            ((name, options),) = entry.items()
+            if name == "expression" and isinstance(options, str):
+                options = {"formula": options}
+            if options is None or isinstance(options, Mapping):
+                return effects.make(str(name), options)
+        raise InputError(f"{entry!r} is not an effect; write its name, or {{name: {{option: value}}}}")
+
+
+@contextmanager
+def _at(document: Document | None, *place: str | int) -> Iterator[None]:
+    """Say file and line in an InputError from inside that does not say them yet."""
+    try:
+        yield
+    except InputError as error:
+        if document is None or error.file is not None:
+            raise
+        raise InputError(str(error), document.file, document.line(place)) from None

@@ -1,0 +1,62 @@
+"""Scale factor that changes with the rate itself.
+
+Equation: B = 3600e-6 (c1 W + c2 W^2 + c3 W^3); `order` 2 leaves c3 out, `constant` false c1, the scale factor's offset.
+Units: B [deg/h], W rate of the table [deg/s], c1 [ppm], c2 [ppm per deg/s], c3 [ppm per (deg/s)^2].
+Source: IEEE 1431 (scale-factor nonlinearity and asymmetry).
+When left out: the residual is a curve over the applied rate: even for asymmetry (c2), odd for saturation (c3).
+Look-alikes: scale_factor_temperature (changes with temperature instead); c1 is what both share.
+Separated by: several rates of both signs at one temperature.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from bench.analysis.effects.base import Parameter, Physical, Scale, Theta, check_choice, check_whole, linear_terms
+from bench.base import DPH_PER_DPS, FloatArray
+from bench.record import Dataset
+
+_UNITS = ("", "ppm", "ppm per deg/s", "ppm per (deg/s)^2")
+
+
+@dataclass(frozen=True)
+class ScaleFactorNonlinearity:
+    """Powers of the applied rate; `order` 2 or 3, `constant` true or false."""
+
+    name: ClassVar[str] = "scale_factor_nonlinearity"
+    family: ClassVar[str] = "scale_factor_nonlinearity"
+    needs: ClassVar[tuple[str, ...]] = ("applied_rate",)
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+
+    order: int = 3
+    constant: bool = True
+
+    def __post_init__(self) -> None:
+        check_whole(self.name, "order", self.order, 2, 3)
+        check_choice(self.name, "constant", self.constant, (True, False))
+
+    def prepare(self, records: Sequence[Dataset]) -> ScaleFactorNonlinearity:
+        """Checks that the table turned."""
+        Scale.of(records, "applied_rate")
+        return self
+
+    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
+        """Bias per coefficient (n, k) [deg/h]."""
+        rate = record.channel("applied_rate")
+        return np.column_stack([1e-6 * DPH_PER_DPS * rate**power for power in self._powers])
+
+    def physical(self) -> Physical:
+        """c1, c2, c3."""
+        return linear_terms([f"c{power}" for power in self._powers], [_UNITS[power] for power in self._powers])
+
+    def state(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+    @property
+    def _powers(self) -> range:
+        return range(1 if self.constant else 2, self.order + 1)

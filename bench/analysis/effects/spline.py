@@ -1,0 +1,163 @@
+"""Bias as a cubic spline of the unit's own temperature, fitted by least squares.
+
+Equation: on each of m equal intervals S_i(T) = a0 + a1 (T - T_i) + a2 (T - T_i)^2 + a3 (T - T_i)^3, with S, S' and S''
+continuous at every knot (eq. 5-6 of the first source paper) and two or three conditions at the ends: `natural` S'' = 0,
+`parabolic` S''' = 0 on the first and last interval (parabolic run-out), `periodic` S, S', S'' equal at both ends,
+`free` none. `intervals: auto` chooses m by leaving contiguous blocks out; ordinary cross-validation overfits
+autocorrelated residuals.
+Units: S [deg/h], T [degC], aj [deg/h/degC^j].
+Source: first source paper, eq. 5-6; de Boor, A Practical Guide to Splines (1978), ch. XIV for the B-spline basis.
+When left out: the residual over temperature has knees that a cubic cannot follow, equal for heating and cooling.
+Look-alikes: polynomial of higher order; frost and bias_kink (local in temperature, but not in both directions).
+Separated by: a slow ramp both ways: the same temperature twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from math import factorial
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.linalg import null_space
+
+from bench.analysis.effects.base import (
+    LEAST_RANGE_DEGC,
+    Effect,
+    Parameter,
+    Physical,
+    Scale,
+    Theta,
+    check_whole,
+    powers_unit,
+)
+from bench.base import FloatArray, InputError
+from bench.record import Dataset
+
+ENDS = ("natural", "parabolic", "periodic", "free")
+CANDIDATES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
+MIN_ROWS = 3
+"""Rows that every interval needs."""
+
+
+@dataclass(frozen=True)
+class Spline:
+    """Cubic spline in temperature; `intervals` 1 to 200 or auto, `ends` natural, parabolic, periodic or free."""
+
+    name: ClassVar[str] = "spline"
+    family: ClassVar[str] = "static"
+    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+
+    intervals: int | str = "auto"
+    ends: str = "natural"
+    scale: Scale | None = field(default=None, repr=False, metadata={"fitted": True})
+
+    def __post_init__(self) -> None:
+        if self.intervals != "auto":
+            check_whole(self.name, "intervals", self.intervals, 1, 200)
+        if self.ends not in ENDS:
+            raise InputError(f"spline: ends is {self.ends!r}, allowed are {', '.join(ENDS)}")
+        if self.ends == "periodic" and self.intervals in {1, 2}:
+            raise InputError(f"spline: periodic ends need at least 3 intervals, not {self.intervals}")
+
+    def choices(self) -> tuple[Effect, ...]:
+        """Splines with 2 to 48 intervals where the number is left open."""
+        if self.intervals != "auto":
+            return ()
+        least = 3 if self.ends == "periodic" else 2
+        return tuple(replace(self, intervals=m) for m in CANDIDATES if m >= least)
+
+    def prepare(self, records: Sequence[Dataset]) -> Spline:
+        """Equal intervals over the range of these rows; InputError where the temperature is constant."""
+        return replace(self, scale=Scale.of(records, "temperature", LEAST_RANGE_DEGC))
+
+    def demand(self, records: Sequence[Dataset]) -> None:
+        """InputError where an interval has too few rows, or none."""
+        temperature = np.concatenate([record.channel("temperature") for record in records])
+        knots = np.linspace(self._scale.low, self._scale.high, self._m + 1)
+        rows = np.histogram(temperature[np.isfinite(temperature)], knots)[0]
+        if rows.min() < MIN_ROWS:
+            i = int(rows.argmin())
+            raise InputError(
+                f"spline: interval {i + 1} of {self._m} ({knots[i]:.1f} to {knots[i + 1]:.1f} degC) has {rows[i]} "
+                f"rows, at least {MIN_ROWS} are needed; use fewer intervals or a profile that passes there"
+            )
+
+    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
+        """Basis (n, k) of all splines that meet the end conditions, without the constant; tangents beyond the ends."""
+        m, scale = self._m, self._scale
+        v = (record.channel("temperature") - scale.low) * (m / (scale.high - scale.low))
+        inside = np.clip(v, 0.0, float(m))
+        basis, (begin, end) = _basis(m, self.ends), _tangents(m, self.ends)
+        present = np.isfinite(v)
+        out = np.full((v.size, basis.shape[1]), np.nan)
+        out[present] = BSpline.design_matrix(inside[present], _knots(m), 3) @ basis
+        beyond = (v - inside)[:, None]
+        return out + np.where(beyond < 0, beyond * begin, beyond * end)
+
+    def physical(self) -> Physical:
+        """Coefficients a0..a3 of every interval [deg/h/degC^j]."""
+        m, width = self._m, (self._scale.high - self._scale.low) / self._m
+        matrix = np.zeros((4 * m, 1 + _basis(m, self.ends).shape[1]))
+        matrix[0::4, 0] = 1.0
+        for j in range(4):
+            # The third derivative jumps at the knots: read it inside the interval.
+            at: FloatArray = np.arange(float(m)) + (0.5 if j == 3 else 0.0)
+            matrix[j::4, 1:] = _derivative(m, self.ends, j, at) / (factorial(j) * width**j)
+        labels = tuple(f"piece{i + 1}.a{j}" for i in range(m) for j in range(4))
+        return Physical(labels, tuple(powers_unit("temperature", j) for j in range(4)) * m, matrix)
+
+    def state(self) -> dict[str, Any]:
+        """Knots [degC]."""
+        return {"knots": np.linspace(self._scale.low, self._scale.high, self._m + 1).tolist(), "ends": self.ends}
+
+    @property
+    def _m(self) -> int:
+        if not isinstance(self.intervals, int):
+            raise RuntimeError("the number of intervals is chosen before prepare()")
+        return self.intervals
+
+    @property
+    def _scale(self) -> Scale:
+        if self.scale is None:
+            raise RuntimeError("prepare() comes before columns()")
+        return self.scale
+
+
+def _knots(m: int) -> FloatArray:
+    """Clamped uniform knots on [0, m] (m + 7,): intervals of width one keep all derivatives of order one."""
+    return np.concatenate([np.zeros(3), np.arange(m + 1.0), np.full(3, float(m))])
+
+
+@lru_cache(maxsize=64)
+def _basis(m: int, ends: str) -> FloatArray:
+    """B-spline coefficients (m + 3, k), orthonormal, of the splines that meet the end conditions, less the constant."""
+    spline = BSpline(_knots(m), np.eye(m + 3), 3)
+    both = np.array([0.0, float(m)])
+    conditions = {
+        "natural": spline.derivative(2)(both),
+        "parabolic": spline.derivative(3)(np.array([0.5, m - 0.5])),
+        "periodic": np.array([np.diff(spline.derivative(j)(both), axis=0)[0] for j in range(3)]),
+        "free": np.zeros((0, m + 3)),
+    }[ends]
+    # All coefficients equal make the constant (it meets every condition); its complement is what remains.
+    basis: FloatArray = null_space(np.vstack([conditions, np.ones(m + 3)]))
+    basis.flags.writeable = False
+    return basis
+
+
+def _derivative(m: int, ends: str, order: int, at: FloatArray) -> FloatArray:
+    """Derivatives of the basis at v (n, k), per interval width."""
+    spline = BSpline(_knots(m), _basis(m, ends), 3)
+    values: FloatArray = (spline.derivative(order) if order else spline)(at)
+    return values
+
+
+@lru_cache(maxsize=64)
+def _tangents(m: int, ends: str) -> tuple[FloatArray, FloatArray]:
+    slope = _derivative(m, ends, 1, np.array([0.0, float(m)]))
+    return slope[0], slope[1]

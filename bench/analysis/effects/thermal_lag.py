@@ -1,0 +1,58 @@
+"""Thermometer and resonator at different temperatures while heat flows: all terms see the temperature of the resonator.
+
+Equation: tau dT_r/dt = T - T_r, and every term of the model is a function of T_r; the error of leaving it out is about
+-B'(T) tau dT/dt. Exact for ramps at any sampling; settled at the start of the record.
+Units: T sensor, T_r resonator [degC], tau [s].
+Source: heat balance of one node behind one resistance; tau of a bonded die 5-60 s, of a module 60-600 s, of a
+hemispherical resonator in vacuum 1e3-1e4 s.
+When left out: loops over temperature that are as wide as the bias curve is steep, grow with the ramp rate and die in a
+soak; none where the curve is flat.
+Look-alikes: temperature_rate (present where the curve is flat, too), hysteresis (as wide at any rate), creep (hours),
+resonance_frequency (frequency follows the resonator).
+Separated by: ramps at two rates with soaks between; standing still and reversing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from bench.analysis.effects.base import Parameter, Physical, Theta, linear_terms
+from bench.analysis.effects.operators import ramp_invariant_lag
+from bench.base import FloatArray
+from bench.record import Dataset
+
+
+@dataclass(frozen=True)
+class ThermalLag:
+    """Moves the abscissa of all terms; no terms of its own."""
+
+    name: ClassVar[str] = "thermal_lag"
+    family: ClassVar[str] = "lag"
+    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("tau_s", "s", 3.0, 1e4, 60.0, log=True, meaning="time constant between sensor and resonator"),
+    )
+
+    def prepare(self, records: Sequence[Dataset]) -> ThermalLag:
+        """Nothing to fix."""
+        return self
+
+    def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
+        """Temperature of the resonator (n,) [degC]."""
+        return ramp_invariant_lag(record.time, record.channel("temperature"), theta["tau_s"])
+
+    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
+        """No columns (n, 0)."""
+        return np.empty((len(record), 0))
+
+    def physical(self) -> Physical:
+        """No amplitudes."""
+        return linear_terms((), ())
+
+    def state(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}

@@ -1,0 +1,263 @@
+"""A model fitted to runs: least squares in one piece, variable projection for time constants, honest covariance.
+
+The estimate is ordinary (count-weighted) least squares, as in the source papers. Its covariance is that of this
+estimate under noise that is not white: white + flicker + random walk, estimated beside the columns
+(`covariance="noise"`), or the block sandwich, which assumes nothing but short memory (`"sandwich"`). White-noise bands
+would be ten times too narrow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.effects.base import Open, Parameter, options_of
+from bench.analysis.effects.model import Model
+from bench.analysis.fit.design import Bound, Problem, assemble
+from bench.analysis.fit.quantisation import coarse_temperature
+from bench.analysis.fit.solve import (
+    MAX_CONDITION,
+    Solution,
+    dependent_column,
+    left_out_rms,
+    one_blas_thread,
+    projected,
+    search,
+    solve,
+)
+from bench.analysis.fit.uncertainty import CovarianceKind, estimate_covariance
+from bench.analysis.noise import Noise
+from bench.base import CHANNELS, BoolArray, FloatArray, InputError
+from bench.record import Dataset
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """A physical coefficient: `key` is effect.label; `std` is one standard deviation under coloured noise."""
+
+    key: str
+    unit: str
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Modelled bias (n,) [deg/h] (NaN in gaps), its standard deviation (n,), and rows outside the fitted ranges."""
+
+    bias: FloatArray
+    std: FloatArray
+    out_of_range: BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What a fit found. `beta` (1 + k,) are the constant and the scaled amplitudes, `covariance` (1 + k + m, ..) covers
+    them and the m nonlinear parameters; `coefficients` are the physical ones.
+    """
+
+    model: Model
+    bound: Bound
+    beta: FloatArray
+    covariance: FloatArray
+    noise: Noise | None
+    rms_dph: float
+    condition: float
+    rows: int
+    interval_s: float
+    runs: tuple[str, ...]
+    validity: Mapping[str, tuple[float, float]]
+    warnings: tuple[str, ...] = ()
+    residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
+    """Measured minus modelled [deg/h] of each dataset (n,), NaN where a row was not fitted."""
+
+    @property
+    def theta(self) -> dict[str, float]:
+        """Nonlinear parameters by effect.parameter, in their units."""
+        return {f"{key}.{name}": value for key, own in self.bound.theta.items() for name, value in own.items()}
+
+    @property
+    def theta_std(self) -> dict[str, float]:
+        """Standard deviation of each nonlinear parameter."""
+        std = np.sqrt(np.diag(self.covariance))[self.beta.size :]
+        return dict(zip(self.theta, std.tolist(), strict=True))
+
+    @property
+    def on_bound(self) -> tuple[str, ...]:
+        """Nonlinear parameters that ended on an end of their range: the rows do not determine them."""
+        pairs = zip(self.model.keys, self.model.effects, strict=True)
+        found = [(f"{key}.{p.name}", p) for key, effect in pairs for p in effect.parameters]
+        return tuple(key for key, parameter in found if parameter.on_bound(self.theta[key]))
+
+    @cached_property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        """Physical coefficients with units; the one constant is in the first effect that has a place for it."""
+        keys, units, matrix = self.bound.physical()
+        linear = self.covariance[: self.beta.size, : self.beta.size]
+        # (M C M') entry by entry; cancellation can leave a variance a rounding error below zero.
+        std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, linear, matrix), 0.0))
+        rows = zip(keys, units, (matrix @ self.beta).tolist(), std.tolist(), strict=True)
+        return tuple(Coefficient(*row) for row in rows)
+
+    def predict(self, dataset: Dataset) -> Prediction:
+        """Modelled bias of any run. Outside the fitted ranges terms follow their tangents, and the rows are flagged."""
+        columns = self.bound.columns(dataset)
+        linear = self.covariance[: self.beta.size, : self.beta.size]
+        variance = np.einsum("ij,jk,ik->i", columns, linear, columns)
+        return Prediction(columns @ self.beta, np.sqrt(np.maximum(variance, 0.0)), self.out_of_range(dataset))
+
+    def out_of_range(self, dataset: Dataset) -> BoolArray:
+        """Rows (n,) where a channel that the model needs is outside the range it was fitted to."""
+        outside = np.zeros(len(dataset), dtype=bool)
+        for channel, (low, high) in self.validity.items():
+            values = dataset.channel(channel)
+            outside |= (values < low) | (values > high)
+        return outside
+
+    def contributions(self, dataset: Dataset) -> dict[str, FloatArray]:
+        """What each effect adds (n,) [deg/h], and the `constant`; they sum to the prediction."""
+        columns = self.bound.columns(dataset)
+        parts = {key: columns[:, own] @ self.beta[own] for key, own in self.bound.slices.items()}
+        return {"constant": np.full(len(dataset), self.beta[0]), **parts}
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object for calibration.json; numbers that do not exist are null."""
+        return {
+            "model": {"name": self.model.name, "rows": self.model.rows, "effects": self._effects_json()},
+            "coefficients": [
+                {"key": c.key, "unit": c.unit, "value": _number(c.value), "std": _number(c.std)}
+                for c in self.coefficients
+            ],
+            "parameters": [
+                {"key": key, "value": value, "std": _number(std), "at_bound": key in self.on_bound}
+                for (key, value), std in zip(self.theta.items(), self.theta_std.values(), strict=True)
+            ],
+            "scaled": self.beta.tolist(),
+            "rms_dph": self.rms_dph,
+            "condition": self.condition,
+            "rows": self.rows,
+            "interval_s": self.interval_s,
+            "runs": list(self.runs),
+            "validity": {c: {"from": r[0], "to": r[1], "unit": CHANNELS[c].unit} for c, r in self.validity.items()},
+            "warnings": list(self.warnings),
+        }
+
+    def _effects_json(self) -> list[dict[str, Any]]:
+        pairs = zip(self.model.effects, self.bound.effects, strict=True)
+        return [{"effect": e.name, "options": options_of(e), "state": p.state()} for e, p in pairs]
+
+
+def fit_model(
+    model: Model,
+    datasets: Dataset | Sequence[Dataset],
+    rows: Sequence[BoolArray] | None = None,
+    *,
+    covariance: CovarianceKind = "noise",
+    quantisation_limit_dph: float = np.inf,
+    start: Mapping[str, float] | None = None,
+) -> Fit:
+    """Fit a model to runs of one unit; `rows` masks the rows to fit, effects still see the whole record.
+
+    `quantisation_limit_dph` refuses a temperature sensor whose steps cause a larger error [deg/h]; `start` (the `theta`
+    of an earlier fit) replaces the grid search. Raises InputError: a channel is missing or constant, too few rows, an
+    interval without data, dependent columns, condition above 1e12.
+    """
+    records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
+    refuse_corrected(records)
+    with one_blas_thread():
+        problem = assemble(model, records, rows)
+        problem = _choose(problem)
+        theta = _theta(problem, start)
+        bound, columns = problem.bind(theta)
+        solution = solve(columns, problem.y, problem.weights)
+        _refuse(problem, bound, columns, solution)
+        cov, noise = estimate_covariance(problem, bound, columns, solution, covariance)
+        result = _result(problem, bound, solution, cov, noise)
+        steps = coarse_temperature(bound, solution.beta, result.rms_dph, records, quantisation_limit_dph)
+        stuck = (f"{key} = {result.theta[key]:g} is on its bound: not determined" for key in result.on_bound)
+        return replace(result, warnings=(*steps, *stuck))
+
+
+def refuse_corrected(records: Iterable[Dataset]) -> None:
+    """InputError where a unit corrected its rate itself: what it left is no bias of the unit."""
+    for record in records:
+        if record.corrected:
+            text = f"{record.name}: the unit corrected its rate itself during this run, which is a verification"
+            raise InputError(f"{text}: nothing is fitted to it and no model checked on it; take runs of the raw rate")
+
+
+def _choose(problem: Problem) -> Problem:
+    """Settle automatic options: the variant with the least RMS on left-out blocks."""
+    for i, effect in enumerate(problem.model.effects):
+        choices = effect.choices() if isinstance(effect, Open) else ()
+        if not choices:
+            continue
+        scored = [(score, variant) for variant in choices if np.isfinite(score := _left_out(problem.using(i, variant)))]
+        if not scored:
+            raise InputError(f"{effect.name}: the rows determine none of its variants; record a longer or wider run")
+        problem = problem.using(i, min(scored, key=lambda pair: pair[0])[1])
+    return problem
+
+
+def _left_out(problem: Problem) -> float:
+    try:
+        _, columns = problem.bind(problem.start())
+    except InputError:
+        return np.inf
+    return left_out_rms(solve(columns, problem.y, problem.weights), problem.weights, problem.blocks())
+
+
+def _theta(problem: Problem, start: Mapping[str, float] | None) -> FloatArray:
+    parameters: Sequence[Parameter] = problem.parameters
+    if not parameters:
+        return np.zeros(0)
+    given = None if start is None else np.array([start[key] for key in problem.parameter_keys])
+
+    def residual(theta: FloatArray) -> FloatArray:
+        try:
+            _, columns = problem.bind(theta, trial=True)
+        except InputError:  # a lag so long that the shifted temperature stands still
+            return np.full(problem.y.size, np.inf)
+        return projected(columns, problem.y, problem.weights)
+
+    return search(residual, parameters, given)
+
+
+def _refuse(problem: Problem, bound: Bound, columns: FloatArray, solution: Solution) -> None:
+    n, p = columns.shape
+    if n < p:
+        raise InputError(f"{n} rows for {p} coefficients of model '{problem.model.name}': record more, or fit less")
+    if not np.all(np.isfinite(columns)):
+        raise InputError(f"model '{problem.model.name}' has columns that are not finite in rows without a gap")
+    if solution.condition > MAX_CONDITION:
+        culprit = dependent_column(columns, problem.weights)
+        key = next((k for k, own in bound.slices.items() if own.start <= culprit < own.stop), "constant")
+        raise InputError(
+            f"model '{problem.model.name}' is not determined by these rows (condition {solution.condition:.1g}, limit "
+            f"{MAX_CONDITION:.0e}): '{key}' repeats what the other terms contain; leave it out or vary its channel"
+        )
+
+
+def _result(problem: Problem, bound: Bound, solution: Solution, cov: FloatArray, noise: Noise | None) -> Fit:
+    return Fit(
+        model=problem.model,
+        bound=bound,
+        beta=solution.beta,
+        covariance=cov,
+        noise=noise,
+        rms_dph=float(np.sqrt(solution.rss / np.sum(problem.weights))),
+        condition=solution.condition,
+        rows=problem.y.size,
+        interval_s=problem.records[0].interval_s,
+        runs=tuple(record.name for record in problem.records),
+        validity=problem.validity(),
+        residuals=problem.scatter(solution.residual),
+    )
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,127 @@
+"""Polynomial, regression and spline solved from the moments of a record instead of its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from bench.analysis.effects.base import Effect, Scale, Series
+from bench.analysis.effects.model import Model
+from bench.analysis.effects.polynomial import Polynomial
+from bench.analysis.effects.regression import Regression
+from bench.analysis.effects.spline import MIN_ROWS, Spline
+from bench.analysis.fit.cells import Cells
+from bench.analysis.fit.design import Bound
+from bench.analysis.fit.moments import CELLS, CHANNELS, ORDER, Moments, Ranges
+from bench.analysis.fit.smooth import solve_spline
+from bench.analysis.fit.solve import MAX_CONDITION
+from bench.base import FloatArray, InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A model solved from moments: as the fields of `bench.analysis.fit.Fit` of the same names."""
+
+    bound: Bound
+    beta: FloatArray
+    rms_dph: float
+    condition: float
+    rows: int
+    validity: dict[str, tuple[float, float]]
+
+
+_FITS: dict[str, Callable[[Any], bool]] = {
+    "polynomial": lambda effect: effect.order <= ORDER["static"],
+    "regression": lambda effect: effect.order <= ORDER["joint"],
+    "spline": lambda effect: isinstance(effect.intervals, int) and CELLS % effect.intervals == 0,
+}
+
+
+def check(model: Model) -> None:
+    """InputError unless the model can be solved from moments."""
+    effect = model.effects[0]
+    if len(model.effects) != 1 or model.rows != "all" or not _FITS.get(effect.name, lambda _: False)(effect):
+        raise InputError(
+            f"model '{model.name}' cannot be solved from moments: allowed are, each alone and on all rows, polynomial, "
+            f"regression to order {ORDER['joint']}, and spline with a given number of intervals that divides {CELLS}"
+        )
+
+
+def solve_moments(model: Model, moments: Moments) -> Solved:
+    """The fit of the model to the rows behind the moments; InputError as `fit` has it, or where `check` refuses."""
+    check(model)
+    effect = model.effects[0]
+    ranges = {channel: (float(a), float(b)) for channel, (a, b) in zip(CHANNELS, moments.ranges, strict=True)}
+    missing = [channel for channel in effect.needs if not np.isfinite(ranges[channel][0])]
+    if missing:
+        raise InputError(f"channel '{missing[0]}' has no value in the rows to fit")
+    prepared = _prepared(effect, ranges)
+    if isinstance(prepared, Spline):
+        beta, rss, condition = _solve_spline(prepared, moments)
+    else:
+        beta, rss, condition = _solve_triangle(prepared, moments)
+    if not condition <= MAX_CONDITION:
+        raise InputError(
+            f"model '{model.name}' is not determined by these rows (condition {condition:.1g}, limit "
+            f"{MAX_CONDITION:.0e})"
+        )
+    part = 1 if isinstance(prepared, Regression) else 0
+    bound = Bound(model.keys, (prepared,), {model.keys[0]: {}}, {model.keys[0]: slice(1, beta.size)})
+    rms_dph = float(np.sqrt(max(rss, 0.0) / moments.weight[part]))
+    validity = {channel: ranges[channel] for channel in effect.needs}
+    return Solved(bound, beta, rms_dph, condition, int(moments.rows[part]), validity)
+
+
+def _prepared(effect: Effect, ranges: Ranges) -> Spline | Polynomial | Regression:
+    scales = {channel: Scale(*ranges[channel]) for channel in effect.needs}
+    if isinstance(effect, Spline):
+        return replace(effect, scale=scales["temperature"])
+    if isinstance(effect, Polynomial):
+        return replace(effect, series=Series("temperature", effect.order, scales["temperature"]))
+    if isinstance(effect, Regression):
+        return replace(effect, series=tuple(Series(c, effect.order, scales[c]) for c in effect.needs))
+    raise RuntimeError(f"{effect.name} was not checked")
+
+
+def _solve_triangle(effect: Polynomial | Regression, moments: Moments) -> tuple[FloatArray, float, float]:
+    """Amplitudes, weighted square sum of the residual, condition of the scaled columns."""
+    if isinstance(effect, Regression):
+        triangle, rows = moments.joint, moments.rows[1]
+        wanted = [0, *(1 + i * ORDER["joint"] + k for i in range(len(CHANNELS)) for k in range(effect.order))]
+    else:
+        triangle, rows, wanted = moments.static, moments.rows[0], list(range(effect.order + 1))
+    columns = triangle[:, wanted]
+    scale = np.linalg.norm(columns, axis=0)
+    if rows < len(wanted) or np.any(scale == 0.0):
+        raise InputError(f"{rows:.0f} rows for {len(wanted)} coefficients: record more, or fit less")
+    r = linalg.qr(np.column_stack([columns / scale, triangle[:, -1]]), mode="r")[0]
+    n = len(wanted)
+    spectrum = linalg.svdvals(r[:n, :n])
+    if not spectrum[-1] > spectrum[0] * np.finfo(float).eps:
+        return np.full(n, np.nan), np.inf, np.inf
+    beta = linalg.solve_triangular(r[:n, :n], r[:n, n]) / scale
+    return beta, float(r[n, n] ** 2) if len(r) > n else 0.0, float(spectrum[0] / spectrum[-1])
+
+
+def _solve_spline(spline: Spline, moments: Moments) -> tuple[FloatArray, float, float]:
+    m = spline.intervals
+    if not isinstance(m, int):
+        raise RuntimeError("the number of intervals was not checked")
+    visited = moments.cell_rows.reshape(m, -1).sum(axis=1)
+    if visited.min() < MIN_ROWS:
+        i = int(visited.argmin())
+        raise InputError(f"spline: interval {i + 1} of {m} has {visited[i]:.0f} rows, at least {MIN_ROWS} are needed")
+    low, high = moments.ranges[0].tolist()
+    cells = Cells(low, high, CELLS, moments.offset)
+    squares = np.zeros((CELLS, 1))
+    squares[0] = moments.square
+    sums = np.hstack([moments.powers, moments.products, squares]).ravel()
+    try:
+        solved = solve_spline(cells, sums, m, spline.ends)
+    except InputError:  # said by the caller, which knows the model
+        return np.full(0, np.nan), np.inf, np.inf
+    return solved.beta, solved.rss, solved.condition

@@ -1,0 +1,91 @@
+"""Covariance of a least-squares estimate when the residual is not white."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from bench.analysis.fit.design import Bound, Problem
+from bench.analysis.fit.solve import Solution, sandwich, solve
+from bench.analysis.noise import Noise, Record, profile_noise
+from bench.analysis.noise.whitening import covariance as noise_covariance
+from bench.base import FloatArray, IntArray
+
+CovarianceKind = Literal["noise", "sandwich", "none"]
+_LEAST_BLOCK_S = 300.0
+_MOST_DENSE_ROWS = 4000
+_STEP = 1e-4  # of a parameter's range
+
+
+def estimate_covariance(
+    problem: Problem, bound: Bound, columns: FloatArray, solution: Solution, kind: CovarianceKind
+) -> tuple[FloatArray, Noise | None]:
+    """Covariance (1 + k + m, ..) of amplitudes and nonlinear parameters jointly, and the noise behind it.
+
+    `noise`: P C P' with P the estimate's own pseudo-inverse and C = white + flicker + random walk, most likely beside
+    these columns (what the model fails to explain counts as noise and widens it). `sandwich`: sums of scores over
+    blocks of at least 300 s. NaN where no row is left to judge by, or for `none`.
+    """
+    size = columns.shape[1] + len(problem.parameters)
+    if kind == "none" or problem.y.size <= size + 1:
+        return np.full((size, size), np.nan), None
+    jacobian = np.hstack([columns, _slopes(problem, bound, solution)])
+    full = solve(jacobian, problem.y, problem.weights)
+    if not np.isfinite(full.condition):  # a parameter without influence: its own deviation is unknown
+        return np.full((size, size), np.nan), None
+    inverse = full.pseudo_inverse(problem.weights)
+    # Bins are means of rows from anywhere in the run: they have no spectrum.
+    if kind == "sandwich" or problem.y.size > _MOST_DENSE_ROWS or problem.model.rows == "bins":
+        return sandwich(inverse, solution.residual, _time_blocks(problem, size)), None
+    return _under_noise(problem, jacobian, inverse)
+
+
+def _slopes(problem: Problem, bound: Bound, solution: Solution) -> FloatArray:
+    """Derivative of the model with respect to each nonlinear parameter (rows, m), central or one-sided at a bound."""
+    values = np.array([value for own in bound.theta.values() for value in own.values()])
+    out = np.zeros((problem.y.size, values.size))
+    for i, parameter in enumerate(problem.parameters):
+        step = _STEP * (values[i] if parameter.log else parameter.high - parameter.low)
+        ends = np.clip([values[i] - step, values[i] + step], parameter.low, parameter.high)
+        moved = [_model(problem, bound, solution, np.where(np.arange(values.size) == i, end, values)) for end in ends]
+        out[:, i] = (moved[1] - moved[0]) / (ends[1] - ends[0])
+    return out
+
+
+def _model(problem: Problem, bound: Bound, solution: Solution, values: FloatArray) -> FloatArray:
+    given = iter(values.tolist())
+    theta = {key: {name: next(given) for name in own} for key, own in bound.theta.items()}
+    moved = Bound(bound.keys, bound.effects, theta, bound.slices)
+    parts = [moved.columns(r)[m] for r, m in zip(problem.records, problem.masks, strict=True)]
+    return np.concatenate(parts) @ solution.beta
+
+
+def _time_blocks(problem: Problem, size: int) -> IntArray:
+    """Contiguous blocks as long as the rows allow: at least 300 s, and more blocks than coefficients."""
+    duration = sum(float(np.ptp(time)) for time in problem.time)
+    length = max(_LEAST_BLOCK_S, duration / max(2 * size, 40))
+    labels, used = [], 0
+    for time in problem.time:
+        own = used + ((time - time.min(initial=np.inf)) // length).astype(np.int64)
+        used = int(own.max(initial=used)) + 1
+        labels.append(own)
+    return np.concatenate(labels)
+
+
+def _under_noise(problem: Problem, jacobian: FloatArray, inverse: FloatArray) -> tuple[FloatArray, Noise]:
+    interval_s = problem.records[0].interval_s
+    ends = np.cumsum([time.size for time in problem.time])[:-1]
+    parts = [np.split(array, ends) for array in (problem.y, jacobian, 1.0 / problem.weights)]
+    records = [
+        Record(time, y, own, white) for time, y, own, white in zip(problem.time, *parts, strict=True) if time.size > 1
+    ]
+    first = max(range(len(records)), key=lambda i: records[i].y.size)
+    others = [record for i, record in enumerate(records) if i != first]
+    noise = profile_noise(records[first].X, records[first].y, records[first].time_s, others, interval_s)
+    covariance = np.zeros((inverse.shape[0],) * 2)
+    for own, time, white in zip(np.split(inverse, ends, axis=1), problem.time, parts[2], strict=True):
+        if time.size:
+            dense = noise_covariance(time, interval_s, noise.ratios, white)
+            covariance += noise.sigma2 * (own @ dense @ own.T)
+    return covariance, noise.noise

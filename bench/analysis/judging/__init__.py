@@ -1,0 +1,1 @@
+"""A run judged: completeness, quantities, limits, validity, verdict, calibration."""

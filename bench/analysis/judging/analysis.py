@@ -1,0 +1,103 @@
+"""A run folder judged: floor, ladder of models, diagnosis of the best, verdict; written as JSON beside the data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.diagnosis.compare import Comparison, Score
+from bench.analysis.judging.completeness import Completeness
+from bench.analysis.judging.diagnosed import Diagnosed
+from bench.analysis.judging.joints import Joint
+from bench.analysis.judging.limits import Judgement
+from bench.analysis.judging.verdict import Verdict
+from bench.analysis.noise.floor import Floor
+from bench.base import FloatArray, InputError, finite
+from bench.record import Dataset, Manifest, RunFolder
+
+NEXT_PROFILE = "next.yaml"
+"""Profile of the run that would tell suspects apart, in the run folder."""
+LIMITS_YAML, LIMITS_JSON = "limits.yaml", "limits.json"
+"""The limits of a run as they were given, and its verdict against them, in the run folder."""
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """What a report says. `dataset`, `comparison` and `best` are None where the run does not allow them."""
+
+    run: RunFolder
+    manifest: Manifest
+    interval_s: float
+    done: Completeness
+    floor: Floor
+    verdict: Verdict
+    dataset: Dataset | None = None
+    comparison: Comparison | None = None
+    best: Score | None = None
+    bias_span_dph: float = np.nan
+    """Highest less lowest mean of the bias over the run [deg/h]."""
+    uncompensated_dph: float = np.nan
+    """RMS of the bias about its mean: the error of a unit without compensation [deg/h]."""
+    gaps: tuple[Joint, ...] = ()
+    """Gaps between the parts of a run whose bench was killed and which went on."""
+    warnings: tuple[str, ...] = ()
+    diagnosed: Diagnosed = field(default_factory=Diagnosed)
+    judgement: Judgement | None = None
+    """Against limits, where some were given."""
+
+    @property
+    def held_out_ratio(self) -> float:
+        """Held-out error of the best model over the noise floor."""
+        return self.best.held_out.rms_dph / self.floor.floor_dph if self.best else np.nan
+
+    @property
+    def improvement(self) -> float:
+        """Error without compensation over held-out error of the best model."""
+        return self.uncompensated_dph / self.best.held_out.rms_dph if self.best else np.nan
+
+    @property
+    def within_limits(self) -> bool:
+        """The limits' verdict; without limits: the run is whole and its calibration proven."""
+        if self.judgement is not None:
+            return self.judgement.verdict.within
+        proven = self.best is not None and bool(np.isfinite(self.best.held_out.rms_dph))
+        return self.done.ended and not self.done.lost and not self.done.altered and proven and self.admissible
+
+    @property
+    def admissible(self) -> bool:
+        """All parts of the run may stand behind one calibration; of a run of one piece, always."""
+        return all(gap.admissible for gap in self.gaps)
+
+    def residual(self) -> FloatArray:
+        """Measured less modelled bias of the best model (n,) [deg/h]."""
+        if self.dataset is None or self.best is None:
+            raise InputError("no model was fitted, so there is no residual", self.run.path)
+        residual: FloatArray = self.dataset.bias - self.best.fit.predict(self.dataset).bias
+        return residual
+
+    def to_json(self) -> dict[str, Any]:
+        """What `bench run --json` answers about the data; null where a number does not exist."""
+        best = self.best
+        return {
+            "run": str(self.run.path),
+            "verdict": self.verdict.word,
+            "sentence": self.verdict.sentence,
+            "complete": self.done.ended,
+            "model": best.model.name if best else None,
+            "rms_dph": finite(best.rms_dph) if best else None,
+            "held_out_rms_dph": finite(best.held_out.rms_dph) if best else None,
+            "held_out_by": best.held_out.by if best else None,
+            "floor_dph": finite(self.floor.floor_dph),
+            "bias_span_dph": finite(self.bias_span_dph),
+            "uncompensated_rms_dph": finite(self.uncompensated_dph),
+            "samples": self.done.samples,
+            "missing_samples": self.done.missing,
+            "losses": dict(self.done.losses),
+            "admissible": self.admissible,
+            "gaps": [gap.to_json() for gap in self.gaps],
+            "warnings": list(self.warnings),
+            "diagnosis": self.diagnosed.to_json(),
+            **({"limits": self.judgement.to_json()} if self.judgement else {}),
+        }

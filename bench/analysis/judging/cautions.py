@@ -1,0 +1,85 @@
+"""What an engineer must know before trusting the numbers of a run: one line each, the gravest first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from bench.analysis.diagnosis.compare import Comparison, Score, ladder
+from bench.analysis.judging.completeness import DAMAGED_BYTES, LOST, Completeness
+from bench.analysis.judging.joints import Joint
+from bench.analysis.noise.floor import Floor
+from bench.base import clock, number
+
+_OVERFIT = 2.0
+_EXTRAPOLATED = 0.05
+_LEAST_BRANCH_S = 600.0
+_SHOWN_GAPS = 3
+
+
+_COMMON = frozenset(model.name for model in ladder()[:3])
+"""Baselines: nobody asked for them, so their absence is no warning."""
+
+
+def refusals(comparison: Comparison) -> tuple[tuple[str, str], ...]:
+    """Name of each model that the data cannot determine, and why."""
+    return tuple((name, reason.removeprefix(f"model '{name}' ")) for name, reason in comparison.refused)
+
+
+def cautions(
+    done: Completeness,
+    floor: Floor | None,
+    comparison: Comparison | None,
+    best: Score | None,
+    gaps: Sequence[Joint] = (),
+) -> tuple[str, ...]:
+    """Warnings of a run, none for one that is as it should be; `gaps` are those between its parts."""
+    return (*(gap.sentence for gap in gaps), *_of_data(done), *_of_floor(floor), *_of_models(comparison, best))
+
+
+def _of_data(done: Completeness) -> Iterator[str]:
+    for name in done.altered:
+        yield f"{name} is not the file that was recorded: its SHA-256 differs from the manifest's"
+    for segment in done.failed:
+        why = segment.get("reason") or segment.get("outcome", "not settled")
+        yield f"segment '{segment.get('name')}' failed: {why}"
+    for key in LOST:
+        if done.losses.get(key):
+            what = "bytes of the journal damaged" if key == DAMAGED_BYTES else f"frames {key}"
+            yield f"{done.losses[key]} {what}: they are gaps in the data"
+    if done.capture.get("behind_spells"):
+        most_s, spells = done.capture["most_behind_s"], done.capture["behind_spells"]
+        yield f"the capture was behind its bus {spells:.0f} times, at most {number(most_s)} s: the host was overloaded"
+    if done.gaps_s:
+        shown = ", ".join(f"{clock(a)} to {clock(b)}" for a, b in done.gaps_s[:_SHOWN_GAPS])
+        more = f" and {len(done.gaps_s) - _SHOWN_GAPS} more" if len(done.gaps_s) > _SHOWN_GAPS else ""
+        yield f"no sample at {shown}{more}; nothing was filled in"
+    if done.samples:
+        for name, seconds in (("heating", done.heating_s), ("cooling", done.cooling_s)):
+            if seconds < _LEAST_BRANCH_S:
+                yield f"only {clock(seconds)} of {name}: a difference between the branches cannot be seen"
+
+
+def _of_floor(floor: Floor | None) -> Iterator[str]:
+    if floor is not None and floor.reason:
+        yield f"noise floor not known: {floor.reason}"
+
+
+def _of_models(comparison: Comparison | None, best: Score | None) -> Iterator[str]:
+    if comparison is not None:
+        for model, reason in refusals(comparison):
+            if model not in _COMMON:
+                yield f"model '{model}' was refused: {reason}"
+    if best is None:
+        return
+    held_out = best.held_out
+    if not np.isfinite(held_out.rms_dph):
+        yield f"'{best.model.name}' has no error on unseen data: {held_out.reason}"
+    elif held_out.rms_dph > _OVERFIT * best.rms_dph:
+        ratio = number(held_out.rms_dph / best.rms_dph, 2)
+        yield f"'{best.model.name}' errs {ratio} × more on unseen data than on its own"
+    if held_out.out_of_range > _EXTRAPOLATED:
+        share = f"{held_out.out_of_range:.0%} of the unseen data"
+        yield f"{share} lie outside the range that '{best.model.name}' was fitted to"
+    yield from best.fit.warnings

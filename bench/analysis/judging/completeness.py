@@ -1,0 +1,144 @@
+"""Did the run go to its end, and is all of its data there? Answered from manifest and tables, before any model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.record import Dataset, RunFolder, sha256
+
+SAMPLES = ("lost", "slow_lost")
+CAUSES = ("corrupt", "late", "invalid")
+DAMAGED_BYTES = "journal_damaged_bytes"
+LOST = (*SAMPLES, *CAUSES, DAMAGED_BYTES)
+"""Loss counters that mean data are missing; the others (repeated, out of order) cost nothing."""
+
+RESUMED = " (resumed)"
+"""Ends the name of a segment that continues an earlier one."""
+_GAP = 2.0
+"""Neighbours further apart than this many intervals have a gap between them."""
+
+
+@dataclass(frozen=True)
+class Completeness:
+    """What of the run is there. `missing` counts unit samples [1], None where the sampling rate is not known."""
+
+    state: str = "unknown"
+    cause: str = ""
+    duration_s: float = 0.0
+    samples: int = 0
+    missing: int | None = None
+    gaps_s: tuple[tuple[float, float], ...] = ()
+    losses: Mapping[str, int] = field(default_factory=dict)
+    segments: tuple[Mapping[str, Any], ...] = ()
+    temperature: tuple[float, float] | None = None
+    heating_s: float = 0.0
+    cooling_s: float = 0.0
+    unit_clock: Mapping[str, float | None] = field(default_factory=dict)
+    """Of the manifest: the unit's clock against the host's."""
+    capture: Mapping[str, float] = field(default_factory=dict)
+    """Of the manifest: how the capture kept up with its bus."""
+    altered: tuple[str, ...] = ()
+    """Files whose hash is not the manifest's."""
+
+    @property
+    def failed(self) -> tuple[Mapping[str, Any], ...]:
+        """Segments that did not get where they should."""
+        return tuple(
+            s
+            for i, s in enumerate(self.segments)
+            if (not s.get("settled", True) or s.get("outcome", "done") == "timeout") and not self._went_on(i)
+        )
+
+    def _went_on(self, index: int) -> bool:
+        """A segment that was held, or cut off with the bench, and continued by a later one."""
+        segment = self.segments[index]
+        base = str(segment.get("name", "")).split(RESUMED)[0]
+        later = (str(other.get("name", "")) for other in self.segments[index + 1 :])
+        return segment.get("outcome") in {"held", "interrupted"} and any(n.startswith(base + RESUMED) for n in later)
+
+    @property
+    def ended(self) -> bool:
+        """The run, or the import, went to its end and every segment got where it should."""
+        return self.state in {"done", "imported"} and not self.failed
+
+    @property
+    def lost(self) -> int | None:
+        """Frames that were lost or damaged; None where nobody counted."""
+        if not self.losses:
+            return None
+        count = {key: int(self.losses.get(key) or 0) for key in LOST}
+        # A corrupt frame is also a lost sample: counted once.
+        samples = sum(count[key] for key in SAMPLES)
+        return samples or max(*(count[key] for key in CAUSES), min(count[DAMAGED_BYTES], 1))
+
+
+def completeness(run: RunFolder, manifest: Mapping[str, Any], base: Dataset | None) -> Completeness:
+    """Completeness of a run folder; `base` are its 1 s means, None where there are none."""
+    known = Completeness(
+        state=str(manifest.get("state", "unknown")),
+        cause=str(manifest.get("cause") or ""),
+        losses={k: int(v) for k, v in dict(manifest.get("losses") or {}).items() if isinstance(v, int | float)},
+        segments=tuple(manifest.get("segments") or ()),
+        unit_clock=dict(manifest.get("unit_clock") or {}),
+        capture=dict(manifest.get("capture") or {}),
+        altered=_altered(run, manifest),
+    )
+    if base is None or len(base) == 0:
+        return known
+    samples, missing = _samples(run, base, manifest.get("sample_rate_hz"))
+    temperature = base.channel("temperature")
+    return replace(
+        known,
+        duration_s=float(base.time[-1] - base.time[0]) + base.interval_s,
+        samples=samples,
+        missing=missing,
+        gaps_s=_gaps(base),
+        temperature=(float(np.nanmin(temperature)), float(np.nanmax(temperature))),
+        heating_s=float(np.sum(base.direction > 0) * base.interval_s),
+        cooling_s=float(np.sum(base.direction < 0) * base.interval_s),
+    )
+
+
+def _samples(run: RunFolder, base: Dataset, rate_hz: float | None) -> tuple[int, int | None]:
+    """Unit samples present, and missing between the first and the last of the 500 Hz table."""
+    counted = int(base.count("rate").sum())
+    try:
+        with pq.ParquetFile(run.data) as table:
+            groups = range(table.num_row_groups)
+            first, last = _edge(table, groups, 0), _edge(table, reversed(groups), -1)
+    except (OSError, pa.ArrowException):  # no table, or a damaged one: the means still say how many there are
+        return counted, None
+    if not rate_hz or first is None or last is None:
+        return counted, None
+    return counted, max(0, round((last - first) * rate_hz) + 1 - counted)
+
+
+def _edge(table: pq.ParquetFile, groups: Iterable[int], end: int) -> float | None:
+    """Time [s] of the first (0) or last (-1) rate sample; reads one row group, seldom more."""
+    for group in groups:
+        rows = table.read_row_group(group, columns=["time", "rate"])
+        present = rows["time"].filter(rows["rate"].is_valid())
+        if len(present):
+            return float(present[end].as_py())
+    return None
+
+
+def _gaps(base: Dataset) -> tuple[tuple[float, float], ...]:
+    """Spans [s] without a single rate sample."""
+    present = base.time[np.isfinite(base.channel("rate"))]
+    edge = 0.5 * base.interval_s
+    return tuple((a + edge, b - edge) for a, b in pairwise(present.tolist()) if b - a > _GAP * base.interval_s)
+
+
+def _altered(run: RunFolder, manifest: Mapping[str, Any]) -> tuple[str, ...]:
+    """The table that the report rests on, if it is not what was recorded (the 500 Hz record is too big to check)."""
+    recorded = dict(manifest.get("files") or {})
+    names = [run.means.name] if run.means.is_file() else []
+    return tuple(name for name in names if name in recorded and recorded[name] != sha256(run.path / name))

@@ -1,0 +1,163 @@
+"""A run folder judged: floor, ladder of models, diagnosis of the best, verdict; written as JSON beside the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.analysis.diagnosis.compare import Score, compare, ladder
+from bench.analysis.effects.model import Model
+from bench.analysis.judging.analysis import LIMITS_JSON, NEXT_PROFILE, Analysis
+from bench.analysis.judging.calibration import calibration
+from bench.analysis.judging.cautions import cautions
+from bench.analysis.judging.completeness import completeness
+from bench.analysis.judging.diagnosed import diagnosed
+from bench.analysis.judging.earlier import SAVED, set_aside
+from bench.analysis.judging.joints import joints
+from bench.analysis.judging.limits import Limits, judge_limits
+from bench.analysis.judging.quantities import quantities
+from bench.analysis.judging.validity import refusals
+from bench.analysis.judging.verdict import Verdict, judge, with_diagnosis
+from bench.analysis.noise.floor import Floor, noise_floor
+from bench.base import InputError
+from bench.record import DEFAULT_INTERVAL_S, Dataset, Manifest, RunFolder, load, write_atomically, write_json
+
+BASELINES = 3
+"""Models at the start of the ladder that every comparison shows: what is common practice."""
+_FREE = frozenset({"spline", "surface"})
+_PENDING = Verdict("unproven", "not judged yet")
+
+
+def analyse(
+    run_folder: Path | str,
+    models: Sequence[Model] = (),
+    check: Sequence[Path | str] = (),
+    interval_s: float = DEFAULT_INTERVAL_S,
+    *,
+    static: Path | str | None = None,
+    diagnose: bool = True,
+) -> Analysis:
+    """Analyse a run with `models` (default: those of the source papers) beside the baselines.
+
+    With `check` runs of the same unit the held-out error is measured on them; an isothermal run `static` of it tells
+    the noise. A run that was aborted or holds nothing is no error: the analysis says so. Raises InputError when the
+    folder is no run or one of the other runs cannot be read.
+    `diagnose` asks which effect the best model lacks, in some ten seconds. Writes compare.json, calibration.json and,
+    with a diagnosis, diagnosis.json into the run folder; one that knew more runs is kept under another name.
+    """
+    run = RunFolder(Path(run_folder))
+    manifest = run.manifest()
+    checks = [load(_of_unit(folder, manifest, "check"), interval_s) for folder in check]
+    isothermal = None if static is None else _of_unit(static, manifest, "isothermal")
+    still, fine = (None, None) if isothermal is None else (load(isothermal, s) for s in (interval_s, 1.0))
+    base, reason = _base(run, interval_s)
+    data = None if base is None else load(run.path, interval_s)
+    turned = base is not None and "applied_rate" in base.channels
+    done = completeness(run, manifest, load(run.path, 1.0, whole=True) if turned else base)
+    floor = Floor(reason=reason) if base is None else noise_floor([base], interval_s, fine)
+    if data is None:
+        verdict = judge(done, None, np.nan, reason)
+        gaps = joints(manifest, None, np.nan)
+        warnings = cautions(done, None, None, None, gaps)
+        result = Analysis(run, manifest, interval_s, done, floor, verdict, gaps=gaps, warnings=warnings)
+    else:
+        result = _judged(Analysis(run, manifest, interval_s, done, floor, _PENDING, data), data, models, checks)
+        result = _diagnosed(result, data, checks, still) if diagnose else result
+    _write(result)
+    return result
+
+
+def judged_by(analysis: Analysis, limits: Limits) -> Analysis:
+    """The analysis with the limits' verdict, written as limits.json beside the data."""
+    judged = replace(analysis, judgement=judge_limits(limits, quantities(analysis), refusals(analysis)))
+    if judged.judgement is not None:
+        write_json(analysis.run.path / LIMITS_JSON, judged.judgement.to_json())
+    return judged
+
+
+def _of_unit(folder: Path | str, manifest: Manifest, what: str) -> Path:
+    """A further run; InputError where it is of another unit: that would prove nothing."""
+    run = RunFolder(Path(folder))
+    mine, theirs = manifest.get("unit"), run.manifest().get("unit")
+    if mine and theirs and mine != theirs:
+        raise InputError(f"{what} run is of unit {theirs}, the run to be judged is of {mine}", run.path)
+    return run.path
+
+
+def _base(run: RunFolder, interval_s: float) -> tuple[Dataset | None, str]:
+    """The 1 s means, or why there are none to judge."""
+    try:
+        base = load(run.path, 1.0)
+    except InputError as error:
+        return None, str(error).replace(f"{run.path}/", "")
+    empty = [name for name in ("rate", "temperature") if not np.any(np.isfinite(base.channels[name]))]
+    if empty:
+        return None, f"no value of {' and '.join(empty)} in the whole record"
+    short = not len(load(run.path, interval_s))
+    return (None, f"no segment lasts half of the {interval_s:g} s of a mean") if short else (base, "")
+
+
+def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Sequence[Dataset]) -> Analysis:
+    rungs = [*ladder()[:BASELINES], *(models or ladder()[BASELINES:])]
+    comparison = compare(data, rungs, known.floor.floor_dph, checks or None, strict=False)
+    best = _best(comparison.scores)
+    reason = comparison.refused[-1][1] if comparison.refused else ""
+    gaps = joints(known.manifest, data, known.floor.floor_dph)
+    weight = data.count("rate")
+    mean = np.nansum(weight * data.bias) / np.sum(weight)
+    return replace(
+        known,
+        verdict=judge(known.done, best, known.floor.floor_dph, reason),
+        comparison=comparison,
+        best=best,
+        bias_span_dph=float(np.nanmax(data.bias) - np.nanmin(data.bias)),
+        uncompensated_dph=float(np.sqrt(np.nansum(weight * (data.bias - mean) ** 2) / np.sum(weight))),
+        gaps=gaps,
+        warnings=cautions(known.done, known.floor, comparison, best, gaps),
+    )
+
+
+def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset], static: Dataset | None) -> Analysis:
+    """Diagnose the best model of those fitted to all rows: what one of a branch lacks is the other branch.
+
+    One with a free curve of temperature goes first: a stiffer one only lacks the curve.
+    """
+    scores = known.comparison.scores if known.comparison else ()
+    whole = [score for score in scores if score.model.rows == "all"]
+    free = [score for score in whole if any(effect.name in _FREE for effect in score.model.effects)]
+    best = _best(free or whole)
+    if best is None:
+        return known
+    found = diagnosed(data, best.model, checks, static, known.floor.floor_dph, known.run.path / NEXT_PROFILE)
+    reasons = (
+        f"not diagnosed: {found.reason}" if found.answer is None else "",
+        set_aside(known.run.path, found.answer),
+    )
+    known = replace(known, diagnosed=found, warnings=(*known.warnings, *filter(None, reasons)))
+    return replace(known, verdict=with_diagnosis(known.verdict, found, known.floor.floor_dph))
+
+
+def _best(scores: Sequence[Score]) -> Score | None:
+    """Least error on unseen data; where no model has one, the least error on its own."""
+    proven = [score for score in scores if np.isfinite(score.held_out.rms_dph)]
+    if proven:
+        return min(proven, key=lambda score: score.held_out.rms_dph)
+    return min(scores, key=lambda score: score.rms_dph, default=None)
+
+
+def _write(result: Analysis) -> None:
+    folder = result.run.path
+    answer = result.to_json()
+    compared = result.comparison.to_json() if result.comparison else {"runs": [folder.name], "models": []}
+    write_json(folder / "compare.json", {**compared, "verdict": answer["verdict"]})
+    content = calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
+    content["quantities"] = [quantity.to_json() for quantity in quantities(result)]
+    content["refusals"] = list(refusals(result))
+    write_json(folder / "calibration.json", content)
+    if result.diagnosed.answer is not None:
+        write_json(folder / SAVED, result.diagnosed.answer.to_json())
+    if result.diagnosed.profile_yaml:
+        write_atomically(folder / NEXT_PROFILE, result.diagnosed.profile_yaml.encode())

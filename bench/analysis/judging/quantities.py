@@ -1,0 +1,207 @@
+"""The quantities of a run, each with the interval that holds it with 95 % probability: what limits are applied to.
+
+Standard uncertainties (docs/uncertainty.md): of one mean the white noise sqrt(N^2 / tau), of a difference of two the
+root of two times that; RMS values carry the bootstrap interval of their blocks, noise coefficients that of their
+likelihood; counts, temperatures and durations are what the record says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.analysis import effects
+from bench.analysis.diagnosis.compare import Score
+from bench.analysis.effects.model import Model
+from bench.analysis.fit import fit_model
+from bench.analysis.fit.quantisation import step_error_dph
+from bench.analysis.judging.branches import branch_gap
+from bench.analysis.judging.limits import COVERAGE, Quantity
+from bench.base import DPH_PER_DPS, BoolArray, FloatArray, InputError
+from bench.record import Dataset
+
+if TYPE_CHECKING:
+    from bench.analysis.judging.analysis import Analysis
+
+_MEDIAN = 1.2533
+"""Standard error of a median over that of the mean, sqrt(pi / 2); of two values in each branch, the least there are."""
+_ROWS = 1200
+"""Means that the noise is estimated from, at most (bench/noise/estimate.py)."""
+_STANDS_DPS = 0.1
+_LEAST_DEGC = 10.0
+"""Change of temperature from which on the scale factor is fitted over it."""
+_NOISE = (
+    ("angle_random_walk_dprh", "white"),
+    ("bias_instability_dph", "flicker"),
+    ("rate_random_walk_dphrh", "walk"),
+)
+
+
+def quantities(analysis: Analysis) -> tuple[Quantity, ...]:
+    """All quantities of a run; those that it cannot tell have no value and a reason."""
+    noise = analysis.floor.noise
+    white_dph = float(np.sqrt(noise.white_variance(analysis.interval_s))) if noise else analysis.floor.floor_dph
+    found = [*_of_noise(analysis), *_of_data(analysis)]
+    if analysis.dataset is not None:
+        found += [*_of_bias(analysis.dataset, white_dph), *_of_scale(analysis.dataset, white_dph)]
+    if analysis.best is not None:
+        found += _of_model(analysis, analysis.best, white_dph)
+    return tuple(found)
+
+
+def _of_bias(whole: Dataset, white_dph: float) -> Iterator[Quantity]:
+    data = standing(whole)
+    bias = data.bias[np.isfinite(data.bias)]
+    if bias.size:
+        yield Quantity.expanded("bias_span_dph", float(np.ptp(bias)), np.sqrt(2.0) * white_dph)
+        yield Quantity.positive("bias_max_dph", float(np.abs(bias).max()), white_dph)
+    yield _loop("thermal_hysteresis_dph", data, white_dph)
+    temperature = np.sort(whole.channel("temperature")[np.isfinite(whole.bias)])
+    if temperature.size:
+        yield Quantity.exact("lowest_temperature_degc", float(temperature[0]))
+        yield Quantity.exact("highest_temperature_degc", float(temperature[-1]))
+        yield Quantity.exact("temperature_hole_degc", float(np.diff(temperature).max(initial=0.0)))
+
+
+def _loop(name: str, data: Dataset, white_dph: float, values: FloatArray | None = None) -> Quantity:
+    gap = branch_gap(data, values) if bool(np.any(np.isfinite(data.bias))) else None
+    if gap is None:
+        return Quantity(name, reason="no temperature was passed both heating and cooling")
+    return Quantity.positive(name, abs(gap[0]), _MEDIAN * white_dph)
+
+
+def _of_noise(analysis: Analysis) -> Iterator[Quantity]:
+    floor = analysis.floor
+    if floor.noise is None:
+        names = [name for name, _ in _NOISE]
+        yield from (Quantity(name, reason=floor.reason) for name in names)
+    else:
+        for name, coefficient in _NOISE:
+            low, high = _noise_interval(analysis, coefficient)
+            yield Quantity(name, getattr(floor.noise, coefficient), low, high)
+    if np.isfinite(floor.floor_dph):
+        low, high = _share(analysis)
+        yield Quantity("noise_floor_dph", floor.floor_dph, low * floor.floor_dph, high * floor.floor_dph)
+    else:
+        yield Quantity("noise_floor_dph", reason=floor.reason)
+
+
+def _noise_interval(analysis: Analysis, coefficient: str) -> tuple[float, float]:
+    """95 % interval: what the likelihood says of the mixture, and how well its scale is known from n means."""
+    floor = analysis.floor
+    if floor.noise is None or coefficient not in floor.noise.intervals:
+        return np.nan, np.nan
+    value = getattr(floor.noise, coefficient)
+    low, high = floor.noise.intervals[coefficient]
+    seconds = sum(to_s - from_s for _, from_s, to_s in floor.stretches)
+    scale = COVERAGE * value / np.sqrt(2.0 * min(max(seconds, 1.0), _ROWS))
+    return max(0.0, value - float(np.hypot(value - low, scale))), value + float(np.hypot(high - value, scale))
+
+
+def _share(analysis: Analysis) -> tuple[float, float]:
+    """The floor's relative interval: that of the white noise, which most of it is."""
+    noise = analysis.floor.noise
+    if noise is None or not noise.white:
+        return np.nan, np.nan
+    low, high = _noise_interval(analysis, "white")
+    return low / noise.white, high / noise.white
+
+
+def _of_model(analysis: Analysis, best: Score, white_dph: float) -> Iterator[Quantity]:
+    held_out, floor_dph = best.held_out, analysis.floor.floor_dph
+    low, high = held_out.interval_dph
+    if np.isfinite(held_out.rms_dph):
+        yield Quantity("residual_rms_dph", held_out.rms_dph, low, high)
+        yield Quantity.positive("residual_peak_dph", held_out.peak_dph, white_dph)
+        yield Quantity(
+            "residual_over_floor", held_out.rms_dph / floor_dph, low / floor_dph, high / floor_dph,
+            analysis.floor.reason,
+        )  # fmt: skip
+        yield Quantity.exact("extrapolated_percent", 100.0 * held_out.out_of_range)
+    else:
+        yield from (Quantity(name, reason=held_out.reason) for name in ("residual_rms_dph", "residual_peak_dph"))
+    yield Quantity.exact("condition", best.fit.condition)
+    data = analysis.dataset
+    if data is not None:
+        yield _loop("residual_hysteresis_dph", data, white_dph, analysis.residual())
+        yield Quantity.exact("temperature_step_error_dph", step_error_dph(best.fit.bound, best.fit.beta, data))
+
+
+def _of_data(analysis: Analysis) -> Iterator[Quantity]:
+    done = analysis.done
+    if done.lost is None:
+        yield Quantity("samples_lost", reason="nobody counted the frames of this record")
+    else:
+        yield Quantity.exact("samples_lost", float(done.lost))
+    if done.missing is None or not done.samples:
+        yield Quantity("samples_missing_ppm", reason="the sampling rate of this record is not known")
+    else:
+        yield Quantity.exact("samples_missing_ppm", 1e6 * done.missing / (done.samples + done.missing))
+    if done.samples:
+        yield Quantity.exact("longest_gap_s", max((b - a for a, b in done.gaps_s), default=0.0))
+        yield Quantity.exact("heating_min", done.heating_s / 60.0)
+        yield Quantity.exact("cooling_min", done.cooling_s / 60.0)
+
+
+def _of_scale(data: Dataset, white_dph: float) -> Iterator[Quantity]:
+    """Scale factor where a rate table turned: IEEE 1431's straight line, beside a cubic bias over temperature."""
+    applied = data.channels.get("applied_rate")
+    names = (
+        "scale_factor_error_ppm",
+        "scale_factor_temperature_ppm_per_degc",
+        "scale_factor_nonlinearity_ppm",
+    )
+    turned = None if applied is None else np.round(applied)
+    if applied is None or turned is None or np.unique(turned[np.isfinite(turned)]).size < 3:
+        yield from (Quantity(name, reason="the unit was not turned at three rates or more") for name in names)
+        return
+    try:
+        line, left = _line(data, applied) if np.ptp(_present(data)) < _LEAST_DEGC else _line_over_temperature(data)
+    except InputError as error:
+        yield from (Quantity(name, reason=str(error)) for name in names)
+        return
+    yield from line
+    full_dph = DPH_PER_DPS * float(np.nanmax(np.abs(applied)))
+    groups = [left[(turned == rate) & np.isfinite(left)] for rate in np.unique(turned[np.isfinite(turned)])]
+    off = max((abs(float(group.mean())), group.size) for group in groups if group.size)
+    yield Quantity.positive(names[2], 1e6 * off[0] / full_dph, 1e6 * white_dph / np.sqrt(off[1]) / full_dph)
+
+
+def _line(data: Dataset, applied: FloatArray) -> tuple[list[Quantity], FloatArray]:
+    """At one temperature: slope of the bias over the rate, and what it leaves (n,) [deg/h]."""
+    rows = np.isfinite(data.bias) & np.isfinite(applied)
+    (slope, constant), covariance = np.polyfit(applied[rows], data.bias[rows], 1, cov=True)
+    ppm = 1e6 / DPH_PER_DPS
+    error = Quantity.expanded("scale_factor_error_ppm", ppm * float(slope), ppm * float(np.sqrt(covariance[0, 0])))
+    reason = f"the temperature moves by less than {_LEAST_DEGC:g} degC"
+    left: FloatArray = data.bias - constant - slope * applied
+    return [error, Quantity("scale_factor_temperature_ppm_per_degc", reason=reason)], left
+
+
+def _line_over_temperature(data: Dataset) -> tuple[list[Quantity], FloatArray]:
+    """The same with a slope that changes with temperature, beside a cubic bias."""
+    cubic = effects.make("polynomial", {"order": 3})
+    found = fit_model(Model("scale", (cubic, effects.make("scale_factor_temperature"))), data)
+    known = {c.key.rsplit(".", 1)[-1]: c for c in found.coefficients}
+    pairs = (("scale_factor_error_ppm", "s0"), ("scale_factor_temperature_ppm_per_degc", "s1"))
+    line = [Quantity.expanded(name, known[key].value, known[key].std) for name, key in pairs]
+    return line, data.bias - found.predict(data).bias
+
+
+def _present(data: Dataset) -> FloatArray:
+    temperature = data.channel("temperature")
+    present: FloatArray = temperature[np.isfinite(temperature)]
+    return present
+
+
+def standing(data: Dataset) -> Dataset:
+    """The rows in which no rate table turns: elsewhere the scale factor is part of the bias."""
+    return data if "applied_rate" not in data.channels else data.select(~turning(data))
+
+
+def turning(data: Dataset) -> BoolArray:
+    """Rows (n,) in which a rate table turns."""
+    applied = data.channels.get("applied_rate", np.zeros(len(data)))
+    return np.asarray(np.abs(applied) > _STANDS_DPS)

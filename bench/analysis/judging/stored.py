@@ -1,0 +1,154 @@
+"""The calibration of a run folder as a fit again, and whether it may be delivered at all.
+
+What is delivered is what was reported: amplitudes and time constants come from calibration.json; the run's data only
+tell how the effects were scaled, and prove by the residual that they belong together.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.effects.model import Model, load_model, model_from
+from bench.analysis.fit import Fit, fit_model
+from bench.analysis.fit.design import Problem, assemble
+from bench.analysis.fit.rate_surface import binned_record
+from bench.base import CHANNELS, InputError
+from bench.record import Dataset, load, read_json
+
+MAX_CONDITION = 1e9
+"""Of the scaled columns; above it the coefficients hang on the last digits of the data."""
+LEAST_RANGE_DEGC = 10.0
+WIDEST_HOLE = 0.35
+"""Share of a channel's range that may lack data: between the points of a table, not beyond what a curve can bridge."""
+_SAME = 1e-6
+_PROVEN = {"adequate", "missing_effect", "unknown_effect", "model_error"}
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A fit of one unit; `objections` say why it should not be delivered, worst first."""
+
+    fit: Fit
+    dataset: Dataset
+    unit: str
+    objections: tuple[str, ...]
+
+    @property
+    def serial(self) -> int | None:
+        """Number in the unit's serial number (its last group of digits), None where it has none."""
+        groups = re.findall(r"\d+", self.unit)
+        return int(groups[-1]) if groups else None
+
+
+def source_of(folder: Path, model: str | None = None) -> Source:
+    """The calibration of a run folder, or another `model` fitted to its data.
+
+    Raises InputError: no run, no calibration.json, no model in it, or not of this data.
+    """
+    manifest, stored = _json(folder / "manifest.json"), _json(folder / "calibration.json")
+    content = stored.get("calibration")
+    if model is not None:
+        dataset = load(folder, float(stored.get("averaging_s") or 30.0))
+        named = load_model(model)
+        dataset, wanted = _rows(dataset, named)
+        found = fit_model(wanted, dataset, covariance="sandwich" if named.rows == "bins" else "noise")
+    elif not isinstance(content, Mapping):
+        raise InputError("holds no calibration: no model could be fitted to this run", folder / "calibration.json")
+    else:
+        dataset = load(folder, float(stored["averaging_s"]))
+        found, dataset = _stored(content, dataset, folder / "calibration.json")
+    objections = (*_of_run(manifest, stored), *objections_to(found, dataset))
+    return Source(found, dataset, str(manifest.get("unit") or ""), objections)
+
+
+def _rows(dataset: Dataset, model: Model) -> tuple[Dataset, Model]:
+    """The rows of a model fitted to bins are the bins: from here on they are the record."""
+    if model.rows != "bins":
+        return dataset, model
+    return binned_record(dataset), replace(model, rows="all")
+
+
+def _stored(content: Mapping[str, Any], dataset: Dataset, path: Path) -> tuple[Fit, Dataset]:
+    """The fit whose numbers stand in calibration.json."""
+    try:
+        described = content["model"]
+        effects = [{e["effect"]: e["options"]} for e in described["effects"]]
+        model = model_from({"name": described["name"], "rows": described["rows"], "effects": effects})
+        dataset, model = _rows(dataset, model)
+        problem = assemble(model, (dataset,))
+        values = np.array(content["scaled"]["values"], dtype=np.float64)
+        size = values.size - len(problem.parameters)
+        bound, columns = problem.bind(values[size:])
+        residual = problem.y - columns @ values[:size]
+        condition, rms_dph = float(content["condition"]), float(content["rms_dph"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"is no calibration of this bench ({error!r})", path) from error
+    _check_same(problem, residual, rms_dph, path)
+    found = Fit(
+        model=problem.model, bound=bound, beta=values[:size], covariance=_covariance(content, values.size), noise=None,
+        rms_dph=rms_dph, condition=condition, rows=problem.y.size, interval_s=dataset.interval_s,
+        runs=(dataset.name,), validity=problem.validity(), residuals=problem.scatter(residual),
+    )  # fmt: skip
+    return found, dataset
+
+
+def _covariance(content: Mapping[str, Any], size: int) -> Any:
+    rows = content["scaled"].get("covariance") or [[None] * size] * size
+    return np.array([[np.nan if value is None else value for value in row] for row in rows], dtype=np.float64)
+
+
+def _check_same(problem: Problem, residual: Any, rms_dph: float, path: Path) -> None:
+    found = float(np.sqrt(np.sum(problem.weights * residual**2) / np.sum(problem.weights)))
+    if not abs(found - rms_dph) <= _SAME * max(rms_dph, 1e-9):
+        raise InputError(
+            f"says a residual of {rms_dph:.6g} deg/h, this run's data give {found:.6g}: it is not of this data; "
+            "make it anew with `bench report`",
+            path,
+        )
+
+
+def _of_run(manifest: Mapping[str, Any], stored: Mapping[str, Any]) -> Iterator[str]:
+    if manifest.get("state", "done") != "done":
+        yield f"the run is '{manifest['state']}' ({manifest.get('cause') or 'no cause given'}), only a whole run counts"
+    verdict = stored.get("verdict") or {}
+    if verdict.get("verdict") not in _PROVEN:
+        yield f"the run's verdict is '{verdict.get('verdict')}', nothing proves the model on unseen data"
+    if verdict.get("admissible") is False:
+        yield "the parts of the run do not fit together at their joints"
+
+
+def objections_to(found: Fit, dataset: Dataset) -> Iterator[str]:
+    """Why a fit to this record determines nothing that may be delivered: conditioning, coverage."""
+    if found.condition > MAX_CONDITION:
+        yield (
+            f"the fit's condition is {found.condition:.2g}, limit {MAX_CONDITION:.0e}: two terms cannot be told apart; "
+            "leave one out"
+        )
+    for key in found.on_bound:
+        yield f"{key} = {found.theta[key]:g} is on its bound: the run does not determine it"
+    rows = np.isfinite(found.residuals[0])
+    if rows.size != len(dataset):  # fitted to means of these rows: bins, soaks
+        rows = np.isfinite(dataset.bias)
+    for channel, (low, high) in found.validity.items():
+        if channel == "temperature" and high - low < LEAST_RANGE_DEGC:
+            yield f"the run covers {low:.1f} to {high:.1f} degC only, at least {LEAST_RANGE_DEGC:g} degC are needed"
+        values = dataset.channel(channel)[rows]
+        values = np.sort(values[(values >= low) & (values <= high)])
+        steps = np.diff(values)
+        if steps.size and steps.max() > WIDEST_HOLE * (high - low):
+            at, unit = int(steps.argmax()), CHANNELS[channel].unit
+            yield (
+                f"no data between {values[at]:.6g} and {values[at + 1]:.6g} {unit} of {channel}: more than "
+                f"{100 * WIDEST_HOLE:.0f} % of its range is not covered"
+            )
+
+
+def _json(path: Path) -> dict[str, Any]:
+    hint = "make it with `bench report`" if path.parent.is_dir() else "no such run folder"
+    return read_json(path, f"missing; {hint}")

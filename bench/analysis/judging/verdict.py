@@ -1,0 +1,129 @@
+"""The verdict in plain words: is the data complete, how far above the noise is the best model, and what is missing?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from bench.analysis.diagnosis.compare import Score
+from bench.analysis.judging.completeness import Completeness
+from bench.analysis.judging.diagnosed import Diagnosed
+from bench.base import clock, listed, number
+
+ADEQUATE_RATIO = 1.5
+"""Held-out error over noise floor up to which nothing worth the effort is left to model."""
+
+Word = Literal["adequate", "missing_effect", "unknown_effect", "model_error", "unproven", "partial", "no_data"]
+"""Words of the diagnosis; `model_error` where nobody diagnosed; the others where nothing is proven."""
+
+_HEADLINES: dict[Word, str] = {
+    "adequate": "Adequate",
+    "missing_effect": "An effect is missing",
+    "unknown_effect": "An unknown effect is missing",
+    "model_error": "The model leaves an error",
+    "unproven": "Not proven",
+    "partial": "Partial run",
+    "no_data": "No data",
+}
+_TONES: dict[Word, str] = {
+    "adequate": "good",
+    "missing_effect": "warn",
+    "unknown_effect": "warn",
+    "model_error": "warn",
+    "unproven": "warn",
+    "partial": "bad",
+    "no_data": "bad",
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`word` for programs; `headline`, `sentence` and `tone` (good, warn, bad) for people."""
+
+    word: Word
+    sentence: str
+    missing: tuple[str, ...] = ()
+    """Effects that the diagnosis names."""
+
+    @property
+    def headline(self) -> str:
+        """A few words."""
+        if self.word == "missing_effect" and self.missing:
+            return f"Missing: {listed(self.missing)}"
+        return _HEADLINES[self.word]
+
+    @property
+    def tone(self) -> str:
+        """Colour of the verdict."""
+        return _TONES[self.word]
+
+
+def judge(done: Completeness, best: Score | None, floor_dph: float, reason: str) -> Verdict:
+    """Verdict of a run; `reason` says why there is no model, where there is none."""
+    if done.samples == 0:
+        return Verdict("no_data", f"{_state(done)}: {reason or 'nothing was captured'}.")
+    if best is None:
+        word: Word = "unproven" if done.ended else "partial"
+        return Verdict(word, f"{_state(done)}, {_losses(done)}; no model could be fitted: {reason}.")
+    model, word = _model(best, floor_dph)
+    return Verdict(word if done.ended else "partial", f"{_state(done)}, {_losses(done)}; {model}.")
+
+
+def with_diagnosis(verdict: Verdict, found: Diagnosed, floor_dph: float) -> Verdict:
+    """The verdict of a run with the diagnosis' own word, where the run allows one.
+
+    A run that is not whole stays partial; "adequate" needs a proof on unseen data and a floor to compare it with.
+    """
+    answer = found.answer
+    if answer is None:
+        return verdict
+    missing = tuple(suspect.effect for suspect in answer.found)
+    name = answer.model.name
+    if answer.verdict == "adequate":
+        finding = f"{name} lacks nothing that this run could show"
+    elif answer.verdict == "unknown_effect":
+        finding = f"{name} lacks something that no effect of the catalogue explains"
+    else:
+        ratio = [rung for rung in found.rungs if not rung.rival][-1].held_out_dph / floor_dph
+        them = "it" if len(missing) == 1 else "them"
+        leaves = f", with {them} {number(ratio, 2)} × would be left" if np.isfinite(ratio) else ""
+        finding = f"{name} lacks {listed(missing)}{leaves}"
+    kept = verdict.word in {"partial", "no_data"} or (verdict.word == "unproven" and answer.verdict == "adequate")
+    sentence = f"{verdict.sentence.removesuffix('.')}; {finding}."
+    return replace(verdict, word=verdict.word if kept else answer.verdict, sentence=sentence, missing=missing)
+
+
+def _model(best: Score, floor_dph: float) -> tuple[str, Word]:
+    name, rms = best.model.name, best.held_out.rms_dph
+    if not np.isfinite(rms):
+        why = best.held_out.reason or "too little of it"
+        return (
+            f"{name} leaves {number(best.rms_dph)} deg/h on the data it was fitted to, unseen data: {why}",
+            "unproven",
+        )
+    if not np.isfinite(floor_dph):
+        text = f"{name} leaves {number(rms)} deg/h on data it has not seen; the noise floor is not known"
+        return text, "unproven"
+    ratio = rms / floor_dph
+    word: Word = "adequate" if ratio <= ADEQUATE_RATIO else "model_error"
+    return f"{name} leaves {number(ratio, 2)} × the noise floor on data it has not seen", word
+
+
+def _state(done: Completeness) -> str:
+    if done.state == "imported":
+        return "Imported"
+    if done.state == "done":
+        failed = len(done.failed)
+        return "Complete" if not failed else f"{failed} of {len(done.segments)} segments failed"
+    when = f" after {clock(done.duration_s)}" if done.duration_s else ""
+    if done.cause.startswith(done.state):
+        return f"{done.cause[0].upper()}{done.cause[1:]}{when}"
+    return f"{done.state.capitalize()}{when}{f' ({done.cause})' if done.cause else ''}"
+
+
+def _losses(done: Completeness) -> str:
+    if done.lost is None:
+        return "frame losses not counted"
+    return "no frame lost" if done.lost == 0 else f"{done.lost} frames lost or damaged"

@@ -1,0 +1,183 @@
+"""A verification run judged: what a unit that corrects itself leaves, against limits or its own noise floor.
+
+Nothing is fitted. The record is another one than the calibration's, of another profile, and its unit computed what it
+sent: this is the error that its user will see.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.diagnosis.compare import HeldOut, error_of
+from bench.analysis.judging.limits import Limits, Quantity, Verdict, judge_limits
+from bench.analysis.noise.floor import Floor, noise_floor
+from bench.base import InputError, finite
+from bench.record import VERIFICATION_JSON, Dataset, RunFolder, load, sha256, write_json
+
+FLOOR_RATIO = 1.2
+"""Without limits the error must stay below this times the noise floor, its 95 % interval taken into account."""
+_MEASURED = {
+    "residual_rms_dph",
+    "residual_peak_dph",
+    "residual_over_floor",
+    "samples_lost",
+    "bias_max_dph",
+    "bias_span_dph",
+}
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Rate of a unit that stands still, over temperature [deg/h]: means over `interval_s`."""
+
+    rms_dph: float
+    mean_dph: float
+    scatter_dph: float
+    """RMS about the mean."""
+    peak_dph: float
+    span_dph: float
+    interval_s: float
+
+    @classmethod
+    def of(cls, data: Dataset) -> Figures:
+        """Of a record; InputError where it has no value."""
+        bias = data.bias[np.isfinite(data.bias)]
+        if not bias.size:
+            raise InputError(f"{data.name}: holds no rate")
+        rms, peak = float(np.sqrt(np.mean(bias**2))), float(np.abs(bias).max())
+        return cls(rms, float(bias.mean()), float(bias.std()), peak, float(np.ptp(bias)), data.interval_s)
+
+    def to_json(self) -> dict[str, float]:
+        """By name."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a verification found; `before` are the raw figures of the calibration run, where it is known."""
+
+    run: RunFolder
+    after: Figures
+    error: HeldOut
+    floor: Floor
+    before: Figures | None
+    verdict: Verdict
+    judged: Mapping[str, Any]
+
+    @property
+    def over_floor(self) -> float:
+        """Error over noise floor; NaN where that is not known."""
+        return self.error.rms_dph / self.floor.floor_dph
+
+    @property
+    def factor(self) -> float:
+        """By how much the RMS fell; NaN without a run of the raw rate."""
+        return np.nan if self.before is None else self.before.rms_dph / self.after.rms_dph
+
+    def to_json(self) -> dict[str, Any]:
+        """What stands in verification.json."""
+        manifest = self.run.manifest()
+        return {
+            "format": 1,
+            "unit": manifest.get("unit"),
+            "run": manifest.get("run"),
+            "profile": manifest.get("profile"),
+            "created": manifest.get("created"),
+            "verdict": self.verdict.value,
+            "before": None if self.before is None else self.before.to_json(),
+            "after": self.after.to_json(),
+            "rms_interval_dph": [finite(end) for end in self.error.interval_dph],
+            "factor": finite(self.factor),
+            "floor_dph": finite(self.floor.floor_dph),
+            "over_floor": finite(self.over_floor),
+            "unit_identity": manifest.get("unit_identity"),
+            **self.judged,
+        }
+
+
+def refuse_same_profile(profile: Path, calibration: Path | None) -> None:
+    """InputError where the profile is the one that the calibration was fitted to."""
+    known = None if calibration is None else calibration / "profile.yaml"
+    if known is not None and known.is_file() and profile.is_file() and sha256(profile) == sha256(known):
+        raise InputError(f"is the profile of the calibration run {known.parent.name}; verify with another one", profile)
+
+
+def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, serials: Mapping[str, Any]) -> Verification:
+    """Judge a verification run and leave verification.json in its folder.
+
+    `calibration` is the run that the unit's calibration was fitted to, for the figures before; `serials` goes into the
+    file: what is in the unit. InputError for a run that is none.
+    """
+    manifest = run.manifest()
+    if manifest.get("purpose") != "verification":
+        raise InputError("is no verification: its unit sent the raw rate; make one with `bench verify`", run.path)
+    interval_s, before = _before(calibration)
+    data = load(run.path, interval_s)
+    after = Figures.of(data)
+    error = error_of("verification", (data,), (data.bias,))
+    floor = noise_floor([load(run.path, 1.0)], interval_s)
+    refusals = (
+        () if manifest.get("state") == "done" else (f"the run is '{manifest.get('state')}': {manifest.get('cause')}",)
+    )
+    quantities = tuple(_quantities(manifest, error, after, floor))
+    if limits is None:
+        verdict, judged = _by_floor(error, floor, refusals)
+    else:
+        own = tuple(limit for limit in limits.limits if limit.quantity in _MEASURED)
+        if not own:
+            raise InputError(
+                f"limits {limits.name}: none is on what a verification measures: {', '.join(sorted(_MEASURED))}"
+            )
+        found = judge_limits(limits.model_copy(update={"limits": own}), quantities, refusals)
+        verdict, judged = found.verdict, {"limits": found.to_json()}
+    content = {**judged, "in_unit": dict(serials), "calibration_run": None if calibration is None else str(calibration)}
+    content["quantities"] = [quantity.to_json() for quantity in quantities]
+    verification = Verification(run, after, error, floor, before, verdict, content)
+    write_json(run.path / VERIFICATION_JSON, verification.to_json())
+    return verification
+
+
+def _before(calibration: Path | None) -> tuple[float, Figures | None]:
+    """Averaging time [s] of the calibration, and the raw figures of its run."""
+    if calibration is None or not (calibration / "calibration.json").is_file():
+        return 30.0, None
+    stored = json.loads((calibration / "calibration.json").read_text(encoding="utf-8"))
+    interval_s = float(stored.get("averaging_s") or 30.0)
+    return interval_s, Figures.of(load(calibration, interval_s))
+
+
+def _by_floor(error: HeldOut, floor: Floor, refusals: tuple[str, ...]) -> tuple[Verdict, dict[str, Any]]:
+    """Without limits: the error must not be above `FLOOR_RATIO` times the floor for sure."""
+    rule = f"RMS of the corrected rate at most {FLOOR_RATIO:g} times the noise floor"
+    rule += "; MARGINAL where only its 95 % interval reaches below"
+    judged: dict[str, Any] = {"rule": rule, "refusals": list(refusals)}
+    if refusals or not np.isfinite(floor.floor_dph):
+        judged["refusals"] = [*refusals, *([floor.reason] if not refusals else [])]
+        return Verdict.INVALID, judged
+    most = FLOOR_RATIO * floor.floor_dph
+    low = error.interval_dph[0]
+    if error.rms_dph <= most:
+        return Verdict.PASS, judged
+    return (Verdict.MARGINAL if low <= most else Verdict.FAIL), judged
+
+
+def _quantities(manifest: Mapping[str, Any], error: HeldOut, after: Figures, floor: Floor) -> list[Quantity]:
+    low, high = error.interval_dph
+    noise = floor.noise
+    white_dph = float(np.sqrt(noise.white_variance(after.interval_s))) if noise else floor.floor_dph
+    lost = (manifest.get("losses") or {}).get("lost")
+    level = floor.floor_dph
+    return [
+        Quantity("residual_rms_dph", error.rms_dph, low, high),
+        Quantity.positive("residual_peak_dph", error.peak_dph, white_dph),
+        Quantity("residual_over_floor", error.rms_dph / level, low / level, high / level, floor.reason),
+        Quantity.expanded("bias_span_dph", after.span_dph, np.sqrt(2.0) * white_dph),
+        Quantity.positive("bias_max_dph", after.peak_dph, white_dph),
+        Quantity("samples_lost", reason="not counted") if lost is None else Quantity.exact("samples_lost", float(lost)),
+    ]

@@ -1,0 +1,232 @@
+"""Likelihood of coloured noise beside a linear model, over a lattice of noise ratios that keeps its whiteners.
+
+A record is data whose mean is a linear model: y = X beta + nu, nu ~ N(0, sigma^2 C(rho)), C as in `whitening`. The
+ratios rho are searched on a lattice down to eighths of a decade (finer than their uncertainty), which lets every
+candidate of a diagnosis share the whiteners. An isothermal record is one more record of the same noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from copy import copy
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from bench.analysis.noise.whitening import Ratios, Whitener, whiteners
+from bench.base import FloatArray
+
+_PER_DECADE = 16
+_LOWEST, _HIGHEST = -3 * _PER_DECADE, 3 * _PER_DECADE
+_ZERO = _LOWEST - _PER_DECADE  # lattice index that stands for a ratio of exactly zero
+_MOST_KEPT = 1000  # whiteners to an axis, half a megabyte each for a thousand rows; one diagnosis needs some 500
+Point = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Record:
+    """Means y (n,) [deg/h] at mid times (n,) [s] and the columns X (n, p) that may explain them.
+
+    `white` (n,) scales the white variance of means over fewer samples than the others (1 = full).
+    """
+
+    time_s: FloatArray
+    y: FloatArray
+    X: FloatArray
+    white: FloatArray | None = None
+
+
+class Gls(NamedTuple):
+    """Generalised least squares: coefficients (p,), covariance (p, p), square sum of the whitened residual (n,)."""
+
+    beta: FloatArray
+    covariance: FloatArray
+    rss: float
+    residual: FloatArray
+
+
+def gls(X: FloatArray, y: FloatArray, whitener: Whitener, sigma2: float | None = None) -> Gls:
+    """Generalised least squares of y (n,) on X (n, p); without `sigma2` the residual says how large the noise is.
+
+    Columns may be of any scale; directions that the data do not determine get the shortest solution and no variance.
+    """
+    white_x, white_y = whitener.apply(X), whitener.apply(y)
+    scale = np.linalg.norm(white_x, axis=0)
+    scale[scale == 0.0] = 1.0
+    u, s, vt = np.linalg.svd(white_x / scale, full_matrices=False)
+    rank = int(np.sum(s > s[0] * 1e-12)) if len(s) else 0
+    u, s, vt = u[:, :rank], s[:rank], vt[:rank]
+    beta = (vt.T / s) @ (u.T @ white_y) / scale
+    residual = white_y - u @ (u.T @ white_y)
+    rss = float(residual @ residual)
+    variance = rss / max(1, len(y) - rank) if sigma2 is None else sigma2
+    half = (vt.T / s) / scale[:, None]
+    return Gls(beta, variance * (half @ half.T), rss, residual)
+
+
+@lru_cache(maxsize=4)
+def _kept(times: bytes, white: bytes, interval_s: float) -> dict[Point, Whitener]:
+    """The whiteners of rows at these times that were made so far: records of one profile share them."""
+    return {}
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """Rows of a record as far as its whiteners depend on them, and those made so far."""
+
+    time_s: FloatArray
+    white: FloatArray | None
+    kept: dict[Point, Whitener]
+
+    @classmethod
+    def of(cls, record: Record, interval_s: float) -> _Axis:
+        white = b"" if record.white is None else record.white.tobytes()
+        return cls(record.time_s, record.white, _kept(record.time_s.tobytes(), white, interval_s))
+
+    def make(self, wanted: Sequence[Point], lattice: NoiseLattice) -> None:
+        """Make and keep those of these that are missing; where there are too many, the others are forgotten."""
+        if len(self.kept) + len(wanted) > _MOST_KEPT:
+            for other in set(self.kept).difference(wanted):
+                del self.kept[other]
+        points = [point for point in wanted if point not in self.kept]
+        ratios = [lattice.ratios(point) for point in points]
+        made = whiteners(ratios, self.time_s, lattice.interval_s, self.white)
+        self.kept.update(zip(points, made, strict=True))
+
+
+class NoiseLattice:
+    """Whiteners of a set of records at the points of a logarithmic lattice of ratios, made once and kept."""
+
+    def __init__(self, records: Sequence[Record], interval_s: float) -> None:
+        self._axes = tuple(_Axis.of(record, interval_s) for record in records)
+        self.interval_s = interval_s
+
+    def ratios(self, point: Point) -> Ratios:
+        """The ratios at a lattice point; white variance goes with 1/interval, so do the ratios' natural units."""
+        flicker, walk = (0.0 if i <= _ZERO else 10.0 ** (i / _PER_DECADE) for i in point)
+        unit = self.interval_s / 30.0
+        return Ratios(flicker * unit, walk * unit)
+
+    def at(self, points: Iterable[Point]) -> list[tuple[Whitener, ...]]:
+        """Whiteners of every record at each of the points."""
+        points = list(points)
+        self.prepare(points, points)
+        return [tuple(axis.kept[point] for axis in self._axes) for point in points]
+
+    def prepare(self, needed: Iterable[Point], wanted: Iterable[Point]) -> None:
+        """Makes all that is wanted if any needed whitener is missing: 25 at once take little longer than one."""
+        needed, wanted = list(needed), list(dict.fromkeys(wanted))
+        for axis in self._axes:
+            if not all(point in axis.kept for point in needed):
+                axis.make(wanted, self)
+
+    def part(self, first: int, count: int) -> NoiseLattice:
+        """The same lattice seen by some of its records alone."""
+        seen = copy(self)
+        seen._axes = self._axes[first : first + count]
+        return seen
+
+    @staticmethod
+    def coarse(step: int = _PER_DECADE) -> list[Point]:
+        """Points over the whole lattice, zero included, `step` sixteenths of a decade apart."""
+        axis = [_ZERO, *range(_LOWEST, _HIGHEST + 1, step)]
+        return list(product(axis, axis))
+
+    @staticmethod
+    def around(point: Point, step: int) -> list[Point]:
+        """The up to nine points one step about a point, itself included."""
+        flicker, walk = (sorted({_moved(i, d) for d in (-step, 0, step)}) for i in point)
+        return list(product(flicker, walk))
+
+
+def zeros(point: Point) -> tuple[bool, bool]:
+    """Which of flicker and walk are exactly zero at a point."""
+    return point[0] <= _ZERO, point[1] <= _ZERO
+
+
+def _moved(index: int, step: int) -> int:
+    """One step along an axis whose lower neighbour is zero."""
+    if index <= _ZERO:
+        return _LOWEST if step > 0 else _ZERO
+    moved = index + step
+    return _ZERO if moved < _LOWEST else min(moved, _HIGHEST)
+
+
+class Surface:
+    """-2 ln L over the lattice, each point computed once; `measure` tells it and the sigma^2 of a point."""
+
+    def __init__(self, lattice: NoiseLattice, measure: Callable[[Point], tuple[float, float]]) -> None:
+        self.lattice, self.measure = lattice, measure
+        self.known: dict[Point, tuple[float, float]] = {}
+
+    @classmethod
+    def of(cls, records: Sequence[Record], lattice: NoiseLattice, restricted: bool) -> Surface:
+        """Of records, each beside its own columns."""
+        return cls(lattice, lambda point: minus2logl(records, lattice.at([point])[0], restricted))
+
+    def visit(self, points: Iterable[Point]) -> None:
+        """Compute the points that are not known yet."""
+        new = [point for point in dict.fromkeys(points) if point not in self.known]
+        self.lattice.prepare(new, new)
+        for point in new:
+            self.known[point] = self.measure(point)
+
+    def descend(self, start: Point, zeros_held: bool = False) -> Point:
+        """The lowest point reached from a start with ever finer steps; ratios of zero may be held there."""
+        best = start
+        for step in (8, 4, 2):
+            while True:
+                around = NoiseLattice.around(best, step)
+                self.lattice.prepare(around, (q for p in around for q in NoiseLattice.around(p, step)))
+                if zeros_held:
+                    around = [p for p in around if zeros(p) == zeros(start)]
+                self.visit(around)
+                lowest = min(around, key=self.height)
+                if self.height(lowest) >= self.height(best):
+                    break
+                best = lowest
+        return best
+
+    def height(self, point: Point) -> float:
+        """-2 ln L at a visited point."""
+        return self.known[point][0]
+
+    def search(self) -> Point:
+        """The lowest point of the whole lattice."""
+        coarse = NoiseLattice.coarse()
+        self.visit(coarse)
+        return self.descend(min(coarse, key=self.height))
+
+    def region(self, best: Point, within: float, step: int = 4) -> list[Point]:
+        """All points connected with the best whose -2 ln L is at most `within` above it."""
+        limit = self.known[best][0] + within
+        seen, edge = {best}, [best]
+        while edge:
+            around = {p for point in edge for p in self.lattice.around(point, step)} - seen
+            self.visit(around)
+            seen |= around
+            edge = [p for p in around if self.known[p][0] <= limit]
+        return [p for p in seen if self.known[p][0] <= limit]
+
+
+def minus2logl(records: Sequence[Record], ways: Sequence[Whitener], restricted: bool) -> tuple[float, float]:
+    """-2 ln L without constants, beta and sigma^2 profiled out, and that sigma^2 [(deg/h)^2]."""
+    rss, freedom, log_det = 0.0, 0, 0.0
+    for record, way in zip(records, ways, strict=True):
+        scale = np.maximum(np.linalg.norm(record.X, axis=0), 1e-300)
+        white = way.apply(np.column_stack([record.X / scale, record.y]))
+        white_y = white[:, -1]
+        rank = 0
+        if record.X.shape[1]:
+            u, s, _ = np.linalg.svd(white[:, :-1], full_matrices=False)
+            rank = int(np.sum(s > s[0] * 1e-12))
+            white_y = white_y - u[:, :rank] @ (u[:, :rank].T @ white_y)
+            log_det += 2.0 * float(np.log(s[:rank]).sum()) if restricted else 0.0
+        rss += float(white_y @ white_y)
+        freedom += len(record.y) - (rank if restricted else 0)
+        log_det += way.log_det
+    sigma2 = max(rss, 1e-300) / freedom
+    return freedom * float(np.log(sigma2)) + log_det, sigma2

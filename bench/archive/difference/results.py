@@ -1,0 +1,134 @@
+"""What two runs gave: quantities, coefficients with their uncertainty, and the model curves on the same rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import hypot, isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import Source, source_of
+from bench.base import BoolArray, FloatArray, InputError, finite
+
+BEYOND_CHANCE = 3.0
+"""Coefficients differ from here on, in standard deviations of their difference."""
+EXACT_SHARE = 0.005
+"""Numbers without an uncertainty differ from this share of the larger on …"""
+_ROUGH = {"condition": 0.5}
+"""… but of these only the size tells …"""
+_NO_RESULT = {"extrapolated_percent"}
+"""… and these change with every record."""
+BINS = 25
+
+Entry = dict[str, Any]
+
+
+def quantities(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Entry]:
+    """Quantities of calibration.json whose 95 % intervals do not meet, the furthest apart first."""
+    one, other = ({entry["name"]: entry for entry in side.get("quantities") or ()} for side in (a, b))
+    found = []
+    for name in dict.fromkeys([*one, *other]).keys() - _NO_RESULT:
+        x, y = one.get(name), other.get(name)
+        apart = _apart(x, y)
+        if apart > 0.0:
+            known = x or y or {}
+            entry = {"quantity": name, "unit": known["unit"], "meaning": known.get("meaning", "")}
+            found.append({**entry, "a": _told(x), "b": _told(y), "apart": finite(apart)})
+    far = {entry["quantity"]: np.inf if entry["apart"] is None else float(entry["apart"]) for entry in found}
+    return sorted(found, key=lambda entry: (-far[entry["quantity"]], entry["quantity"]))
+
+
+def _apart(x: Mapping[str, Any] | None, y: Mapping[str, Any] | None) -> float:
+    """Gap between the intervals over their mean half-width; infinite where only one run has the number."""
+    if x is None or y is None or x["value"] is None or y["value"] is None:
+        known = [side for side in (x, y) if side is not None and side["value"] is not None]
+        return np.inf if known else 0.0
+    one, other = float(x["value"]), float(y["value"])
+    difference = abs(one - other)
+    width = sum(side["high"] - side["low"] for side in (x, y) if None not in (side["low"], side["high"]))
+    if not width:
+        return difference if difference > _ROUGH.get(x["name"], EXACT_SHARE) * max(abs(one), abs(other)) else 0.0
+    return difference / (0.5 * width) if difference > 0.5 * width else 0.0
+
+
+def _told(side: Mapping[str, Any] | None) -> Entry | None:
+    return None if side is None else {key: side[key] for key in ("value", "low", "high", "reason")}
+
+
+def coefficients(a: Mapping[str, Any], b: Mapping[str, Any]) -> Entry:
+    """Coefficients and parameters that differ beyond chance, by their z-score; or why they cannot be compared."""
+    one, other = a.get("calibration"), b.get("calibration")
+    if not one or not other:
+        which = " and ".join(name for name, side in (("A", one), ("B", other)) if not side)
+        return {"comparable": False, "reason": f"{which} has no calibration", "differ": [], "agree": 0}
+    if (text := _unlike(one["model"], other["model"])) is not None:
+        return {"comparable": False, "reason": text, "differ": [], "agree": 0}
+    sides = [{c["key"]: c for c in (*side["coefficients"], *side["parameters"])} for side in (one, other)]
+    found = [_coefficient(key, sides[0][key], sides[1][key]) for key in sides[0] if key in sides[1]]
+    differ = [entry for entry in found if entry["z"] is None or abs(entry["z"]) > BEYOND_CHANCE]
+    differ = [entry for entry in differ if entry["a"] != entry["b"]]
+    differ.sort(key=lambda entry: -abs(np.inf if entry["z"] is None else entry["z"]))
+    return {"comparable": True, "reason": "", "differ": differ, "agree": len(found) - len(differ)}
+
+
+def _unlike(a: Mapping[str, Any], b: Mapping[str, Any]) -> str | None:
+    """Why the coefficients of two models mean different things."""
+    effects = [[(entry["effect"], entry["options"]) for entry in model["effects"]] for model in (a, b)]
+    if effects[0] != effects[1] or a["rows"] != b["rows"]:
+        return f"the models differ: {a['name']} and {b['name']}"
+    for x, y in zip(a["effects"], b["effects"], strict=True):
+        knots = [np.array(side["state"].get("knots", ()), dtype=float) for side in (x, y)]
+        if knots[0].shape != knots[1].shape or not np.allclose(knots[0], knots[1], rtol=0.0, atol=1e-9):
+            return f"the pieces of '{x['effect']}' lie between other knots; the curves tell"
+    return None
+
+
+def _coefficient(key: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> Entry:
+    z = None
+    if a["std"] is not None and b["std"] is not None and (std := hypot(a["std"], b["std"])) > 0.0:
+        z = finite((b["value"] - a["value"]) / std)
+    entry = {"key": key, "unit": a.get("unit"), "a": a["value"], "b": b["value"]}
+    return {**entry, "a_std": a["std"], "b_std": b["std"], "z": z}
+
+
+def curves(a: Path, b: Path, floor_dph: float) -> Entry:
+    """Both models on the rows of both runs, over temperature, inside both ranges of validity [deg/h], B less A."""
+    try:
+        sources = source_of(a), source_of(b)
+        parts = [_on(record, *sources) for record in sources]
+    except InputError as error:
+        return {"reason": str(error)}
+    temperature, difference = (np.concatenate([part[i] for part in parts]) for i in range(2))
+    if not difference.size:
+        return {"reason": "no row of either run lies within the ranges of both models"}
+    offset = float(difference.mean())
+    edges = np.linspace(temperature.min(), temperature.max(), BINS + 1)
+    bins = np.clip(np.searchsorted(edges, temperature, side="right") - 1, 0, BINS - 1)
+    means = [(b, float(difference[bins == b].mean())) for b in np.unique(bins).tolist()]
+    worst, largest = max(means, key=lambda pair: abs(pair[1]))
+    rms = float(np.sqrt(np.mean(difference**2)))
+    return {
+        "reason": "",
+        "rows": int(difference.size),
+        "from_degc": float(edges[0]),
+        "to_degc": float(edges[-1]),
+        "rms_dph": rms,
+        "max_dph": abs(largest),
+        "max_at_degc": [float(edges[worst]), float(edges[worst + 1])],
+        "offset_dph": offset,
+        "shape_rms_dph": float(np.std(difference)),
+        "floor_dph": finite(floor_dph),
+        "over_floor": finite(rms / floor_dph) if isfinite(floor_dph) and floor_dph > 0 else None,
+        "curve": [{"degc": float(0.5 * (edges[b] + edges[b + 1])), "difference_dph": mean} for b, mean in means],
+    }
+
+
+def _on(record: Source, a: Source, b: Source) -> tuple[FloatArray, FloatArray]:
+    """Temperature and difference of both models on the rows of one run."""
+    one, other = a.fit.predict(record.dataset), b.fit.predict(record.dataset)
+    difference = other.bias - one.bias
+    temperature = record.dataset.channel("temperature")
+    rows: BoolArray = ~one.out_of_range & ~other.out_of_range & np.isfinite(difference) & np.isfinite(temperature)
+    return temperature[rows], difference[rows]

@@ -1,0 +1,86 @@
+"""How two runs were made: files, versions, segments, losses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import SequenceMatcher
+from typing import Any
+
+from bench.base import read_yaml
+from bench.record import Manifest, RunFolder
+
+LEAST_S = 2.0
+"""Segments that differ by less [s], or by less than `LEAST_SHARE` of their length, took the same time."""
+LEAST_SHARE = 0.01
+_FREE_TEXT = {"description"}
+_FACTS = ("unit", "simulated", "purpose", "state", "cause", "sample_rate_hz", "rate_step_dph", "seeds")
+_TRAFFIC = {"received"}
+"""Counters that grow with the length of a run and tell nothing of its quality."""
+
+Entry = dict[str, Any]
+
+
+def files(a: RunFolder, b: RunFolder, name: str) -> list[Entry]:
+    """Settings that differ between two YAML files of the runs: where, and both values; comments do not count."""
+    return list(trees(_yaml(a, name), _yaml(b, name)))
+
+
+def facts(a: Manifest, b: Manifest) -> list[Entry]:
+    """What the manifests say of unit, purpose and outcome."""
+    return list(trees({key: a.get(key) for key in _FACTS}, {key: b.get(key) for key in _FACTS}))
+
+
+def trees(a: Any, b: Any, where: str = "") -> Iterator[Entry]:
+    """Leaves of two parsed files that differ; None stands for a key that is not there."""
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        for key in [*a, *(key for key in b if key not in a)]:
+            if key not in _FREE_TEXT:
+                yield from trees(a.get(key), b.get(key), f"{where}.{key}" if where else str(key))
+    elif isinstance(a, list) and isinstance(b, list):
+        for i in range(max(len(a), len(b))):
+            one, other = (side[i] if i < len(side) else None for side in (a, b))
+            yield from trees(one, other, f"{where}[{i}]")
+    elif a != b:
+        yield {"where": where, "a": a, "b": b}
+
+
+def segments(a: Manifest, b: Manifest) -> list[Entry]:
+    """Executed segments that only one run has, that ended otherwise, or took another time; the gravest first."""
+    found = []
+    one, other = list(a.get("segments") or ()), list(b.get("segments") or ())
+    names = [[str(segment["name"]) for segment in side] for side in (one, other)]
+    matched = SequenceMatcher(None, names[0], names[1], autojunk=False)
+    for tag, a_from, a_to, b_from, b_to in matched.get_opcodes():
+        if tag == "equal":
+            found += [_segment(x, y) for x, y in zip(one[a_from:a_to], other[b_from:b_to], strict=True)]
+        else:
+            found += [_segment(segment, None) for segment in one[a_from:a_to]]
+            found += [_segment(None, segment) for segment in other[b_from:b_to]]
+    return sorted(filter(None, found), key=lambda entry: -float(entry["weight"]))
+
+
+def _segment(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> Entry:
+    """One segment in both runs; empty where it is the same."""
+    sides = [None if s is None else {"outcome": s["outcome"], "duration_s": s["to_s"] - s["from_s"]} for s in (a, b)]
+    entry = {"segment": (a or b or {})["name"], "a": sides[0], "b": sides[1]}
+    if sides[0] is None or sides[1] is None:
+        return {**entry, "weight": 1e12}
+    off_s = abs(sides[0]["duration_s"] - sides[1]["duration_s"])
+    if sides[0]["outcome"] != sides[1]["outcome"]:
+        return {**entry, "weight": 1e9 + off_s}
+    same = off_s <= max(LEAST_S, LEAST_SHARE * max(sides[0]["duration_s"], sides[1]["duration_s"]))
+    return {} if same else {**entry, "weight": off_s}
+
+
+def losses(a: Manifest, b: Manifest) -> list[Entry]:
+    """Loss counters that differ, the largest difference first."""
+    sides: Sequence[Mapping[str, int]] = [dict(manifest.get("losses") or {}) for manifest in (a, b)]
+    names = [name for name in dict.fromkeys([*sides[0], *sides[1]]) if name not in _TRAFFIC]
+    found = [{"counter": name, "a": sides[0].get(name), "b": sides[1].get(name)} for name in names]
+    unlike = [entry for entry in found if entry["a"] != entry["b"]]
+    return sorted(unlike, key=lambda entry: -abs(int(entry["a"] or 0) - int(entry["b"] or 0)))
+
+
+def _yaml(run: RunFolder, name: str) -> Any:
+    path = run.path / name
+    return read_yaml(path).content if path.is_file() else None

@@ -1,0 +1,103 @@
+"""The fleet for a page that asks piece by piece: an overview without figures, one figure at a time, a safe table."""
+
+from __future__ import annotations
+
+import csv
+import io
+from typing import Any
+
+import numpy as np
+
+from bench.archive.fleet import figures
+from bench.archive.fleet.page import GOOD_CPK
+from bench.archive.fleet.statistics import Measured, Statistics, to_csv
+from bench.base import InputError
+
+DISTANCES = "distances"
+"""Name of the figure of all units against their lots."""
+
+Found = dict[str, Any]
+
+
+def overview(found: Statistics) -> Found:
+    """All numbers, what asks for attention, and which figures there are."""
+    newest = found.fleet.newest
+    content = found.to_json()
+    for one, measured in zip(content["quantities"], found.measured, strict=True):
+        one["mean"] = float(np.mean(measured.values))
+        one["signals"] = len(measured.chart.signals) if measured.chart else None
+        one["capable"] = None if measured.capability is None else bool(measured.capability.ppk >= GOOD_CPK)
+        one.pop("chart")
+    moved = [one for one in content["drifts"] if one["significant"]]
+    for one in moved:
+        one["unit"] = found.fleet.units[one["quantity"]]
+    return {
+        **content,
+        "drifts": moved,
+        "tested": len(found.drifts),
+        "lots": len({one.lot for one in newest}),
+        "stations": len({one.station for one in newest}),
+        "from": newest[0].created,
+        "to": newest[-1].created,
+        "attention": _attention(found),
+        "distances": bool(np.any(np.isfinite(found.distances))),
+    }
+
+
+def _attention(found: Statistics) -> Found:
+    """The same that `bench fleet` says in its sentence, as parts."""
+    places = {
+        kind: list(dict.fromkeys(one.place for one in found.drifts if one.kind == kind and one.significant))
+        for kind in ("station", "lot")
+    }
+    return {
+        "quiet": found.quiet,
+        "silent": found.silent,
+        "outside": found.passes.judged - found.passes.final,
+        "stations": places["station"],
+        "lots": places["lot"],
+        "odd": [found.fleet.newest[one.row].unit for one in found.odd],
+        "beyond": [one.name for one in found.measured if one.chart and any(s.rule == 1 for s in one.chart.signals)],
+    }
+
+
+def drawn(found: Statistics, name: str) -> Found:
+    """One figure, whose unit each of its places on the x axis is, and the signals; InputError for another name."""
+    if name == DISTANCES and np.any(np.isfinite(found.distances)):
+        newest = found.fleet.newest
+        plot = figures.distances(
+            found.distances, [one.lot for one in newest], [one.row for one in found.odd], [one.unit for one in newest]
+        )
+        return {"name": name, "figure": plot, "units": [one.unit for one in newest], "signals": []}
+    one = next((one for one in found.measured if one.name == name and one.chart is not None), None)
+    if one is None or one.chart is None:
+        known = ", ".join([*(one.name for one in found.measured if one.chart), DISTANCES])
+        raise InputError(f"no chart of '{name}'; there are {known}")
+    units = _units(found, one)
+    signals = [{"rule": s.rule, "text": s.text, "unit": units[s.index], "at": s.index + 1} for s in one.chart.signals]
+    plot = figures.control(one.chart, one.name, one.unit, (one.lower, one.upper))
+    return {"name": name, "figure": plot, "units": units, "signals": signals}
+
+
+def _units(found: Statistics, one: Measured) -> list[str]:
+    return [found.fleet.newest[row].unit for row in one.rows]
+
+
+def safe_csv(found: Statistics) -> str:
+    """`to_csv` for a spreadsheet: no cell begins like a formula."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(
+        [harmless(cell) for cell in row] for row in csv.reader(io.StringIO(to_csv(found)))
+    )
+    return text.getvalue()
+
+
+def harmless(cell: str) -> str:
+    """The cell, behind an apostrophe where a spreadsheet would calculate it; numbers stay numbers."""
+    if not cell or cell[0] not in "=+-@\t\r":
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell

@@ -1,0 +1,83 @@
+"""Figures of a fleet: control charts, and how far every unit is from its lot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bench.archive.fleet.charts import Chart
+from bench.base import FloatArray, in_print
+from bench.deliver import (
+    BLUE,
+    CYCLE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    Plot,
+    axis,
+    dot_trace,
+    level_line,
+    line_trace,
+    plot,
+)
+
+UNITS = "unit, in order of time"
+
+
+def control(drawn: Chart, name: str, unit: str, limits: tuple[float | None, float | None]) -> Plot:
+    """Individual values with three sigma and the limits of the product; below, moving ranges."""
+    number = _numbers(drawn.values.size)
+    marked: list[int] = sorted({signal.index for signal in drawn.signals})
+    low, high = drawn.limits
+    traces = [
+        line_trace(number, drawn.values, name, BLUE, width=1.2),
+        dot_trace(number[marked], drawn.values[marked], "breaks a rule", VERMILION, size=8, opacity=1.0),
+        line_trace(number[1:], drawn.ranges, "moving range", GREY, yaxis="y2", width=1.2),
+    ]
+    levels = [level_line(drawn.centre, "centre", GREEN), level_line(drawn.range_limit, "limit", ORANGE)]
+    levels += [level_line(end, text, ORANGE) for end, text in ((low, "−3σ"), (high, "+3σ"))]
+    inside = (drawn.values.min(), drawn.values.max(), low, high)
+    for end, text in zip(limits, ("lower limit", "upper limit"), strict=True):
+        # A limit far outside would press the values into a line; the table has it.
+        if end is not None and min(inside) - np.ptp(inside) < end < max(inside) + np.ptp(inside):
+            levels.append(level_line(end, text, VERMILION))
+    shapes, labels = [], []
+    for i, (shape, label) in enumerate(levels):
+        where = {"yref": "y2"} if i == 1 else {}
+        shapes.append({**shape, **where})
+        labels.append({**label, **where})
+    layout: dict[str, Any] = {
+        "xaxis": axis(UNITS, anchor="y2"),
+        "yaxis": axis(f"[{in_print(unit)}]", domain=[0.36, 1.0]),
+        "yaxis2": axis("moving range", domain=[0.0, 0.28], anchor="x", rangemode="tozero"),
+        "shapes": shapes,
+        "annotations": labels,
+    }
+    return plot(traces, layout, 460)
+
+
+def distances(values: FloatArray, lots: Sequence[str], odd: Sequence[int], serials: Sequence[str]) -> Plot:
+    """Robust distance of every unit (n,), a colour a lot; odd ones by name."""
+    number = _numbers(values.size)
+    names = list(dict.fromkeys(lots))
+    traces = []
+    for i, lot in enumerate(names):
+        rows = np.flatnonzero(np.asarray(lots) == lot)
+        traces.append(dot_trace(number[rows], values[rows], f"lot {lot}", CYCLE[i % len(CYCLE)], size=6))
+    labels = [
+        {"x": float(number[row]), "y": float(values[row]), "text": serials[row], "ay": -22, "ax": 0} for row in odd[:20]
+    ]
+    layout: dict[str, Any] = {
+        "xaxis": axis(UNITS),
+        "yaxis": axis("distance from the lot [robust σ]", rangemode="tozero"),
+        "annotations": labels,
+        "showlegend": len(names) <= 12,
+    }
+    return plot(traces, layout, 420)
+
+
+def _numbers(count: int) -> FloatArray:
+    return np.arange(1, count + 1).astype(np.float64)

@@ -1,0 +1,165 @@
+"""The history of one unit: its runs, its calibrations and how far each still counts, certificates, what was written.
+
+A calibration is `in_unit` when the newest record of a write names its run, `newest` when it passed and no later one
+did, `not_passed` when it must not be delivered, `superseded` otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select
+
+from bench.archive.registry.asking import runs as runs_of
+from bench.archive.registry.opening import Registry
+from bench.archive.registry.writing import TABLES
+from bench.base import InputError
+from bench.record import VERIFICATION_JSON, read_json, slug
+
+DAY_S = 86400.0
+_REFUSED = {"FAIL", "INVALID"}
+_UNPROVEN = {"unproven", "partial", "no_data"}
+_PDF = "certificate.pdf"
+_FACTS = "certificate.json"
+
+Found = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Archive:
+    """The folder of run folders that this bench reads, and its id in the registry."""
+
+    root: Path
+    id: str
+
+    def folder(self, run: Mapping[str, Any]) -> Path | None:
+        """Folder of a run of the registry; None where it is of another archive, or gone."""
+        if run["archive"] != self.id:
+            return None
+        folder = self.root / str(run["path"])
+        return folder if folder.is_dir() else None
+
+
+def unit_history(registry: Registry, archive: Archive, serial: str, now: datetime) -> Found:
+    """All of it, the newest first; InputError where the registry knows no such unit."""
+    with registry.reading() as connection:
+        unit = TABLES["units"]
+        known = connection.execute(select(unit).where(unit.c.serial == serial)).mappings().first()
+    if known is None:
+        raise InputError(f"no unit '{serial}' in the registry; the list of units shows those that are known")
+    found = runs_of(registry, serial)
+    memory = writes(archive.root, serial)
+    return {
+        "serial": serial,
+        "lot": known["lot"],
+        "runs": [_run(run, archive) for run in found],
+        "calibrations": calibrations(registry, archive, found, memory, now),
+        "memory": next((one for one in memory if one["state"] == "done"), None),
+        "writes": memory,
+    }
+
+
+def _run(run: Mapping[str, Any], archive: Archive) -> Found:
+    keys = ("created", "profile", "station", "operator", "state", "cause", "simulated", "duration_s", "lost", "verdict",
+            "judged", "model")  # fmt: skip
+    folder = archive.folder(run)
+    told = {key: run[key] for key in keys}
+    verified = _json(folder / VERIFICATION_JSON) if folder else {}
+    if verified:
+        told["judged"] = verified.get("verdict")
+    kind = "verification" if verified else "calibration" if run["model"] else "run"
+    if run["cause"] == "imported":
+        kind = "import"
+    return {"run": run["path"], "here": folder is not None, "kind": kind, **told}
+
+
+def calibrations(
+    registry: Registry, archive: Archive, runs: Sequence[Mapping[str, Any]], memory: Sequence[Found], now: datetime
+) -> list[Found]:
+    """Calibrations of one unit's runs, the newest first."""
+    rows, numbers = _rows(registry, [run["id"] for run in runs])
+    printed = dict(_printed(archive.root, slug(str(runs[0]["unit"])))) if runs else {}
+    held = next((one["run"] for one in memory if one["state"] == "done"), None)
+    out: list[Found] = []
+    for run in runs:
+        row = rows.get(run["id"])
+        if row is None or row["model"] is None:
+            continue
+        status = _status(run, row, held, passed_before=any(one["usable"] for one in out))
+        certificate = numbers.get(run["id"])
+        if certificate is not None:
+            certificate = {**certificate, "pdf": certificate["number"] in printed}
+        out.append({
+            "run": run["path"], "created": run["created"], "age_days": _age_days(run["created"], now),
+            "model": row["model"], "verdict": row["verdict"], "judged": row["judged"], "limits": row["limits"],
+            "validity": row["validity"] or {}, "status": status, "usable": status != "not_passed",
+            "certificate": certificate, "coefficients_sha256": row["coefficients_sha256"],
+        })  # fmt: skip
+    return out
+
+
+def _status(run: Mapping[str, Any], row: Mapping[str, Any], held: str | None, passed_before: bool) -> str:
+    if held is not None and held == str(run["path"]).rpartition("/")[2]:
+        return "in_unit"
+    if row["judged"] in _REFUSED or row["verdict"] in _UNPROVEN or run["state"] != "done":
+        return "not_passed"
+    return "superseded" if passed_before else "newest"
+
+
+def _rows(registry: Registry, ids: Sequence[str]) -> tuple[dict[str, Found], dict[str, Found]]:
+    """Calibrations and certificates by run."""
+    out: list[dict[str, Found]] = []
+    with registry.reading() as connection:
+        for name in ("calibrations", "certificates"):
+            table, found = TABLES[name], dict[str, Found]()
+            for start in range(0, len(ids), 500):
+                chosen = select(table).where(table.c.run.in_(ids[start : start + 500]))
+                found |= {row["run"]: dict(row) for row in connection.execute(chosen).mappings()}
+            out.append(found)
+    certificates = {
+        run: {key: row[key] for key in ("number", "verdict", "issued", "operator")} for run, row in out[1].items()
+    }
+    return out[0], certificates
+
+
+def printed_certificate(root: Path, serial: str, number: str) -> Path | None:
+    """The PDF of the certificate of that number; it is beside its facts, in the run folder or in that of the job."""
+    return dict(_printed(root, slug(serial))).get(number)
+
+
+def _printed(root: Path, unit: str) -> Iterator[tuple[str, Path]]:
+    for pdf in sorted((root / unit).glob(f"*/{_PDF}")):
+        if number := _json(pdf.with_name(_FACTS)).get("number"):
+            yield str(number), pdf
+
+
+def writes(root: Path, serial: str) -> list[Found]:
+    """What was written into the unit's memory by this bench, the newest first; failed attempts too."""
+    keys = ("utc", "operator", "protocol", "model", "form", "calibration_id", "bank", "coefficient_set", "crc",
+            "state", "error")  # fmt: skip
+    records = [_json(path) for path in sorted((root / slug(serial) / "flash").glob("*.json"), reverse=True)]
+    return [
+        {**{key: record.get(key) for key in keys}, "run": Path(record["run"]).name if record.get("run") else None,
+         "before": (record.get("old") or {}).get("calibration_id"), "words": (record.get("new") or {}).get("words")}
+        for record in records
+        if record.get("utc")
+    ]  # fmt: skip
+
+
+def _age_days(created: object, now: datetime) -> float | None:
+    try:
+        return (now - datetime.fromisoformat(str(created))).total_seconds() / DAY_S
+    except (ValueError, TypeError):
+        return None
+
+
+def _json(path: Path) -> Found:
+    """The object in a file, empty where there is none that can be read: one broken file hides no history."""
+    try:
+        return read_json(path, "missing")
+    except InputError:
+        return {}

@@ -1,0 +1,189 @@
+"""The page of a fleet: one file, drawn with the pieces of the run's report, that asks no network for anything."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.resources import files
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from bench.archive.fleet import figures
+from bench.archive.fleet.drift import SIGNIFICANT
+from bench.archive.fleet.statistics import Measured, Statistics
+from bench.base import __version__, in_print, listed, moment, number
+from bench.deliver import Headline, Row, Section, figure, heading, lead, paragraph, table
+
+_ASSETS = files("bench.deliver.report") / "assets"
+GOOD_CPK = 1.33
+"""Four sigma between the mean and the nearer limit: the usual least capability of a process."""
+
+
+@dataclass(frozen=True)
+class _Word:
+    tone: str
+    headline: str
+    sentence: str
+
+
+def render(found: Statistics) -> str:
+    """The page as HTML text."""
+    sections = [_capability(found), _drift(found), _unlike(found), *_charts(found)]
+    environment = Environment(undefined=StrictUndefined, autoescape=True)
+    newest = found.fleet.newest
+    return environment.from_string(_asset("report.html.j2")).render(
+        title=f"Fleet of {len(newest)} units",
+        subtitle=f"{moment(newest[0].created)} to {moment(newest[-1].created)}",
+        verdict=_verdict(found),
+        numbers=_numbers(found),
+        warnings=(),
+        sections=sections,
+        source="the registry",
+        version=__version__,
+        css=Markup(_asset("report.css")),
+        plotly=Markup(_asset("plotly-cartesian.min.js")),
+        js=Markup(_asset("report.js")),
+    )
+
+
+def sentence(found: Statistics) -> str:
+    """What asks for attention, or that nothing does."""
+    parts = []
+    bad = found.passes.judged - found.passes.final
+    if bad:
+        parts.append(f"{bad} of {found.passes.judged} judged units are outside their limits")
+    for kind in ("station", "lot"):
+        places = dict.fromkeys(one.place for one in found.drifts if one.kind == kind and one.significant)
+        if places:
+            verb = {"station": "drifts", "lot": "differs"}[kind] if len(places) == 1 else kind_plural(kind)
+            parts.append(f"{kind} {listed(list(places))} {verb}")
+    if found.odd:
+        serials = [found.fleet.newest[one.row].unit for one in found.odd]
+        parts.append(f"{listed(serials[:5])}{' and others' if len(serials) > 5 else ''} unlike their lot")
+    beyond = [one.name for one in found.measured if one.chart and any(s.rule == 1 for s in one.chart.signals)]
+    if beyond:
+        parts.append(f"units beyond three sigma in {listed(beyond)}")
+    if found.silent:
+        return "Too few units to tell: none was judged against limits, and none of the quantities has a chart."
+    text = "; ".join(parts) or "nothing asks for attention: no drift, no odd unit, no chart beyond three sigma"
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def kind_plural(kind: str) -> str:
+    """The verb for several places."""
+    return {"station": "drift", "lot": "differ"}[kind]
+
+
+def _verdict(found: Statistics) -> _Word:
+    if found.passes.final < found.passes.judged:
+        return _Word("bad", "Units outside their limits", sentence(found))
+    if found.silent:
+        return _Word("warn", "Cannot tell yet", sentence(found))
+    return (
+        _Word("good", "In control", sentence(found)) if found.quiet else _Word("warn", "Look at this", sentence(found))
+    )
+
+
+def _numbers(found: Statistics) -> Iterable[Headline]:
+    passes = found.passes
+    if passes.judged:
+        low, high = passes.interval
+        more = f"{passes.first} of {passes.judged} at the first attempt, {passes.final} with their newest run; "
+        more += f"95 %: {100 * low:.1f} to {100 * high:.1f} %"
+        yield Headline("first-pass yield", f"{100 * passes.first / passes.judged:.1f}", "%", more)
+    able = [one for one in found.measured if one.capability and np.isfinite(one.capability.cpk)]
+    if able:
+        worst = min(able, key=lambda one: one.capability.cpk if one.capability else np.inf)
+        yield Headline("least Cpk", number(worst.capability.cpk, 3) if worst.capability else "–", "", worst.name)
+    yield Headline("units", str(len(found.fleet.newest)), "",
+                   f"{len({one.lot for one in found.fleet.newest})} lots, "
+                   f"{len({one.station for one in found.fleet.newest})} stations")  # fmt: skip
+
+
+def _capability(found: Statistics) -> Section:
+    limited = [one for one in found.measured if one.capability is not None]
+    if not limited:
+        text = "No limits were given, or too few units: give --limits FILE, and eight units at least."
+        return Section("capability", "Capability", paragraph(text))
+    rows = [_capability_row(one) for one in limited]
+    head = ("quantity", "unit", "units", "lower", "upper", "mean", "Cpk", "95 %", "Ppk", "95 %", "outside")
+    html = table("Capability against the limits", head, rows, range(2, 11))
+    note = (
+        "Cpk is judged by the spread of neighbours in time, Ppk by that of all units: where Ppk is much lower, the "
+        f"process moves. Below {GOOD_CPK:g} a line is marked."
+    )
+    return Section("capability", "Capability", html + paragraph(note))
+
+
+def _capability_row(one: Measured) -> Row:
+    able = one.capability
+    if able is None:
+        raise RuntimeError("a row needs a capability")
+    intervals = [f"{number(low, 3)} to {number(high, 3)}" for low, high in (able.cpk_interval, able.ppk_interval)]
+    cells = (one.name, in_print(one.unit), able.count, number(one.lower), number(one.upper), number(able.mean),
+             number(able.cpk), intervals[0], number(able.ppk), intervals[1], able.outside)  # fmt: skip
+    return Row(cells, "bad" if able.ppk < GOOD_CPK else "")
+
+
+def _drift(found: Statistics) -> Section:
+    moved = [one for one in found.drifts if one.significant]
+    tested = f"{len(found.drifts)} changes were tested; shown are those with p < {SIGNIFICANT:g}, corrected by Holm."
+    if not moved:
+        return Section(
+            "drift", "Drift of stations and lots", lead("None that chance does not explain.") + paragraph(tested)
+        )
+    rows = [
+        (f"{one.kind} {one.place}", one.quantity, number(one.change), number(one.error, 2),
+         in_print(found.fleet.units[one.quantity]) + (" a day" if one.kind == "station" else ""), f"{one.p:.1e}",
+         one.count, number(one.ewma, 2))
+        for one in moved
+    ]  # fmt: skip
+    head = ("place", "quantity", "change", "±", "unit", "p", "units", "EWMA")
+    html = table("Changes that chance does not explain", head, rows, (2, 3, 5, 6, 7))
+    note = (
+        "A station's change is its slope within lots; a lot's is its mean against the others at the same station. EWMA "
+        "is the weighted mean of a station's latest units in units of its limit: beyond ±1 it has left its level. "
+    )
+    return Section("drift", "Drift of stations and lots", html + paragraph(note + tested))
+
+
+def _unlike(found: Statistics) -> Section:
+    fleet = found.fleet
+    if not np.any(np.isfinite(found.distances)):
+        return Section(
+            "unlike", "Units unlike their lot", paragraph("Twelve units with the same quantities are needed.")
+        )
+    rows = [
+        (fleet.newest[one.row].unit, fleet.newest[one.row].lot, number(one.distance), f"{one.p:.1e}", one.quantity,
+         f"{one.sigmas:+.1f} σ")
+        for one in found.odd
+    ]  # fmt: skip
+    head = ("unit", "lot", "distance", "p", "leading quantity", "from the lot's median")
+    html = table("Units unlike their lot", head, rows, (2, 3, 5)) if rows else lead("Every unit is like its lot.")
+    drawn = figures.distances(
+        found.distances, [one.lot for one in fleet.newest], [one.row for one in found.odd],
+        [one.unit for one in fleet.newest],
+    )  # fmt: skip
+    caption = "Robust distance over all quantities at once, each against the median of its lot."
+    return Section("unlike", "Units unlike their lot", html + figure("distances", drawn, caption, caption))
+
+
+def _charts(found: Statistics) -> Iterable[Section]:
+    html = Markup("")
+    for one in found.measured:
+        if one.chart is None:
+            continue
+        said = [f"{found.fleet.newest[one.rows[s.index]].unit}: {s.text} (rule {s.rule})" for s in one.chart.signals]
+        caption = "; ".join(said[:12]) + (f"; and {len(said) - 12} more" if len(said) > 12 else "")
+        drawn = figures.control(one.chart, one.name, one.unit, (one.lower, one.upper))
+        alt = f"Control chart of {one.name} over {one.values.size} units, {len(said)} signals"
+        html += heading(one.name) + figure(f"chart-{one.name}", drawn, caption or "No rule is broken.", alt)
+    if html:
+        rules = "Individual values and moving ranges; sigma from neighbours; the eight rules of Nelson (1984)."
+        yield Section("charts", "Control charts", paragraph(rules) + html)
+
+
+def _asset(name: str) -> str:
+    return (_ASSETS / name).read_text(encoding="utf-8")

@@ -1,0 +1,86 @@
+"""Refit of a whole fleet from its moments: the same answer for a unit wherever, and however often, it is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.analysis import Model, Moments, one_blas_thread, solve_moments
+from bench.archive.fleet.moments_file import Group
+from bench.base import BenchError, FloatArray, InputError
+
+SCHEMA = pa.schema(
+    [
+        pa.field("unit", pa.string()),
+        pa.field("run", pa.string()),
+        pa.field("error", pa.string()),
+        pa.field("rms_dph", pa.float64()),
+        pa.field("condition", pa.float64()),
+        pa.field("rows", pa.int64()),
+        pa.field("ranges", pa.list_(pa.float64())),
+        pa.field("beta", pa.list_(pa.float64())),
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Record:
+    """The refit of one unit, or why there is none.
+
+    `beta` are the constant and the scaled amplitudes [deg/h], `ranges` low and high of each channel that the model
+    needs, one after the other: scales and validity.
+    """
+
+    unit: str
+    run: str
+    error: str | None = None
+    rms_dph: float | None = None
+    condition: float | None = None
+    rows: int | None = None
+    ranges: tuple[float, ...] = ()
+    beta: tuple[float, ...] = ()
+
+
+def refit_unit(model: Model, unit: str, run: str, values: FloatArray) -> Record:
+    """Fit the model to the packed moments of one unit; whatever goes wrong is in the record, and only there."""
+    try:
+        with np.errstate(all="ignore"):  # numbers that are not finite end as an error of their unit below
+            solved = solve_moments(model, Moments.unpack(values))
+        numbers = (solved.rms_dph, solved.condition, *solved.beta.tolist())
+        if not np.all(np.isfinite(numbers)):
+            raise InputError("the solution is not finite: the moments are damaged")
+    except BenchError as error:
+        return Record(unit, run, str(error))
+    except Exception as bug:
+        return Record(unit, run, f"internal error: {type(bug).__name__}: {bug}")
+    ranges = tuple(end for bounds in solved.validity.values() for end in bounds)
+    return Record(unit, run, None, solved.rms_dph, solved.condition, solved.rows, ranges, tuple(solved.beta.tolist()))
+
+
+def refit_group(model: Model, group: Group) -> list[Record]:
+    """Records of a group, in its order; BLAS on one thread, so that the digits do not depend on the machine's load."""
+    with one_blas_thread():
+        return [refit_unit(model, *each) for each in zip(group.units, group.runs, group.values, strict=True)]
+
+
+def write_records(path: Path, model: Model, records: Iterable[list[Record]]) -> tuple[int, int]:
+    """Write records as they come, in place of the file at the end; returns how many there are, and how many failed."""
+    partial = path.with_name(f".{path.name}.part")
+    count = failed = 0
+    try:
+        with pq.ParquetWriter(partial, SCHEMA.with_metadata({"model": model.to_yaml()}), compression="zstd") as writer:
+            for some in records:
+                writer.write_table(pa.Table.from_pylist([asdict(record) for record in some], schema=writer.schema))
+                count += len(some)
+                failed += sum(record.error is not None for record in some)
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f"records cannot be written: {error.strerror or error}", path) from None
+    finally:
+        partial.unlink(missing_ok=True)
+    return count, failed

@@ -1,0 +1,165 @@
+"""All statistics of a fleet in one place, for the terminal, CSV, JSON and the page."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import Limits
+from bench.archive.fleet.capability import Capability, capability, proportion
+from bench.archive.fleet.charts import Chart, chart
+from bench.archive.fleet.drift import Drift, corrected, drifts
+from bench.archive.fleet.units import Fleet, good, words
+from bench.archive.fleet.unlike import Odd, unlike
+from bench.base import FloatArray, finite
+
+SHARE = 0.9
+"""Share of the units that must have a quantity for it to be part of the distance."""
+
+
+@dataclass(frozen=True)
+class Yield:
+    """How many units passed at the first attempt, and with their newest run, of those that were judged."""
+
+    judged: int
+    first: int
+    final: int
+    interval: tuple[float, float]
+    """95 % of the first-pass yield."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """One quantity over the fleet: rows that have it, limits, capability, chart."""
+
+    name: str
+    unit: str
+    rows: tuple[int, ...]
+    values: FloatArray
+    lower: float | None
+    upper: float | None
+    capability: Capability | None
+    chart: Chart | None
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Everything. `words` are the verdicts of the newest runs, `distances` (n,) from their lots."""
+
+    fleet: Fleet
+    limits: str | None
+    words: tuple[str | None, ...]
+    passes: Yield
+    measured: tuple[Measured, ...]
+    drifts: tuple[Drift, ...]
+    distances: FloatArray
+    odd: tuple[Odd, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The answer of `bench fleet --json`; null where a number does not exist."""
+        share = self.passes.first / self.passes.judged if self.passes.judged else None
+        return {
+            "units": len(self.fleet.newest),
+            "limits": self.limits,
+            "yield": {**_plain(asdict(self.passes)), "first_pass": share},
+            "quantities": [_quantity(one, self.fleet) for one in self.measured],
+            "drifts": [{**_plain(asdict(one)), "significant": one.significant} for one in self.drifts],
+            "unlike": [{"unit": self.fleet.newest[one.row].unit, "lot": self.fleet.newest[one.row].lot,
+                        **_plain(asdict(one))} for one in self.odd],
+        }  # fmt: skip
+
+    @property
+    def quiet(self) -> bool:
+        """Nothing asks for attention: every judged unit good, no drift, no odd unit, no chart beyond its limits."""
+        beyond = any(signal.rule == 1 for one in self.measured if one.chart for signal in one.chart.signals)
+        moved = any(one.significant for one in self.drifts)
+        return not (beyond or moved or self.odd or self.passes.final < self.passes.judged)
+
+    @property
+    def silent(self) -> bool:
+        """Nothing could have asked for attention: no unit judged, and too few of them for a chart."""
+        return not (self.passes.judged or any(one.chart for one in self.measured))
+
+
+def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
+    """Yield, capability, charts, drifts and distances of a fleet."""
+    verdicts = tuple(words(fleet.newest, limits))
+    bounds: dict[str, tuple[float | None, float | None]] = {}
+    bounds |= {limit.quantity: (limit.lower, limit.upper) for limit in limits.limits} if limits else {}
+    measured = tuple(_measured(fleet, name, *bounds.get(name, (None, None))) for name in sorted(fleet.units))
+    found: list[Drift] = []
+    for one in measured:
+        rows = list(one.rows)
+        if one.chart is not None:
+            stations, lots = ([getattr(fleet.newest[row], key) for row in rows] for key in ("station", "lot"))
+            found += drifts(one.values, fleet.time_s[rows], stations, lots, one.name)
+    whole = [one for one in measured if one.values.size >= SHARE * len(fleet.newest) and one.chart is not None]
+    table = np.column_stack([fleet.column(one.name) for one in whole]) if whole else np.zeros((len(fleet.newest), 0))
+    distances, odd = unlike(table, [one.name for one in whole], [one.lot for one in fleet.newest])
+    name = limits.name if limits else None
+    passes = _yield(fleet, limits, verdicts)
+    return Statistics(fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd))
+
+
+def _yield(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) -> Yield:
+    first = list(words(fleet.first, limits))
+    judged = [i for i, word in enumerate(first) if word is not None]
+    passed = sum(good(first[i]) for i in judged)
+    return Yield(len(judged), passed, sum(good(newest[i]) for i in judged), proportion(passed, len(judged)))
+
+
+def _measured(fleet: Fleet, name: str, lower: float | None, upper: float | None) -> Measured:
+    column = fleet.column(name)
+    rows = np.flatnonzero(np.isfinite(column))
+    values = column[rows]
+    able = capability(values, lower, upper)
+    return Measured(name, fleet.units[name], tuple(rows.tolist()), values, lower, upper, able, chart(values))
+
+
+def _quantity(one: Measured, fleet: Fleet) -> dict[str, Any]:
+    drawn = one.chart
+    control = drawn and {
+        "centre": drawn.centre,
+        "limits": list(drawn.limits),
+        "range_limit": drawn.range_limit,
+        "signals": [
+            {"rule": s.rule, "text": s.text, "unit": fleet.newest[one.rows[s.index]].unit} for s in drawn.signals
+        ],
+    }
+    able = None if one.capability is None else _plain(asdict(one.capability))
+    return {"name": one.name, "unit": one.unit, "lower": one.lower, "upper": one.upper, "units": len(one.rows),
+            "capability": able, "chart": control}  # fmt: skip
+
+
+def _plain(content: dict[str, Any]) -> dict[str, Any]:
+    def one(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return [one(item) for item in value]
+        return finite(value) if isinstance(value, float) else value
+
+    return {key: one(value) for key, value in content.items()}
+
+
+def to_csv(found: Statistics) -> str:
+    """A line a unit and quantity."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("unit", "lot", "station", "created", "run", "verdict", "quantity", "value", "unit_of_value",
+                     "lower", "upper", "distance_from_lot"))  # fmt: skip
+    writer.writerows(_lines(found))
+    return text.getvalue()
+
+
+def _lines(found: Statistics) -> Iterator[tuple[Any, ...]]:
+    by_name = {one.name: one for one in found.measured}
+    for row, one in enumerate(found.fleet.newest):
+        distance = finite(float(found.distances[row]))
+        head = (one.unit, one.lot, one.station, one.created, one.run, found.words[row] or "")
+        for name, value in sorted(one.values.items()):
+            limit = by_name[name]
+            yield (*head, name, repr(value), limit.unit, limit.lower, limit.upper, distance)

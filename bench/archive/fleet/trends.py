@@ -1,0 +1,116 @@
+"""How the quantities of one unit go on from run to run, against the limits of its newest judged run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import plotly.graph_objects as go
+from sqlalchemy import select
+
+from bench.archive.fleet.history import Archive
+from bench.archive.registry.opening import Registry
+from bench.archive.registry.writing import TABLES
+from bench.base import in_print
+from bench.deliver import CYCLE, VERMILION, Plot, axis, level_line, plot
+
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
+"""A shape beside each colour."""
+
+FIRST = (
+    "residual_rms_dph", "residual_peak_dph", "noise_floor_dph", "angle_random_walk_dprh", "bias_instability_dph",
+    "bias_span_dph", "bias_max_dph", "thermal_hysteresis_dph", "residual_hysteresis_dph",
+)  # fmt: skip
+"""What tells a unit's health, in this order; the rest follows by name."""
+
+Found = dict[str, Any]
+
+
+def trends(registry: Registry, archive: Archive, runs: Sequence[Mapping[str, Any]]) -> list[Found]:
+    """Every quantity of these runs of one unit, with its points in order of time, its limits and its change."""
+    limits = _limits(archive, runs)
+    points: dict[str, list[Found]] = {}
+    units: dict[str, str] = {}
+    by_id = {f"{run['archive']}/{run['path']}": run for run in runs}
+    for row in _quantities(registry, list(by_id)):
+        run = by_id[row["run"]]
+        point = {"run": run["path"], "created": run["created"], "profile": run["profile"], "value": row["value"]}
+        points.setdefault(row["name"], []).append(point)
+        units[row["name"]] = row["unit"] or ""
+    return [_trend(name, units[name], points[name], limits.get(name, {})) for name in sorted(points, key=_place)]
+
+
+def _place(name: str) -> tuple[int, str]:
+    return (FIRST.index(name) if name in FIRST else len(FIRST), name)
+
+
+def _trend(name: str, unit: str, points: list[Found], limit: Mapping[str, Any]) -> Found:
+    points = sorted(points, key=lambda point: str(point["created"]))
+    last = points[-1]
+    # Runs of different profiles are not comparable: a change is one between runs of the same.
+    same = [point for point in points if point["profile"] == last["profile"]]
+    change = last["value"] - same[0]["value"] if len(same) > 1 else None
+    lower, upper = limit.get("lower"), limit.get("upper")
+    above = upper is not None and last["value"] > upper
+    below = lower is not None and last["value"] < lower
+    return {
+        "name": name, "unit": unit, "lower": lower, "upper": upper, "points": points, "last": last["value"],
+        "change": change, "outside": above or below,
+    }  # fmt: skip
+
+
+def figure(trend: Mapping[str, Any]) -> Plot:
+    """The values over time, a colour and a shape for each profile, with the limits."""
+    traces = []
+    for i, profile in enumerate(dict.fromkeys(point["profile"] for point in trend["points"])):
+        own = [point for point in trend["points"] if point["profile"] == profile]
+        style = {"color": CYCLE[i % len(CYCLE)], "size": 9, "symbol": SYMBOLS[i % len(SYMBOLS)]}
+        traces.append(go.Scatter(
+            x=[point["created"] for point in own], y=[point["value"] for point in own], name=str(profile),
+            mode="lines+markers", marker=style, line={"color": style["color"], "width": 1.2, "dash": "dot"},
+            text=[point["run"] for point in own],
+        ))  # fmt: skip
+    values = [point["value"] for point in trend["points"]]
+    most = 6 * max(abs(value) for value in values)
+    ends = ((trend["lower"], "lower limit"), (trend["upper"], "upper limit"))
+    # A limit far away would press the values into a line; the table beside the figure has it.
+    near = [(end, text) for end, text in ends if end is not None and abs(end) <= most]
+    levels = [level_line(end, text, VERMILION) for end, text in near]
+    layout = {
+        "xaxis": axis("", type="date"),
+        "yaxis": axis(f"[{in_print(trend['unit'])}]", rangemode="tozero" if min(values) >= 0 else "normal"),
+        "shapes": [shape for shape, _ in levels],
+        "annotations": [label for _, label in levels],
+        "showlegend": True,
+    }
+    return plot(traces, layout, 340)
+
+
+def _quantities(registry: Registry, ids: Sequence[str]) -> list[Found]:
+    table, found = TABLES["quantities"], []
+    with registry.reading() as connection:
+        for start in range(0, len(ids), 500):
+            chosen = select(table).where(table.c.run.in_(ids[start : start + 500]))
+            found += [dict(row) for row in connection.execute(chosen).mappings()]
+    return found
+
+
+def _limits(archive: Archive, runs: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    """Limits by quantity, those of the newest run that was judged."""
+    for run in sorted(runs, key=lambda run: str(run["created"]), reverse=True):
+        folder = archive.folder(run)
+        content = _judged(folder / "limits.json") if folder else None
+        if content:
+            return {str(entry.get("name")): entry for entry in content if isinstance(entry, Mapping)}
+    return {}
+
+
+def _judged(path: Path) -> list[Any]:
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return []
+    results = content.get("results") if isinstance(content, Mapping) else None
+    return results if isinstance(results, list) else []

@@ -1,0 +1,132 @@
+"""The fleet as the registry has it: for every unit its first and its newest calibrated run, and their numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+
+import numpy as np
+from sqlalchemy import func, select
+
+from bench.analysis import Limits, Quantity, Verdict, judge_limits
+from bench.archive.registry.opening import Registry
+from bench.archive.registry.writing import TABLES
+from bench.base import FloatArray, InputError
+
+NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
+"""The lot of a unit of which nobody told it: its serial less the number at the end."""
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A run with a calibration: where and when, what was judged, its quantities by name."""
+
+    run: str
+    unit: str
+    lot: str
+    station: str
+    created: str
+    time_s: float
+    judged: str | None
+    """Verdict of its certificate, or else of its report."""
+    limits: str | None
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Newest run of every unit in order of time, and the first; `units` of the quantities."""
+
+    newest: tuple[Calibrated, ...]
+    first: tuple[Calibrated, ...]
+    units: Mapping[str, str]
+
+    def column(self, quantity: str) -> FloatArray:
+        """Values (n,) of the newest runs, NaN where there is none."""
+        return np.array([one.values.get(quantity, np.nan) for one in self.newest])
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time of the newest runs (n,) [s]."""
+        return np.array([one.time_s for one in self.newest])
+
+
+def fleet_of(registry: Registry, pattern: str | None = None) -> Fleet:
+    """All units whose whole serial matches; InputError where the pattern is none, or no unit is calibrated."""
+    try:
+        wanted = re.compile(pattern or ".*")
+    except re.error as error:
+        raise InputError(f"--unit-filter is '{pattern}', not a regular expression: {error}") from None
+    runs, values, units = _rows(registry)
+    found = [one for one in runs if wanted.fullmatch(one["unit"])]
+    if not found:
+        raise InputError(
+            f"no calibrated unit{f' matches {pattern}' if pattern else ''}; `bench registry list`", registry.url
+        )
+    first: dict[str, Calibrated] = {}
+    newest: dict[str, Calibrated] = {}
+    for row in found:
+        one = _calibrated(row, values.get(row["id"], {}))
+        first.setdefault(one.unit, one)
+        newest[one.unit] = one
+    ordered = sorted(newest.values(), key=lambda one: (one.time_s, one.run))
+    return Fleet(tuple(ordered), tuple(first[one.unit] for one in ordered), units)
+
+
+def _rows(registry: Registry) -> tuple[list[dict[str, str]], dict[str, dict[str, float]], dict[str, str]]:
+    run, calibration, unit, quantity = (TABLES[name] for name in ("runs", "calibrations", "units", "quantities"))
+    certificate = TABLES["certificates"]
+    judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
+    columns = (run.c.id, run.c.unit, run.c.station, run.c.created, unit.c.lot)
+    chosen = (
+        select(*columns, judged, calibration.c.limits)
+        .join_from(run, calibration)
+        .join(certificate, certificate.c.run == run.c.id, isouter=True)
+        .join(unit, unit.c.serial == run.c.unit)
+        .where(run.c.created.is_not(None))
+        .order_by(run.c.created, run.c.id)
+    )
+    values: dict[str, dict[str, float]] = {}
+    units: dict[str, str] = {}
+    with registry.reading() as connection:
+        runs = [dict(row) for row in connection.execute(chosen).mappings()]
+        for row in connection.execute(select(quantity).order_by(quantity.c.run, quantity.c.name)):
+            values.setdefault(row.run, {})[row.name] = row.value
+            units[row.name] = row.unit or ""
+    return runs, values, units
+
+
+def _calibrated(row: Mapping[str, str], values: Mapping[str, float]) -> Calibrated:
+    match = NO_LOT.match(row["unit"])
+    return Calibrated(
+        run=row["id"],
+        unit=row["unit"],
+        lot=row["lot"] or (match[1] if match else "") or "one",
+        station=row["station"] or "unknown",
+        created=row["created"],
+        time_s=datetime.fromisoformat(row["created"]).timestamp(),
+        judged=row["judged"],
+        limits=row["limits"],
+        values=values,
+    )
+
+
+def words(runs: Sequence[Calibrated], limits: Limits | None) -> Iterator[str | None]:
+    """Verdict of each run: as its report judged it by the same limits, else its numbers against them; None without.
+
+    The registry keeps numbers without their intervals, so that its own verdict knows nothing of their uncertainty.
+    """
+    for run in runs:
+        if limits is None or run.limits == limits.name:
+            yield run.judged
+        else:
+            yield judge_limits(
+                limits, [Quantity.exact(name, value) for name, value in run.values.items()]
+            ).verdict.value
+
+
+def good(word: str | None) -> bool:
+    """Whether a unit with this verdict may go on."""
+    return word is not None and Verdict(word).within

@@ -1,0 +1,85 @@
+"""Units unlike their lot: robust distance over all quantities at once, which correlate.
+
+Each lot is centred by its medians; the scatter within lots is estimated so that a few odd units do not hide themselves.
+Source: R. A. Maronna, R. H. Zamar, Technometrics 44 (2002) 307 (orthogonalised Gnanadesikan-Kettenring estimate).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from bench.base import FloatArray
+
+UNLIKELY = 0.01
+"""Probability that any unit of a fleet without odd units is called odd."""
+LEAST = 12
+
+
+@dataclass(frozen=True)
+class Odd:
+    """A unit (by its row), its robust distance, the probability of one so large in the whole fleet, and what leads."""
+
+    row: int
+    distance: float
+    p: float
+    quantity: str
+    sigmas: float
+
+
+def unlike(table: FloatArray, names: Sequence[str], lots: Sequence[str]) -> tuple[FloatArray, list[Odd]]:
+    """Robust distances (n,) of the rows of a table (n, p), NaN for rows with gaps, and the odd units by distance."""
+    distances = np.full(len(table), np.nan)
+    whole = np.flatnonzero(np.all(np.isfinite(table), axis=1)) if table.size else np.zeros(0, dtype=np.int64)
+    if whole.size < LEAST:
+        return distances, []
+    straight = np.column_stack([_straightened(column) for column in table[whole].T])
+    lot = np.unique(np.asarray(lots, dtype=str)[whole], return_inverse=True)[1]
+    centre = np.array([np.median(straight[lot == i], axis=0) for i in range(lot.max() + 1)])[lot]
+    spread = 1.4826 * np.median(np.abs(straight - centre), axis=0)
+    used = np.flatnonzero(spread > 0)
+    if used.size == 0:
+        return distances, []
+    z = (straight - centre)[:, used] / spread[used]
+    squared, freedom = _distances(z)
+    squared *= stats.chi2.ppf(0.5, freedom) / np.median(squared)
+    distances[whole] = np.sqrt(squared)
+    p = -np.expm1(whole.size * np.log1p(-np.minimum(stats.chi2.sf(squared, freedom), 1 - 1e-16)))
+    odd = [
+        Odd(int(whole[i]), float(np.sqrt(squared[i])), float(p[i]), names[used[lead]], float(z[i, lead]))
+        for i in np.flatnonzero(p < UNLIKELY)
+        for lead in [int(np.argmax(np.abs(z[i])))]
+    ]
+    return distances, sorted(odd, key=lambda one: -one.distance)
+
+
+def _straightened(column: FloatArray) -> FloatArray:
+    """The values, or their logarithms where these are less skewed (RMS values and noise densities are)."""
+    if np.any(column <= 0) or np.ptp(column) == 0:
+        return column
+    logarithms: FloatArray = np.log(column)
+    skew, logarithmic_skew = (abs(float(stats.skew(values))) for values in (column, logarithms))
+    return logarithms if logarithmic_skew < skew else column
+
+
+def _distances(z: FloatArray) -> tuple[FloatArray, int]:
+    """Squared robust distances (n,) of centred, scaled rows (n, p), and in how many directions these scatter."""
+    p = z.shape[1]
+    correlation = np.eye(p)
+    for i in range(p):
+        for j in range(i):
+            plus, minus = _spread(z[:, i] + z[:, j]) ** 2, _spread(z[:, i] - z[:, j]) ** 2
+            correlation[i, j] = correlation[j, i] = (plus - minus) / 4
+    _, axes = np.linalg.eigh(correlation)
+    along = z @ axes
+    spread = np.array([_spread(column) for column in along.T])
+    usable = spread > 1e-9 * spread.max()
+    squared: FloatArray = np.sum((along[:, usable] / spread[usable]) ** 2, axis=1)
+    return squared, int(usable.sum())
+
+
+def _spread(values: FloatArray) -> float:
+    return float(1.4826 * np.median(np.abs(values - np.median(values))))

@@ -1,0 +1,65 @@
+"""What people ask the registry: lists of runs and equipment, and all about one unit or run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import date
+from typing import Any
+
+from sqlalchemy import ColumnElement, select
+
+from bench.archive.registry.opening import Registry
+from bench.archive.registry.rows import OF_RUNS
+from bench.archive.registry.writing import TABLES
+from bench.base import InputError
+
+Found = list[dict[str, Any]]
+
+
+def runs(registry: Registry, unit: str | None = None, most: int | None = None) -> Found:
+    """Runs with the verdicts of their calibrations, the newest first."""
+    run, calibration = TABLES["runs"], TABLES["calibrations"]
+    chosen = (
+        select(run, calibration.c.verdict, calibration.c.model, calibration.c.judged)
+        .join_from(run, calibration, isouter=True)
+        .order_by(run.c.created.desc(), run.c.id)
+        .limit(most)
+    )
+    return _found(registry, chosen if unit is None else chosen.where(run.c.unit == unit))
+
+
+def equipment(registry: Registry) -> Found:
+    """All equipment, what is due first on top."""
+    table = TABLES["equipment"]
+    return _found(registry, select(table).order_by(table.c.due_on, table.c.name, table.c.serial))
+
+
+def show(registry: Registry, name: str) -> dict[str, Any]:
+    """A unit with its runs, or a run with all that is known of it; InputError where the registry has neither."""
+    unit, run = TABLES["units"], TABLES["runs"]
+    units = _found(registry, select(unit).where(unit.c.serial == name))
+    if units:
+        return {"unit": units[0], "runs": runs(registry, name)}
+    path = name.strip("/")
+    endings: ColumnElement[bool] = (run.c.id == path) | (run.c.path == path) | run.c.path.endswith(f"/{path}")
+    found = _found(registry, select(run).where(endings))
+    if not found:  # a folder, named from anywhere
+        found = _found(registry, select(run).where(run.c.path == "/".join(path.split("/")[-2:])))
+    if len(found) != 1:
+        several = ", ".join(one["id"] for one in found[:5])
+        said = f"several runs are called '{name}': {several}" if found else f"no unit or run '{name}'"
+        raise InputError(f"registry: {said}; `bench registry list` shows what there is", registry.url)
+    own = {
+        table: _found(registry, select(TABLES[table]).where(TABLES[table].c.run == found[0]["id"])) for table in OF_RUNS
+    }
+    return {"run": found[0], **own}
+
+
+def _found(registry: Registry, chosen: Any) -> Found:
+    with registry.reading() as connection:
+        return [dict(row) for row in connection.execute(chosen).mappings()]
+
+
+def plain(found: Mapping[str, Any]) -> dict[str, Any]:
+    """A row as JSON has it: days as text."""
+    return {key: value.isoformat() if isinstance(value, date) else value for key, value in found.items()}

@@ -1,0 +1,163 @@
+"""Opening a registry: SQLite file or PostgreSQL by URL, its schema brought up to date under a lock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url, text
+from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
+
+from bench.base import InputError
+
+FILE = "registry.sqlite"
+"""The embedded registry of a folder of run folders."""
+
+SCHEMA = "0001"
+"""Newest migration in `migrations/versions`."""
+
+WAIT_S = 60.0
+"""How long a station waits for another one that is writing."""
+
+_MIGRATIONS = Path(__file__).parent / "migrations"
+_LOCK = 0x6779726F
+"""Number of PostgreSQL's advisory lock around a migration ("gyro")."""
+
+
+class Registry:
+    """An open registry; `url` carries no password and may be printed."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self.url = engine.url.render_as_string(hide_password=True)
+
+    @contextmanager
+    def writing(self) -> Iterator[Connection]:
+        """A transaction that is the only writer of an SQLite file from its start; InputError where it fails."""
+        with self._told(), self._engine.begin() as connection:
+            yield connection
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """A transaction that reads and hinders nobody."""
+        with self._told(), self._engine.connect().execution_options(reads=True) as connection:
+            yield connection
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except SQLAlchemyError as error:
+            raise InputError(f"registry: {_first_line(error)}", self.url) from error
+
+    def close(self) -> None:
+        """Give the connections back."""
+        self._engine.dispose()
+
+    def __enter__(self) -> Registry:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def open_registry(where: str | Path) -> Registry:
+    """The registry at a file or URL, made or brought to this bench's schema.
+
+    Raises InputError, one line: not reachable, no driver, not a registry, or a schema newer than this bench knows.
+    """
+    url = _url(where)
+    try:
+        engine = _engine(url)
+    except (ArgumentError, NoSuchModuleError, ModuleNotFoundError) as error:
+        hint = "; install it with pip install 'gyro-thermal-bench[postgres]'" if "psycopg" in str(error) else ""
+        raise InputError(f"registry: {_first_line(error)}{hint}", url.render_as_string()) from None
+    registry = Registry(engine)
+    try:
+        _bring_up_to_date(registry)
+    except BaseException:
+        registry.close()
+        raise
+    return registry
+
+
+def _url(where: str | Path) -> URL:
+    given = str(where)
+    if "://" not in given:
+        parent = Path(given).parent
+        if not parent.is_dir():
+            raise InputError("registry: its folder does not exist", parent)
+        return URL.create("sqlite", database=given)
+    try:
+        url = make_url(given)
+    except (ArgumentError, ValueError):
+        raise InputError(
+            "registry: not a URL; use a file, or postgresql://user@host/name", given.partition("@")[2] or given
+        ) from None
+    return url.set(drivername="postgresql+psycopg") if url.drivername in {"postgres", "postgresql"} else url
+
+
+def _engine(url: URL) -> Engine:
+    if url.get_backend_name() == "postgresql":
+        return create_engine(url, connect_args={"connect_timeout": 10}, pool_pre_ping=True)
+    if url.get_backend_name() != "sqlite":
+        raise ArgumentError(f"{url.get_backend_name()} is not supported; use an SQLite file or PostgreSQL")
+    engine = create_engine(url, connect_args={"timeout": WAIT_S})
+
+    @event.listens_for(engine, "connect")
+    def _prepare(connection: Any, _: object) -> None:
+        connection.isolation_level = None  # transactions are begun below, not by the driver's guess
+        for pragma in (f"busy_timeout={round(WAIT_S * 1000)}", "foreign_keys=ON", "synchronous=NORMAL"):
+            connection.execute(f"PRAGMA {pragma}")
+        if connection.execute("PRAGMA journal_mode").fetchone() != ("wal",):
+            connection.execute("PRAGMA journal_mode=WAL")
+
+    @event.listens_for(engine, "begin")
+    def _begin(connection: Connection) -> None:
+        # A transaction that reads first and writes later is refused when another one wrote in between.
+        reads = connection.get_execution_options().get("reads")
+        connection.exec_driver_sql("BEGIN" if reads else "BEGIN IMMEDIATE")
+
+    return engine
+
+
+def _bring_up_to_date(registry: Registry) -> None:
+    with registry.reading() as connection:
+        if _schema(connection, registry.url) == SCHEMA:
+            return
+    from alembic import command
+    from alembic.config import Config
+
+    with registry.writing() as connection:
+        if connection.dialect.name == "postgresql":
+            connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
+        if _schema(connection, registry.url) != SCHEMA:  # another station may have done it while this one waited
+            config = Config()
+            config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
+            config.attributes["connection"] = connection
+            command.upgrade(config, "head")
+
+
+def _schema(connection: Connection, url: str) -> str | None:
+    """The schema's revision, None for an empty database; InputError where this bench does not know it."""
+    found = inspect(connection).get_table_names()
+    if "alembic_version" not in found:
+        if found:
+            raise InputError(f"registry: holds other tables ({', '.join(sorted(found)[:3])}); name another one", url)
+        return None
+    revision = connection.execute(text("SELECT version_num FROM alembic_version")).scalar_one_or_none()
+    known = {path.name.partition("_")[0] for path in (_MIGRATIONS / "versions").glob("[0-9]*_*.py")}
+    if revision is not None and revision not in known:
+        raise InputError(
+            f"registry: its schema {revision} is newer than this bench knows ({SCHEMA}); update the bench, or name "
+            "another registry with --registry",
+            url,
+        )
+    return None if revision is None else str(revision)
+
+
+def _first_line(error: BaseException) -> str:
+    cause = getattr(error, "orig", None) or error
+    return str(cause).strip().partition("\n")[0] or type(cause).__name__

@@ -1,0 +1,117 @@
+"""Making the registry again from run folders and ledger, and proving that both say the same."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from sqlalchemy import Connection, select
+
+from bench.archive.registry.ledger import Ledger
+from bench.archive.registry.opening import Registry
+from bench.archive.registry.rows import OF_RUNS, Key, Row, Rows, empty, of_archive, of_run, update
+from bench.archive.registry.writing import SHARED, TABLES, drop, remove, stored, upsert, write_runs
+from bench.base import InputError
+from bench.record import MANIFEST, RunFolder
+
+
+@dataclass(frozen=True)
+class Rebuilt:
+    """What a rebuild found: `differences` between database and folders, and the `digest` of the rows now."""
+
+    archive: str
+    counts: dict[str, int]
+    differences: tuple[str, ...]
+    unreadable: tuple[str, ...]
+    digest: str
+
+
+def rebuild(registry: Registry, ledger: Ledger, *, only_compare: bool = False) -> Rebuilt:
+    """Make the rows of this archive equal to its folders, or only say what differs.
+
+    Runs that another program registers meanwhile stay. InputError where the rows differ afterwards.
+    """
+    wanted, unreadable = of_archive(ledger)
+    with registry.reading() if only_compare else registry.writing() as connection:
+        before = stored(connection, ledger.id)
+        _read_again(wanted, before, ledger)
+        _lend(connection, wanted, before, ledger)
+        found = tuple(differences(before, wanted))
+        after = before
+        if not only_compare:
+            _write(connection, wanted, before)
+            after = stored(connection, ledger.id)
+            if left := tuple(differences(after, wanted)):
+                raise InputError(f"registry: the rebuilt rows differ from the run folders: {left[0]}", registry.url)
+    counts = {name: len(rows) for name, rows in after.items()}
+    return Rebuilt(ledger.id, counts, found, tuple(unreadable), digest(after))
+
+
+def differences(have: Rows, want: Rows) -> Iterable[str]:
+    """A line for each row that is missing, too many, or says something else."""
+    for name in TABLES:
+        for key in sorted({*have[name], *want[name]}, key=str):
+            mine, theirs = have[name].get(key), want[name].get(key)
+            label = f"{name} {' '.join(map(str, key))}"
+            if mine is None:
+                yield f"{label}: missing in the registry"
+            elif theirs is None:
+                yield f"{label}: in the registry, but nothing on disk says so"
+            elif mine != theirs:
+                yield f"{label}: {', '.join(_changes(mine, theirs))}"
+
+
+def _changes(mine: Row, theirs: Row) -> Iterable[str]:
+    for column in theirs:
+        if mine.get(column) != theirs[column]:
+            yield f"{column} is {_short(mine.get(column))}, on disk {_short(theirs[column])}"
+
+
+def _short(value: object) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def digest(rows: Rows) -> str:
+    """SHA-256 over all rows, whatever database they came from; equal rows have equal digests."""
+    content = [[name, [row for _, row in sorted(found.items())]] for name, found in rows.items() if name != "archives"]
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _read_again(wanted: Rows, before: Rows, ledger: Ledger) -> None:
+    """Runs that were registered, or analysed anew, after the folders were read: theirs are read again."""
+    rows = [(name, key, row) for name in ("runs", *OF_RUNS) for key, row in before[name].items()]
+    for run in sorted({str(key[0]) for name, key, row in rows if wanted[name].get(key) != row}):
+        path = ledger.root / run.removeprefix(f"{ledger.id}/")
+        if (path / MANIFEST).is_file():
+            for name in ("runs", *OF_RUNS):
+                wanted[name] = {key: row for key, row in wanted[name].items() if key[0] != run}
+            update(wanted, of_run(RunFolder(path), ledger))
+
+
+def _lend(connection: Connection, wanted: Rows, before: Rows, ledger: Ledger) -> None:
+    """Units and operators that another archive owns are there already, and those that its runs need stay."""
+    runs = TABLES["runs"]
+    for name, column in (("units", runs.c.unit), ("operators", runs.c.operator)):
+        table = TABLES[name]
+        key = next(iter(table.primary_key.columns))
+        others = {row[0] for row in connection.execute(select(key).where(table.c.archive != ledger.id))}
+        for one in list(wanted[name]):
+            if one[0] in others and wanted[name][one].get("lot") is None:
+                del wanted[name][one]
+        used = select(column).where(runs.c.archive != ledger.id).distinct()
+        for one in {(row[0],) for row in connection.execute(used)} & (set(before[name]) - set(wanted[name])):
+            wanted[name][one] = before[name][one]
+
+
+def _write(connection: Connection, wanted: Rows, before: Rows) -> None:
+    gone: list[str] = [key[0] for key in set(before["runs"]) - set(wanted["runs"])]
+    drop(connection, (*OF_RUNS, "runs"), gone)
+    for name in ("archives", "equipment", *SHARED):
+        upsert(connection, name, list(wanted[name].values()))
+    write_runs(connection, {**empty(), **{name: wanted[name] for name in ("runs", *OF_RUNS)}})
+    for name in ("equipment", *SHARED):
+        surplus: set[Key] = set(before[name]) - set(wanted[name])
+        remove(connection, name, surplus)

@@ -1,0 +1,202 @@
+"""Rows of the registry read from the truth: run folders and the ledger. Nothing here touches a database."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import inspect
+
+from bench.archive.registry.ledger import Ledger
+from bench.archive.registry.tables import IN_ORDER, OF_A_RUN
+from bench.base import InputError
+from bench.record import MANIFEST, RunFolder, sha256
+
+Key = tuple[str, ...]
+Row = dict[str, Any]
+Rows = dict[str, dict[Key, Row]]
+"""Table name to primary key to row."""
+
+PRIMARY: dict[str, tuple[str, ...]] = {
+    table.__tablename__: tuple(column.name for column in inspect(table).primary_key) for table in IN_ORDER
+}
+
+OF_RUNS = tuple(table.__tablename__ for table in OF_A_RUN)
+"""Tables whose rows belong to one run."""
+
+
+def empty() -> Rows:
+    """No rows of any table."""
+    return {name: {} for name in PRIMARY}
+
+
+def put(rows: Rows, table: str, row: Row) -> None:
+    """Add a row, in place of one with the same key."""
+    rows[table][tuple(row[name] for name in PRIMARY[table])] = row
+
+
+def update(rows: Rows, more: Rows) -> None:
+    """Add the rows of `more`; a unit keeps the lot that it has."""
+    for table, found in more.items():
+        for key, row in found.items():
+            if table in {"units", "operators"} and key in rows[table]:
+                continue
+            rows[table][key] = row
+
+
+def of_archive(ledger: Ledger) -> tuple[Rows, list[str]]:
+    """Rows of every run folder and of the ledger, and a line about each folder that cannot be read."""
+    rows, unreadable = of_ledger(ledger), []
+    for manifest in sorted(ledger.root.glob(f"*/*/{MANIFEST}")):
+        try:
+            update(rows, of_run(RunFolder(manifest.parent), ledger))
+        except (InputError, OSError) as error:
+            unreadable.append(str(error))
+    return rows, unreadable
+
+
+def of_ledger(ledger: Ledger) -> Rows:
+    """The archive itself, and the last word on every piece of equipment, operator and lot."""
+    rows = empty()
+    put(rows, "archives", {"id": ledger.id, "path": ledger.place})
+    for entry in ledger.entries():
+        update_by(rows, entry, ledger)
+    return rows
+
+
+def update_by(rows: Rows, entry: Mapping[str, Any], ledger: Ledger) -> None:
+    """Add what a line of the ledger says; kinds that this bench does not know are left to a newer one."""
+    try:
+        if entry.get("kind") == "equipment":
+            put(rows, "equipment", {
+                "name": str(entry["name"]), "serial": str(entry["serial"]), "kind": str(entry["type"]),
+                "calibrated_on": _date(entry.get("calibrated_on")), "due_on": _date(entry.get("due_on")),
+                "archive": ledger.id,
+            })  # fmt: skip
+        elif entry.get("kind") == "operator":
+            put(rows, "operators", {"name": str(entry["name"]), "archive": ledger.id})
+        elif entry.get("kind") == "lot":
+            for serial in entry["units"]:
+                put(rows, "units", {"serial": str(serial), "lot": str(entry["lot"]), "archive": ledger.id})
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"a line of kind '{entry.get('kind')}' is wrong ({error!r}); restore it", ledger.path
+        ) from None
+
+
+def _date(text: str | None) -> date | None:
+    return None if text is None else date.fromisoformat(text)
+
+
+def of_run(folder: RunFolder, ledger: Ledger) -> Rows:
+    """The rows of one run folder; InputError where its manifest cannot be read."""
+    rows = empty()
+    manifest = folder.manifest()
+    path = folder.path.resolve().relative_to(ledger.root.resolve()).as_posix()
+    unit, run = str(manifest.get("unit") or "unknown"), f"{ledger.id}/{path}"
+    certificate = _json(folder.path / "certificate.json")
+    operator = _text(manifest.get("operator"))
+    put(rows, "archives", {"id": ledger.id, "path": ledger.place})
+    put(rows, "units", {"serial": unit, "lot": None, "archive": ledger.id})
+    if operator is not None:
+        put(rows, "operators", {"name": operator, "archive": ledger.id})
+    losses = manifest.get("losses") or {}
+    put(rows, "runs", {
+        "id": run, "archive": ledger.id, "path": path, "unit": unit, "operator": operator,
+        "profile": _text(manifest.get("profile")),
+        "profile_sha256": _text((manifest.get("files") or {}).get("profile.yaml")),
+        "station": _text(manifest.get("station")), "created": _text(manifest.get("created")),
+        "state": _text(manifest.get("state")), "cause": _text(manifest.get("cause")),
+        "simulated": manifest.get("simulated"), "samples": manifest.get("rows"), "lost": losses.get("lost"),
+        "duration_s": _number(manifest.get("duration_s")),
+        "software": _text((manifest.get("versions") or {}).get("bench")),
+        "manifest_sha256": sha256(folder.path / MANIFEST),
+    })  # fmt: skip
+    calibration, judged = _json(folder.path / "calibration.json"), _json(folder.path / "limits.json") or {}
+    if calibration is not None:
+        row = _calibration(run, calibration, sha256(folder.path / "calibration.json"))
+        put(rows, "calibrations", {**row, "judged": _text(judged.get("verdict")), "limits": _text(judged.get("name"))})
+    if certificate is not None:
+        put(rows, "certificates", _certificate(run, certificate, sha256(folder.path / "certificate.json")))
+    for name, unit_of, value in _quantities(calibration or {}, certificate or {}, judged):
+        put(rows, "quantities", {"run": run, "name": name, "unit": unit_of, "value": value})
+    return rows
+
+
+def _json(path: Path) -> dict[str, Any] | None:
+    """The JSON object of a file; None where there is none, InputError where it is broken."""
+    try:
+        content = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        return None
+    except ValueError as error:
+        raise InputError(f"is not valid JSON ({error}); make it again with `bench report`", path) from None
+    return content if isinstance(content, dict) else None
+
+
+def _calibration(run: str, content: Mapping[str, Any], file_sha256: str) -> Row:
+    fit = content.get("calibration") or {}
+    delivered = {key: fit.get(key) for key in ("model", "coefficients", "parameters", "validity")}
+    canonical = json.dumps(delivered, sort_keys=True, separators=(",", ":"))
+    return {
+        "run": run,
+        "verdict": _text((content.get("verdict") or {}).get("verdict")),
+        "model": _text((fit.get("model") or {}).get("name")),
+        "coefficients_sha256": hashlib.sha256(canonical.encode()).hexdigest() if fit else None,
+        "validity": fit.get("validity"),
+        "file_sha256": file_sha256,
+    }
+
+
+def _certificate(run: str, content: Mapping[str, Any], file_sha256: str) -> Row:
+    return {
+        "run": run,
+        "number": _text(content.get("number")),
+        "verdict": _text(content.get("verdict")),
+        "issued": _text(content.get("issued")),
+        "operator": _text(content.get("operator")),
+        "file_sha256": file_sha256,
+    }
+
+
+_NOISE = {
+    "white": ("angle_random_walk_dprh", "deg/sqrt(h)"),
+    "flicker": ("bias_instability_dph", "deg/h"),
+    "walk": ("rate_random_walk_dphrh", "deg/h/sqrt(h)"),
+}
+
+
+def _quantities(
+    calibration: Mapping[str, Any], certificate: Mapping[str, Any], judged: Mapping[str, Any]
+) -> Iterator[tuple[str, str | None, float]]:
+    """Name, unit and value of what tells how good the unit is; the numbers that were judged stand before others."""
+    noise, residual = calibration.get("noise") or {}, calibration.get("residual") or {}
+    held_out: Mapping[str, Any] = next(iter(residual.get("held_out") or ()), {})
+    found: list[tuple[str, str | None, Any]] = [
+        ("noise_floor_dph", "deg/h", noise.get("floor_dph")),
+        ("fit_rms_dph", "deg/h", residual.get("rms_dph")),
+        ("residual_rms_dph", "deg/h", held_out.get("rms_dph")),
+    ]
+    for entry in noise.get("coefficients") or ():
+        if entry.get("name") in _NOISE and entry.get("determined", True):
+            found.append((*_NOISE[entry["name"]], entry.get("value")))
+    for entry in (*(certificate.get("results") or ()), *(judged.get("results") or ())):
+        if isinstance(entry, dict) and entry.get("name"):
+            found.append((str(entry["name"]), _text(entry.get("unit")), entry.get("value")))
+    for name, unit, value in found:
+        if (number := _number(value)) is not None:
+            yield name, unit, number
+
+
+def _text(value: object) -> str | None:
+    return None if value is None else str(value)
+
+
+def _number(value: object) -> float | None:
+    finite = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if finite else None  # type: ignore[arg-type]

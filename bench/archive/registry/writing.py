@@ -1,0 +1,104 @@
+"""Rows into the database: each statement may be repeated, and two stations may do it at once."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Any, cast
+
+from sqlalchemy import Connection, Insert, delete, select
+from sqlalchemy import Table as SqlTable
+from sqlalchemy.dialects import postgresql, sqlite
+
+from bench.archive.registry.ledger import Entry, Ledger
+from bench.archive.registry.opening import Registry
+from bench.archive.registry.rows import OF_RUNS, PRIMARY, Key, Row, Rows, empty, of_run, update_by
+from bench.archive.registry.tables import IN_ORDER
+from bench.record import RunFolder
+
+TABLES: dict[str, SqlTable] = {table.__tablename__: cast(SqlTable, table.__table__) for table in IN_ORDER}
+SHARED = ("units", "operators")
+"""Tables whose rows several archives may have: a run only makes sure that they are there."""
+
+
+def register(registry: Registry, folder: RunFolder, ledger: Ledger) -> None:
+    """Write the rows of a run folder in one transaction; whatever was known of this run before is replaced."""
+    rows = of_run(folder, ledger)
+    with registry.writing() as connection:
+        write_runs(connection, rows)
+
+
+def tell(registry: Registry, ledger: Ledger, entry: Entry) -> None:
+    """Write a line into the ledger and its rows into the database."""
+    rows = empty()
+    rows["archives"][(ledger.id,)] = {"id": ledger.id, "path": ledger.place}
+    update_by(rows, entry, ledger)
+    ledger.append(entry)
+    with registry.writing() as connection:
+        for name, found in rows.items():
+            upsert(connection, name, list(found.values()))
+
+
+def write_runs(connection: Connection, rows: Rows) -> None:
+    """Runs and all that belongs to them in place of what the database has; shared rows only where they are missing."""
+    for name, found in rows.items():
+        if name not in OF_RUNS:
+            upsert(connection, name, list(found.values()), keep=name in SHARED)
+    drop(connection, OF_RUNS, [key[0] for key in rows["runs"]])
+    for name in OF_RUNS:
+        upsert(connection, name, list(rows[name].values()))
+
+
+def drop(connection: Connection, tables: Sequence[str], runs: Sequence[str]) -> None:
+    """Delete the rows of these runs."""
+    for name in tables:
+        column = TABLES[name].c["id" if name == "runs" else "run"]
+        for start in range(0, len(runs), 500):
+            connection.execute(delete(TABLES[name]).where(column.in_(runs[start : start + 500])))
+
+
+def upsert(connection: Connection, name: str, rows: Sequence[Row], *, keep: bool = False) -> None:
+    """Insert rows; where the key is there already, replace the row, or `keep` the one that is there."""
+    if not rows:
+        return
+    statement = _insert(connection, name)
+    rest = {column: statement.excluded[column] for column in rows[0] if column not in PRIMARY[name]}
+    chosen = (
+        statement.on_conflict_do_nothing()
+        if keep or not rest
+        else statement.on_conflict_do_update(index_elements=list(PRIMARY[name]), set_=rest)
+    )
+    # In one order of keys everywhere: two stations never wait for each other crosswise.
+    ordered = sorted(rows, key=lambda row: tuple(row[column] for column in PRIMARY[name]))
+    connection.execute(chosen, ordered)
+
+
+def _insert(connection: Connection, name: str) -> Any:
+    made: Insert = (
+        postgresql.insert(TABLES[name]) if connection.dialect.name == "postgresql" else sqlite.insert(TABLES[name])
+    )
+    return made
+
+
+def stored(connection: Connection, archive: str) -> Rows:
+    """Every row that the database has of one archive."""
+    rows = empty()
+    runs = TABLES["runs"]
+    own = select(runs.c.id).where(runs.c.archive == archive)
+    for name, table in TABLES.items():
+        if name == "archives":
+            chosen = select(table).where(table.c.id == archive)
+        elif name in OF_RUNS:
+            chosen = select(table).where(table.c.run.in_(own))
+        else:
+            chosen = select(table).where(table.c.archive == archive)
+        for found in connection.execute(chosen).mappings():
+            rows[name][tuple(found[column] for column in PRIMARY[name])] = dict(found)
+    return rows
+
+
+def remove(connection: Connection, name: str, keys: Collection[Key]) -> None:
+    """Delete rows of a table by their keys."""
+    table = TABLES[name]
+    for key in keys:
+        conditions = [table.c[column] == value for column, value in zip(PRIMARY[name], key, strict=True)]
+        connection.execute(delete(table).where(*conditions))

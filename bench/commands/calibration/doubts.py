@@ -1,0 +1,78 @@
+"""What a diagnosis leaves in doubt, and what the plan says to it: nothing of it is shipped in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bench.commands.calibration.job import Case
+from bench.commands.calibration.plan import Action, Policy
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One doubt, by the key of the policy, and its sentence."""
+
+    kind: str
+    sentence: str
+
+
+def doubts(diagnosis: Mapping[str, Any] | None, reason: str, added: Sequence[Mapping[str, Any]]) -> Iterator[Doubt]:
+    """Doubts of diagnosis.json (None and a `reason` without one), and of effects `added` to the model on the way."""
+    if diagnosis is None:
+        yield Doubt("undiagnosed", f"not diagnosed: {reason or 'no diagnosis was made'}")
+    elif diagnosis["verdict"] == "unknown_effect":
+        yield Doubt("unknown_effect", str(diagnosis["sentence"]))
+    elif diagnosis["verdict"] == "missing_effect":
+        yield Doubt("missing_effect", str(diagnosis["sentence"]))
+    missing = [] if diagnosis is None else [s for s in diagnosis["suspects"] if s["found"]]
+    yield from (_tie("is missing", suspect) for suspect in missing if suspect["look_alikes"])
+    yield from (_tie("was added", effect) for effect in added if effect["look_alikes"])
+
+
+def _tie(what: str, entry: Mapping[str, Any]) -> Doubt:
+    rivals = ", ".join(entry["look_alikes"])
+    return Doubt("tie", f"{entry['effect']} {what}, these data cannot tell it from {rivals}")
+
+
+def decided(found: Iterable[Doubt], policy: Policy) -> tuple[tuple[Case, ...], str, str]:
+    """A case for each kind of doubt, and why to hold and why to stop, empty where not."""
+    by_kind: dict[str, list[str]] = {kind: [] for kind in Policy.model_fields if kind != "marginal"}
+    for doubt in found:
+        by_kind[doubt.kind].append(doubt.sentence)
+    cases, why = [], {"ship": "", "hold": "", "stop": ""}
+    for kind, sentences in by_kind.items():
+        action: Action = getattr(policy, kind)
+        text = "; ".join(sentences)
+        if not sentences:
+            cases.append(Case(kind))
+            continue
+        failure = "" if action == "ship" else action
+        cases.append(Case(kind, failure, text=f"{text} (policy: {action})"))
+        why[action] = f"{why[action]}; {text}" if why[action] else text
+    return tuple(cases), why["hold"], why["stop"]
+
+
+def judged(content: Mapping[str, Any]) -> tuple[Case, ...]:
+    """A case for each limit of a judgement (limits.json)."""
+    cases = [Case(f"refusal {i + 1}", "INVALID", text=text) for i, text in enumerate(content["refusals"])]
+    for result in content["results"]:
+        word = result["verdict"]
+        value = result["reason"] if result["value"] is None else f"{result['value']:.6g} {result['unit']}"
+        bounds = f"{_bound(result['lower'])} to {_bound(result['upper'])}"
+        text = f"{word or 'not measured'}: {value}, limits {bounds} {result['unit']}"
+        cases.append(Case(result["name"], "" if word in {"PASS", "MARGINAL", None} else word, word is None, text))
+    return tuple(cases)
+
+
+def verdict_of(word: str, policy: Policy, what: str) -> tuple[str, str]:
+    """Why a verdict against limits holds a job and why it stops it."""
+    if word == "MARGINAL" and policy.marginal != "ship":
+        text = f"{what} is MARGINAL"
+        return (text, "") if policy.marginal == "hold" else ("", text)
+    return ("", f"{what} is {word}") if word in {"FAIL", "INVALID"} else ("", "")
+
+
+def _bound(value: float | None) -> str:
+    return "…" if value is None else f"{value:g}"

@@ -1,0 +1,282 @@
+"""The steps from a unit on the shelf to a certificate: each does one thing, and may be done again after any kill.
+
+check       everything that can be known before anything moves
+run         the calibration run, raw rate
+fit         the models, the effects that held-out data prove, the verdict against the limits
+diagnose    what is left in doubt
+flash       the calibration into the unit; one that is in force already is left
+verify      another profile with the unit's own correction on, judged
+certificate
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Protocol
+
+from bench.analysis import Model, load_limits, load_model
+from bench.base import InputError, read_text
+from bench.commands import acquisition, analysis
+from bench.commands.calibration.doubts import decided, doubts, judged, verdict_of
+from bench.commands.calibration.job import Case, Done, JobFile
+from bench.commands.calibration.order import Order
+from bench.commands.calibration.recording import recorded
+from bench.deliver import load_equipment, load_laboratory, refuse_overdue
+from bench.record import RunFolder, write_atomically
+
+IMPROVED = "model-improved.yaml"
+"""The model that the walk of `improve` ended with, in the run folder."""
+
+
+class AgainError(Exception):
+    """A step that was done must be done again: `name`, and why."""
+
+    def __init__(self, name: str, why: str) -> None:
+        super().__init__(why)
+        self.name = name
+
+
+class Step(Protocol):
+    """One step. It reads what earlier ones left in the job file, and may be called again after it was cut off."""
+
+    @property
+    def name(self) -> str:
+        """As it stands in the job file."""
+
+    def do(self, order: Order, job: JobFile) -> Done:
+        """Do it. BenchError or DriverError: it is not done; AgainError: an earlier one must be repeated."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """Files, equipment, both profiles rehearsed on the station, software."""
+
+    name: str = "check"
+
+    def do(self, order: Order, job: JobFile) -> Done:
+        """See the protocol."""
+        plan = order.plan
+        order.refuse_same()
+        load_limits(order.file(plan.limits))
+        for model in plan.models:
+            load_model(order.model(model))
+        unit = acquisition.load_station(order.station).chosen([order.serial])[0]
+        if unit.identity is None and not any(map(str.isdigit, order.serial)):
+            raise InputError(f"unit '{order.serial}' has no number for its image; give its `identity`", order.station)
+        warnings = self._equipment(order)
+        late = []
+        for profile in (plan.profile, plan.verification):
+            found = acquisition.check_command(order.file(profile), order.station)
+            late += [s["name"] for s in found.content["segments"] if s["outcome"] != "done"]
+            warned = [finding["text"] for finding in found.content["findings"] if finding["level"] == "warning"]
+            warnings += [f"{profile}: {text}" for text in warned]
+        if late:
+            raise InputError(f"segments of the profiles would fail on this station: {', '.join(late)}", order.path)
+        cases = [Case("warnings", text="; ".join(warnings))]
+        return Done(f"plan, station and equipment agree, {len(warnings)} warnings", {"warnings": warnings}, cases)
+
+    @staticmethod
+    def _equipment(order: Order) -> list[str]:
+        plan = order.plan
+        if plan.certificate:
+            from bench.deliver import require_typst
+
+            require_typst()
+        if plan.laboratory is not None:
+            load_laboratory(order.file(plan.laboratory))
+        if plan.equipment is None:
+            return ["no equipment in the plan: the results are not metrologically traceable"]
+        path = order.file(plan.equipment)
+        refuse_overdue(load_equipment(path), datetime.now(UTC).date(), path)
+        return []
+
+
+@dataclass(frozen=True)
+class Run:
+    """The calibration run: raw rate over the profile."""
+
+    name: str = "run"
+
+    def do(self, order: Order, job: JobFile) -> Done:
+        """See the protocol."""
+        run, pieced = recorded(order, job, self.name, order.plan.profile, "off", texts(order))
+        manifest = run.manifest()
+        lost = manifest["losses"].get("lost", 0)
+        sentence = f"{manifest['rows']} rows in {manifest['duration_s'] / 3600:.2f} h, {lost} samples lost"
+        return Done(sentence + ("; went on after an interruption" if pieced else ""), {"run": run.path.name})
+
+
+def texts(order: Order) -> dict[str, str]:
+    """Files of the plan that its run folders keep."""
+    plan = order.plan
+    kept = {"limits.yaml": read_text(order.file(plan.limits)), "plan.yaml": read_text(order.path)}
+    if plan.equipment is not None:
+        kept["equipment.yaml"] = read_text(order.file(plan.equipment))
+    for i, name in enumerate(plan.models):
+        kept["model.yaml" if i == 0 else f"model-{i + 1}.yaml"] = load_model(order.model(name)).to_yaml()
+    return kept
+
+
+def run_of(job: JobFile, step: str = "run") -> Path:
+    """Run folder of a step that is done."""
+    return job.folder.parent / str(job.facts(step)["run"])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Models, effects proven on held-out data, verdict against the limits."""
+
+    name: str = "fit"
+
+    def do(self, order: Order, job: JobFile) -> Done:
+        """See the protocol."""
+        folder = run_of(job)
+        models = [load_model(order.model(name)) for name in order.plan.models]
+        steps: list[dict[str, Any]] = []
+        if order.plan.improve:
+            improved, steps = _walk(folder, models[0])
+            if improved is not None:
+                models.append(improved)
+                write_atomically(folder / IMPROVED, improved.to_yaml().encode())
+        answer = analysis.report_on(RunFolder(folder), models, None, limits=load_limits(order.file(order.plan.limits)))
+        content = answer.content
+        if not content["admissible"]:
+            raise AgainError("run", "the parts of the run do not fit together at their joints")
+        word = str(content["limits"]["verdict"])
+        hold, stop = verdict_of(word, order.plan.policy, "the calibration run")
+        keys = ("model", "rms_dph", "held_out_rms_dph", "held_out_by", "floor_dph", "uncompensated_rms_dph")
+        facts = {**{key: content[key] for key in keys}, "limits": word, "steps": steps}
+        held = content["held_out_rms_dph"]
+        sentence = f"{word}: {content['model']}, held-out {'-' if held is None else f'{held:.4f}'} deg/h"
+        return Done(sentence, facts, judged(content["limits"]), word, hold, stop)
+
+
+def _walk(folder: Path, model: Model) -> tuple[Model | None, list[dict[str, Any]]]:
+    """The model with what it lacked (None: nothing was added), and the decisions on the way."""
+    from bench.analysis import improve
+    from bench.record import load
+
+    found = improve([load(folder)], (), model, floor_dph=analysis.floor_of([folder], 30.0, None))
+    steps = []
+    for step in found.steps:
+        suspects = {s.effect: s for s in step.diagnosis.suspects}
+        alike = suspects[step.effect].look_alikes if step.effect in suspects else ()
+        steps.append({"action": step.action, "effect": step.effect, "look_alikes": list(alike), "text": step.sentence})
+    added = any(step["action"] == "added" for step in steps)
+    return (found.model if added else None), steps
+
+
+@dataclass(frozen=True)
+class Diagnose:
+    """What is left in doubt, against the plan's policy."""
+
+    name: str = "diagnose"
+
+    def do(self, order: Order, job: JobFile) -> Done:
+        """See the protocol."""
+        folder = run_of(job)
+        path = folder / "diagnosis.json"
+        diagnosis = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
+        calibration = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
+        unmade = [text for text in calibration["verdict"]["warnings"] if text.startswith("not diagnosed")]
+        added = [step for step in _delivered(calibration, job) if step["action"] == "added"]
+        found = list(doubts(diagnosis, "; ".join(unmade).removeprefix("not diagnosed: "), added))
+        cases, hold, stop = decided(found, order.plan.policy)
+        sentence = "; ".join(doubt.sentence for doubt in found) or "nothing is left in doubt"
+        facts = {"verdict": None if diagnosis is None else diagnosis["verdict"],
+                 "model": None if diagnosis is None else diagnosis["model"],
+                 "doubts": [{"kind": doubt.kind, "text": doubt.sentence} for doubt in found]}  # fmt: skip
+        return Done(sentence, facts, cases, None, hold, stop)
+
+
+def _delivered(calibration: Mapping[str, Any], job: JobFile) -> list[dict[str, Any]]:
+    """The walk's steps where the model that it ended with is the one delivered."""
+    fitted = calibration["calibration"]
+    effects = [] if fitted is None else [entry["effect"] for entry in fitted["model"]["effects"]]
+    return [step for step in job.facts("fit")["steps"] if step["effect"] in effects]
+
+
+@dataclass(frozen=True)
+class Flash:
+    """The calibration into the unit, read back, in force."""
+
+    name: str = "flash"
+
+    def do(self, order: Order, job: JobFile) -> Done:
+        """See the protocol."""
+        from bench.commands.flashing import FlashOptions, flash
+
+        wishes = FlashOptions(run=run_of(job), form=order.plan.form)
+        content = flash(order.serial, order.station, wishes, order.out, order.quiet).content
+        keys = ("calibration_id", "form", "bank", "crc", "coefficient_set")
+        facts = {key: content.get(key) for key in keys}
+        return Done(f"calibration {content['calibration_id']} {content.get('state', '')} in the unit", facts)
+
+
+@dataclass(frozen=True)
+class Verify:
+    """Another profile with the unit's own correction on, judged against the limits."""
+
+    name: str = "verify"
+
+    def do(self, order: Order, job: JobFile) -> Done:
+        """See the protocol."""
+        from bench.analysis import verify
+
+        inside = _in_unit(order)
+        if inside["calibration_id"] != job.facts("flash")["calibration_id"]:
+            raise AgainError("flash", f"the unit holds calibration {inside['calibration_id']}")
+        run, _ = recorded(order, job, self.name, order.plan.verification, "on", texts(order))
+        found = verify(run, run_of(job), load_limits(order.file(order.plan.limits)), inside)
+        content, word = found.to_json(), found.verdict.value
+        hold, stop = verdict_of(word, order.plan.policy, "the verification")
+        facts = {"run": run.path.name, "rms_dph": content["after"]["rms_dph"],
+                 **{key: content[key] for key in ("factor", "floor_dph", "over_floor")}}  # fmt: skip
+        cases, sentence = judged(content["limits"]), f"{word}: {facts['rms_dph']:.4f} deg/h RMS of its own output"
+        for key, text in (("over_floor", "{:.2f} x its noise floor"), ("factor", "{:.1f} times less than before")):
+            if facts[key] is not None:
+                sentence += f", {text.format(facts[key])}"
+        return Done(sentence, facts, cases, word, hold, stop)
+
+
+def _in_unit(order: Order) -> dict[str, Any]:
+    """The calibration that is in force in the unit, read over its bus."""
+    from bench.commands.flash_record import newest_record
+    from bench.commands.flashing import in_unit
+
+    settings = acquisition.load_station(order.station)
+    unit = settings.chosen([order.serial])[0]
+    return in_unit(settings, unit, newest_record(order.out, order.serial), order.out)
+
+
+@dataclass(frozen=True)
+class Certify:
+    """The certificate, where the plan wants one."""
+
+    name: str = "certificate"
+
+    def do(self, order: Order, job: JobFile) -> Done:
+        """See the protocol."""
+        from bench.commands.certifying import CertificateOptions, certificate
+
+        if not order.plan.certificate:
+            return Done("not wanted by the plan", {"pdf": None}, [Case("certificate", skipped=True, text="not wanted")])
+        plan = order.plan
+        wishes = CertificateOptions(
+            verification=run_of(job, "verify"),
+            equipment=None if plan.equipment is None else order.file(plan.equipment),
+            laboratory=None if plan.laboratory is None else order.file(plan.laboratory),
+        )
+        content = certificate(run_of(job), wishes, job.folder / "certificate.pdf").content
+        word = content["verdict"]
+        hold, stop = verdict_of(word or "PASS", plan.policy, "the certificate")
+        facts = {"pdf": "certificate.pdf", "number": content["number"]}
+        return Done(f"{content['number']}: {word}", facts, (), word, hold, stop)
+
+
+STEPS: tuple[Step, ...] = (Check(), Run(), Fit(), Diagnose(), Flash(), Verify(), Certify())
+NAMES = tuple(step.name for step in STEPS)

@@ -1,0 +1,233 @@
+"""A calibration into its unit: the image made or read, objections, the way of `drivers.coefficients`, and the record.
+
+Every attempt leaves a record with the old and the new image in `<out>/<unit>/flash/`; one that succeeded stands in the
+run folder that the calibration came from, too, as flash.json.
+"""
+
+from __future__ import annotations
+
+import getpass
+import hashlib
+import json
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from bench.acquisition import StationSettings, UnitSettings, open_alone
+from bench.base import InputError, __version__
+from bench.deliver import ExportOptions, Image, prepare, read, to_bytes, to_words
+from bench.record import MANIFEST, slug, write_atomically, write_json
+from drivers.coefficients import Programmed, program
+from drivers.errors import DriverError
+
+FLASH_JSON = "flash.json"
+_REFUSED = {"FAIL", "INVALID"}
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """An image ready for a unit; `run` is the run folder that it was fitted to, `model` its name there."""
+
+    content: bytes
+    image: Image
+    run: Path | None = None
+    model: str = ""
+
+    @property
+    def label(self) -> str:
+        """Calibration id as it is printed."""
+        return f"0x{self.image.calibration_id:08X}"
+
+
+class AlreadyThereError(Exception):
+    """The unit holds this very image in force."""
+
+
+def from_run(folder: Path, unit: UnitSettings, form: str | None = None, model: str | None = None) -> Calibration:
+    """The calibration of a run; InputError where it is of another unit, did not pass, or may not be delivered."""
+    manifest = _json(folder / MANIFEST)
+    if (of := manifest.get("unit")) != unit.serial:
+        raise InputError(f"is a run of unit {of}, this is unit {unit.serial}", folder)
+    if manifest.get("purpose") == "verification":
+        raise InputError("is a verification: its unit corrected itself, nothing is fitted to it", folder)
+    for reason in _json(folder / "calibration.json").get("refusals") or ():
+        raise InputError(f"not flashed: {reason}", folder)
+    judged = _json(folder / "limits.json") if (folder / "limits.json").is_file() else {}
+    if (verdict := judged.get("verdict")) in _REFUSED:
+        raise InputError(f"not flashed: the run's verdict against limits {judged.get('name')} is {verdict}", folder)
+    package = prepare(folder, ExportOptions(form=form, serial=unit.identity, model=model)).package
+    return Calibration(to_bytes(package.words), package.image, folder, package.delivery.model)
+
+
+def from_file(path: Path) -> Calibration:
+    """The image in a file; InputError where a unit would refuse it."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", path) from None
+    try:
+        return Calibration(content, read(to_words(content)))
+    except InputError as error:
+        raise InputError(str(error), path) from None
+
+
+def newest_run(out: Path, unit: str) -> Path:
+    """The unit's newest run folder that holds a calibration; InputError when there is none."""
+    found = [path.parent for path in (out / slug(unit)).glob("*/calibration.json")]
+    usable = [folder for folder in found if _json(folder / "calibration.json").get("calibration")]
+    raw = [folder for folder in usable if _json(folder / MANIFEST).get("purpose") != "verification"]
+    if not raw:
+        raise InputError(
+            f"no run of unit {unit} with a calibration here; name one with --run or an image with --image", out
+        )
+    return max(raw, key=lambda folder: str(_json(folder / MANIFEST).get("created")))
+
+
+def objection(new: Image, old: bytes, now_s: float, older: bool) -> str | None:
+    """Why the new image must not replace the old one (empty: none) at this time [s since 1970]; None: it may."""
+    if new.valid_until and new.valid_until < now_s:
+        return f"the calibration was valid until {_date(new.valid_until)}; calibrate again"
+    held = _held(old)
+    if held is None or older or new.created >= held.created:
+        return None
+    return (
+        f"stale: the calibration is of {_date(new.created)}, the unit holds a newer one of {_date(held.created)} "
+        f"(0x{held.calibration_id:08X}); --older writes it all the same"
+    )
+
+
+def flash(
+    settings: StationSettings,
+    unit: UnitSettings,
+    calibration: Calibration,
+    out: Path,
+    *,
+    older: bool = False,
+    onlooker: Callable[[str], None] = lambda step: None,
+) -> dict[str, Any]:
+    """Program the unit and verify; the record, which is also left on disk.
+
+    InputError for a calibration that must not go into this unit, AlreadyThereError for the one in force, DriverError
+    for a step that failed.
+    """
+    now = datetime.now(UTC)
+    folder = out / slug(unit.serial) / "flash"
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = _free(folder, f"{now:%Y%m%dT%H%M%SZ}")
+    record = _record(settings, unit, calibration, now)
+
+    def archive(old: bytes) -> None:
+        if old == calibration.content:
+            raise AlreadyThereError
+        if text := objection(calibration.image, old, now.timestamp(), older):
+            raise InputError(f"not flashed: {text}")
+        record["old"] = _described(old, f"{stem}_old.bin") if old else None
+        for name, content in (("old", old), ("new", calibration.content)):
+            if content:
+                write_atomically(folder / f"{stem}_{name}.bin", content)
+
+    try:
+        with open_alone(settings.remembering(out), unit) as store:
+            done = program(store, calibration.content, archive, onlooker)
+    except DriverError as error:
+        write_json(folder / f"{stem}.json", {**record, "state": "failed", "error": str(error)})
+        raise
+    record |= {
+        "state": "done",
+        "new": _described(calibration.content, f"{stem}_new.bin"),
+        **_outcome(done),
+        "record": str(folder / f"{stem}.json"),
+    }
+    write_json(folder / f"{stem}.json", record)
+    if calibration.run is not None:
+        write_json(calibration.run / FLASH_JSON, record)
+    return record
+
+
+def newest_record(out: Path, unit: str) -> dict[str, Any] | None:
+    """The record of the last flash of this unit that succeeded; None when there is none."""
+    records = [_json(path) for path in sorted((out / slug(unit) / "flash").glob("*.json"))]
+    found = next((record for record in reversed(records) if record.get("state") == "done"), None)
+    if found is not None and found.get("run") and not Path(found["run"]).is_dir():
+        found["run"] = str(out / slug(unit) / Path(found["run"]).name)  # the whole folder was moved
+    return found
+
+
+def _record(settings: StationSettings, unit: UnitSettings, calibration: Calibration, now: datetime) -> dict[str, Any]:
+    addresses = unit.flash.addresses(unit.number)
+    return {
+        "format": 1,
+        "unit": unit.serial,
+        "serial": calibration.image.serial,
+        "utc": now.isoformat(timespec="seconds"),
+        "operator": _operator(),
+        "station": settings.name,
+        "simulated": settings.simulated,
+        "protocol": addresses.protocol,
+        "run": None if calibration.run is None else str(calibration.run),
+        "model": calibration.model,
+        "form": calibration.image.form,
+        "calibration_id": calibration.label,
+        "software": __version__,
+    }
+
+
+def _outcome(done: Programmed) -> dict[str, Any]:
+    return {
+        "bank": done.bank,
+        "old_bank": done.old_bank,
+        "coefficient_set": done.new_set,
+        "old_coefficient_set": done.old_set,
+        "crc": f"0x{done.crc:08X}",
+        "read_back": "all words equal, after the write and again after the reset",
+        "steps_s": done.took_s,
+    }
+
+
+def _described(content: bytes, file: str) -> dict[str, Any]:
+    held = _held(content)
+    return {
+        "file": file,
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "words": len(content) // 4,
+        "calibration_id": None if held is None else f"0x{held.calibration_id:08X}",
+        "created": None if held is None else _date(held.created),
+    }
+
+
+def _held(content: bytes) -> Image | None:
+    """An image from a unit; None where it is none that this bench can read."""
+    try:
+        return read(to_words(content))
+    except (InputError, struct.error, IndexError):
+        return None
+
+
+def _operator() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # a container without a user database
+        return "unknown"
+
+
+def _date(seconds: int) -> str:
+    return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
+
+
+def _free(folder: Path, stem: str) -> str:
+    names = (stem, *(f"{stem}_{n}" for n in range(2, 1000)))
+    return next(name for name in names if not list(folder.glob(f"{name}[._]*")))
+
+
+def _json(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        hint = "make it with `bench report`" if path.parent.is_dir() else "no such run folder"
+        raise InputError(f"missing; {hint}", path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(f"not readable as JSON ({error})", path) from None
+    return content if isinstance(content, dict) else {}

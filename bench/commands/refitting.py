@@ -1,0 +1,129 @@
+"""`bench fleet refit`: every stored unit fitted anew with a model."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.base import InputError, finite, number
+from bench.commands.answer import Answer
+
+if TYPE_CHECKING:
+    from bench.archive import Engine, Record
+
+ENGINES = ("auto", "serial", "pool", "dask")
+SMALL = 4
+"""Groups up to which a cluster takes longer to start than the work."""
+
+
+@dataclass(frozen=True)
+class RefitOptions:
+    """Where to compute; `workers` None: one a processor."""
+
+    engine: str = "auto"
+    workers: int | None = None
+    scheduler: str | None = None
+
+
+def refit(
+    model_name: str, root: Path, where: str | None, moments: Path | None, records: Path | None, work: RefitOptions
+) -> Answer:
+    """Refit the moments of a file, by default those of the registry's runs, and write a record a unit."""
+    from bench.analysis import check, load_model
+    from bench.archive import GROUP, stored_count, stored_groups, write_records
+
+    model = load_model(model_name)
+    check(model)
+    refused: list[str] = []
+    if moments is None:
+        moments, refused = _collected(root, where)
+    units = stored_count(moments)
+    target = records or moments.with_name(f"refit_{model.name.replace(' ', '_')}.parquet")
+    name, engine = _engine(work, -(-units // GROUP))
+    summary = _Summary()
+    begun = time.perf_counter()
+    count, failed = write_records(target, model, summary.of(engine(model, stored_groups(moments))))
+    took_s = time.perf_counter() - begun
+    content = {
+        "model": model.name,
+        "units": count,
+        "failed": failed,
+        "without_moments": refused,
+        "engine": name,
+        "seconds": took_s,
+        "units_per_s": count / took_s,
+        "rms_dph": summary.quantiles(),
+        "failures": summary.failures,
+        "records": str(target),
+    }
+    middle = summary.quantiles()
+    lines = [f"{count} units refitted with {model.name} in {took_s:.1f} s ({count / took_s:.0f} a second, {name})"]
+    lines += [f"RMS [deg/h]: median {number(middle['median'])}, 95 % below {number(middle['p95'])}"]
+    lines += [f"failed: {failed} units"] if failed else []
+    lines += [f"  {line}" for line in summary.failures]
+    lines += [f"no moments: {line}" for line in refused]
+    lines += [f"records {target}"]
+    return Answer(content, "\n".join(lines), 1 if failed or refused else 0)
+
+
+def _collected(root: Path, where: str | None) -> tuple[Path, list[str]]:
+    from bench.archive import archive, collect, is_archive
+    from bench.commands.registering import open_in
+
+    if not is_archive(root):
+        raise InputError("no registered runs here; make the registry with `bench registry rebuild`", root)
+    path = root / "moments.parquet"
+    with open_in(root, where) as registry:
+        done = collect(registry, archive(root), path)
+    if not done.rows:
+        raise InputError(f"no finished run has moments: {'; '.join(done.refused[:1]) or 'none is registered'}", root)
+    return path, done.refused
+
+
+def _engine(work: RefitOptions, groups: int) -> tuple[str, Engine]:
+    from bench.archive import dask_engine, pool_engine, serial_engine
+
+    if work.workers is not None and work.workers < 1:
+        raise InputError(f"--workers is {work.workers}, at least 1 is needed")
+    workers = work.workers or os.cpu_count() or 1
+    name = work.engine
+    if name == "auto":
+        has_dask = importlib.util.find_spec("distributed") is not None
+        name = "dask" if work.scheduler or has_dask else "pool"
+        if not work.scheduler and groups <= SMALL:
+            name = "serial"
+    if work.scheduler and name != "dask":
+        raise InputError(f"--scheduler is for --engine dask, not {name}")
+    if name == "serial":
+        return name, serial_engine
+    if name == "pool":
+        return f"pool, {workers} workers", pool_engine(workers)
+    return f"dask, {work.scheduler or f'{workers} workers'}", dask_engine(workers, work.scheduler)
+
+
+class _Summary:
+    """Figures of all records, gathered as they pass."""
+
+    def __init__(self) -> None:
+        self._rms: list[float] = []
+        self.failures: list[str] = []
+
+    def of(self, records: Iterator[list[Record]]) -> Iterator[list[Record]]:
+        for some in records:
+            self._rms += [record.rms_dph for record in some if record.rms_dph is not None]
+            wrong = (f"{record.unit}: {record.error}" for record in some if record.error is not None)
+            self.failures += list(wrong)[: 10 - len(self.failures)]
+            yield some
+
+    def quantiles(self) -> dict[str, float | None]:
+        if not self._rms:
+            return {"median": None, "p95": None, "highest": None}
+        values = np.quantile(self._rms, (0.5, 0.95, 1.0))
+        return {key: finite(value) for key, value in zip(("median", "p95", "highest"), values, strict=True)}

@@ -1,0 +1,35 @@
+"""JSON Schemas of the files that users write, so that editors complete them: `python -m bench.commands.schemas`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from bench.acquisition import ColumnMap, Profile, StationSettings
+from bench.analysis import Limits
+from bench.base import export_schema
+from bench.commands.calibration.plan import Plan
+from bench.deliver import EquipmentFile, Laboratory
+
+SCHEMAS: dict[str, type[BaseModel]] = {
+    "profile": Profile,
+    "station": StationSettings,
+    "columns": ColumnMap,
+    "limits": Limits,
+    "equipment": EquipmentFile,
+    "laboratory": Laboratory,
+    "plan": Plan,
+}
+"""Kinds of files, by the name of their schema."""
+
+
+def export(folder: Path) -> tuple[Path, ...]:
+    """Write `<kind>.json` for every kind of file; returns those that changed."""
+    paths = {folder / f"{kind}.json": (kind, model) for kind, model in SCHEMAS.items()}
+    return tuple(path for path, (kind, model) in paths.items() if export_schema(model, path, kind))
+
+
+if __name__ == "__main__":
+    for changed in export(Path("profiles/schemas")):
+        print(changed)

@@ -1,0 +1,1 @@
+"""The calibration certificate: evidence, budget, provenance, typesetting."""

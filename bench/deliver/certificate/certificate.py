@@ -1,0 +1,276 @@
+"""The facts of a calibration certificate as one JSON object: what the PDF shows, and what is attached to it.
+
+The fields follow ISO/IEC 17025 clause 7.8 as far as it is known here from secondary sources; conformity to it is not
+claimed. Terms are those of IEEE 528, 952 and 1431.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from datetime import date
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import COVERAGE, MEANING, PROBABILITY, standing
+from bench.base import FloatArray, __version__, finite
+from bench.deliver.certificate.budget import Budget
+from bench.deliver.certificate.evidence import LEAST_COVERED, Evidence
+from bench.deliver.certificate.laboratory import Laboratory
+from bench.deliver.certificate.provenance import commit
+from bench.record import MANIFEST, Dataset, sha256
+
+FORMAT = 1
+QUALITY = frozenset(
+    {"samples_lost", "samples_missing_ppm", "longest_gap_s", "temperature_hole_degc", "condition", "heating_min"}
+    | {"cooling_min", "extrapolated_percent", "lowest_temperature_degc", "highest_temperature_degc"}
+)
+"""Quantities of the data and not of the unit."""
+_STEP_DEGC = 12.5
+STATEMENTS = (
+    "The results relate only to the item calibrated, in the condition in which it was calibrated.",
+    "This certificate shall not be reproduced except in full without the written approval of the laboratory.",
+    "Its fields are modelled on ISO/IEC 17025, clause 7.8; conformity to that standard is not claimed.",
+)
+
+
+def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, issued: date) -> dict[str, Any]:
+    """Everything that the certificate says; its number is made of its contents."""
+    judgement, verdict = evidence.judgement, evidence.verdict
+    known = evidence.manifest
+    content: dict[str, Any] = {
+        "format": FORMAT,
+        "title": "Calibration certificate",
+        "simulated": bool(known.get("simulated")),
+        "issued": issued.isoformat(),
+        "verdict": verdict,
+        **_people(laboratory),
+        "item": _item(known, laboratory),
+        "calibrated": str(known.get("created")),
+        "verified": str(evidence.verification.manifest.get("created")) if evidence.verification else None,
+        "verification": _verification(evidence),
+        "method": _method(evidence),
+        "conditions": _conditions(evidence),
+        "equipment": [tool.model_dump(mode="json") for tool in evidence.equipment],
+        "as_found": _as_found(evidence),
+        "as_left": _as_left(evidence, budget),
+        "over_temperature": _over_temperature(evidence),
+        "results": [q.to_json() for q in evidence.quantities() if q.name in MEANING and q.name not in QUALITY],
+        "uncertainty": budget.to_json(),
+        "conformity": {**judgement.to_json(), "verdict": verdict} if judgement else None,
+        "calibration": _calibration(evidence),
+        "chain": _chain(evidence),
+        "software": _software(evidence),
+        "statements": list(STATEMENTS),
+    }
+    return {"number": number_of(content), **content}
+
+
+def number_of(content: Mapping[str, Any]) -> str:
+    """Unit, day of issue and the first digits of the SHA-256 of all facts: the same facts, the same number."""
+    text = json.dumps({key: value for key, value in content.items() if key != "number"}, sort_keys=True)
+    digest = hashlib.sha256(text.encode()).hexdigest()[:8].upper()
+    return f"{content['item']['serial']}-{str(content['issued']).replace('-', '')}-{digest}"
+
+
+def _people(laboratory: Laboratory | None) -> dict[str, Any]:
+    if laboratory is None:
+        return {
+            "laboratory": None, "place": "", "customer": None, "authorised_by": None, "operator": None, "remarks": [],
+            "recommended_interval": "",
+        }  # fmt: skip
+    signs = laboratory.authorised_by
+    return {
+        "laboratory": laboratory.laboratory.model_dump(),
+        "place": laboratory.place or laboratory.laboratory.address,
+        "customer": laboratory.customer.model_dump() if laboratory.customer else None,
+        "authorised_by": signs.model_dump() if signs else None,
+        "operator": signs.name if signs else None,
+        "remarks": list(laboratory.remarks),
+        "recommended_interval": laboratory.recommended_interval,
+    }
+
+
+def _item(manifest: Mapping[str, Any], laboratory: Laboratory | None) -> dict[str, Any]:
+    identity = manifest.get("unit_identity") or {}
+    own = laboratory.item if laboratory else None
+    return {
+        "serial": str(manifest.get("unit")),
+        "identity": identity.get("serial"),
+        "firmware": identity.get("firmware"),
+        "coefficient_set": identity.get("coefficient_set"),
+        "layout": (manifest.get("gyro") or {}).get("layout"),
+        "model": own.model if own else "",
+        "condition": own.condition if own else "",
+        "received": own.received.isoformat() if own and own.received else None,
+    }
+
+
+def _method(evidence: Evidence) -> dict[str, Any]:
+    files = dict(evidence.manifest.get("files") or {})
+    deviations = [
+        f"segment '{s.get('name')}': {s.get('reason') or s.get('outcome')}"
+        for s in evidence.manifest.get("segments") or ()
+        if s.get("outcome", "done") != "done"
+    ]
+    verification = evidence.verification
+    return {
+        "profile": evidence.manifest.get("profile"),
+        "revision": files.get("profile.yaml"),
+        "deviations": deviations,
+        "averaging_s": evidence.source.dataset.interval_s,
+        "verification_profile": verification.manifest.get("profile") if verification else None,
+        "verification_revision": (verification.manifest.get("files") or {}).get("profile.yaml")
+        if verification
+        else None,
+    }
+
+
+def _verification(evidence: Evidence) -> dict[str, Any] | None:
+    """Its own verdict, and how much of the calibration's range it proves."""
+    if evidence.verification is None:
+        return None
+    covered, verdict = evidence.verification.covered, evidence.verification.verdict
+    return {
+        "verdict": verdict,
+        "covered_percent": 100.0 * covered.share,
+        "covered_degc": list(covered.verified_degc),
+        "validity_degc": list(covered.valid_degc),
+        "least_percent": 100.0 * LEAST_COVERED,
+    }
+
+
+def _conditions(evidence: Evidence) -> list[dict[str, str]]:
+    data = evidence.source.dataset
+    rows = [("Temperature of the unit", *_range(data.channel("temperature")), "°C")]
+    slope = data.dT_dt[np.isfinite(data.dT_dt)]
+    rows.append(("Rate of change of temperature", *_range(slope), "°C/min"))
+    for name, words, unit in (("chamber_temperature", "Air in the chamber", "°C"), ("supply", "Supply voltage", "V")):
+        if np.any(np.isfinite(data.channels.get(name, np.array([np.nan])))):
+            rows.append((words, *_range(data.channels[name]), unit))
+    texts = {name: f"{low:.4g} to {high:.4g} {unit}" for name, low, high, unit in rows}
+    shown = [{"name": name, "value": text.replace("-", "−")} for name, text in texts.items()]
+    turned = "compensated by the encoder of the rate table" if "applied_rate" in data.channels else "unit at rest"
+    return [
+        *shown,
+        {"name": "Applied rate", "value": turned},
+        {"name": "Earth rate", "value": "part of the bias, not removed"},
+    ]
+
+
+def _range(values: FloatArray) -> tuple[float, float]:
+    return float(np.nanmin(values)), float(np.nanmax(values))
+
+
+def _as_found(evidence: Evidence) -> dict[str, Any]:
+    identity = evidence.manifest.get("unit_identity") or {}
+    state = identity.get("coefficient_set")
+    still = standing(evidence.source.dataset)
+    data = still if np.any(np.isfinite(still.bias)) else evidence.source.dataset
+    return {**_figures(data.bias), "what": (
+        f"output with coefficient set {state} in force" if state else "output without correction"
+    )}  # fmt: skip
+
+
+def _as_left(evidence: Evidence, budget: Budget) -> dict[str, Any]:
+    verification = evidence.verification
+    expanded = {"expanded_dph": budget.expanded_dph, "coverage_factor": COVERAGE, "coverage_probability": PROBABILITY}
+    if verification is not None:
+        what = (
+            "output as the unit corrects it, measured in an independent run"
+            if verification.in_unit
+            else "calibration applied to an independent run of the uncorrected output"
+        )
+        error = {"rms_dph": verification.error.rms_dph}
+        low, high = _range(verification.data.channel("temperature"))
+        what = f"{what}, {low:.0f} to {high:.0f} °C".replace("-", "−")
+        return {**_figures(verification.left), **error, **expanded, "what": what, "verified": verification.in_unit}
+    known = {quantity.name: quantity.value for quantity in evidence.quantities()}
+    data = evidence.source.dataset
+    left = data.bias - evidence.source.fit.predict(data).bias
+    return {
+        **_figures(left),
+        "rms_dph": known["residual_rms_dph"],
+        "peak_dph": finite(known["residual_peak_dph"]),
+        **expanded,
+        "what": "calculated: error on data held out of the fit; not yet verified in the unit",
+        "verified": False,
+    }
+
+
+def _figures(bias: FloatArray) -> dict[str, float]:
+    """RMS about the mean, mean, span and greatest absolute value [deg/h]."""
+    present = bias[np.isfinite(bias)]
+    return {
+        "rms_dph": float(present.std()),
+        "mean_dph": float(present.mean()),
+        "span_dph": float(np.ptp(present)),
+        "peak_dph": float(np.abs(present).max()),
+    }
+
+
+def _over_temperature(evidence: Evidence) -> list[dict[str, Any]]:
+    """Bias by temperature, heating and cooling, as found and as left: means over bins of 12.5 degC."""
+    found = evidence.source.dataset
+    left = found.bias - evidence.source.fit.predict(found).bias
+    after = (found, left) if evidence.verification is None else (evidence.verification.data, evidence.verification.left)
+    temperature = found.channel("temperature")
+    first, last = (round(end / _STEP_DEGC) for end in _range(temperature))
+    rows = []
+    for step in range(first, last + 1):
+        row: dict[str, Any] = {"temperature_degc": step * _STEP_DEGC}
+        for key, data, values in (("found", found, found.bias), ("left", *after)):
+            for sign, branch in ((1, "heating"), (-1, "cooling")):
+                row[f"{key}_{branch}_dph"] = _mean(data, values, step * _STEP_DEGC, sign)
+        rows.append(row)
+    return rows
+
+
+def _mean(data: Dataset, values: FloatArray, at_degc: float, sign: int) -> float | None:
+    near = np.abs(data.channel("temperature") - at_degc) <= _STEP_DEGC / 4
+    chosen = values[near & (data.direction == sign) & np.isfinite(values)]
+    return float(chosen.mean()) if chosen.size else None
+
+
+def _calibration(evidence: Evidence) -> dict[str, Any]:
+    content = evidence.stored["calibration"]
+    return {
+        "id": evidence.calibration_id,
+        "verdict": evidence.stored["verdict"],
+        "model": content["model"],
+        "coefficients": content["coefficients"],
+        "parameters": content["parameters"],
+        "validity": content["validity"],
+        "condition": content["condition"],
+        "rows": content["rows"],
+        "covariance": "calibration.json, calibration.scaled.covariance",
+        "flashed": evidence.flashed,
+    }
+
+
+def _chain(evidence: Evidence) -> dict[str, Any]:
+    """SHA-256 of everything that the numbers rest on: whoever has the folder can prove that it is this one."""
+    runs = [("calibration run", evidence.run, evidence.manifest)]
+    if evidence.verification is not None:
+        runs.append(("verification run", evidence.verification.run, evidence.verification.manifest))
+    return {
+        "runs": [
+            {
+                "role": role,
+                "run": manifest.get("run"),
+                "manifest_sha256": sha256(run.path / MANIFEST),
+                "files": dict(manifest.get("files") or {}),
+            }
+            for role, run, manifest in runs
+        ],
+        "calibration_sha256": sha256(evidence.run.path / "calibration.json"),
+    }
+
+
+def _software(evidence: Evidence) -> dict[str, Any]:
+    return {
+        "certificate": {"bench": __version__, "commit": commit()},
+        "run": dict(evidence.manifest.get("versions") or {}),
+    }

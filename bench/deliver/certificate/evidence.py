@@ -1,0 +1,258 @@
+"""What a certificate rests on: run, calibration, verification, equipment; refused where it does not hold.
+
+Nothing is analysed again: the certificate says what calibration.json says, after proving that it is of this data and
+that the data are those that were recorded.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import date, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import (
+    WIDEST_HOLE,
+    HeldOut,
+    Judgement,
+    Limits,
+    Quantity,
+    Source,
+    Verdict,
+    error_of,
+    judge_limits,
+    source_of,
+)
+from bench.base import FloatArray, InputError
+from bench.deliver.certificate.laboratory import Instrument, refuse_overdue
+from bench.deliver.export.delivering import calibration_id
+from bench.record import VERIFICATION_JSON, Dataset, Manifest, RunFolder, load, sha256
+
+MOST_EXTRAPOLATED = 0.05
+"""Share of the verification's means that may lie outside the fitted range."""
+LEAST_COVERED = 0.5
+"""Share of the fitted range of temperature that the verification must go through."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """How much of the calibration's range of validity in temperature a verification goes through."""
+
+    share: float
+    """Without the holes in its temperatures."""
+    verified_degc: tuple[float, float]
+    valid_degc: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """An independent run: its error, either of the unit's own corrected output or of the model applied to it."""
+
+    run: RunFolder
+    manifest: Manifest
+    data: Dataset
+    left: FloatArray
+    """Bias that is left (n,) [deg/h]."""
+    error: HeldOut
+    in_unit: bool
+    """The unit's own correction was on."""
+    covered: Coverage
+    verdict: Verdict | None
+    """Of `bench verify`; None for a run that it did not judge."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Everything that stands on a certificate and is not a file of the laboratory's."""
+
+    run: RunFolder
+    manifest: Manifest
+    stored: Mapping[str, Any]
+    """calibration.json"""
+    source: Source
+    verification: Verification | None
+    judgement: Judgement | None
+    equipment: tuple[Instrument, ...]
+    flashed: Mapping[str, Any] | None = None
+    """What `bench flash` wrote down when the coefficients went into the unit."""
+
+    @property
+    def calibration_id(self) -> str:
+        """As it stands in the unit's image."""
+        return f"0x{calibration_id(self.source):08X}"
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """The worse word of limits and verification; without limits only a FAIL of the verification counts."""
+        verified = None if self.verification is None else self.verification.verdict
+        if self.judgement is None:
+            return verified if verified is Verdict.FAIL else None
+        return max((self.judgement.verdict, verified or Verdict.PASS), key=list(Verdict).index)
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Of the run; the error on unseen data is that of the verification, where there is one."""
+        known = {entry["name"]: Quantity.from_json(entry) for entry in self.stored["quantities"]}
+        if self.verification is not None:
+            known |= {quantity.name: quantity for quantity in _verified(self.verification, known)}
+        return tuple(known.values())
+
+
+def gather(
+    folder: Path, verification: Path | None, limits: Limits | None, equipment: tuple[Instrument, ...]
+) -> Evidence:
+    """The evidence for a certificate; InputError, one line, where there can be none."""
+    run = RunFolder(folder)
+    manifest = run.manifest()
+    source = source_of(folder)
+    stored = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
+    if "quantities" not in stored:
+        raise InputError("was written by an older bench: make it anew with `bench report`", folder / "calibration.json")
+    _refuse(folder, (*stored["refusals"], *source.objections))
+    _refuse_lost(run, manifest)
+    _refuse_altered(run, manifest)
+    refuse_overdue(equipment, day(manifest), folder)
+    verified = None if verification is None else _verify(RunFolder(verification), manifest, source)
+    if verified is not None:
+        refuse_overdue(equipment, day(verified.manifest), verified.run.path)
+    found = Evidence(run, manifest, stored, source, verified, None, equipment, _flashed(run))
+    if verified is not None and verified.in_unit:
+        _refuse(folder, _other_coefficients(found, verified))
+    if limits is None:
+        return found
+    judgement = judge_limits(limits, found.quantities())
+    # A number that is required and missing makes the run INVALID: nothing to certify.
+    missing = [r for r in judgement.results if r.verdict == "INVALID"]
+    _refuse(folder, [f"{r.quantity.name} is required by the limits: {r.quantity.reason}" for r in missing])
+    return replace(found, judgement=judgement)
+
+
+def day(manifest: Mapping[str, Any]) -> date:
+    """The day of a run; InputError where its manifest has none."""
+    try:
+        return datetime.fromisoformat(str(manifest.get("created"))).date()
+    except ValueError:
+        raise InputError(
+            f"run '{manifest.get('run')}' has no date ({manifest.get('created')!r}): whether equipment was calibrated "
+            "on it cannot be told"
+        ) from None
+
+
+def _refuse(folder: Path, reasons: tuple[str, ...] | list[str]) -> None:
+    if reasons:
+        more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
+        raise InputError(f"no certificate: {reasons[0]}{more}", folder)
+
+
+def _flashed(run: RunFolder) -> dict[str, Any] | None:
+    path = run.path / "flash.json"
+    if not path.is_file():
+        return None
+    content = json.loads(path.read_text(encoding="utf-8"))
+    return content if isinstance(content, dict) and content.get("state") == "done" else None
+
+
+def _other_coefficients(evidence: Evidence, verified: Verification) -> list[str]:
+    """Why a unit that corrected itself may have done so with other coefficients than those of this calibration."""
+    flashed, own = evidence.flashed, evidence.calibration_id
+    if flashed is None:
+        return ["the unit corrected itself in the verification, and no flash.json says with which calibration"]
+    if flashed.get("calibration_id") != own:
+        return [f"the unit was given calibration {flashed.get('calibration_id')}, this one is {own}: flash it first"]
+    used = (verified.manifest.get("unit_identity") or {}).get("coefficient_set")
+    if used != flashed.get("coefficient_set"):
+        return [f"the verification ran with coefficient set {used}, this calibration is {flashed['coefficient_set']}"]
+    return []
+
+
+def _refuse_lost(run: RunFolder, manifest: Mapping[str, Any]) -> None:
+    if not (run.path / "data.parquet").is_file():
+        _refuse(run.path, ["data.parquet is missing"])
+    if manifest.get("state") != "done":
+        _refuse(run.path, [f"the run is '{manifest.get('state')}', only one that the bench itself made whole counts"])
+
+
+def _refuse_altered(run: RunFolder, manifest: Mapping[str, Any]) -> None:
+    recorded = dict(manifest.get("files") or {})
+    if not recorded:
+        _refuse(run.path, ["the manifest names no files: nothing proves what was recorded"])
+    altered = [
+        name
+        for name, digest in recorded.items()
+        if not (run.path / name).is_file() or sha256(run.path / name) != digest
+    ]
+    _refuse(run.path, [f"{name} is not the file that was recorded" for name in altered])
+
+
+def _verify(run: RunFolder, manifest: Mapping[str, Any], source: Source) -> Verification:
+    """The verification run judged; refused where it is not independent, not whole, or of another unit."""
+    theirs = run.manifest()
+    if theirs.get("unit") != manifest.get("unit"):
+        _refuse(run.path, [f"the verification is of unit {theirs.get('unit')}, the run is of {manifest.get('unit')}"])
+    shared = set((theirs.get("files") or {}).items()) & set((manifest.get("files") or {}).items())
+    data = sorted(name for name, _ in shared if name.endswith(".parquet") or name.startswith("journal"))
+    if data or theirs.get("run") in source.fit.runs:
+        what = f" ({', '.join(data)})" if data else ""
+        _refuse(run.path, [f"the verification shares data with the fit{what}: run another profile"])
+    _refuse_lost(run, theirs)
+    _refuse_altered(run, theirs)
+    failed = [s.get("name") for s in theirs.get("segments") or () if s.get("outcome", "done") == "timeout"]
+    _refuse(run.path, [f"segment '{name}' of the verification failed" for name in failed])
+    verdict = _verdict_of(run.path / VERIFICATION_JSON)
+    record = load(run.path, source.dataset.interval_s)
+    outside = float(source.fit.out_of_range(record).mean())
+    if outside > MOST_EXTRAPOLATED:
+        _refuse(run.path, [f"{outside:.0%} of the verification lie outside the calibration's range of validity"])
+    covered = _coverage(record, source)
+    if covered.share < LEAST_COVERED:
+        own, whole = (f"{low:.1f} to {high:.1f}" for low, high in (covered.verified_degc, covered.valid_degc))
+        what = f"{covered.share:.0%} of the calibration's range of temperature, {own} of {whole} degC"
+        least = f"at least {LEAST_COVERED:.0%} are needed: verify with a wider profile"
+        _refuse(run.path, [f"the verification goes through {what}, {least}"])
+    in_unit = record.corrected
+    left = record.bias if in_unit else record.bias - source.fit.predict(record).bias
+    error = error_of("verification", (record,), (left,), outside)
+    return Verification(run, theirs, record, left, error, in_unit, covered, verdict)
+
+
+def _verdict_of(path: Path) -> Verdict | None:
+    """What `bench verify` said of its run; refused where that is INVALID or cannot be read."""
+    if not path.is_file():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        verdict = Verdict(content["verdict"])
+    except (ValueError, TypeError, KeyError):
+        raise InputError("says no verdict: make it anew with `bench verify`", path) from None
+    if verdict is Verdict.INVALID:
+        reasons = content.get("refusals") or (content.get("limits") or {}).get("refusals") or ()
+        why = next(iter(reasons), "a required value does not exist")
+        _refuse(path.parent, [f"the verification is INVALID: {why}; verify again"])
+    return verdict
+
+
+def _coverage(record: Dataset, source: Source) -> Coverage:
+    fitted = source.dataset.channel("temperature")
+    low, high = source.fit.validity.get("temperature", (float(np.nanmin(fitted)), float(np.nanmax(fitted))))
+    values = record.channel("temperature")[np.isfinite(record.bias)]
+    inside = np.sort(values[(values >= low) & (values <= high)])
+    steps = np.diff(inside)
+    share = float(steps[steps <= WIDEST_HOLE * (high - low)].sum()) / (high - low)
+    return Coverage(share, (float(np.nanmin(values)), float(np.nanmax(values))), (low, high))
+
+
+def _verified(verification: Verification, known: Mapping[str, Quantity]) -> tuple[Quantity, ...]:
+    error = verification.error
+    low, high = error.interval_dph
+    peak = known.get("residual_peak_dph", Quantity("residual_peak_dph"))
+    spread = peak.value - peak.low
+    floor_dph = known["noise_floor_dph"].value
+    return (
+        Quantity("residual_rms_dph", error.rms_dph, low, high),
+        Quantity("residual_peak_dph", error.peak_dph, error.peak_dph - spread, error.peak_dph + spread),
+        Quantity("residual_over_floor", error.rms_dph / floor_dph, low / floor_dph, high / floor_dph),
+        Quantity.exact("extrapolated_percent", 100.0 * error.out_of_range),
+    )

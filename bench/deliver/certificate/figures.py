@@ -1,0 +1,127 @@
+"""Figures of the certificate: bias over temperature with the model, what is left, the ladder, the Allan deviation."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import FLICKER_FLOOR, SECONDS_PER_HOUR, AllanCurve, allan_deviation, turning
+from bench.base import FloatArray, InputError, number
+from bench.deliver.certificate.drawing import Axis, band, dots, figure, line
+from bench.deliver.certificate.evidence import Evidence
+from bench.record import Dataset, load
+
+TEMPERATURE = "temperature of the unit [°C]"
+BRANCHES = ((1, "warm", "heating"), (-1, "accent", "cooling"))
+
+
+def figures(evidence: Evidence, expanded_dph: float) -> dict[str, Any]:
+    """All figures as data; one that cannot be drawn is left out."""
+    source = evidence.source
+    left = source.dataset.bias - source.fit.predict(source.dataset).bias
+    made = {"bias": _bias(source.dataset, left), "residual": _residual(evidence, left, expanded_dph)}
+    if (ladder := _ladder(evidence)) is not None:
+        made["ladder"] = ladder
+    if (allan := _allan(evidence)) is not None:
+        made["allan"] = allan
+    return made
+
+
+def _bias(data: Dataset, left: FloatArray) -> dict[str, Any]:
+    x, y = data.channel("temperature"), np.where(turning(data), np.nan, data.bias)  # turning, it is the scale factor's
+    axes = Axis.around(TEMPERATURE, x), Axis.around("bias [deg/h]", y)
+    series = [dots(*_branch(data, sign, y), axes, colour, name) for sign, colour, name in BRANCHES]
+    model = y - left
+    series += [line(*_curve(data, sign, model), axes, "ink", "model" if sign > 0 else "") for sign, _, _ in BRANCHES]
+    words = f"Bias over temperature: {number(float(np.nanmin(y)))} to {number(float(np.nanmax(y)))} deg/h."
+    return figure(axes, series, words)
+
+
+def _residual(evidence: Evidence, left: FloatArray, expanded_dph: float) -> dict[str, Any]:
+    verification = evidence.verification
+    data = evidence.source.dataset if verification is None else verification.data
+    y = left if verification is None else verification.left
+    x = data.channel("temperature")
+    span = np.array([-1.4, 1.4]) * expanded_dph
+    axes = (
+        Axis.around(TEMPERATURE, evidence.source.dataset.channel("temperature")),
+        Axis.around("left [deg/h]", y, span),
+    )
+    series = [band(-expanded_dph, expanded_dph, axes[1], "± U")]
+    series += [dots(*_branch(data, sign, y), axes, colour, name) for sign, colour, name in BRANCHES]
+    what = "the verification run" if verification else "the calibration run"
+    del x
+    return figure(axes, series, f"Bias that is left over temperature in {what}.")
+
+
+def _branch(data: Dataset, sign: int, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    rows = (data.direction == sign) & np.isfinite(y)
+    return data.channel("temperature")[rows], y[rows]
+
+
+def _curve(data: Dataset, sign: int, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Along time, broken where the direction changes."""
+    rows = (data.direction == sign) & np.isfinite(y)
+    return np.where(rows, data.channel("temperature"), np.nan), np.where(rows, y, np.nan)
+
+
+def _ladder(evidence: Evidence) -> dict[str, Any] | None:
+    """Models of compare.json from the simplest to the best: errors on fitted and on held-out data, beside the floor."""
+    path = evidence.run.path / "compare.json"
+    if not path.is_file():
+        return None
+    content = json.loads(path.read_text(encoding="utf-8"))
+    models = [m for m in content.get("models", ()) if m.get("held_out_rms_dph")]
+    if not models:
+        return None
+    inside = np.array([m["rms_dph"] for m in models], dtype=np.float64)
+    outside = np.array([m["held_out_rms_dph"] for m in models], dtype=np.float64)
+    floor = float(content.get("floor_dph") or np.nan)
+    axis = Axis.around("model error, RMS [deg/h]", inside, outside, np.array([floor]), log=True, margin=0.08)
+    places = axis.place(np.column_stack([inside, outside]))
+    rows = [
+        {"name": m["name"], "inside": a, "outside": b, "text": number(m["held_out_rms_dph"])}
+        for m, (a, b) in zip(models, places.tolist(), strict=True)
+    ]
+    at = float(axis.place(np.array([floor]))[0]) if np.isfinite(floor) else None
+    words = "; ".join(f"{row['name']} {row['text']} deg/h" for row in rows)
+    return {"x": axis.to_json(), "rows": rows, "floor": at, "alt": f"Model error on held-out data: {words}."}
+
+
+def _allan(evidence: Evidence) -> dict[str, Any] | None:
+    noise = evidence.stored["noise"]
+    curves = _curves(evidence)
+    if not curves or not noise["coefficients"]:
+        return None
+    taus = np.concatenate([curve.tau_s for curve in curves])
+    values = np.concatenate([curve.deviation_dph for curve in curves])
+    axes = (
+        Axis.around("averaging time [s]", taus, log=True),
+        Axis.around("Allan deviation [deg/h]", values, log=True),
+    )
+    series = [
+        line(curve.tau_s, curve.deviation_dph, axes, "grey", "soaks" if i == 0 else "")
+        for i, curve in enumerate(curves)
+    ]
+    white, flicker, walk = (float(entry["value"] or 0.0) for entry in noise["coefficients"])
+    tau_h = np.geomspace(taus.min(), taus.max(), 60) / SECONDS_PER_HOUR
+    whole = np.sqrt(white**2 / tau_h + (FLICKER_FLOOR * flicker) ** 2 + walk**2 * tau_h / 3.0)
+    series.append(line(tau_h * SECONDS_PER_HOUR, whole, axes, "accent", "estimated noise"))
+    return figure(axes, series, "Allan deviation of the soaks and of the noise that was estimated from them.")
+
+
+def _curves(evidence: Evidence) -> list[AllanCurve]:
+    """Of the stretches that the noise was read from, where they are of this run."""
+    base = load(evidence.run.path, 1.0)
+    own = {segment.name for segment in base.segments}
+    found = []
+    for stretch in evidence.stored["noise"]["stretches"]:
+        rows = (base.time >= stretch["from_s"]) & (base.time <= stretch["to_s"])
+        if (stretch["name"] in own or not own) and rows.sum() > 60:
+            try:
+                found.append(allan_deviation(base.bias[rows], 1.0))
+            except InputError:
+                continue
+    return found

@@ -1,0 +1,137 @@
+"""Who calibrates, for whom, and with what: the files behind the first page of a certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, Field, model_validator
+
+from bench.base import STRICT, InputError, dump, load_config
+
+
+class Instrument(BaseModel):
+    """One piece of reference equipment with its own calibration."""
+
+    model_config = STRICT
+
+    name: str
+    """What it is: `chamber sensor`, `rate table`, `time base`."""
+    model: str = ""
+    """Maker and model."""
+    serial: str
+    """Serial number."""
+    certificate: str = ""
+    """Number of its calibration certificate, and who issued it."""
+    calibrated: date | None = None
+    """Day of its last calibration."""
+    due: date | None = None
+    """Last day on which that calibration is valid; without it the instrument only indicates."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Instrument:
+        if self.calibrated and self.due and self.due < self.calibrated:
+            raise ValueError(f"{self.name}: due {self.due} is before calibrated {self.calibrated}")
+        return self
+
+
+class EquipmentFile(BaseModel):
+    """The reference equipment of a station."""
+
+    model_config = STRICT
+
+    equipment: tuple[Instrument, ...] = Field(min_length=1)
+    """Every instrument that a result is traced to."""
+
+
+class Party(BaseModel):
+    """A laboratory or a customer."""
+
+    model_config = STRICT
+
+    name: str
+    """Name."""
+    address: str = ""
+    """Postal address."""
+
+
+class Signatory(BaseModel):
+    """Who authorises the certificate."""
+
+    model_config = STRICT
+
+    name: str
+    """Name."""
+    function: str = ""
+    """Function in the laboratory."""
+
+
+class Item(BaseModel):
+    """What the bench cannot know of the unit."""
+
+    model_config = STRICT
+
+    model: str = ""
+    """Maker and model of the unit."""
+    condition: str = ""
+    """Condition on receipt."""
+    received: date | None = None
+    """Day of receipt."""
+
+
+class Laboratory(BaseModel):
+    """The laboratory, its customer, and who signs."""
+
+    model_config = STRICT
+
+    laboratory: Party
+    """Who calibrates."""
+    place: str = ""
+    """Where it was done, if not at the laboratory's address."""
+    customer: Party | None = None
+    """For whom."""
+    item: Item = Item()
+    """The unit."""
+    authorised_by: Signatory | None = None
+    """Who answers for the certificate."""
+    recommended_interval: str = ""
+    """Only where agreed with the customer (ISO/IEC 17025, 7.8.4.3)."""
+    remarks: tuple[str, ...] = ()
+    """What else must be said, such as deviations from the method."""
+
+
+def load_equipment(path: Path) -> tuple[Instrument, ...]:
+    """The instruments of a file; InputError with file and line where something is wrong."""
+    return load_config(path, EquipmentFile).equipment
+
+
+def instrument_of_registry(row: Mapping[str, Any]) -> Instrument:
+    """The instrument of a row of the registry; its kind stands as the model."""
+    days = {"calibrated": row["calibrated_on"], "due": row["due_on"]}
+    return Instrument.model_construct(name=row["name"], serial=row["serial"], model=row["kind"], **days)
+
+
+def equipment_yaml(equipment: Sequence[Instrument]) -> str:
+    """The text of an equipment file."""
+    return dump({"equipment": [tool.model_dump(mode="json", exclude_none=True) for tool in equipment]})
+
+
+def load_laboratory(path: Path) -> Laboratory:
+    """The laboratory of a file; InputError with file and line where something is wrong."""
+    return load_config(path, Laboratory)
+
+
+def refuse_overdue(equipment: Sequence[Instrument], on: date, where: Path | str | None = None) -> None:
+    """InputError, one line, where an instrument's calibration is not valid on a day: not yet, or not any more."""
+    late = [f"{tool.name} {tool.serial}, due {tool.due}" for tool in equipment if tool.due and tool.due < on]
+    late += [
+        f"{tool.name} {tool.serial}, calibrated later, on {tool.calibrated}"
+        for tool in equipment
+        if tool.calibrated and tool.calibrated > on
+    ]
+    if late:
+        raise InputError(
+            f"not calibrated on {on}: {'; '.join(late)}; have it calibrated, or take other equipment", where
+        )

@@ -1,0 +1,46 @@
+"""PDF of a certificate: facts and figures into the typst template. The same facts give the same bytes.
+
+Fonts are those inside typst, whatever the machine has; nothing is fetched from a network. The facts are attached as
+certificate.json (PDF/A-3, as typst claims it).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from datetime import UTC, date, datetime
+from importlib.resources import files
+from importlib.util import find_spec
+from typing import Any
+
+from bench.base import BenchError, InputError
+
+_TEMPLATE = files("bench.deliver.certificate") / "certificate.typ"
+
+
+def require_typst() -> None:
+    """InputError where typst is not installed."""
+    if find_spec("typst") is None:
+        raise InputError("a certificate needs typst: pip install 'gyro-thermal-bench[certificate]'")
+
+
+def facts_text(facts: Mapping[str, Any]) -> str:
+    """certificate.json."""
+    return json.dumps(facts, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def typeset_pdf(facts: Mapping[str, Any], figures: Mapping[str, Any], issued: date) -> bytes:
+    """The certificate as PDF."""
+    require_typst()
+    import typst
+
+    inputs = {"facts": facts_text(facts), "figures": json.dumps(figures, allow_nan=False)}
+    compiler = typst.Compiler(_TEMPLATE.read_bytes(), ignore_system_fonts=True, sys_inputs=inputs)
+    at = datetime(issued.year, issued.month, issued.day, tzinfo=UTC)
+    try:
+        made = compiler.compile(format="pdf", pdf_standards=["a-3a", "ua-1"], timestamp=int(at.timestamp()))
+    except typst.TypstError as error:
+        raise BenchError(f"the certificate cannot be typeset: {error}") from error
+    if not isinstance(made, bytes):
+        raise BenchError("the certificate cannot be typeset: no page was made")
+    return made

@@ -1,0 +1,241 @@
+"""Fit -> Delivery: which signals and blocks of docs/eeprom.md each effect of a fitted model becomes.
+
+Every part of a model without memory is a polynomial, or a smooth curve, of one or two channels. It is sampled where the
+unit will evaluate it and expanded in Chebyshev polynomials there, so that no formula is written twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import Effect, Fit, MovesAbscissa, Theta, moves_abscissa
+from bench.base import DPH_PER_DPS, FloatArray, InputError
+from bench.deliver.export import chebyshev
+from bench.deliver.export.delivery import MOST_BLOCKS, MOST_ORDER, MOST_SIGNALS, Block, Delivery, Kind, Shape, Signal
+from bench.deliver.export.inverse import over_output, static_over
+from bench.deliver.export.parts import Part, channels_of, parts_of
+from bench.deliver.export.signals import box_of, channel_signal, lag_signal, parabola_signal, play_signal
+from bench.record import Dataset
+
+STATIC = {"polynomial", "regression", "spline", "surface"}
+
+
+def deliver(fit: Fit, datasets: Sequence[Dataset], sample_hz: float = 500.0) -> Delivery:
+    """The model of `fit` as the unit evaluates it at its own sample rate; `datasets` are the runs it was fitted to.
+
+    Raises InputError, one line, for an effect that a unit cannot evaluate (it needs a clock, the chamber, the future).
+    """
+    if fit.model.rows.startswith("soaks"):
+        raise InputError(f"model '{fit.model.name}' is a baseline fitted to soaks only; deliver one fitted to all rows")
+    builder = _Builder(fit, tuple(datasets), sample_hz)
+    for key, effect in zip(fit.bound.keys, fit.bound.effects, strict=True):
+        if moves_abscissa(effect):
+            builder.move(key, effect)
+    pairs = [(k, e) for k, e in zip(fit.bound.keys, fit.bound.effects, strict=True) if not moves_abscissa(e)]
+    turning = [pair for pair in pairs if "applied_rate" in channels_of(pair[1])]
+    for key, effect in pairs:
+        if (key, effect) not in turning:
+            builder.add(key, effect)
+    if turning:
+        builder.add_turning(turning)
+    return builder.finished()
+
+
+@dataclass
+class _Builder:
+    """Signals and blocks as they grow; `moved` are the runs with the temperature that the terms see."""
+
+    fit: Fit
+    moved: tuple[Dataset, ...]
+    sample_hz: float
+    signals: list[Signal] = field(default_factory=list)
+    blocks: list[Block] = field(default_factory=list)
+    boxes: list[tuple[float, float]] = field(default_factory=list)
+    named: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def period_s(self) -> float:
+        return 1.0 / self.sample_hz
+
+    def signal(self, channel: str) -> int:
+        """Number of the signal of a channel, made where it is new."""
+        if channel not in self.named:
+            low, high = self._range(channel)
+            made = channel_signal(channel, low, high)
+            self.named[channel] = self._append(made, box_of(made, channel))
+        return self.named[channel]
+
+    def move(self, key: str, effect: MovesAbscissa) -> None:
+        """The temperature that all terms see from now on."""
+        theta = self.fit.bound.theta[key]
+        if effect.name == "thermal_lag":
+            source = self.signal("temperature")
+            self._advance(effect, theta)
+            box = self._range("temperature")
+            made = lag_signal(source, self.boxes[source], box, theta["tau_s"], self.period_s)
+        elif effect.name == "resonance_frequency":
+            source = self.signal("frequency")
+            self._advance(effect, theta)
+            box = self._range("temperature")
+            low, high = self.boxes[source]
+            made = parabola_signal(source, chebyshev.series(lambda f: self._told(effect, theta, f), low, high, 2), box)
+        else:
+            raise InputError(f"{effect.name}: a unit cannot evaluate this effect; leave it out of the delivered model")
+        self.named["temperature"] = self._append(made, box)
+
+    def _told(self, effect: MovesAbscissa, theta: Theta, frequency: FloatArray) -> FloatArray:
+        return effect.abscissa(record(frequency=frequency, temperature=np.zeros_like(frequency)), theta)
+
+    def _advance(self, effect: MovesAbscissa, theta: Theta) -> None:
+        self.moved = tuple(r.with_channel("temperature", effect.abscissa(r, theta)) for r in self.moved)
+
+    def add(self, key: str, effect: Effect) -> None:
+        """Blocks of an effect that does not need the table's rate."""
+        theta, amplitudes = self.fit.bound.theta[key], self.fit.beta[self.fit.bound.slices[key]]
+        if effect.name == "hysteresis":
+            self._loops(effect, theta, amplitudes)
+        elif effect.name in {"temperature_rate", "creep"}:
+            self._behind(effect, theta, amplitudes)
+        else:
+            for i, part in enumerate(parts_of(effect)):
+                self._static(effect, theta, amplitudes, part, first=i == 0)
+
+    def _static(self, effect: Effect, theta: Theta, amplitudes: FloatArray, part: Part, first: bool) -> None:
+        numbers = [self.signal(channel) for channel in part.channels]
+        centres = {channel: 0.5 * sum(self.boxes[self.signal(channel)]) for channel in channels_of(effect)}
+        still = 0.0 if first else float(_value(effect, theta, amplitudes, centres)[0])
+
+        def value(*at: FloatArray) -> FloatArray:
+            points = {**centres, **dict(zip(part.channels, at, strict=True))}
+            return _value(effect, theta, amplitudes, points) - still
+
+        boxes = [self.boxes[number] for number in numbers]
+        if part.shape is Shape.SURFACE:
+            coefficients = chebyshev.surface(value, *boxes[0], *boxes[1], part.n)
+        elif part.shape is Shape.SPLINE:
+            coefficients = chebyshev.pieces(value, *boxes[0], part.n)
+        else:
+            coefficients = chebyshev.series(value, *boxes[0], part.n)
+        self._block(part.shape, numbers, part.n, coefficients)
+
+    def _loops(self, effect: Effect, theta: Theta, amplitudes: FloatArray) -> None:
+        if getattr(effect, "shape", "") != "play":
+            raise InputError(
+                "hysteresis: shape bouc_wen needs an exponential at each step, which the image has no form for; fit "
+                "shape play (count 3 to 5 follows a smooth loop)"
+            )
+        source = self.signal("temperature")
+        low, high = self.boxes[source]
+        for i, amplitude in enumerate(amplitudes):
+            width = theta["width_degc"] * (i + 1) / amplitudes.size
+            made = play_signal(source, width / (0.5 * (high - low)))
+            self._block(Shape.SERIES, [self._append(made, (-width, width))], 1, np.array([0.0, amplitude]))
+
+    def _behind(self, effect: Effect, theta: Theta, amplitudes: FloatArray) -> None:
+        """Terms in the distance to a filtered temperature: creep, and a filtered temperature rate."""
+        tau_s, per_degc = _behind_of(effect, theta)
+        source = self.signal("temperature")
+        values = np.concatenate([effect.columns(r, theta)[:, 0] for r in self.moved]) / per_degc
+        extent = 1.05 * float(np.nanmax(np.abs(values)))
+        made = lag_signal(source, self.boxes[source], (-extent, extent), tau_s, self.period_s, behind=True)
+        number = self._append(made, (-extent, extent))
+        slope = amplitudes[0] * per_degc * extent
+        if amplitudes.size == 1:
+            self._block(Shape.SERIES, [number], 1, np.array([0.0, slope]))
+            return
+        low, high = self.boxes[source]
+        product = amplitudes[1] * per_degc * extent
+        middle, half = 0.5 * (low + high) - 25.0, 0.5 * (high - low)
+        coefficients = np.array([0.0, slope + product * middle, 0.0, 0.0, product * half, 0.0])
+        self._block(Shape.SURFACE, [number, source], 2, coefficients)
+
+    def add_turning(self, pairs: Sequence[tuple[str, Effect]]) -> None:
+        """One surface over the unit's own output for all effects over the table's rate, which a unit does not know."""
+        own, order = self.fit.bound, max(part.n for _, effect in pairs for part in parts_of(effect))
+        temperature, output = self.signal("temperature"), self.signal("rate")
+
+        def turning(rate: FloatArray, degc: FloatArray) -> FloatArray:
+            at = {"applied_rate": rate, "temperature": degc}
+            added = (_value(e, own.theta[k], self.fit.beta[own.slices[k]], at) for k, e in pairs)
+            return sum(added, np.zeros(rate.size))
+
+        # The polynomial itself: the effects' tangents outside the table's rates have a corner where the output ends.
+        rates, degrees = self._range("applied_rate"), self.boxes[temperature]
+        smooth = chebyshev.polynomial(chebyshev.surface(turning, *rates, *degrees, order), rates, degrees)
+        settled = replace(self._delivery(), blocks=tuple(self.blocks))
+        settled_dph = static_over(settled, temperature, self.boxes[temperature], float(self.fit.beta[0]))
+        order, coefficients = over_output(smooth, settled_dph, self.boxes[output], self.boxes[temperature], MOST_ORDER)
+        self._block(Shape.SURFACE, [output, temperature], order, coefficients)
+
+    def finished(self) -> Delivery:
+        """The delivery, the constant in its first block."""
+        if not self.blocks:
+            self._block(Shape.SERIES, [self.signal("temperature")], 0, np.zeros(1))
+        first = self.blocks[0]
+        step = 4 if first.shape is Shape.SPLINE else first.coefficients.size
+        constant = np.zeros(first.coefficients.size)
+        constant[::step] = self.fit.beta[0] / DPH_PER_DPS
+        self.blocks[0] = replace(first, coefficients=first.coefficients + constant)
+        if len(self.signals) > MOST_SIGNALS or len(self.blocks) > MOST_BLOCKS:
+            raise InputError(
+                f"model '{self.fit.model.name}' needs {len(self.signals)} signals and {len(self.blocks)} blocks, the "
+                f"image holds {MOST_SIGNALS} and {MOST_BLOCKS}; fewer loops or effects are needed"
+            )
+        return self._delivery()
+
+    def _delivery(self) -> Delivery:
+        names = {effect.name for effect in self.fit.model.effects}
+        only = next(iter(names)) if len(names) == 1 and names <= STATIC else "composed"
+        filters = any(signal.kind in {Kind.LAG, Kind.BEHIND} for signal in self.signals)
+        period_ns = round(1e9 * self.period_s) if filters else 0
+        return Delivery(only, tuple(self.signals), tuple(self.blocks), period_ns=period_ns)
+
+    def _block(self, shape: Shape, numbers: Sequence[int], n: int, coefficients: FloatArray) -> None:
+        b = numbers[1] if len(numbers) > 1 else 0
+        self.blocks.append(Block(shape, numbers[0], b, n, coefficients / DPH_PER_DPS))
+
+    def _append(self, signal: Signal, box: tuple[float, float]) -> int:
+        self.signals.append(signal)
+        self.boxes.append(box)
+        return len(self.signals) - 1
+
+    def _range(self, channel: str) -> tuple[float, float]:
+        """Range of a channel over the fitted rows, as the terms see it."""
+        pairs = zip(self.moved, self.fit.residuals, strict=True)
+        rows = np.concatenate([r.channel(channel)[np.isfinite(left)] for r, left in pairs])
+        return float(np.nanmin(rows)), float(np.nanmax(rows))
+
+
+def _behind_of(effect: Effect, theta: Theta) -> tuple[float, float]:
+    """Time constant [s] and the column's value per degC that the filter is above the temperature."""
+    if effect.name == "creep":
+        if getattr(effect, "initial", "settled") != "settled":
+            raise InputError("creep: a free initial state belongs to one run, not to the unit; fit `initial: settled`")
+        return 3600.0 * theta["tau_h"], 1.0
+    filter_s = float(getattr(effect, "filter_s", 0.0))
+    if not filter_s:
+        raise InputError(
+            "temperature_rate: its central slope looks half a minute ahead, which no unit can; fit it with filter_s: 30"
+        )
+    return filter_s, -60.0 / filter_s
+
+
+def record(**channels: FloatArray) -> Dataset:
+    """Points as rows of a record, one a second: for effects without memory."""
+    size = max(np.size(values) for values in channels.values())
+    full = {
+        name: np.broadcast_to(np.asarray(values, dtype=np.float64), size).copy() for name, values in channels.items()
+    }
+    time: FloatArray = np.arange(size, dtype=np.float64)
+    return Dataset("points", time, {"rate": np.zeros(size), **full}, np.zeros(size, dtype=np.int64))
+
+
+def _value(effect: Effect, theta: Theta, amplitudes: FloatArray, at: Mapping[str, Any]) -> FloatArray:
+    """What the effect adds at these points (n,) [deg/h]."""
+    points = record(**{name: np.atleast_1d(np.asarray(values)) for name, values in at.items()})
+    added: FloatArray = effect.columns(points, theta) @ amplitudes
+    return added

@@ -1,0 +1,122 @@
+"""From a run folder to files: the calibration checked, built, measured in each form, written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from bench.analysis import Fit, Source, source_of
+from bench.base import CHANNELS, DPH_PER_DPS, InputError, IntArray
+from bench.deliver.export.building import deliver
+from bench.deliver.export.delivery import INPUTS, Delivery
+from bench.deliver.export.exact import correction
+from bench.deliver.export.formats import FORMATS, Files, Package
+from bench.deliver.export.forms import FORMS
+from bench.deliver.export.image import read, words_of
+from bench.deliver.export.measure import Worst, best_form, raw_id, worst_errors
+from bench.deliver.export.signals import to_counts
+from bench.record import Dataset
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What the caller chooses; None: the bench's choice. `force` delivers against all objections."""
+
+    model: str | None = None
+    form: str | None = None
+    serial: int | None = None
+    sample_hz: float = 500.0
+    name: str = "calibration"
+    address: int = 0
+    force: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Delivered:
+    """A package, and how far the delivered model is from the fitted one on the run's own rows [deg/h]."""
+
+    package: Package
+    source: Source
+    apart_dph: float
+
+
+def prepare(folder: Path, wishes: ExportOptions) -> Delivered:
+    """The calibration of a run, ready for any format.
+
+    Raises InputError, one line, where it may not be delivered and `force` is not set, or where a form does not exist.
+    """
+    if wishes.form is not None and wishes.form not in FORMS:
+        raise InputError(f"form is {wishes.form!r}, allowed are {', '.join(FORMS)}")
+    source = source_of(folder, wishes.model)
+    if source.objections and not wishes.force:
+        more = f" (and {len(source.objections) - 1} more)" if len(source.objections) > 1 else ""
+        raise InputError(f"not delivered: {source.objections[0]}{more}; --force delivers it all the same", folder)
+    serial = wishes.serial if wishes.serial is not None else source.serial
+    if serial is None:
+        raise InputError(f"unit '{source.unit}' has no number in its serial number; give one with --serial", folder)
+    delivery = replace(deliver(source.fit, [source.dataset], wishes.sample_hz), created=_created(folder))
+    rows = worst_errors(delivery)
+    form = wishes.form or best_form(rows).form
+    words = words_of(delivery, form, serial, calibration_id(source))
+    package = Package(
+        wishes.name, words, read(words, serial), delivery, source.fit.coefficients, rows, source.unit, wishes.address
+    )
+    return Delivered(package, source, apart(delivery, source.fit, source.dataset))
+
+
+def files_of(package: Package, format_: str) -> Files:
+    """Files of one format; InputError that lists the formats."""
+    if format_ not in FORMATS:
+        raise InputError(f"format is {format_!r}, allowed are {', '.join(FORMATS)}")
+    return FORMATS[format_](package)
+
+
+def calibration_id(source: Source) -> int:
+    """First 32 bits of the SHA-256 of unit, model and numbers: another calibration has another id."""
+    fit = source.fit
+    content = [source.unit, fit.model.to_yaml(), fit.beta.tolist(), fit.theta, list(fit.runs)]
+    return int(hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8], 16)
+
+
+def counts_of(dataset: Dataset) -> dict[int, IntArray]:
+    """Channels of a record as the unit counts them."""
+    own = [name for name in INPUTS if name in CHANNELS and name in dataset.channels]
+    return {INPUTS[name].id: to_counts(name, dataset.channel(name)) for name in own}
+
+
+def apart(delivery: Delivery, fit: Fit, dataset: Dataset) -> float:
+    """Greatest difference between delivered and fitted model on the fitted rows [deg/h].
+
+    A filter made for the unit's samples is compared at the record's own interval.
+    """
+    here = delivery if not delivery.period_ns else deliver(fit, [dataset], 1.0 / dataset.interval_s)
+    counts = counts_of(dataset)
+    counts.setdefault(raw_id(delivery), np.zeros(len(dataset), dtype=np.int64))
+    rows = np.isfinite(fit.residuals[0])
+    off = DPH_PER_DPS * correction(here, counts) - fit.predict(dataset).bias
+    return float(np.max(np.abs(off[rows]), initial=0.0))
+
+
+def _created(folder: Path) -> int:
+    """Time of the run's manifest [s since 1970], 0 where it has none: the same run makes the same image."""
+    created = json.loads((folder / "manifest.json").read_text(encoding="utf-8")).get("created")
+    try:
+        return int(datetime.fromisoformat(str(created)).timestamp())
+    except ValueError:
+        return 0
+
+
+def error_table(rows: Sequence[Worst]) -> str:
+    """Worst errors of the forms for a terminal."""
+    lines = [f"{'form':<12} {'whole box':>11} {'near rest':>11} {'in motion':>11} {'words':>6}   [deg/h]"]
+    for row in rows:
+        lines.append(
+            f"{row.form:<12} {row.everywhere:>11.2g} {row.near_rest:>11.2g} {row.moving:>11.2g} {row.words:>6}"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,135 @@
+"""Files that carry a calibration: each format is one function from a package to files by name."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+
+import bincopy
+from jinja2 import Environment, StrictUndefined
+
+from bench.analysis import Coefficient
+from bench.base import __version__
+from bench.deliver.export.ccode import c_files
+from bench.deliver.export.chebyshev import orders
+from bench.deliver.export.delivery import INPUTS, Delivery, Kind, Shape
+from bench.deliver.export.image import BLOCK_WORDS, HEADER_WORDS, SIGNAL_WORDS, Image
+from bench.deliver.export.measure import Worst
+from bench.deliver.export.words import float_of, i32, to_bytes
+
+Files = dict[str, bytes]
+
+
+@dataclass(frozen=True, eq=False)
+class Package:
+    """All that a format may say: the image in words and as read, the delivery, the physical coefficients, errors."""
+
+    name: str
+    words: Sequence[int]
+    image: Image
+    delivery: Delivery
+    physical: Sequence[Coefficient]
+    worst: Sequence[Worst]
+    unit: str
+    address: int = 0
+
+
+def as_json(package: Package) -> Files:
+    """Everything, for another program."""
+    image = package.image
+    content = {
+        "format": 1,
+        "unit": package.unit,
+        "serial": image.serial,
+        "calibration_id": image.calibration_id,
+        "model": package.delivery.model,
+        "form": image.form,
+        "crc": package.words[-1],
+        "period_ns": image.period_ns,
+        "output": "deg/s" if image.output == 0 else "m/s^2",
+        "inputs": [
+            {"name": e.name, "id": e.id, "count": e.count, "unit": e.unit, "low": s.low, "high": s.high}
+            for s in image.signals
+            for e in INPUTS.values()
+            if s.kind is Kind.CHANNEL and s.source == e.id
+        ],
+        "signals": [{**asdict(signal), "kind": signal.kind.name.lower()} for signal in image.signals],
+        "blocks": [
+            {"shape": b.shape.name.lower(), "a": b.a, "b": b.b, "n": b.n, "coefficients": b.coefficients.tolist()}
+            for b in package.delivery.blocks
+        ],
+        "physical": [{"key": c.key, "unit": c.unit, "value": c.value} for c in package.physical],
+        "worst_error_dph": [asdict(row) for row in package.worst],
+        "words": list(package.words),
+    }
+    return {f"{package.name}.json": (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()}
+
+
+def as_csv(package: Package) -> Files:
+    """Coefficients, a row each: physical ones with units, and the delivered ones exact and as stored."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(("what", "block", "i", "j", "value", "stored", "unit"))
+    for coefficient in package.physical:
+        writer.writerow((coefficient.key, "", "", "", repr(coefficient.value), "", coefficient.unit))
+    image = package.image
+    unit = "deg/s" if image.output == 0 else "m/s^2"
+    stored = iter(float_of(word) if image.floats else i32(word) for word in image.coefficients)
+    for number, block in enumerate(package.delivery.blocks):
+        pairs = orders(block.n) if block.shape is Shape.SURFACE else [(k, 0) for k in range(block.coefficients.size)]
+        for (i, j), value in zip(pairs, block.coefficients.tolist(), strict=True):
+            writer.writerow((block.shape.name.lower(), number, i, j, repr(value), next(stored), unit))
+    return {f"{package.name}.csv": out.getvalue().encode()}
+
+
+def as_c(package: Package) -> Files:
+    """C99 source and header."""
+    return {name: text.encode() for name, text in c_files(package.image, list(package.words), package.name).items()}
+
+
+def as_eeprom(package: Package) -> Files:
+    """The image as bytes."""
+    return {f"{package.name}.bin": to_bytes(package.words)}
+
+
+def as_hex(package: Package) -> Files:
+    """Intel HEX."""
+    return {f"{package.name}.hex": _placed(package).as_ihex().encode()}
+
+
+def as_srec(package: Package) -> Files:
+    """Motorola S-records with 32-bit addresses."""
+    return {f"{package.name}.srec": _placed(package).as_srec(address_length_bits=32).encode()}
+
+
+def as_a2l(package: Package) -> Files:
+    """ASAM MCD-2 MC description of the image, for a calibration tool."""
+    image, at = package.image, package.address + 4 * HEADER_WORDS
+    at += 4 * (SIGNAL_WORDS * len(image.signals) + BLOCK_WORDS * len(image.blocks))
+    template = (files("bench.deliver.export") / "templates" / "calibration.a2l.j2").read_text(encoding="utf-8")
+    environment = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False)
+    text = environment.from_string(template).render(
+        package=package, image=image, version=__version__, coefficients=at, size=len(package.words) * 4
+    )
+    return {f"{package.name}.a2l": f"{text}\n".encode()}
+
+
+def _placed(package: Package) -> bincopy.BinFile:
+    placed = bincopy.BinFile()
+    placed.add_binary(to_bytes(package.words), address=package.address)
+    return placed
+
+
+FORMATS: dict[str, Callable[[Package], Files]] = {
+    "json": as_json,
+    "csv": as_csv,
+    "c": as_c,
+    "hex": as_hex,
+    "srec": as_srec,
+    "eeprom": as_eeprom,
+    "a2l": as_a2l,
+}

@@ -1,0 +1,131 @@
+"""Figures of the workbench that no report has: one that was zoomed, a model over temperature, runs side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from bench.base import BoolArray, FloatArray, number
+from bench.deliver.report import plotting
+from bench.deliver.report.described import described
+from bench.deliver.report.figures_model import RESIDUAL, band
+from bench.deliver.report.figures_run import BIAS, HOUR_S, TEMPERATURE
+from bench.deliver.report.plotting import BLUE, CYCLE, GREEN, GREY, ORANGE, VERMILION, Plot, axis
+from bench.record import Dataset
+
+_BINS = 60
+_LEAST_ROWS = 3
+
+
+def measured_figure(dataset: Dataset, extremes: tuple[FloatArray, FloatArray]) -> Plot:
+    """Bias with the lowest and highest value behind each mean (n,), and temperature, over time; no model."""
+    hours = dataset.time / HOUR_S
+    traces = [
+        band(hours, *extremes),
+        plotting.line_trace(hours, dataset.bias, "measured", BLUE),
+        plotting.line_trace(hours, dataset.channel("temperature"), "temperature", ORANGE, yaxis="y2"),
+    ]
+    layout = {
+        "xaxis": axis("time [h]", anchor="y2"),
+        "yaxis": axis("bias [deg/h]", domain=[0.38, 1.0]),
+        "yaxis2": axis("unit [°C]", domain=[0.0, 0.3], anchor="x"),
+    }
+    return plotting.plot(traces, layout, 520)
+
+
+def over_temperature(dataset: Dataset, model: FloatArray, name: str, floor_dph: float | None, rows: BoolArray) -> Plot:
+    """Measurement and model (n,), and what is left, over temperature, heating and cooling apart; `rows` are shown."""
+    temperature, bias, left = dataset.channel("temperature"), dataset.bias, dataset.bias - model
+    traces: list[go.Scatter] = []
+    for sign, (text, colour) in plotting.DIRECTIONS.items():
+        own = rows & (dataset.direction == sign)
+        if not own.any():
+            continue
+        traces.append(plotting.dot_trace(temperature[own], bias[own], text, colour, opacity=0.3, legendgroup=text))
+        more = {"yaxis": "y2", "legendgroup": text, "showlegend": False}
+        traces.append(plotting.dot_trace(temperature[own], left[own], f"{text}, left", colour, opacity=0.4, **more))
+    for sign, dash in ((1, "solid"), (-1, "dash")):
+        text, _ = plotting.DIRECTIONS[sign]
+        own = rows & (dataset.direction == sign)
+        x, y = curve(temperature[own], model[own])
+        if x.size:
+            traces.append(
+                plotting.line_trace(x, y, f"{name}, {text}", plotting.DIRECTIONS[sign][1], width=3, dash=dash)
+            )
+            x, y = curve(temperature[own], left[own])
+            more = {"yaxis": "y2", "showlegend": False, "dash": dash}
+            traces.append(
+                plotting.line_trace(x, y, f"left, mean, {text}", plotting.DIRECTIONS[sign][1], width=3, **more)
+            )
+    layout: dict[str, Any] = {
+        "xaxis": axis(TEMPERATURE, anchor="y2"),
+        "yaxis": axis("bias [deg/h]", domain=[0.46, 1.0]),
+        "yaxis2": axis("left [deg/h]", domain=[0.0, 0.38], anchor="x", zeroline=True),
+    }
+    if floor_dph is not None:
+        layout["shapes"] = [plotting.shade(-floor_dph, floor_dph, GREEN, "y", yref="y2", xref="paper")]
+    return plotting.plot(traces, layout, 600)
+
+
+def curve(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means of y (n,) in equal bins of x, those with enough rows."""
+    good = np.isfinite(x) & np.isfinite(y)
+    if good.sum() < _LEAST_ROWS:
+        return x[:0], y[:0]
+    edges = np.linspace(x[good].min(), x[good].max() + 1e-9, _BINS + 1)
+    count = np.histogram(x[good], edges)[0]
+    enough = count >= _LEAST_ROWS
+    sums = [np.histogram(x[good], edges, weights=v[good])[0][enough] for v in (x, y)]
+    return sums[0] / count[enough], sums[1] / count[enough]
+
+
+def side_by_side(runs: Sequence[tuple[str, Dataset]]) -> Plot:
+    """Bias of several runs over temperature, each less its own mean: a turn-on bias is no difference of shape."""
+    traces: list[go.Scatter] = []
+    for i, (name, data) in enumerate(runs):
+        colour, symbol = CYCLE[i % len(CYCLE)], ("circle", "diamond", "square", "cross", "x", "star")[i % 6]
+        bias = data.bias - np.nanmean(data.bias)
+        temperature = data.channel("temperature")
+        traces.append(plotting.dot_trace(temperature, bias, f"{name}, rows", colour, opacity=0.2, showlegend=False))
+        x, y = curve(temperature, bias)
+        marker = {"symbol": symbol, "size": 8, "color": colour}
+        x_shown, y_shown = plotting.plain(x), plotting.plain(y)
+        traces.append(go.Scatter(x=x_shown, y=y_shown, name=name, mode="lines+markers", marker=marker))
+    return plotting.plot(traces, {"xaxis": axis(TEMPERATURE), "yaxis": axis(f"{BIAS}, less its mean")}, 520)
+
+
+def residuals_figure(dataset: Dataset, left: FloatArray, floor_dph: float | None) -> Plot:
+    """What a model leaves (n,), over temperature as a loop coloured by time."""
+    temperature, hours = dataset.channel("temperature"), dataset.time / HOUR_S
+    rows = plotting.thin(left)
+    marker = {
+        "color": plotting.plain(hours[rows]), "colorscale": plotting.PASSAGE, "size": 5,
+        "colorbar": {"title": {"text": "time [h]"}, "thickness": 14, "outlinewidth": 0},
+    }  # fmt: skip
+    x, y = plotting.plain(temperature[rows]), plotting.plain(left[rows])
+    line = {"color": GREY, "width": 0.6}
+    traces = [go.Scatter(x=x, y=y, mode="lines+markers", marker=marker, line=line, name="left", showlegend=False)]
+    layout: dict[str, Any] = {"xaxis": axis(TEMPERATURE), "yaxis": axis(RESIDUAL, zeroline=True)}
+    if floor_dph is not None:
+        layout["shapes"] = [plotting.shade(-floor_dph, floor_dph, GREEN, "y")]
+    return plotting.plot(traces, layout, 520)
+
+
+def difference(curves: Mapping[str, Any], a: str, b: str) -> dict[str, Any] | None:
+    """Model curves of two runs, B less A, over temperature; None where they could not be compared."""
+    if curves["reason"]:
+        return None
+    x = np.array([point["degc"] for point in curves["curve"]])
+    y = np.array([point["difference_dph"] for point in curves["curve"]])
+    layout: dict[str, Any] = {"xaxis": axis(TEMPERATURE), "yaxis": axis("B − A [deg/h]", zeroline=True)}
+    if curves["floor_dph"] is not None:
+        layout["shapes"] = [plotting.shade(-curves["floor_dph"], curves["floor_dph"], GREEN, "y")]
+    plot = plotting.plot([plotting.line_trace(x, y, "B − A", VERMILION, width=2.5)], layout, 400)
+    words = (
+        f"Model of {b} less model of {a} over {number(x.min())} to {number(x.max())} °C: {number(curves['rms_dph'])} "
+        f"deg/h RMS, of it a constant {number(curves['offset_dph'])}; noise floor {number(curves['floor_dph'])} deg/h."
+    )
+    return described(plot, words)

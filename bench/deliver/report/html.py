@@ -1,0 +1,110 @@
+"""The HTML report of a run: one file that holds its own scripts and styles and asks no network for anything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from bench.analysis import Analysis
+from bench.base import __version__, clock, moment, number
+from bench.deliver.report import sections_diagnosis, sections_limits, sections_model, sections_run, sections_surface
+from bench.deliver.report.markup import Section
+from bench.record import write_atomically
+
+_ASSETS = files("bench.deliver.report") / "assets"
+
+SECTIONS: tuple[Callable[[Analysis], Section | None], ...] = (
+    sections_limits.limits,
+    sections_run.profile,
+    sections_run.bias,
+    sections_model.ladder,
+    sections_diagnosis.missing,
+    sections_model.compensation,
+    sections_model.spline,
+    sections_surface.surface,
+    sections_model.residual,
+    sections_run.noise,
+    sections_model.coefficients,
+    sections_run.losses,
+    sections_run.run_facts,
+    sections_model.terms,
+)
+"""The report from top to bottom; a section that has nothing to say returns None."""
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One of the three numbers on top."""
+
+    what: str
+    value: str
+    unit: str
+    more: str
+
+
+def render(analysis: Analysis) -> str:
+    """The report as HTML text."""
+    sections = [section for make in SECTIONS if (section := make(analysis)) is not None]
+    manifest = analysis.manifest
+    when = (manifest.get("profile", "no profile"), moment(manifest.get("created", "no date")))
+    drawn = any("data-figure" in section.html for section in sections)
+    environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=False)
+    return environment.from_string(_asset("report.html.j2")).render(
+        title=f"Thermal calibration of {manifest.get('unit', 'an unnamed unit')}",
+        subtitle=", ".join((*map(str, when), f"{clock(analysis.done.duration_s)} h")),
+        verdict=analysis.verdict,
+        numbers=headlines(analysis),
+        warnings=analysis.warnings,
+        sections=sections,
+        source=f"run folder {manifest.get('run', analysis.run.path.name)}",
+        version=__version__,
+        css=Markup(_asset("report.css")),
+        plotly=Markup(_plotly(sections)) if drawn else "",
+        js=Markup(_asset("report.js")),
+    )
+
+
+def write_report(analysis: Analysis) -> Path:
+    """Write report.html into the run folder, atomically; returns its path."""
+    path = analysis.run.report
+    write_atomically(path, render(analysis).encode())
+    return path
+
+
+def headlines(analysis: Analysis) -> tuple[Headline, ...]:
+    """The three numbers that matter; none where nothing was captured."""
+    if analysis.dataset is None:
+        return ()
+    best, floor_dph = analysis.best, analysis.floor.floor_dph
+    numbers = []
+    if best is not None:
+        proven = bool(np.isfinite(best.held_out.rms_dph))
+        ratio = f", {number(analysis.held_out_ratio, 2)} × the floor" if np.isfinite(analysis.held_out_ratio) else ""
+        what = "model error on unseen data" if proven else "model error, in-sample only"
+        more = f"RMS of {best.model.name}{ratio}; {number(best.rms_dph)} deg/h in-sample"
+        numbers.append(Headline(what, number(best.held_out.rms_dph if proven else best.rms_dph), "deg/h", more))
+    known = bool(np.isfinite(floor_dph))
+    more = f"of {analysis.interval_s:g} s means, from the run's own soaks" if known else "not known: no usable soak"
+    numbers.append(Headline("noise floor", number(floor_dph), "deg/h", more))
+    more = f"highest less lowest; {number(analysis.uncompensated_dph)} deg/h RMS uncompensated"
+    if np.isfinite(analysis.improvement):
+        more += f", {number(analysis.improvement, 2)} × the error after compensation"
+    numbers.append(Headline("bias over the run", number(analysis.bias_span_dph), "deg/h", more))
+    return tuple(numbers)
+
+
+def _plotly(sections: Sequence[Section]) -> str:
+    """The smaller bundle, unless a figure stands in space: that one has 4.8 MB instead of 1.5."""
+    spatial = any('"scene":' in section.html for section in sections)
+    return str(get_plotlyjs()) if spatial else _asset("plotly-cartesian.min.js")
+
+
+def _asset(name: str) -> str:
+    return (_ASSETS / name).read_text(encoding="utf-8")

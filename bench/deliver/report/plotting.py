@@ -1,0 +1,134 @@
+"""Look of all figures: colours that everybody can tell apart, axes with units, no more points than pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from bench.base import FloatArray, IntArray
+
+BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, GREY = (
+    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#8A949D",
+)  # fmt: skip
+"""Palette of Okabe and Ito (2008), without its black and yellow, which vanish on dark and on white paper."""
+
+CYCLE = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE)
+PASSAGE = ((0.0, "#3B78D8"), (0.35, "#8F63C4"), (0.7, "#D1567A"), (1.0, "#F0A23C"))
+"""Colours of passing time: cold to warm, visible on white and on dark, also without red or green."""
+
+DIRECTIONS: Mapping[int, tuple[str, str]] = {1: ("heating", VERMILION), -1: ("cooling", BLUE), 0: ("constant", GREY)}
+MAX_POINTS = 2000
+FONT = 'system-ui, "Segoe UI", "Liberation Sans", "DejaVu Sans", sans-serif'
+
+Plot = dict[str, Any]
+
+
+def axis(title: str, **more: Any) -> dict[str, Any]:
+    """An axis with its title (quantity and unit), a line and a light grid."""
+    return {
+        "title": {"text": title, "font": {"size": 13}},
+        "exponentformat": "none",
+        "showline": True,
+        "ticks": "outside",
+        "automargin": True,
+        "zeroline": False,
+        **more,
+    }
+
+
+def plot(traces: Sequence[Any], layout: Mapping[str, Any], height: int = 420) -> Plot:
+    """Traces and axes as the JSON that the page draws; plotly checks every property name."""
+    figure = go.Figure(data=list(traces))
+    legend = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "itemsizing": "constant"}
+    figure.update_layout(
+        template=None,
+        height=height,
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        font={"size": 13, "family": FONT},
+        hovermode="closest",
+        modebar={"bgcolor": "rgba(0,0,0,0)", "color": GREY, "activecolor": BLUE},
+        **{"legend": legend, "margin": {"l": 70, "r": 20, "t": 40, "b": 55}, **layout},
+    )
+    content: Plot = figure.to_plotly_json()
+    return {"data": plain(content["data"]), "layout": plain(content["layout"])}
+
+
+def plain(value: Any) -> Any:
+    """JSON types only; arrays to eight significant digits, gaps as null."""
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value.tolist()]
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return float(f"{value:.8g}") if np.isfinite(value) else None
+    return value
+
+
+def thin(values: FloatArray, most: int = MAX_POINTS) -> IntArray:
+    """Rows (k,) to draw so that a line through them looks like all n: first, lowest and highest of equal pieces."""
+    n = values.size
+    if n <= most:
+        return np.arange(n)
+    borders = np.linspace(0, n, max(1, most // 3) + 1).astype(np.int64)
+    rows: set[int] = {0, n - 1}
+    for begin, end in pairwise(borders):
+        piece = values[begin:end]
+        rows.add(int(begin))
+        if np.any(np.isfinite(piece)):
+            rows |= {int(begin + np.nanargmin(piece)), int(begin + np.nanargmax(piece))}
+    return np.array(sorted(rows), dtype=np.int64)
+
+
+def line_trace(x: FloatArray, y: FloatArray, name: str, colour: str, **more: Any) -> go.Scatter:
+    """A thinned line; gaps stay gaps."""
+    rows = thin(y)
+    style = {"color": colour, "width": more.pop("width", 1.6), "dash": more.pop("dash", "solid")}
+    return go.Scatter(
+        x=plain(x[rows]), y=plain(y[rows]), name=name, mode="lines", line=style, connectgaps=False, **more
+    )
+
+
+def dot_trace(x: FloatArray, y: FloatArray, name: str, colour: str, **more: Any) -> go.Scatter:
+    """Thinned points."""
+    rows = thin(y)
+    marker = {"color": colour, "size": more.pop("size", 4), "opacity": more.pop("opacity", 0.75)}
+    return go.Scatter(x=plain(x[rows]), y=plain(y[rows]), name=name, mode="markers", marker=marker, **more)
+
+
+def level_line(value: float, text: str, colour: str = GREEN, **more: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Shape and label of a horizontal line across the whole axis."""
+    shape = {
+        "type": "line", "xref": "x domain", "x0": 0, "x1": 1, "yref": "y", "y0": value, "y1": value,
+        "line": {"color": colour, "dash": "dash", "width": 1.5}, **more,
+    }  # fmt: skip
+    label = {
+        "xref": "x domain", "x": 1, "xanchor": "right", "yref": "y", "y": value, "yanchor": "bottom",
+        "text": text, "showarrow": False, "font": {"color": colour, "size": 12},
+    }  # fmt: skip
+    return shape, label
+
+
+def shade(low: float, high: float, colour: str, along: str = "x", **more: Any) -> dict[str, Any]:
+    """A pale band from `low` to `high` along x (times) or y (values)."""
+    other = "y" if along == "x" else "x"
+    return {
+        "type": "rect", "layer": "below", "line": {"width": 0}, "fillcolor": colour, "opacity": 0.15,
+        f"{along}ref": along, f"{along}0": low, f"{along}1": high,
+        f"{other}ref": f"{other} domain", f"{other}0": 0, f"{other}1": 1, **more,
+    }  # fmt: skip
+
+
+def log_axis(title: str, low: float, high: float) -> dict[str, Any]:
+    """A logarithmic axis that shows `low` to `high`, with ticks at 1, 2 and 5 of each decade written out."""
+    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
+    digits = (1, 2, 5) if last - first <= 3 else (1,)
+    ticks = [digit * 10.0**decade for decade in range(first, last + 1) for digit in digits]
+    ends = [float(np.log10(low)), float(np.log10(high))]
+    return axis(title, type="log", range=ends, tickvals=ticks, ticktext=[f"{tick:.10g}" for tick in ticks])

@@ -1,0 +1,289 @@
+"""Section about the diagnosis: what is missing, how sure that is, what to do, and what nobody could have seen."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+from markupsafe import Markup
+
+from bench.analysis import (
+    TIE,
+    Analysis,
+    Detectable,
+    Diagnosis,
+    Place,
+    Rung,
+    SuspectedEffect,
+    Value,
+    effect_names,
+    entry,
+    load_model,
+    made_from,
+    rivals,
+)
+from bench.base import CHANNELS, InputError, finite, in_print, listed, number, with_uncertainty
+from bench.deliver.report import figures_diagnosis
+from bench.deliver.report.markup import Row, Section, commands, figure, glossary, heading, lead, paragraph, table, wide
+from bench.record import Dataset
+
+TITLE = "What is missing"
+_ENOUGH = 3
+"""Suspects whose evidence is drawn side by side."""
+_SURE = 1e-9
+_OWN_UNITS = {"dT_dt": ("dT/dt", "°C/min"), "time": ("time", "s")}
+
+
+def missing(analysis: Analysis) -> Section | None:
+    """The diagnosis; None where no model was there to diagnose."""
+    found, data = analysis.diagnosed, analysis.dataset
+    if data is None or (found.answer is None and not found.reason):
+        return None
+    if found.answer is None:
+        return Section("missing", TITLE, lead("No diagnosis") + paragraph(f"{_capital(found.reason)}."))
+    answer = found.answer
+    parts = (
+        _sentence(answer),
+        _advice(analysis, answer),
+        _suspects(answer),
+        _ladder(answer, found.rungs),
+        _map(data, answer),
+        *(_partial(data, answer, suspect) for suspect in answer.found),
+        _misfit(data, answer),
+        _legs(answer),
+        _places(answer),
+        _unseen(answer),
+        *(paragraph(f"{_capital(note)}.") for note in _notes(answer)),
+    )
+    return Section("missing", TITLE, Markup().join(parts))
+
+
+def _sentence(answer: Diagnosis) -> Markup:
+    first, _, rest = in_print(answer.sentence).replace("+-", "±").partition(". ")
+    return lead(f"{first.removesuffix('.')}.") + (paragraph(rest) if rest else Markup())
+
+
+def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
+    """What to do next, as commands to copy."""
+    run = analysis.run.path
+    model = _source(analysis, answer.model.name)
+    lines: list[str] = []
+    # What only behaves like an effect is not to be added as one.
+    for i, suspect in enumerate(answer.found if answer.verdict == "missing_effect" else (), 1):
+        out = f"better{i}.yaml"
+        lines.append(f"bench add {suspect.effect} --model {model} --out {out}")
+        model = out
+    parts = Markup()
+    if answer.next_experiment:
+        why, profile = answer.next_experiment["why"], answer.next_experiment["profile"]
+        parts += paragraph(f"The run that decides: {why}.") + commands([f"bench run {profile}"])
+    if lines:
+        words = "Add it and see whether the error falls on a run that the fit has not seen:"
+        lines.append(f"bench compare {run} --check ANOTHER_RUN --model {_source(analysis, answer.model.name)} "
+                     f"--model {model}")  # fmt: skip
+        parts += paragraph(words) + commands(lines)
+    return parts
+
+
+def _source(analysis: Analysis, name: str) -> str:
+    """What `--model` takes: the name of a model that comes with the bench, or the run's own file."""
+    files = [] if name in effect_names() else sorted(analysis.run.path.glob("model*.yaml"))
+    return next((str(path) for path in files if load_model(path).name == name), name)
+
+
+def _suspects(answer: Diagnosis) -> Markup:
+    if not answer.suspects:
+        return Markup()
+    head = ("effect", "evidence", "by chance", "held-out before → after [deg/h]",
+            "removes", "parameters", "not told from")  # fmt: skip
+    rows = [_suspect(suspect) for suspect in answer.suspects]
+    least = f"evidence above {number(answer.threshold, 2)} is more than chance"
+    caption = f"The nearest suspects, none of them believed: {least}."
+    if answer.found:
+        caption = f"Suspects, bold if they belong to the explanation: {least}, {TIE:g} more than another is better."
+    return table(caption, head, rows, (1, 2, 3, 4)) + glossary(_meanings(answer))
+
+
+def _meanings(answer: Diagnosis) -> Iterator[tuple[str, str]]:
+    """What the effects found and their look-alikes are."""
+    alike = {name for suspect in answer.found for name in suspect.look_alikes}
+    for suspect in answer.suspects:
+        if suspect.found or suspect.effect in alike:
+            yield suspect.effect, _summary(suspect.effect)
+
+
+def _suspect(suspect: SuspectedEffect) -> Row:
+    fall = f"{number(suspect.held_out_before_dph)} → {number(suspect.held_out_rms_dph)}"
+    parameters = "; ".join(_parameter(name, value) for name, value in suspect.parameters.items())
+    cells = (
+        suspect.effect, number(suspect.evidence), _chance(suspect.chance),
+        suspect.reason or fall, _percent(suspect.removes), wide(parameters or "–"),
+        wide(", ".join(suspect.look_alikes) or "–"),
+    )  # fmt: skip
+    return Row(cells, "best" if suspect.found else "")
+
+
+def _parameter(name: str, value: Value) -> str:
+    size, deviation = with_uncertainty(value.value, value.std)
+    label = re.sub(r"_[^_]+$", "", name) if "_" in name else name
+    if value.at_bound:
+        return f"{label} = {number(value.value)} {in_print(value.unit)} (on its bound: not determined)"
+    return f"{label} = {size} ± {deviation} {in_print(value.unit)}".rstrip()
+
+
+def _summary(effect: str) -> str:
+    try:
+        return entry(effect).summary
+    except InputError:  # of a file of the user's that is not at hand
+        return ""
+
+
+def _chance(chance: float) -> str:
+    if not np.isfinite(chance):
+        return "–"
+    return "never seen" if chance == 0 else _percent(chance)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if np.isfinite(share) else "–"
+
+
+def _ladder(answer: Diagnosis, rungs: tuple[Rung, ...]) -> Markup:
+    """How the error falls with what was found."""
+    if len(rungs) < 2:
+        return Markup()
+    plot = figures_diagnosis.improvement_ladder(rungs, finite(answer.floor_dph))
+    unseen = "check runs" if answer.check else "blocks left out in turn"
+    caption = (
+        f"Error when what is missing is added; filled: on data that the fit did not see ({unseen}). A rival that falls "
+        "as low is no worse an answer by this measure: names come from the evidence, proof from another run."
+    )
+    alt = "; ".join(f"{r.name}: {number(r.in_sample_dph)} in-sample, {number(r.held_out_dph)} held-out" for r in rungs)
+    head = ("model", "in-sample RMS [deg/h]", "held-out RMS [deg/h]")
+    rows = [(r.name, number(r.in_sample_dph), number(r.held_out_dph)) for r in rungs]
+    drawn = figure("fig-missing-ladder", plot, caption, f"Error of each model [deg/h]. {alt}")
+    return heading("Watch the error fall") + drawn + table("Add it and watch", head, rows, (1, 2))
+
+
+def _map(data: Dataset, answer: Diagnosis) -> Markup:
+    """Residual over temperature and its rate of change."""
+    if not answer.residuals:
+        return Markup()
+    after = answer.unexplained_residuals[0] if answer.found and answer.unexplained_residuals else None
+    plot = figures_diagnosis.residual_map(data, answer.residuals[0], after, finite(answer.floor_dph))
+    names = listed([suspect.effect for suspect in answer.found])
+    where = f"left {answer.model.name}, right with {names} added" if after is not None else answer.model.name
+    words = (
+        f"Mean residual by temperature and its rate of change: {where}. Colour that changes sign between heating and "
+        "cooling is an effect with memory or of the rate; pale everywhere is a model that lacks nothing."
+    )
+    return heading("Where the residual sits") + figure("fig-missing-map", plot, words, words)
+
+
+def _partial(data: Dataset, answer: Diagnosis, suspect: SuspectedEffect) -> Markup:
+    """An effect found, against what it depends on."""
+    if not answer.unexplained_residuals or not suspect.shape:
+        return Markup()
+    x = figures_diagnosis.coordinate(data, suspect.model.effects[-1])
+    plot = figures_diagnosis.partial_residual(
+        data, x, answer.unexplained_residuals[0], suspect.shape[0], suspect.effect
+    )
+    words = f"{suspect.effect} alone, over {x.title}: the data (dots, diamonds are means) and the fitted effect."
+    return figure(f"fig-missing-{suspect.effect}", plot, words, words)
+
+
+def _misfit(data: Dataset, answer: Diagnosis) -> Markup:
+    """The shape of what nothing explains, over the channel where it shows best."""
+    left = answer.unexplained_residuals or answer.residuals
+    place = next((p for p in answer.unexplained if p.channel in figures_diagnosis.drawable_coordinates(data)), None)
+    if answer.verdict != "unknown_effect" or place is None or not left:
+        return Markup()
+    plot = figures_diagnosis.misfit_figure(data, left[0], place)
+    words = f"What nothing explains, over {_channel(place.channel)[0]}: residual (dots), its mean (line), worst shaded."
+    return heading("The shape of the unknown") + figure("fig-missing-unknown", plot, words, words)
+
+
+def _legs(answer: Diagnosis) -> Markup:
+    """Which leg of the profile speaks for which suspect."""
+    if not answer.suspects or answer.suspects[0].evidence <= answer.threshold:
+        return Markup()
+    shown = [*answer.found, *rivals(answer, answer.suspects[0])][:_ENOUGH]
+    plot = figures_diagnosis.suspects_by_leg(shown)
+    words = (
+        "Evidence by leg. A lag's bar doubles with the ramp rate, a hysteresis' does not; a suspect that lives from "
+        "one leg only wants a second look."
+    )
+    alt = f"Evidence that each segment gives for {', '.join(s.effect for s in shown)}."
+    return heading("Which leg says so") + figure("fig-missing-legs", plot, words, alt)
+
+
+def _places(answer: Diagnosis) -> Markup:
+    """Where the model fails, and where it still does."""
+    head = ("where", "from", "to", "systematic [deg/h]", "RMS × floor", "by chance", "")
+    parts = Markup()
+    for caption, shown in (
+        (f"Where {answer.model.name} fails", answer.where),
+        ("What remains beside what was found", answer.unexplained if answer.found else ()),
+    ):
+        if shown:
+            parts += table(caption, head, [_place(place) for place in shown], (1, 2, 3, 4))
+    return heading("Where it fails") + parts if parts else parts
+
+
+def _place(place: Place) -> tuple[object, ...]:
+    name, unit = _channel(place.channel)
+    ends = (number(place.low, 4), number(place.high, 4))
+    note = in_print(place.note).replace("+-", "±")
+    where = f"{name} [{unit}]" if unit else name
+    return (where, *ends, number(place.misfit_dph, 2), number(place.floor_ratio, 2), _odds(place.p), note)
+
+
+def _odds(p: float) -> str:
+    """A probability in plain words."""
+    if p < _SURE:
+        return "less than 1 in a billion"
+    return f"1 in {float(f'{1 / max(p, _SURE):.1g}'):,.0f}"
+
+
+def _channel(name: str) -> tuple[str, str]:
+    if name in _OWN_UNITS:
+        return _OWN_UNITS[name]
+    return name.replace("_", " "), in_print(CHANNELS[name].unit) if name in CHANNELS else ""
+
+
+def _unseen(answer: Diagnosis) -> Markup:
+    """What this run would have shown, and what it could not."""
+    limits = sorted(answer.smallest_detectable, key=lambda limit: limit.rms_dph)
+    seen = [limit for limit in limits if np.isfinite(limit.rms_dph)]
+    parts = heading("What this run could not have shown")
+    if seen:
+        plot = figures_diagnosis.detectable(seen, finite(answer.floor_dph))
+        words = "Smallest effect that this run would have found (RMS over the run); anything smaller stays unseen."
+        alt = "; ".join(f"{limit.effect}: {number(limit.rms_dph)} deg/h" for limit in seen)
+        parts += figure("fig-missing-detectable", plot, words, f"Smallest detectable effects. {alt}")
+        head = ("effect", "RMS [deg/h]", "amplitude", "unit", "at")
+        parts += Markup("<details><summary>As amplitudes</summary>{}</details>\n").format(
+            table("Smallest detectable amplitudes", head, map(_limit, seen), (1, 2))
+        )
+    blind = [(name, _capital(why)) for name, why in answer.not_excited.items()]
+    blind += [(limit.effect, "No size of it would have shown") for limit in limits if limit not in seen]
+    if blind:
+        parts += table("Not tested by this run", ("effect", "why"), [(name, why) for name, why in dict(blind).items()])
+    return parts if seen or blind else Markup()
+
+
+def _limit(limit: Detectable) -> tuple[object, ...]:
+    at = ", ".join(f"{name} {number(value)}" for name, value in limit.parameters.items())
+    return (limit.effect, number(limit.rms_dph), number(limit.amplitude), in_print(limit.unit), at or "–")
+
+
+def _notes(answer: Diagnosis) -> Iterator[str]:
+    yield made_from(answer)
+    if answer.noise_finding and answer.verdict != "adequate":
+        yield answer.noise_finding
+    yield from answer.notes
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:].removesuffix(".")

@@ -1,0 +1,217 @@
+"""Sections about the run itself: facts, profile, measured bias, noise, losses and events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from markupsafe import Markup
+
+from bench.analysis import LOST, Analysis, Completeness, branch_gap
+from bench.base import clock, moment, number
+from bench.deliver.report import figures_run
+from bench.deliver.report.markup import Row, Section, facts, figure, heading, mono, paragraph, table, text_of
+
+_LOSS_WORDS: Mapping[str, str] = {
+    "received": "received",
+    "lost": "rate samples lost (gap in the unit's sample counter)",
+    "slow_lost": "slow samples lost",
+    "corrupt": "corrupt (CRC)",
+    "repeated": "repeated",
+    "late": "late",
+    "out_of_order": "out of order",
+    "resets": "unit started anew",
+    "invalid": "not valid, says the unit",
+    "journal_damaged_bytes": "bytes of the journal damaged",
+}
+_QUIET_EVENTS = frozenset({"segment", "settled", "write"})
+
+
+def profile(analysis: Analysis) -> Section | None:
+    """The profile that was actually followed."""
+    if analysis.dataset is None:
+        return None
+    done = analysis.done
+    low, high = done.temperature or (float("nan"), float("nan"))
+    failed = [(float(s["from_s"]), float(s["to_s"])) for s in done.failed if {"from_s", "to_s"} <= s.keys()]
+    words = (
+        f"The unit went from {number(low)} to {number(high)} °C in {clock(done.duration_s)} h: {clock(done.heating_s)} "
+        f"heating, {clock(done.cooling_s)} cooling."
+    )
+    caption = "Temperatures over time. Shaded: segments that failed." if failed else "Temperatures over time."
+    plot = figures_run.profile_figure(analysis.dataset, failed)
+    return Section("profile", "Profile followed", paragraph(words) + figure("fig-profile", plot, caption, words))
+
+
+def bias(analysis: Analysis) -> Section | None:
+    """Bias over temperature, its loop coloured by time, and the other channels."""
+    data = analysis.dataset
+    if data is None:
+        return None
+    words = f"The bias moves by {number(analysis.bias_span_dph)} deg/h over the run."
+    gap = branch_gap(data)
+    if gap is not None:
+        words += f" Heating and cooling part by up to {number(abs(gap[0]))} deg/h, at {gap[1]:.0f} °C."
+    caption = (
+        f"Bias over temperature, means over {analysis.interval_s:g} s, coloured by time; arrows show the direction. "
+        "Where heating and cooling do not meet, no curve in temperature alone can follow."
+    )
+    alt = f"Loop of the zero-rate output over the temperature of the unit. {words}"
+    html = paragraph(words) + figure("fig-loop", figures_run.loop_figure(data), caption, alt)
+    others = figures_run.channels_figure(data)
+    if others is not None:
+        caption = "The unit's other channels over temperature: what the multi-channel models can use."
+        html += figure("fig-channels", others, caption, "Other channels of the unit over temperature")
+    return Section("bias", "Bias over temperature", html)
+
+
+def noise(analysis: Analysis) -> Section | None:
+    """Allan deviation of the soaks and the coefficients behind the floor."""
+    if analysis.dataset is None:
+        return None
+    floor = analysis.floor
+    if floor.noise is None:
+        return Section("noise", "Noise floor", paragraph(f"Not known: {floor.reason}."))
+    found = floor.noise
+    rows = []
+    names = (
+        ("N", "angle random walk", "white", "deg/√h"),
+        ("B", "bias instability", "flicker", "deg/h"),
+        ("K", "rate random walk", "walk", "deg/h/√h"),
+    )
+    for letter, meaning, name, unit in names:
+        low, high = found.intervals.get(name, (float("nan"), float("nan")))
+        value = f"below {number(high, 2)}" if name in found.undetermined else number(getattr(found, name))
+        rows.append((letter, meaning, value, f"{number(low)} to {number(high)}", unit))
+    spans = f"{len(floor.stretches)} isothermal spans{f' of the run {floor.static}' if floor.static else ''}"
+    words = (
+        f"Means over {analysis.interval_s:g} s of a run this long scatter by {number(floor.floor_dph)} deg/h from "
+        f"noise alone. No model can do better: that is the floor, read from {spans}."
+    )
+    alt = "Allan deviation over averaging time. " + "; ".join(f"{row[0]}: {row[2]} {row[4]}" for row in rows)
+    caption = (
+        "Overlapping Allan deviation of each soak; dashed: the noise estimated from all soaks together by maximum "
+        "likelihood, slow thermal tails removed (they still show in the curves at long times)."
+    )
+    head = ("coefficient", "", "value", "95 % interval", "unit")
+    html = paragraph(words) + table("Noise coefficients (IEEE Std 952)", head, rows, (2, 3))
+    html += figure("fig-allan", figures_run.allan_figure(floor.curves, found), caption, alt)
+    return Section("noise", "Noise floor", html)
+
+
+def losses(analysis: Analysis) -> Section:
+    """Frames lost, samples missing, segments with their outcome, events."""
+    done = analysis.done
+    html = heading("Frames and samples")
+    if done.losses:
+        rows = (
+            Row((_LOSS_WORDS.get(key, key), f"{count:,}"), "bad" if key in LOST and count else "")
+            for key, count in done.losses.items()
+        )
+        html += table("Frames, counted from the unit's own sample counter and CRC", ("frames", "count"), rows, (1,))
+    else:
+        html += paragraph("Nobody counted the frames of this record.")
+    share = "" if done.missing is None else f"; {done.missing:,} missing between the first and the last"
+    html += paragraph(f"{done.samples:,} rate samples{share}; gaps of more than a second: {len(done.gaps_s)}.")
+    html += Markup("").join(paragraph(text) for text in _clocks(done))
+    if done.gaps_s:
+        gaps = [Row((clock(a), clock(b), number(b - a)), "bad") for a, b in done.gaps_s]
+        html += table("Gaps: nothing was filled in", ("from", "to", "length [s]"), gaps, (0, 1, 2))
+    if done.segments:
+        html += heading("Segments") + _segments(analysis)
+    events = list(_events(analysis))
+    if events:
+        html += heading("Events") + table("What happened, in order of time", ("time", "kind", "what"), events, (0,))
+    return Section("losses", "Losses and events", html)
+
+
+def _clocks(done: Completeness) -> Iterator[str]:
+    """The unit's clock against the host's, and how long frames waited to be captured."""
+    found = done.unit_clock
+    drift, uncertainty, spread = (found.get(key) for key in ("drift_ppm", "drift_u_ppm", "spread_s"))
+    if drift is not None:
+        known = (
+            "the record is too short to say how well" if uncertainty is None else f"± {2 * uncertainty:.2g} ppm, k = 2"
+        )
+        near = "" if spread is None else f"; the fastest frames lie within {1e3 * spread:.3g} ms of that line"
+        yield (
+            f"Samples are timed by the unit's own counter; its clock runs {abs(drift):.4g} ppm "
+            f"{'slower' if drift >= 0 else 'faster'} than the host's says ({known}){near}."
+        )
+    if "most_behind_s" in done.capture:
+        yield f"No frame waited longer than {done.capture['most_behind_s']:.3f} s for the capture."
+
+
+def _segments(analysis: Analysis) -> Markup:
+    ratios = {}
+    if analysis.best is not None:
+        ratios = {s.name: s for s in analysis.best.segments if s.run == _name(analysis)}
+    rows = []
+    for segment in analysis.done.segments:
+        score = ratios.get(str(segment.get("name")))
+        failed = segment in analysis.done.failed
+        outcome = str(segment.get("outcome", "settled" if segment.get("settled", True) else "not settled"))
+        reason = str(segment.get("reason") or "")
+        rate = segment.get("rate_degc_per_min")
+        cells = (
+            segment.get("name", ""), segment.get("kind", ""), segment.get("direction", ""),
+            clock(_float(segment.get("from_s"))), clock(_float(segment.get("to_s"))),
+            number(_float(segment.get("target_degc"))), number(_float(rate)),
+            f"{'FAILED: ' if failed else ''}{outcome}{f' ({reason})' if reason else ''}",
+            number(score.rms_dph if score else None), number(score.floor_ratio if score else None, 2),
+        )  # fmt: skip
+        rows.append(Row(cells, "bad" if failed else ""))
+    head = (
+        "segment", "kind", "direction", "from", "to", "target [°C]", "rate [°C/min]", "outcome", "residual RMS [deg/h]",
+        "× floor",
+    )  # fmt: skip
+    return table("All segments; the residual is that of the best model", head, rows, (3, 4, 5, 6, 8, 9))
+
+
+def _name(analysis: Analysis) -> str:
+    return analysis.dataset.name if analysis.dataset is not None else ""
+
+
+def _events(analysis: Analysis) -> Iterator[Row]:
+    try:
+        for event in analysis.run.events():
+            if event.get("kind") not in _QUIET_EVENTS:
+                bad = event.get("kind") in {"guard", "link"} or event.get("ok") is False
+                cells = (clock(_float(event.get("t_s"))), event.get("kind", ""), event.get("text", ""))
+                yield Row(cells, "bad" if bad else "")
+    except ValueError:  # the last line of a run that was killed may be torn
+        yield Row(("–", "report", "events.jsonl is damaged from here on"), "bad")
+
+
+def _float(value: Any) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def run_facts(analysis: Analysis) -> Section:
+    """What was run, on what, when, with which versions; hashes of the data."""
+    manifest, done = analysis.manifest, analysis.done
+    pairs: list[tuple[str, object]] = [
+        ("unit", manifest.get("unit", "–")),
+        ("run", manifest.get("run", "–")),
+        ("profile", manifest.get("profile", "–")),
+        (
+            "station",
+            "simulated" if manifest.get("simulated") else manifest.get("station", "see station.yaml in the run folder"),
+        ),
+        ("started", moment(manifest.get("created", "–"))),
+        ("ended", f"{done.state}{f': {done.cause}' if done.cause else ''}"),
+        ("duration [h:mm:ss]", clock(done.duration_s)),
+        ("samples", f"{done.samples:,} at {manifest.get('sample_rate_hz') or '–'} Hz"),
+        ("averaging for all fits [s]", f"{analysis.interval_s:g}"),
+        ("versions", text_of(manifest.get("versions") or "–")),
+    ]
+    if companions := manifest.get("companions"):
+        pairs.append(("in the same chamber", ", ".join(str(companion.get("unit", "–")) for companion in companions)))
+    if manifest.get("seeds"):
+        pairs.append(("seeds of the simulation", text_of(manifest["seeds"])))
+    html = facts(pairs, "The run")
+    files = dict(manifest.get("files") or {})
+    if files:
+        rows = ((name, mono(str(digest))) for name, digest in files.items())
+        html += table("SHA-256 of the files that the numbers rest on", ("file", "SHA-256"), rows)
+    return Section("facts", "Run facts", html)

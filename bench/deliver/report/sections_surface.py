@@ -1,0 +1,110 @@
+"""Section about a run on a rate table: the measured surface over rate and temperature, the fitted one, C0 ... C20."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from bench.analysis import Analysis, Points, RateSurface, fit_surface, points_of
+from bench.base import DPH_PER_DPS, FloatArray, InputError, number
+from bench.deliver.report.markup import Section, figure, paragraph, table
+from bench.deliver.report.plotting import BLUE, GREY, ORANGE, VERMILION, Plot, plot
+from bench.record import Dataset
+
+ORDER = 5
+_MESH = 41
+_AROUND = {"showlegend": False, "margin": {"l": 0, "r": 0, "t": 10, "b": 10}}
+_COLOURS = [[0.0, BLUE], [0.5, GREY], [0.75, ORANGE], [1.0, VERMILION]]
+
+
+def surface(analysis: Analysis) -> Section | None:
+    """Both surfaces and the coefficients; None for a run without a table, a reason where its steps are too few."""
+    data = analysis.dataset
+    if data is None or not np.any(np.nan_to_num(data.channels.get("applied_rate", np.zeros(1)))):
+        return None
+    try:
+        points, found = surface_of(data)
+    except InputError as error:
+        return Section("surface", "Rate surface", paragraph(f"No surface of order {ORDER}: {error}."))
+    words = (
+        f"Order {found.order}, {found.normalised.size} coefficients from {points.raw.size} bins of equal width and "
+        f"equal counts ({points.left_out} with too few samples left out). Residual "
+        f"{number(found.rms * DPH_PER_DPS)} deg/h RMS, condition {number(found.condition, 2)}; least squares and "
+        f"orthogonal polynomials differ by {found.disagreement:.1g} of the full rate. Within "
+        f"{number(found.raw.low, 4)} to {number(found.raw.high, 4)} deg/s and {number(found.temperature.low, 3)} to "
+        f"{number(found.temperature.high, 3)} °C; outside it is clamped."
+    )
+    measured = figure(
+        "fig-surface-measured", _measured(points), "Measured: raw output less the table's rate, one point a bin.",
+        "Measured error of the output over rate and temperature, as a surface in space.",
+    )  # fmt: skip
+    fitted = figure(
+        "fig-surface-fitted", _fitted(found), f"Fitted: the same error by the surface of order {found.order}.",
+        f"Fitted error over rate and temperature. {words}",
+    )  # fmt: skip
+    rows = [
+        (f"C{k}", f"u^{i} v^{j}", f"{a:.9e}", f"{b:.9e}", _unit(found, i, j))
+        for k, ((i, j), a, b) in enumerate(
+            zip(found.powers, found.normalised.tolist(), found.coefficients.tolist(), strict=True)
+        )
+    ]
+    head = ("", "term", f"normalised [{found.unit}]", "de-normalised", "unit")
+    html = paragraph(words) + measured + fitted
+    html += table("Rate(NR, T); u and v are NR and T mapped to -1 ... 1 over their ranges", head, rows, (2, 3))
+    return Section("surface", "Rate surface", html)
+
+
+def surface_of(data: Dataset) -> tuple[Points, RateSurface]:
+    """Bins of a run and the surface through them. InputError where its steps do not determine one."""
+    points = points_of(data)
+    return points, fit_surface(points, ORDER)
+
+
+def _measured(points: Points) -> Plot:
+    error = DPH_PER_DPS * (points.raw - points.reference)
+    x, y, z = points.reference.tolist(), points.temperature.tolist(), error.tolist()
+    # The triangles are those of the plane of both abscissas, each scaled by plotly to its own range.
+    mesh = go.Mesh3d(
+        x=x, y=y, z=z, intensity=z, colorscale=_COLOURS, opacity=0.6,
+        delaunayaxis="z", showscale=False, hoverinfo="skip",
+    )  # fmt: skip
+    marks = go.Scatter3d(
+        x=x, y=y, z=z, mode="markers", marker={"size": 2.5, "color": GREY},
+        name="bin", hovertemplate="%{x:.4g} deg/s, %{y:.4g} °C: %{z:.5g} deg/h<extra></extra>",
+    )  # fmt: skip
+    return plot([mesh, marks], {"scene": _scene("table's rate [deg/s]"), **_AROUND}, 520)
+
+
+def _fitted(found: RateSurface) -> Plot:
+    raw = np.linspace(found.raw.low, found.raw.high, _MESH)
+    celsius = np.linspace(found.temperature.low, found.temperature.high, _MESH)
+    error = np.array([_error(found, raw, np.full(_MESH, degc)) for degc in celsius])
+    sheet = go.Surface(
+        x=raw.tolist(), y=celsius.tolist(), z=error.tolist(), colorscale=_COLOURS,
+        colorbar={"title": {"text": "deg/h"}, "len": 0.7},
+        hovertemplate="%{x:.4g} deg/s, %{y:.4g} °C: %{z:.5g} deg/h<extra></extra>",
+    )  # fmt: skip
+    return plot([sheet], {"scene": _scene("raw output NR [deg/s]"), **_AROUND}, 520)
+
+
+def _error(found: RateSurface, raw: FloatArray, celsius: FloatArray) -> FloatArray:
+    error: FloatArray = DPH_PER_DPS * (raw - found.predict(raw, celsius)[0])
+    return error
+
+
+def _scene(rate: str) -> dict[str, Any]:
+    titles = {"xaxis": rate, "yaxis": "temperature [°C]", "zaxis": "error [deg/h]"}
+    look = {"gridcolor": GREY, "showbackground": False}
+    axes = {name: {"title": {"text": text}, **look} for name, text in titles.items()}
+    aspect = {"x": 1.3, "y": 1.3, "z": 0.8}
+    return {**axes, "aspectmode": "manual", "aspectratio": aspect, "camera": {"eye": {"x": 1.5, "y": -1.7, "z": 0.8}}}
+
+
+def _unit(found: RateSurface, i: int, j: int) -> str:
+    """Unit of a de-normalised coefficient."""
+    if i == 1 and j == 0:
+        return "1"
+    powers = (f"({found.unit})^{1 - i}" if i else found.unit, f"°C^{-j}" if j else "")
+    return " ".join(filter(None, (powers[0] if i != 1 else "", powers[1])))

@@ -1,5 +1,0 @@
-"""Model + datasets → fit: one-pass least squares, variable projection for time constants, honest covariance."""
-
-from bench.fit.fitting import Coefficient, Fit, Prediction, fit, refuse_corrected
-
-__all__ = ["Coefficient", "Fit", "Prediction", "fit", "refuse_corrected"]

@@ -1,0 +1,5 @@
+"""Simulated units with something hidden, to practise the diagnosis on."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,2 @@
+from .mystery import make_mystery as make_mystery
+from .mystery import reveal as reveal

@@ -1,0 +1,284 @@
+"""A run on one time base: what effects, fits and figures see. Reads run folders; needs neither driver nor bus."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.base import CHANNELS, DPH_PER_DPS, BoolArray, FloatArray, InputError, IntArray
+from bench.record.folder import MANIFEST, read_json
+from bench.record.means import write_means
+
+__all__ = ["Dataset", "Segment", "load", "write_means"]
+
+DEFAULT_INTERVAL_S = 30.0
+STILL_DEGC_PER_MIN = 0.05
+"""Slower than this the temperature counts as constant [degC/min]."""
+_SLOPE_WINDOW_S = 60.0
+_STEADY_DPS = 0.1
+"""A rate table whose rate differs by more than this from one second to the next accelerates [deg/s]."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One piece of a run between two commands: a ramp, a soak, a step."""
+
+    index: int
+    name: str
+    kind: str = ""
+    from_s: float = np.nan
+    to_s: float = np.nan
+    direction: str = ""
+    target: float | None = None
+    rate: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """Channels of one run on one time base, shape (n,) each; NaN is a gap and stays one.
+
+    `counts` says how many samples stand behind each value, `variances` how they scatter; both may lack a channel that
+    was never sampled faster (an imported table): its count is then 1 where it has a value.
+    """
+
+    name: str
+    time: FloatArray
+    channels: Mapping[str, FloatArray]
+    segment: IntArray
+    segments: tuple[Segment, ...] = ()
+    interval_s: float = 1.0
+    counts: Mapping[str, FloatArray] = field(default_factory=dict)
+    variances: Mapping[str, FloatArray] = field(default_factory=dict)
+    corrected: bool = False
+    """Whether the unit corrected its rate itself while this was recorded: nothing may be fitted to it."""
+    finer_step: float | None = None
+    """`temperature_step` of the finer record that this one averages."""
+
+    def __post_init__(self) -> None:
+        columns = {**self.channels, "segment": self.segment}
+        for name, column in columns.items():
+            if column.shape != self.time.shape:
+                raise InputError(f"{self.name}: '{name}' has {column.size} rows, time has {self.time.size}")
+        if np.any(np.diff(self.time) <= 0):
+            raise InputError(f"{self.name}: time runs backwards or stands still")
+
+    def __len__(self) -> int:
+        return int(self.time.size)
+
+    def channel(self, name: str) -> FloatArray:
+        """Values of one channel (n,); InputError that names it where the run has none."""
+        if name == "time":
+            return self.time
+        if name not in self.channels or not np.any(np.isfinite(self.channels[name])):
+            have = ", ".join(sorted(self.channels))
+            unit = f" [{CHANNELS[name].unit}]" if name in CHANNELS else ""
+            raise InputError(f"{self.name}: channel '{name}'{unit} is missing; the run has {have}")
+        return self.channels[name]
+
+    def count(self, name: str) -> FloatArray:
+        """Samples behind each value of a channel (n,), 0 in gaps."""
+        if name in self.counts:
+            return self.counts[name]
+        return np.isfinite(self.channel(name)).astype(np.float64)
+
+    @cached_property
+    def bias(self) -> FloatArray:
+        """Zero-rate output: rate minus what the rate table turned [deg/h], (n,)."""
+        rate = self.channel("rate")
+        applied = self.channels.get("applied_rate")
+        if applied is None or not np.any(np.isfinite(applied)):
+            return rate
+        return rate - DPH_PER_DPS * applied
+
+    @cached_property
+    def dT_dt(self) -> FloatArray:  # noqa: N802 - the symbol of the papers
+        """Slope of the unit's own temperature, central over about a minute [degC/min], (n,)."""
+        temperature = self.channel("temperature")
+        half = max(1, round(_SLOPE_WINDOW_S / self.interval_s / 2))
+        rows = np.arange(len(self))
+        before, after = np.maximum(rows - half, 0), np.minimum(rows + half, len(self) - 1)
+        if len(self) < 2:
+            return np.full(len(self), np.nan)
+        return 60.0 * (temperature[after] - temperature[before]) / (self.time[after] - self.time[before])
+
+    @cached_property
+    def direction(self) -> IntArray:
+        """+1 heating, -1 cooling, 0 constant or unknown (n,): from the slope here and now, without memory."""
+        slope = np.nan_to_num(self.dT_dt)
+        return np.where(np.abs(slope) < STILL_DEGC_PER_MIN, 0, np.sign(slope)).astype(np.int64)
+
+    @cached_property
+    def temperature_step(self) -> float:
+        """Step of the temperature sensor [degC], 0 where its values look continuous.
+
+        Rows whose samples did not scatter show the sensor's codes; the step is their smallest distance, if all others
+        are multiples of it. Averages hide it, so they remember what the finest record showed.
+        """
+        if self.finer_step is not None:
+            return self.finer_step
+        temperature = self.channel("temperature")
+        scatter = self.variances.get("temperature", np.full(len(self), np.nan))
+        raw = temperature[np.isfinite(temperature) & ~(scatter > 0.0)]
+        codes = np.unique(np.round(raw, 9))
+        if raw.size < max(4, 0.1 * len(self)) or codes.size < 2 or codes.size > 0.5 * raw.size:
+            return 0.0
+        step = float(np.diff(codes).min())
+        multiples = np.diff(codes) / step
+        return step if np.all(np.abs(multiples - np.round(multiples)) < 0.02 * np.maximum(multiples, 1.0)) else 0.0
+
+    def select(self, mask: BoolArray) -> Dataset:
+        """Only the rows of `mask` (n,). Effects with memory want the whole record: mask after, not before."""
+        return replace(
+            self,
+            time=self.time[mask],
+            channels={name: column[mask] for name, column in self.channels.items()},
+            segment=self.segment[mask],
+            counts={name: column[mask] for name, column in self.counts.items()},
+            variances={name: column[mask] for name, column in self.variances.items()},
+        )
+
+    def with_channel(self, name: str, values: FloatArray) -> Dataset:
+        """The same record with one channel replaced or added (an effect that moves the abscissa uses it)."""
+        return replace(self, channels={**self.channels, name: values})
+
+    def average(self, interval_s: float) -> Dataset:
+        """Means over about `interval_s` [s]: each stretch of one segment is cut into equal bins, none across its end.
+
+        Equal bins keep the rows evenly spaced, which a covariance over time needs. Means are weighted by counts;
+        counts add; variances are those of all samples inside. A gap shrinks the count, an empty bin is no row, a
+        channel without a sample in a bin is NaN there. Raises InputError below the base.
+        """
+        if not interval_s >= self.interval_s * (1 - 1e-9):
+            raise InputError(f"{self.name}: cannot average over {interval_s:g} s, its rows are {self.interval_s:g} s")
+        if len(self) == 0 or np.isclose(interval_s, self.interval_s):
+            return self
+        stretch = np.cumsum(np.diff(self.segment, prepend=self.segment[:1]) != 0)
+        firsts = np.flatnonzero(np.diff(stretch, prepend=-1))
+        lasts = np.append(firsts[1:], len(self)) - 1
+        begin = self.time[firsts] - self.interval_s / 2
+        length = self.time[lasts] + self.interval_s / 2 - begin
+        # Rounding guards: a border that falls on a row's edge belongs to the same bin on every machine.
+        bins = np.maximum(np.floor(length / interval_s + 0.5 + 1e-9), 1.0)
+        step = np.floor((self.time - self.interval_s / 2 - begin[stretch]) / (length / bins)[stretch] + 1e-9)
+        starts = np.flatnonzero((np.diff(stretch, prepend=-1) != 0) | (np.diff(step, prepend=-1) != 0))
+        group = np.repeat(np.arange(starts.size), np.diff(np.append(starts, len(self))))
+        rows = np.bincount(group)
+        pooled = {name: self._pool(name, starts, group) for name in self.channels}
+        return replace(
+            self,
+            time=np.add.reduceat(self.time, starts) / rows,
+            channels={name: mean for name, (mean, _, _) in pooled.items()},
+            counts={name: count for name, (_, count, _) in pooled.items()},
+            variances={name: variance for name, (_, _, variance) in pooled.items()},
+            segment=self.segment[starts],
+            interval_s=float(interval_s),
+            finer_step=self.temperature_step,
+        )
+
+    def _pool(self, name: str, starts: IntArray, group: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        value = self.channels[name]
+        present = np.isfinite(value)
+        count = np.where(present, self.counts.get(name, present.astype(np.float64)), 0.0)
+        inner = np.nan_to_num(self.variances.get(name, np.zeros(len(self)))) * np.maximum(count - 1, 0)
+        filled = np.where(present, value, 0.0)
+        total = np.add.reduceat(count, starts)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            # About the bin's first value: a 14 kHz frequency keeps its last digits.
+            offset = filled[starts]
+            mean = offset + np.add.reduceat(count * (filled - offset[group]), starts) / total
+            square = np.add.reduceat(inner + count * np.where(present, filled - mean[group], 0.0) ** 2, starts)
+            return mean, total, np.where(total > 1, square / (total - 1), np.nan)
+
+
+def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S, *, whole: bool = False) -> Dataset:
+    """Dataset of a finished or recovered run from its `means.parquet` and `manifest.json`, averaged to `interval_s`.
+
+    Stretches of a segment shorter than half of `interval_s` are left out, and, unless `whole`, seconds in which a rate
+    table accelerates: milliseconds between its clock and the unit's would pass for hundreds of deg/h of bias.
+
+    Raises InputError, one line, when the folder, the manifest or the means are missing, broken or without rows.
+    """
+    folder = Path(run_folder)
+    if not folder.is_dir():
+        raise InputError("no such run folder", folder)
+    missing = "missing: this folder is not a run; `bench import FILE` makes one from a table"
+    manifest = read_json(folder / MANIFEST, missing)
+    path = folder / "means.parquet"
+    if not path.is_file():
+        raise InputError("missing; the run was not finished: recover it with `bench resume` or `bench report`", path)
+    try:
+        table = pd.read_parquet(path)
+    except Exception as error:  # pyarrow raises several unrelated types on a truncated file
+        raise InputError(f"not a readable Parquet file ({error})", path) from error
+    if len(table) == 0:
+        raise InputError("holds zero rows: nothing was captured", path)
+    for name in ("time", "rate", "temperature"):
+        if name not in table:
+            raise InputError(f"required column '{name}' is missing; it has {', '.join(map(str, table.columns))}", path)
+    base = _dataset(table, manifest, folder)
+    base = base if whole else base.select(_steady(base))
+    return base.select(_lasting(base, interval_s / 2)).average(interval_s)
+
+
+def _steady(base: Dataset) -> BoolArray:
+    """Rows (n,) in which the rate table keeps its rate, or has none; all of a record in which it hardly ever does."""
+    applied = base.channels.get("applied_rate")
+    if applied is None:
+        return np.ones(len(base), dtype=bool)
+    jumps = np.abs(np.diff(applied)) > _STEADY_DPS
+    steady: BoolArray = ~(np.append(jumps, False) | np.append(False, jumps))
+    return steady if np.mean(steady) > 0.5 else np.ones(len(base), dtype=bool)
+
+
+def _lasting(base: Dataset, least_s: float) -> BoolArray:
+    """Rows (n,) of stretches of one segment that last at least `least_s` [s]; a shorter one makes no honest mean."""
+    stretch = np.cumsum(np.diff(base.segment, prepend=base.segment[:1]) != 0)
+    rows: BoolArray = (np.bincount(stretch) * base.interval_s >= least_s)[stretch]
+    return rows
+
+
+def _dataset(table: pd.DataFrame, manifest: Mapping[str, Any], folder: Path) -> Dataset:
+    columns = {str(name): table[name].to_numpy(dtype=np.float64) for name in table.columns}
+    names = [name for name in CHANNELS if name in columns and name != "time"]
+    time = columns["time"]
+    segment = columns["segment"] if "segment" in columns else np.full(time.shape, -1.0)
+    return Dataset(
+        name=str(manifest.get("run", folder.name)),
+        time=time,
+        channels={name: columns[name] for name in names},
+        segment=np.where(np.isnan(segment), -1, segment).astype(np.int64),
+        segments=tuple(_segment(entry) for entry in manifest.get("segments", [])),
+        interval_s=1.0,
+        corrected=_is_corrected(manifest),
+        counts={name: columns[f"{name}_count"] for name in names if f"{name}_count" in columns},
+        variances={name: columns[f"{name}_var"] for name in names if f"{name}_var" in columns},
+    )
+
+
+def _is_corrected(manifest: Mapping[str, Any]) -> bool:
+    identity = manifest.get("unit_identity") or {}
+    return manifest.get("purpose") == "verification" or bool(identity.get("coefficient_set"))
+
+
+def _segment(entry: Mapping[str, Any]) -> Segment:
+    def number(key: str) -> float | None:
+        return None if entry.get(key) is None else float(entry[key])
+
+    index = int(entry.get("index", 0))
+    begin, end = number("from_s"), number("to_s")
+    return Segment(
+        index=index,
+        name=str(entry.get("name", f"segment {index}")),
+        kind=str(entry.get("kind") or ""),
+        from_s=np.nan if begin is None else begin,
+        to_s=np.nan if end is None else end,
+        direction=str(entry.get("direction") or ""),
+        target=number("target_degc"),
+        rate=number("rate_degc_per_min"),
+    )

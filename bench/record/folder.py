@@ -1,0 +1,205 @@
+"""Run folders: the truth of what was captured, and the only thing that the two halves of the bench share.
+
+A run folder holds verbatim copies of its inputs, the raw journals, `data.parquet` (one row per unit sample),
+`means.parquet` (1 s means), `events.jsonl`, and `manifest.json`, which is written atomically and names every file
+with its SHA-256.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from bench.base import InputError
+
+MANIFEST = "manifest.json"
+VERIFICATION_JSON = "verification.json"
+"""Verdict on a verification run, written by `bench verify`."""
+FORMAT = 1
+HASHED_PATTERNS = ("*.parquet", "*.yaml", "*.jsonl", "journal/*", "journal-*/*")
+
+Manifest = dict[str, Any]
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Replace `path` by `data` so that a reader or a power cut sees the old file or the new one, never a part."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # the new name, too, survives a power cut
+    finally:
+        os.close(folder)
+
+
+def share(source: Path, target: Path) -> bool:
+    """Make `target` another name of the file `source`; False where the file system has no hard links."""
+    try:
+        target.hardlink_to(source)
+    except OSError:
+        return False
+    return True
+
+
+def copy_whole(source: Path, target: Path) -> None:
+    """Copy a file so that `target` is never seen in part."""
+    partial = target.with_name(f".{target.name}.part")
+    shutil.copyfile(source, partial)
+    partial.replace(target)
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Replace a JSON file atomically; ValueError where a number is not finite."""
+    write_atomically(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def read_json(path: Path, missing: str) -> dict[str, Any]:
+    """The JSON object in a file; InputError that says `missing` where there is none, or what is wrong with it."""
+    if not path.is_file():
+        raise InputError(missing, path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"not readable as JSON ({error})", path) from error
+    if not isinstance(content, dict):
+        raise InputError("is not a JSON object", path)
+    return content
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file's contents, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """One run on disk; `path` is the folder, `part` counts how often its bench was started for it."""
+
+    path: Path
+    part: int = 1
+
+    @property
+    def journal(self) -> Path:
+        """Folder of the raw journals of this part."""
+        return self.path / ("journal" if self.part == 1 else f"journal-{self.part}")
+
+    def parts(self) -> list[RunFolder]:
+        """Every part that has journals, in order of time; a run that was never cut off has one."""
+        found = [replace(self, part=1)]
+        while (following := replace(self, part=len(found) + 1)).journal.is_dir():
+            found.append(following)
+        return found
+
+    @property
+    def data(self) -> Path:
+        """One row per unit sample (500 Hz), see `bench.base.channels`."""
+        return self.path / "data.parquet"
+
+    @property
+    def means(self) -> Path:
+        """1 s means of `data`, with counts and variances."""
+        return self.path / "means.parquet"
+
+    @property
+    def report(self) -> Path:
+        """The HTML report."""
+        return self.path / "report.html"
+
+    def manifest(self) -> Manifest:
+        """The manifest; InputError when there is none or it is not one of ours."""
+        path = self.path / MANIFEST
+        try:
+            manifest = json.loads(path.read_bytes())
+        except FileNotFoundError:
+            raise InputError(
+                f"not a run folder: {MANIFEST} is missing; name a folder made by `bench run`", self.path
+            ) from None
+        except ValueError as error:
+            raise InputError(
+                f"{MANIFEST} is not valid JSON ({error}); restore it or name another run", self.path
+            ) from None
+        if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+            found = manifest.get("format") if isinstance(manifest, dict) else manifest
+            raise InputError(f"run folder format is {found!r}, this bench reads {FORMAT}", self.path)
+        return manifest
+
+    def write_manifest(self, manifest: Manifest) -> None:
+        """Write the manifest atomically."""
+        text = json.dumps({"format": FORMAT, **manifest}, indent=1, allow_nan=False)
+        write_atomically(self.path / MANIFEST, text.encode())
+
+    def hashes(self) -> dict[str, str]:
+        """SHA-256 of every file that the numbers of this run rest on, by path inside the folder."""
+        files = sorted({file for pattern in HASHED_PATTERNS for file in self.path.glob(pattern)})
+        return {str(file.relative_to(self.path)): sha256(file) for file in files}
+
+    def events(self) -> Iterator[dict[str, Any]]:
+        """The events of the run in order of time."""
+        path = self.path / "events.jsonl"
+        if path.exists():
+            with path.open(encoding="utf-8") as file:
+                yield from (json.loads(line) for line in file if line.strip())
+
+
+def create_run(
+    root: Path, unit: str, profile: str, created: datetime, files: Mapping[str, str] | None = None
+) -> RunFolder:
+    """Make a new run folder `root/<unit>/<time>_<profile>` that holds `files` (name: text).
+
+    InputError when it cannot be written.
+    """
+    stem = f"{created:%Y%m%dT%H%M%SZ}_{slug(profile)}"
+    parent = root / slug(unit)
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        run = RunFolder(_new_folder(parent, stem))
+        run.journal.mkdir()
+        for name, text in (files or {}).items():
+            (run.path / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot make a run folder: {error.strerror}; choose another place with --out", root) from None
+    return run
+
+
+def _new_folder(parent: Path, stem: str) -> Path:
+    for suffix in ("", *(f"_{n}" for n in range(2, 1000))):
+        path = parent / f"{stem}{suffix}"
+        try:
+            path.mkdir()
+        except FileExistsError:
+            continue
+        return path
+    raise InputError(f"a thousand runs named {stem} already exist; clear the folder", parent)
+
+
+def open_run(path: Path) -> RunFolder:
+    """The run folder at `path`; InputError when there is none."""
+    run = RunFolder(Path(path))
+    if not run.path.is_dir():
+        raise InputError("no such run folder; `bench run` prints the folder it made", run.path)
+    run.manifest()
+    return run
+
+
+def slug(text: str) -> str:
+    """A name that is safe as one part of a path."""
+    return re.sub(r"[^A-Za-z0-9._+-]+", "-", text).strip(".-") or "unnamed"

@@ -1,0 +1,101 @@
+"""Errors as answers of the API: a status, and `{"detail": "<one line>"}`."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+
+from bench.base import BenchError, EquipmentError, RunAborted
+from drivers.errors import ConfigError, DriverError, IdentityError, LimitError
+
+_log = logging.getLogger("bench.web")
+
+_MEANINGS = {
+    400: "Bad input: what, where, the value, what is allowed",
+    401: "No token, or one that is not valid",
+    403: "Not with this role, not from this origin, or not for this host",
+    404: "No such thing",
+    405: "Not with this method",
+    409: "Not in the present state",
+    413: "Larger than is taken",
+    415: "Not of the type that is taken",
+    422: "Not as described",
+    429: "Too many wrong tokens, or too much at once; Retry-After says when again",
+    502: "The equipment or the run failed",
+    503: "Not just now",
+}
+
+
+class Problem(BaseModel):
+    """What is wrong, in one line that says what to do."""
+
+    detail: str
+
+
+RESPONSES: dict[int | str, dict[str, Any]] = {
+    status: {"model": Problem, "description": meaning} for status, meaning in _MEANINGS.items()
+}
+"""For OpenAPI: every answer that is not the one hoped for."""
+
+
+def problem(status: int, detail: str, headers: dict[str, str] | None = None) -> JSONResponse:
+    """An answer that says what is wrong."""
+    return JSONResponse({"detail": one_line(detail)}, status, headers)
+
+
+def one_line(text: str) -> str:
+    """The lines of a message as one."""
+    return "; ".join(line.strip() for line in text.splitlines() if line.strip())
+
+
+def add_problems(app: FastAPI) -> None:
+    """Turn the errors of bench and drivers, and of what a request holds, into answers."""
+    app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(RequestValidationError, _unlike)
+    app.add_exception_handler(BenchError, _bench)
+    app.add_exception_handler(DriverError, _driver)
+    app.add_exception_handler(OSError, _files)
+    app.add_exception_handler(Exception, _ours)
+
+
+async def _http(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    headers = dict(error.headers) if error.headers else None
+    return problem(error.status_code, str(error.detail), headers)
+
+
+async def _unlike(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)
+    told = []
+    for wrong in error.errors()[:5]:
+        place = ".".join(str(part) for part in wrong["loc"])
+        value = repr(wrong.get("input"))
+        told.append(f"{place}: {wrong['msg']}" + (f", not {value[:60]}" if len(value) <= 200 else ""))
+    return problem(422, "; ".join(told))
+
+
+async def _bench(request: Request, error: Exception) -> JSONResponse:
+    if isinstance(error, EquipmentError):
+        return problem(502, str(error))
+    return problem(409 if isinstance(error, RunAborted) else 400, str(error))
+
+
+async def _driver(request: Request, error: Exception) -> JSONResponse:
+    return problem(400 if isinstance(error, (ConfigError, LimitError, IdentityError)) else 502, str(error))
+
+
+async def _files(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, OSError)
+    _log.error("%s %s", request.method, request.url.path, exc_info=error)
+    return problem(503, f"the server cannot read or write its files: {error.strerror or error}; runs go on")
+
+
+async def _ours(request: Request, error: Exception) -> JSONResponse:
+    _log.error("%s %s", request.method, request.url.path, exc_info=error)
+    return problem(500, "the server failed at this; what it says on its terminal is for the bench's makers")

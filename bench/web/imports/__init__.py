@@ -1,0 +1,1 @@
+"""Foreign logs taken in by the page, in a confined process."""

@@ -1,0 +1,214 @@
+"""The confined process that reads a table of somebody else: `python -m bench.web.imports.parsing REQUEST ANSWER`.
+
+It limits its own memory, processor time and written bytes before it opens the file, and answers with one JSON object:
+`{"result": …}` or `{"refused": "one line"}`. Whatever else happens to it, `bench.web.imports.confined` puts into words.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import resource
+import signal
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bench.acquisition import ImportPlan, Table
+
+MOST_COLUMNS = 300
+"""Columns that the page lists."""
+FIRST_ROWS = 5
+_DRAWN = 600
+_MAP = re.compile(r"[;:,]?\s*(?:choose one |name it )?in a column map, `[^`]*`(?: or `[^`]*`)?")
+"""What the command line says of its file of columns; the page has fields for them."""
+_LONGEST = 600
+"""Characters of a message: names of columns are the file's."""
+
+
+def main(request: Path, answer: Path) -> None:
+    """Do what the request says; the answer is a file, so that its size is limited, too."""
+    wanted = json.loads(request.read_text(encoding="utf-8"))
+    confine(wanted["confines"])
+    from bench.base import BenchError
+
+    try:
+        content: dict[str, Any] = {"result": DOES[wanted["do"]](wanted)}
+    except BenchError as error:
+        content = {"refused": shortened(str(error))}
+    except MemoryError:
+        content = {"refused": "memory"}
+    except (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
+        # A parser tripped over a file that nobody foresaw: its words, and no traceback of ours.
+        content = {"refused": shortened(f"cannot be read ({type(error).__name__}: {error})")}
+    answer.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+
+
+def confine(limits: Mapping[str, float]) -> None:
+    """Limits that this process cannot take back; the alarm ends it even where its server is gone."""
+    signal.setitimer(signal.ITIMER_REAL, limits["wall_s"] + 1.0)
+    for name, kind in (("memory_bytes", resource.RLIMIT_AS), ("cpu_s", resource.RLIMIT_CPU),
+                       ("written_bytes", resource.RLIMIT_FSIZE)):  # fmt: skip
+        own = resource.getrlimit(kind)[1]
+        most = int(limits[name]) if own == resource.RLIM_INFINITY else min(int(limits[name]), own)
+        resource.setrlimit(kind, (most, most))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (128, 128))
+
+
+def shortened(text: str) -> str:
+    """One line without control characters, and not longer than a person reads."""
+    line = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
+
+
+def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """What the table holds and how it was understood; where it was not, `problem` says what is missing."""
+    from bench.acquisition import guess, plan_table
+    from bench.base import InputError
+
+    table = _table(wanted)
+    understood, figure, problem = None, None, None
+    try:
+        plan = plan_table(table, _columns(wanted), wanted["serial"])
+        understood, figure = _understood(plan), _figure(plan)
+    except InputError as error:
+        problem = shortened(_MAP.sub("; choose it below", str(error)).replace(" below with", " below,"))
+    return {
+        "rows": table.rows,
+        "columns": [_column(table, name) for name in list(table.columns)[:MOST_COLUMNS]],
+        "left_out": max(0, len(table.columns) - MOST_COLUMNS),
+        "guess": guess(table),
+        "understood": understood,
+        "problem": problem,
+        "figure": figure,
+        "notes": [shortened(note) for note in table.notes],
+    }
+
+
+def make(wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """The run folder, registered."""
+    from bench.acquisition import plan_table, write_import
+    from bench.commands import Answer, registered
+
+    out = Path(wanted["out"])
+    plan = plan_table(_table(wanted), _columns(wanted), wanted["serial"])
+    folder = write_import(plan, out, operator=wanted["operator"])
+    answer = registered(Answer({"run": str(folder.path)}, ""), wanted.get("registry"), begin=True)
+    told = answer.content.get("registry", {})
+    return {
+        "run": folder.path.relative_to(out).as_posix(),
+        "warnings": [shortened(text) for text in (*plan.warnings, *filter(None, [told.get("warning")]))],
+    }
+
+
+DOES = {"preview": preview, "make": make}
+"""What may be asked for."""
+
+
+def _columns(wanted: Mapping[str, Any]) -> Any:
+    """The column map; InputError that names what is wrong in it."""
+    from pydantic import ValidationError
+
+    from bench.acquisition import ColumnMap
+    from bench.base import InputError
+
+    try:
+        return ColumnMap.model_validate(wanted.get("columns") or {})
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"column map: {place}: {first['msg']}") from None
+
+
+def _table(wanted: Mapping[str, Any]) -> Table:
+    import pyarrow as pa
+
+    from bench.acquisition import read_table
+
+    pa.set_cpu_count(1)
+    pa.set_io_thread_count(1)
+    path = Path(wanted["file"])
+    _refuse_bomb(path, int(wanted["confines"]["memory_bytes"]))
+    return read_table(path, wanted.get("dbc"))
+
+
+def _refuse_bomb(path: Path, memory_bytes: int) -> None:
+    """InputError for a Parquet file that says itself that it needs too much memory; one that lies meets the limit."""
+    from bench.base import InputError
+
+    if path.suffix.lower() != ".parquet":
+        return
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        known = pq.read_metadata(path)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"not a readable Parquet file ({error})", path) from None
+    wanted = 8 * known.num_rows * known.num_columns
+    if wanted > memory_bytes // 3:
+        raise InputError(
+            f"holds {known.num_rows:,} rows of {known.num_columns} columns, {wanted / 1e9:.1f} GB unpacked; the page "
+            "reads a third of its memory limit at most: use `bench import` on the command line",
+            path,
+        )
+
+
+def _column(table: Table, name: str) -> dict[str, Any]:
+    import numpy as np
+
+    from bench.acquisition import split_header
+
+    values = table.columns[name]
+    known = values[np.isfinite(values)]
+    first = [float(value) if np.isfinite(value) else None for value in values[:FIRST_ROWS]]
+    low, high = (float(known.min()), float(known.max())) if known.size else (None, None)
+    stated = split_header(name, table.units.get(name))[1]
+    return {"name": name, "unit": stated, "first": first, "low": low, "high": high, "count": int(known.size)}
+
+
+def _understood(plan: ImportPlan) -> dict[str, Any]:
+    import numpy as np
+
+    from bench.base import CHANNELS
+
+    channels = []
+    for mapped in plan.mapped:
+        values = plan.channels[mapped.channel]
+        known = values[np.isfinite(values)]
+        channels.append({
+            "channel": mapped.channel, "column": mapped.column, "unit": mapped.unit, "how": mapped.how,
+            "to": CHANNELS[mapped.channel].unit, "low": float(known.min()), "high": float(known.max()),
+            "count": int(known.size),
+        })  # fmt: skip
+    return {
+        "time": plan.time_source.model_dump(exclude_none=True), "channels": channels, "interval_s": plan.interval_s,
+        "duration_s": float(plan.time[-1]), "rows": int(plan.time.size),
+        "segments": [branch.as_segment(i) for i, branch in enumerate(plan.branches)],
+        "warnings": [shortened(text) for text in plan.warnings],
+    }  # fmt: skip
+
+
+def _figure(plan: ImportPlan) -> dict[str, Any]:
+    """Temperature and rate over time, as they would be imported."""
+    from bench.deliver import BLUE, VERMILION, axis, line_trace, plot, thin
+
+    hours = plan.time / 3600
+    traces = []
+    for name, colour, where in (("temperature", VERMILION, "y"), ("rate", BLUE, "y2")):
+        rows = thin(plan.channels[name], _DRAWN)
+        traces.append(line_trace(hours[rows], plan.channels[name][rows], name, colour, yaxis=where, width=1.3))
+    layout = {
+        "xaxis": axis("time [h]", anchor="y2"),
+        "yaxis": axis("temperature [°C]", domain=[0.56, 1.0]),
+        "yaxis2": axis("rate [deg/h]", domain=[0.0, 0.44], anchor="x"),
+        "showlegend": False,
+    }
+    return plot(traces, layout, 360)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

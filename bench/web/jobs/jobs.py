@@ -1,0 +1,112 @@
+"""`/jobs`: what is computed for a page, while it waits."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Mapping
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
+from pydantic import BaseModel
+
+from bench.web.jobs.lanes import Full, Job, Jobs, Lane, key_of
+
+__all__ = ["Asked", "Jobs", "jobs_of", "key_of", "lifespan", "router", "submit"]
+
+LONGEST_WAIT_S = 25.0
+
+router = APIRouter(tags=["jobs"])
+
+
+class Asked(BaseModel):
+    """Where the answer will be: `GET /jobs/{job}`."""
+
+    job: str
+    state: Literal["waiting", "running", "done", "failed"]
+
+
+class JobAnswer(BaseModel):
+    """A job; `result` where it is done, `detail` (one line) where it failed."""
+
+    job: str
+    kind: str
+    state: Literal["waiting", "running", "done", "failed"]
+    result: Any = None
+    detail: str = ""
+    elapsed_s: float
+
+
+@contextlib.asynccontextmanager
+async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+    """The jobs of a server; their processes end with it."""
+    app.state.jobs = Jobs()
+    try:
+        yield
+    finally:
+        await asyncio.to_thread(app.state.jobs.close)
+
+
+def jobs_of(request: Request) -> Jobs:
+    """The jobs of the server that got this request."""
+    jobs: Jobs = request.app.state.jobs
+    return jobs
+
+
+def submit(
+    request: Request, kind: str, target: str, wanted: Mapping[str, Any], *, key: str | None = None, lane: Lane = "quick"
+) -> Asked:
+    """Ask for a computation; HTTPException 503 where too many wait."""
+    try:
+        job = jobs_of(request).submit(kind, target, wanted, key=key, lane=lane)
+    except Full as error:
+        raise HTTPException(503, str(error), {"Retry-After": "10"}) from None
+    return Asked(job=job.id, state=job.state)
+
+
+@router.get("/jobs/{job}", response_model=JobAnswer)
+async def job(request: Request, job: str, wait_s: Annotated[float, Query(ge=0.0, le=LONGEST_WAIT_S)] = 0.0) -> Response:
+    """A job; with `wait_s` the answer comes when it has ended, or after so many seconds."""
+    found = _found(request, job)
+    if wait_s and not found.ended:
+        await _ended(jobs_of(request), found, wait_s)
+        _found(request, job)
+    return _told(jobs_of(request), found)
+
+
+@router.delete("/jobs/{job}", response_model=JobAnswer)
+async def release(request: Request, job: str) -> Response:
+    """Wait for it no longer; when nobody does, it is cancelled."""
+    found = _found(request, job)
+    jobs_of(request).release(found)
+    return _told(jobs_of(request), found)
+
+
+def _found(request: Request, id_: str) -> Job:
+    found = jobs_of(request).find(id_)
+    if found is None:
+        raise HTTPException(404, "no such job (any more): ask for it again")
+    return found
+
+
+async def _ended(jobs: Jobs, job: Job, wait_s: float) -> None:
+    loop, ended = asyncio.get_running_loop(), asyncio.Event()
+
+    def call() -> None:
+        with contextlib.suppress(RuntimeError):  # the server ends
+            loop.call_soon_threadsafe(ended.set)
+
+    jobs.listen(job, call)
+    # Cancelled by the server's end: the page hears how far it was, and asks the next server.
+    with contextlib.suppress(TimeoutError, asyncio.CancelledError):
+        await asyncio.wait_for(ended.wait(), wait_s)
+
+
+def _told(jobs: Jobs, job: Job) -> Response:
+    # The result is JSON already: parsing and writing it again would stop the server for everybody.
+    state = job.state
+    elapsed_s = job.elapsed_s if job.ended else jobs.age_s(job)
+    head = {"job": job.id, "kind": job.kind, "state": state, "detail": job.detail, "elapsed_s": round(elapsed_s, 3)}
+    result = job.result if state == "done" else b"null"
+    return Response(json.dumps(head).encode()[:-1] + b', "result": ' + result + b"}", media_type="application/json")

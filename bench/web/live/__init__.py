@@ -1,0 +1,1 @@
+"""Live runs: found, watched, mirrored, started, told about."""

@@ -1,0 +1,204 @@
+"""`/live`: what live runs do, their traces, what operators ask of them, and the stream of all that."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, FastAPI, HTTPException, Query, Request
+from fastapi import Path as Part
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import StreamingResponse
+
+from bench.acquisition import LiveFile, LiveRun, ask_run
+from bench.base import InputError
+from bench.commands import ENDING_S, REACHED, REACTION_S
+from bench.record import MANIFEST
+from bench.web.ground.settings import Here
+from bench.web.live import story
+from bench.web.live.finding import folder_of, ids
+from bench.web.live.picture import Asked, End, Pictures, Run, TraceAnswer
+from bench.web.live.starts import Starts
+from bench.web.live.streaming import Stream
+from bench.web.live.subject import describe
+from bench.web.live.telling import Teller
+from bench.web.live.watching import Watched, Watcher
+from bench.web.people.access import Access, Operator
+
+router = APIRouter(tags=["live"])
+
+PATIENCE_S = 15.0
+"""The answer to a request waits so long; an abort that takes longer is `ending`, and the stream goes on telling."""
+_LOOK_S = 0.1
+
+Name = Annotated[str, Part(min_length=1, max_length=200)]
+
+
+@contextlib.asynccontextmanager
+async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+    """The watcher of a server, its starts and its stream."""
+    settings, loop, stream = app.state.settings, asyncio.get_running_loop(), Stream()
+    starts = Starts(settings.own, settings.out, settings.project)
+    teller = Teller(stream, loop)
+    watcher = Watcher(settings.out, starts, teller)
+    watcher.wanted = lambda: stream.listeners > 0
+    app.state.starts, app.state.watcher, app.state.stream = starts, watcher, stream
+    watcher.start()
+    try:
+        yield
+    finally:
+        await asyncio.to_thread(watcher.close)
+        starts.close()
+
+
+def watcher_of(request: Request) -> Watcher:
+    """The watcher of the server that got this request."""
+    watcher: Watcher = request.app.state.watcher
+    return watcher
+
+
+class _Which:
+    """The run that an address names."""
+
+    def __init__(self, unit: Name, run: Name, request: Request, here: Here) -> None:
+        self.id = f"{unit}/{run}"
+        self._unit, self._run, self._out, self._watcher = unit, run, here.out, watcher_of(request)
+
+    @property
+    def watched(self) -> Watched | None:
+        """It as a live run, if it is one."""
+        return self._watcher.find(self.id)
+
+    def folder(self) -> Path:
+        """Its folder; HTTPException 404 when there is none."""
+        folder = folder_of(self._out, self._unit, self._run)
+        if folder is None:
+            raise HTTPException(404, f"no run {self.id}; GET /api/v1/runs lists them")
+        return folder
+
+    def live(self) -> Watched:
+        """The live run; HTTPException 404 when there is no such run, 409 when it is not live."""
+        watched = self.watched
+        if watched is None:
+            self.folder()
+            raise HTTPException(409, f"{self.id} is not live (any more); GET /api/v1/live/{self.id} says how it ended")
+        if watched.condition == "gone":
+            raise HTTPException(409, f"{self.id} is not live: {watched.detail}")
+        return watched
+
+
+Which = Annotated[_Which, Depends()]
+
+
+@router.get("/live", response_model_exclude_unset=True)
+def live(request: Request) -> Pictures:
+    """All live runs, those that were killed or do not answer included."""
+    return Pictures(runs=[Run(**watched.told()) for watched in watcher_of(request).runs])
+
+
+@router.get("/live/stream", response_class=StreamingResponse, responses={200: {"content": {"text/event-stream": {}}}})
+async def stream(request: Request, events: Annotated[int, Query(ge=0, le=1_000_000)] = 0) -> StreamingResponse:
+    """Server-sent events `live` and `ended`; ends after so many `events`, or with the token or session of who asked.
+
+    With `Last-Event-ID` the ends of runs that were missed come first.
+    """
+    found: Stream = request.app.state.stream
+    if found.full:
+        raise HTTPException(503, "too many browsers look already: close one", {"Retry-After": "10"})
+    last = request.headers.get("last-event-id", "")
+    since = int(last) if last.isascii() and last.isdigit() and len(last) < 16 else None
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    access: Access = request.app.state.access
+    told = found.listen(since, events, lambda: access.knows_still(request))
+    return StreamingResponse(told, media_type="text/event-stream", headers=headers)
+
+
+@router.get("/live/{unit}/{run}", response_model_exclude_unset=True)
+def one(which: Which, request: Request) -> Run:
+    """One run: live, or how it ended."""
+    watched = which.watched
+    if watched is not None:
+        return Run(**watched.told())
+    folder = which.folder()
+    start = request.app.state.starts.of_run(which.id)  # asked first: what it wrote before it went is then seen
+    end = watcher_of(request).ended(which.id) or _end(folder, start)
+    if end is None:
+        raise HTTPException(409, f"{which.id} is not live and has no end: `bench resume {folder}` goes on with it")
+    gone = LiveRun((folder,), LiveFile(0, 0, str(story.manifest(folder).get("created", "")), [], ""))
+    about = describe(gone, start)
+    return Run(**{**about, "runs": end["runs"], "state": end["state"], "condition": "ended", "ended": end})
+
+
+@router.get("/live/{unit}/{run}/trace")
+def trace(
+    which: Which,
+    since: Annotated[int, Query(ge=0, le=1 << 40)] = 0,
+    generation: Annotated[int | None, Query(ge=-1, le=1 << 50)] = None,
+) -> TraceAnswer:
+    """What a live run has done so far, from point `since` on; all of it where `generation` is another one now."""
+    return TraceAnswer(**which.live().mirror.since(since, generation))
+
+
+@router.post("/live/{unit}/{run}/{action}", response_model_exclude_unset=True)
+async def act(
+    which: Which,
+    action: Literal["hold", "pause", "resume", "abort"],
+    request: Request,
+    who: Operator,
+    wait_s: Annotated[float, Query(ge=0.0, le=ENDING_S)] = PATIENCE_S,
+) -> Asked:
+    """Ask a live run for something, and see it done within `wait_s`; who asked stands in its events."""
+    watched = await run_in_threadpool(which.live)
+    try:
+        await run_in_threadpool(ask_run, watched.live, action, who=str(who))
+    except InputError as error:
+        raise HTTPException(409, str(error)) from None
+    watcher, reached = watcher_of(request), REACHED.get(action, ((), ""))[0]
+    with watcher.eagerly():
+        if action == "abort":
+            return await _aborted(watcher, watched, wait_s)
+        await _until(lambda: watched.picture["state"] in reached, min(wait_s, REACTION_S))
+    state = watched.picture["state"]
+    holding = watched.picture.get("holding", [])
+    return Asked(run=watched.runs[0], asked=action, done=state in reached, state=state, holding=holding)
+
+
+async def _aborted(watcher: Watcher, watched: Watched, wait_s: float) -> Asked:
+    """Wait for the safe state, not for ever."""
+    run = watched.runs[0]
+    await _until(lambda: watcher.ended(run) is not None, wait_s)
+    end = watcher.ended(run)
+    if end is None:
+        return Asked(run=run, asked="abort", done=False, state="ending")
+    known = {key: end[key] for key in ("state", "cause", "safe", "safe_state")}
+    return Asked(run=run, asked="abort", done=True, ended=End(**end), **known)
+
+
+async def _until(reached: Callable[[], bool], limit_s: float) -> None:
+    until_s = time.monotonic() + limit_s
+    while not reached() and time.monotonic() < until_s:
+        await asyncio.sleep(_LOOK_S)
+
+
+def _companions(folder: Path) -> list[Path]:
+    """The folder and those of the units that were in the chamber with it, as far as they are here."""
+    named = story.manifest(folder).get("companions")
+    found = [folder]
+    for other in named if isinstance(named, list) else ():
+        unit, _, run = str(other.get("run") if isinstance(other, dict) else "").removeprefix("../../").partition("/")
+        path = folder_of(folder.parents[1], unit, run)
+        if path is not None and (path / MANIFEST).is_file():
+            found.append(path)
+    return found
+
+
+def _end(folder: Path, start: dict[str, Any] | None) -> dict[str, Any] | None:
+    """How a run of this start, if it has one, ended, by its folder; None for one that was killed and not recovered."""
+    if not (folder / MANIFEST).is_file():
+        return None
+    folders = _companions(folder)
+    return {"run": ids(folders)[0], "runs": ids(folders), **story.of_folders(folders, start)}

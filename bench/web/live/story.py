@@ -1,0 +1,151 @@
+"""How a run ended, in its own words: from its journals at once, from its analysis when that is done."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.acquisition import LiveRun, ending_of
+from bench.record import RunFolder
+
+CALIBRATION, LIMITS_JSON = "calibration.json", "limits.json"
+NO_VERDICT: dict[str, Any] = {"analysing": True, "units": [], "verdict": None, "sentence": ""}
+_NOT = "not analysed: "
+"""So begins, in place of a verdict, what is said of a unit whose analysis failed."""
+EVENTS = ("request", "safe_state", "end")
+
+
+def ending(run: LiveRun) -> dict[str, Any] | None:
+    """The end of a run whose process has written it; None while it has not."""
+    events = ending_of(run, 0.0)
+    return told(events) if events else None
+
+
+def told(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """State, cause, what became of the equipment and who asked for what, from the events of a run."""
+    end = next((event for event in reversed(events) if _is_end(event)), None)
+    # What is only on the way to the safe state (warming up, another try) has no `ok` yet.
+    said = [event for event in events if event["kind"] == "safe_state" and "ok" in event]
+    steps = [{"text": str(event.get("text", "")), "ok": bool(event["ok"])} for event in said]
+    asked = [
+        {"request": event.get("request"), "who": event.get("who"), "utc": event.get("utc")}
+        for event in events
+        if event["kind"] == "request"
+    ]
+    return {
+        "state": str(end.get("state", "aborted")) if end else "aborted",
+        "cause": str(end.get("text", "")) if end else "the bench was killed",
+        "safe": all(step["ok"] for step in steps) if end else None,
+        "safe_state": steps,
+        "requests": asked,
+    }
+
+
+def of_folders(folders: Sequence[Path], start: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The end of a run whose tables are made; the first folder that saw it speaks for all that they share.
+
+    `start`: what became of the start that made it. Without one nobody is known to analyse the run any more.
+    """
+    seen = [(folder, events(folder)) for folder in folders]
+    speaker, said = next((one for one in seen if any(_is_end(event) for event in one[1])), seen[0])
+    story = told([event for event in said if event.get("kind") in EVENTS])
+    about = manifest(speaker)
+    story |= {key: str(about[key]) for key in ("state", "cause") if key in about}
+    busy = start is not None and start["state"] in ("starting", "running")
+    return {**story, **verdicts(folders, busy, start)}
+
+
+def events(folder: Path) -> list[dict[str, Any]]:
+    """The events in a run folder; a line that is being written, or spoilt, is left out."""
+    found = []
+    with contextlib.suppress(OSError):
+        for line in (folder / "events.jsonl").read_text(encoding="utf-8", errors="replace").splitlines():
+            with contextlib.suppress(ValueError):
+                found.append(json.loads(line))
+    return [event for event in found if isinstance(event, dict)]
+
+
+def _is_end(event: Mapping[str, Any]) -> bool:
+    """Whether a run ended there, and not only for a unit that left it."""
+    return event.get("kind") == "end" and "sound_until_s" not in event
+
+
+def verdicts(folders: Sequence[Path], busy: bool = True, start: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The verdict on each unit, and on all together the worst; `analysing` until the last report is written.
+
+    When nobody is `busy` with it any more, units without a report say why, as far as `start` knows, and what to do.
+    """
+    units = [_verdict(folder) for folder in folders]
+    ready = all(unit["analysed"] for unit in units)
+    if not busy:
+        for unit, folder in zip(units, folders, strict=True):
+            if not unit["analysed"]:
+                unit["sentence"] = f"{_NOT}{_why(unit['run'], start)}; `bench report {folder}` makes up for it"
+    known = [unit for unit in units if unit["verdict"] is not None] if ready else []
+    worst = min(known, key=_rank, default={"verdict": None, "sentence": ""})
+    return {
+        "analysing": busy and not ready,
+        "units": units,
+        "verdict": worst["verdict"],
+        "sentence": worst["sentence"],
+    }
+
+
+def _why(run: str, start: Mapping[str, Any] | None) -> str:
+    """Why a run has no report: what its start said of it, or of all its runs."""
+    if start is None or start["state"] != "ended":
+        return "why is not known"
+    if start["exit_code"] is None:
+        return "its process was ended from outside"
+    own = next((str(one["sentence"]) for one in start["verdicts"] if one["run"] == run), "")
+    return (own.removeprefix(_NOT) if own.startswith(_NOT) else str(start["message"])) or "why is not known"
+
+
+def _rank(unit: Mapping[str, Any]) -> int:
+    from bench.commands import WORST_FIRST
+
+    return WORST_FIRST.index(unit["verdict"]) if unit["verdict"] in WORST_FIRST else 0
+
+
+def _verdict(folder: Path) -> dict[str, Any]:
+    said = _json(folder / CALIBRATION).get("verdict")
+    judged = said if isinstance(said, dict) else {}
+    limits = _json(folder / LIMITS_JSON).get("verdict")
+    return {
+        "unit": folder.parent.name,
+        "run": f"{folder.parent.name}/{folder.name}",
+        "verdict": judged.get("verdict"),
+        "sentence": judged.get("sentence", ""),
+        "limits": limits,
+        "analysed": RunFolder(folder).report.is_file(),
+    }
+
+
+def state_of(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The verdict on a unit out of the answer of `bench run --json`."""
+    limits = content.get("limits")
+    run = Path(str(content.get("run", "")))
+    return {
+        "unit": content.get("unit") or run.parent.name,
+        "run": "/".join(run.parts[-2:]),
+        "analysed": bool(content.get("report")),
+        "verdict": content.get("verdict"),
+        "sentence": content.get("sentence", ""),
+        "limits": limits.get("verdict") if isinstance(limits, dict) else None,
+    }
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a run folder, or nothing."""
+    return _json(folder / "manifest.json")

@@ -1,0 +1,52 @@
+"""What a live run is about, out of its folder: profile, station, units, who started it."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+from bench.acquisition import LiveRun, StationSettings, load_profile
+from bench.base import BenchError
+from bench.web.live.finding import ids
+from bench.web.plans import catalog
+from drivers.errors import DriverError
+
+
+def describe(live: LiveRun, start: dict[str, Any] | None) -> dict[str, Any]:
+    """The constant part of what `/live` tells; `start`: what started it, if the page did."""
+    runs = ids(live.folders)
+    station = station_of(live.path)
+    about: dict[str, Any] = {
+        "run": runs[0],
+        "runs": runs,
+        "unit": live.path.parent.name,
+        "profile": "",
+        "station": station.name if station else "",
+        "simulated": station.simulated if station else False,
+        "started": live.file.start,
+        "start": start["start"] if start else None,
+        "who": start["who"] if start else None,
+        "nominal_s": 0.0,
+        "curve": [],
+    }
+    with contextlib.suppress(BenchError, OSError):
+        profile = load_profile(live.path / "profile.yaml")
+        about |= {"profile": profile.name, "nominal_s": profile.duration_s, "curve": catalog.curve(profile)}
+    return about
+
+
+def station_of(folder: Path) -> StationSettings | None:
+    """The station of a run; None when its copy cannot be read."""
+    with contextlib.suppress(BenchError, DriverError, OSError):
+        return catalog.station(folder / "station.yaml")
+    return None
+
+
+def in_use(live: LiveRun) -> dict[str, str]:
+    """What equipment a live run uses, each with a text that says so."""
+    station = station_of(live.path)
+    if station is None:
+        return {}
+    text = f"the run {ids(live.folders)[0]} goes on there"
+    return dict.fromkeys(catalog.equipment(station), text)

@@ -1,0 +1,246 @@
+"""Watches live runs: one thread asks each at most five times a second, however many browsers look.
+
+What it sees goes to one listener, which hands it on. Runs that ended are told twice: when the equipment is safe, and
+when the verdict is there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from bench.acquisition import ANSWER_S, LIVE, LiveRun, ask_run, process_alive
+from bench.base import EquipmentError, InputError
+from bench.web.live import story
+from bench.web.live.finding import Finder, ids
+from bench.web.live.mirror import Mirror
+from bench.web.live.starts import Starts
+from bench.web.live.subject import describe
+
+PERIOD_S = 0.2
+"""Shortest time between two questions to a run."""
+IDLE_S = 1.0
+"""The same when nobody looks; live runs are looked for as often."""
+PATIENCE_S = 1.0
+SILENT_S = 3.0
+"""A run that did not answer is left alone for this long."""
+TICKING = frozenset({"running", "pausing", "holding"})
+"""States in which the loop of a run looks at everything once a second."""
+VERDICT_S = 3600.0
+"""An analysis that has not come after this is not waited for."""
+
+_log = logging.getLogger("bench.web")
+Listener = Callable[[list["Watched"], list[dict[str, Any]]], None]
+
+
+class Watched:
+    """A live run as it was seen last; written by the watcher's thread alone, which replaces values whole."""
+
+    def __init__(self, live: LiveRun, started_by: dict[str, Any] | None) -> None:
+        self.live, self.mirror = live, Mirror()
+        self.about = describe(live, started_by)
+        self.picture: dict[str, Any] = {"state": "starting"}
+        self.condition, self.detail = "live", ""
+        self.next_s = 0.0
+        self.traced = True
+        """It tells a trace."""
+        self.killed = False
+        """Its process is gone and has written no end."""
+
+    @property
+    def runs(self) -> list[str]:
+        """Ids of all its run folders."""
+        runs: list[str] = self.about["runs"]
+        return runs
+
+    def told(self) -> dict[str, Any]:
+        """Everything about it, for `/live`."""
+        told = {**self.about, **self.picture, "condition": self.condition, "detail": self.detail}
+        return told if self.condition == "live" else {**told, "state": self.condition, "error": self.detail}
+
+    def ask(self, now_s: float) -> None:
+        """One question."""
+        try:
+            answer = self._answer()
+        except InputError as error:  # another process has its port now
+            self.condition, self.detail = "gone", _gone(self.live, str(error))
+        except EquipmentError as error:
+            silent = isinstance(error.__cause__, TimeoutError)
+            self.condition = "silent" if silent else "gone"
+            self.detail = str(error) if silent else _gone(self.live, "")
+        else:
+            if self.traced:
+                self.mirror.take(answer.pop("trace"))
+            self.picture = {key: value for key, value in answer.items() if key not in {"ok", "pid"}}
+            self.condition, self.detail, self.killed = "live", "", False
+            age_s = self.picture.get("age_s", 0.0)
+            if self.picture["state"] in TICKING and age_s > ANSWER_S:
+                self.condition = "silent"
+                self.detail = f"its loop has not ticked for {age_s:.0f} s: nothing here is newer; look at the chamber"
+        self.next_s = now_s + (PERIOD_S if self.condition == "live" else SILENT_S)
+
+    def _answer(self) -> dict[str, Any]:
+        """Its picture and trace; of an older bench, which refuses to tell a trace, the picture alone."""
+        if self.traced:
+            since, generation = self.mirror.wanted
+            with contextlib.suppress(InputError):
+                return ask_run(self.live, "trace", PATIENCE_S, since=since, generation=generation)
+        answer = ask_run(self.live, "status", PATIENCE_S)  # whoever has its port now refuses this too
+        self.traced = False
+        return answer
+
+
+class Watcher:
+    """The thread and what it knows; reading is safe from any thread."""
+
+    def __init__(self, out: Path, starts: Starts, listener: Listener) -> None:
+        """`listener` is called by the thread with all live runs and with the ends that are news."""
+        self._finder, self._starts, self._listener = Finder(out), starts, listener
+        self._watched: dict[str, Watched] = {}
+        self._analysed: list[tuple[float, Watched, dict[str, Any]]] = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="watcher", daemon=True)
+        self._looked_s = -IDLE_S
+        self._eager = 0
+        self.wanted: Callable[[], bool] = lambda: True
+        """Whether somebody looks."""
+
+    def start(self) -> None:
+        """Watch from now on."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Watch no longer."""
+        self._stop.set()
+        self._thread.join()
+
+    @property
+    def runs(self) -> list[Watched]:
+        """The live runs, oldest first."""
+        return list(self._watched.values())
+
+    def find(self, run: str) -> Watched | None:
+        """The live run with this id."""
+        return next((watched for watched in self.runs if run in watched.runs), None)
+
+    def _run(self) -> None:
+        while not self._stop.wait(IDLE_S if self._idle() else PERIOD_S):
+            try:
+                self.turn(time.monotonic())
+            except Exception:  # whatever one run's files hold: the others go on being watched
+                _log.exception("looking at the live runs")
+
+    def _idle(self) -> bool:
+        return not (self._eager or self.wanted() or any(watched.mirror.behind for watched in self.runs))
+
+    @contextlib.contextmanager
+    def eagerly(self) -> Iterator[None]:
+        """Ask as often as may be meanwhile, looked at or not; of the server's loop alone."""
+        self._eager += 1
+        try:
+            yield
+        finally:
+            self._eager -= 1
+
+    def turn(self, now_s: float) -> None:
+        """Look, ask, tell; `now_s` is monotonic."""
+        ends: list[dict[str, Any]] = []
+        if now_s - self._looked_s >= IDLE_S:
+            self._looked_s = now_s
+            try:
+                self._look()
+            except Exception:  # the runs that are known go on being asked
+                _log.exception("looking for live runs")
+            self._starts.reap()
+            ends += self._verdicts(now_s)
+        for token, watched in list(self._watched.items()):
+            if now_s >= watched.next_s:
+                self._ask(watched, now_s)
+            if watched.condition != "live" and (end := self._told_end(watched)) is not None:
+                self._analysed = [*self._analysed, (now_s + VERDICT_S, watched, end)]
+                self._watched = {key: one for key, one in self._watched.items() if key != token}
+                ends.append(end)
+        self._listener(self.runs, ends)
+
+    def _look(self) -> None:
+        known = self._watched
+        found: dict[str, Watched] = {}
+        for run in self._finder.look():
+            watched = known.get(run.file.token)
+            if watched is None or watched.live.folders != run.folders:
+                try:
+                    watched = Watched(run, self._starts.saw(run.file.pid, ids(run.folders)))
+                except Exception:  # whatever this run's files hold: the others are seen
+                    _log.exception("the files of %s", run.path)
+                    continue
+            found[run.file.token] = watched
+        # One whose file is gone stays until it was asked and its end is read.
+        gone = {token: watched for token, watched in known.items() if token not in found}
+        self._watched = {**gone, **found}
+
+    def _ask(self, watched: Watched, now_s: float) -> None:
+        """Ask; what cannot be understood is no answer."""
+        try:
+            watched.ask(now_s)
+        except Exception as error:
+            _log.exception("the answer of %s", watched.runs[0])
+            watched.condition, watched.next_s = "silent", now_s + SILENT_S
+            watched.detail = f"its answer cannot be understood ({type(error).__name__}: {error}); look at the chamber"
+
+    def _told_end(self, watched: Watched) -> dict[str, Any] | None:
+        """Its end; one that cannot be understood is an end of which nothing is known."""
+        try:
+            return self._end(watched)
+        except Exception:
+            _log.exception("the end of %s", watched.runs[0])
+            unknown = {"state": "failed", "cause": "how it ended cannot be read: look at the chamber"}
+            return {**_head(watched), **story.told([]), **unknown, **story.NO_VERDICT}
+
+    def _end(self, watched: Watched) -> dict[str, Any] | None:
+        """How a run that does not answer has ended; None: it has not, or was killed and waits to be gone on with."""
+        file = watched.live.path / LIVE
+        if watched.condition == "silent" or (watched.killed and file.exists()):
+            return None
+        if (end := story.ending(watched.live)) is None:
+            watched.killed = file.exists()
+            if watched.killed:
+                return None
+            end = story.told([])
+        return {**_head(watched), **end, **story.verdicts(watched.live.folders)} | {"analysing": True}
+
+    def _verdicts(self, now_s: float) -> list[dict[str, Any]]:
+        """The ends whose verdict has come since."""
+        waiting: list[tuple[float, Watched, dict[str, Any]]] = []
+        news: list[dict[str, Any]] = []
+        for until_s, watched, end in self._analysed:
+            busy = now_s <= until_s and process_alive(
+                watched.live.file.pid
+            )  # asked first: its last report is then seen
+            start = None if busy else self._starts.of_run(end["run"])
+            verdicts = story.verdicts(watched.live.folders, busy, start)
+            if self.find(end["run"]):  # a killed run goes on
+                continue
+            if verdicts["analysing"]:
+                waiting.append((until_s, watched, end))
+            else:
+                news.append({**end, **verdicts})
+        self._analysed = waiting
+        return news
+
+    def ended(self, run: str) -> dict[str, Any] | None:
+        """The end of a run whose tables are not made yet."""
+        return next((end for _, watched, end in self._analysed if run in watched.runs), None)
+
+
+def _head(watched: Watched) -> dict[str, Any]:
+    return {key: watched.about[key] for key in ("run", "runs", "unit", "profile", "station", "start", "who")}
+
+
+def _gone(run: LiveRun, why: str) -> str:
+    text = f"its process {run.file.pid} is gone; `bench resume {run.path}` goes on with it"
+    return f"{text} ({why})" if why else text

@@ -1,0 +1,114 @@
+"""The access file: names, roles and the hashes of their tokens."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import os
+import re
+import secrets
+import tempfile
+import threading
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, Field
+
+from bench.base import STRICT, InputError, dump, load_config
+
+Role = Literal["viewer", "operator", "engineer"]
+
+NAME = r"^[^\W_](?:[\w .@'-]{0,38}[\w.])?$"
+_BYTES = 32
+"""Of chance in a token: with so many a plain SHA-256 is as good as a slow hash."""
+_HEAD = "# Who may use `bench ui`. A token stands here as its SHA-256; without its entry it is not valid any more.\n"
+
+
+class Person(BaseModel):
+    """One who may ask."""
+
+    model_config = STRICT
+
+    name: Annotated[str, Field(pattern=NAME)]
+    """What stands in the events of a run."""
+    role: Role
+    """viewer looks; operator starts, holds and aborts; engineer also analyses and imports."""
+    token_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    """SHA-256 of the token, as hexadecimal digits."""
+
+
+class AccessFile(BaseModel):
+    """The content of the access file."""
+
+    model_config = STRICT
+
+    people: list[Person]
+    """Everybody who has a token; one may have several."""
+
+
+class People:
+    """The access file as it stands: read again when it has changed."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lock = threading.Lock()
+        self._seen: tuple[int, int, int] | None = None
+        self._by_hash: dict[str, Person] = {}
+        self._refresh()
+
+    def by_token(self, token: str) -> Person | None:
+        """Whose token this is."""
+        return self.by_hash(hashlib.sha256(token.encode(errors="replace")).hexdigest())
+
+    def by_hash(self, digest: str) -> Person | None:
+        """Whose token has this SHA-256."""
+        self._refresh()
+        found = None
+        for known, person in self._by_hash.items():  # all of them: how long it takes tells nothing
+            if hmac.compare_digest(known, digest):
+                found = person
+        return found
+
+    def _refresh(self) -> None:
+        with self._lock:
+            try:
+                stat = self._path.stat()
+            except OSError as error:
+                self._by_hash, self._seen = {}, None
+                raise InputError(_missing(self._path), self._path) from error
+            seen = (stat.st_mtime_ns, stat.st_size, stat.st_ino)
+            if seen != self._seen:
+                self._by_hash = {}  # a file that cannot be read lets nobody in
+                self._by_hash = {person.token_sha256: person for person in read(self._path).people}
+                self._seen = seen
+
+
+def _missing(path: Path) -> str:
+    return f"no access file; `bench ui --access {path} --new-token NAME --role engineer` makes one"
+
+
+def read(path: Path) -> AccessFile:
+    """The access file; InputError when it is not sound, or when others may write it."""
+    if not path.is_file():
+        raise InputError(_missing(path), path)
+    if os.name == "posix" and path.stat().st_mode & 0o022:
+        raise InputError(f"others may write this access file; `chmod 600 {path}`", path)
+    return load_config(path, AccessFile)
+
+
+def add_person(path: Path, name: str, role: Role) -> str:
+    """Give somebody a new token and store its hash; the token, which is nowhere else."""
+    if not re.match(NAME, name):
+        raise InputError(f"name is {name!r}, must be up to 40 letters, digits, spaces or . @ ' -", path)
+    people = read(path).people if path.exists() else []
+    token = secrets.token_urlsafe(_BYTES)
+    new = Person(name=name, role=role, token_sha256=hashlib.sha256(token.encode()).hexdigest())
+    content = {"people": [person.model_dump() for person in (*people, new)]}
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")  # mode 0600
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(_HEAD + dump(content))
+        Path(temporary).replace(path)
+    except OSError as error:
+        raise InputError(f"cannot be written: {error.strerror}", path) from error
+    return token

@@ -1,0 +1,1 @@
+"""Profiles, stations and plans that the page offers, and their check."""

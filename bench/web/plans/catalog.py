@@ -1,0 +1,153 @@
+"""Plans, stations and limits by name: what the library and the project offer, looked up in a listing.
+
+An id is the name of a file without `.yaml`. The project's own files take the place of shipped ones; plans that a
+diagnosis proposed stand in the server's own folder. Nothing here needs the server: computing processes use it too.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from bench.acquisition import Profile, StationSettings, check_profile, load_profile
+from bench.analysis import effect_names, load_limits
+from bench.base import BenchError, InputError, library, load_config
+from bench.commands import check_command
+from drivers.errors import DriverError
+
+MOST_CORNERS = 256
+"""Of a curve that is shown; longer ones are thinned."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Catalog:
+    """What there is to choose from; asked anew each time, so that a file that is saved is there at once."""
+
+    project: Path
+    """Folder that may hold the user's own `profiles/`."""
+    own: Path
+    """The server's folder, `<out>/.web`."""
+
+    def plans(self) -> dict[str, Path]:
+        """Profiles by id."""
+        return _listing(library(), self.own / "plans", self.project / "profiles")
+
+    def stations(self) -> dict[str, Path]:
+        """Station files by id."""
+        return _listing(library() / "stations", self.project / "profiles" / "stations")
+
+    def limits(self) -> dict[str, Path]:
+        """Limits files by id."""
+        return _listing(library() / "limits", self.project / "profiles" / "limits")
+
+    def model(self, name: str) -> str:
+        """A model as `bench run --model` takes it: a file, or the name of an effect."""
+        folder = Path("profiles") / "models"
+        known = _listing(library() / "models", self.project / folder, self.own / "models")
+        return name if name in effect_names() and name not in known else str(named(known, name, "model"))
+
+
+def _listing(*folders: Path) -> dict[str, Path]:
+    """YAML files by name, sorted; those of later folders take the place of earlier ones."""
+    found = {file.stem: file for folder in folders if folder.is_dir() for file in folder.glob("*.yaml")}
+    return {name: found[name].resolve() for name in sorted(found) if found[name].is_file()}
+
+
+def named(listing: Mapping[str, Path], name: str, what: str) -> Path:
+    """The file of this id; InputError that lists those there are."""
+    if name in listing:
+        return listing[name]
+    near = difflib.get_close_matches(name, listing, 1)
+    guess = f", did you mean '{near[0]}'?" if near else ""
+    raise InputError(f"no {what} '{name[:60]}'{guess}; there are {', '.join(listing) or 'none'}")
+
+
+class Read:
+    """Files as values, read again when they change; `what` reads one."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, Path], tuple[tuple[int, int], Any]] = {}
+
+    def __call__(self, path: Path, what: Callable[[Path], T]) -> T:
+        """The value of this file now; raises what `what` raises."""
+        status = path.stat()
+        stamp, key = (status.st_mtime_ns, status.st_size), (what.__qualname__, path)
+        known = self._known.get(key)
+        if known is None or known[0] != stamp:
+            known = self._known[key] = stamp, what(path)
+        value: T = known[1]
+        return value
+
+
+def plan(path: Path) -> dict[str, Any]:
+    """A profile in short; one that cannot be read says why in `problem`."""
+    try:
+        profile = load_profile(path)
+    except (BenchError, DriverError, OSError) as error:
+        return {"name": path.stem, "title": path.stem, "problem": str(error).splitlines()[0]}
+    turns = any(leg.turn_dps for leg in profile.legs())
+    return {
+        "name": profile.name,
+        "title": profile.name.replace("_", " "),
+        "summary": " ".join(profile.description.split()),
+        "nominal_s": profile.duration_s,
+        "curve": curve(profile),
+        "kind": "rate" if turns else "temperature",
+        "segments": len(profile.legs()),
+    }
+
+
+def limits(path: Path) -> dict[str, Any]:
+    """A limits file in short; one that cannot be read says why in `problem`."""
+    try:
+        found = load_limits(path)
+    except (BenchError, OSError) as error:
+        return {"title": path.stem, "problem": str(error).splitlines()[0]}
+    return {"title": found.name, "summary": " ".join(found.description.split())}
+
+
+def curve(profile: Profile) -> list[tuple[float, float]]:
+    """Corners of the nominal set point: [s], [degC]; bounded in number."""
+    times, degc = (values.tolist() for values in profile.corners())
+    corners = [(round(t, 1), round(value, 3)) for t, value in zip(times, degc, strict=True)]
+    inner = zip(corners, corners[1:], corners[2:], strict=False)
+    kept = [corners[0], *(mid for one, mid, other in inner if not one[1] == mid[1] == other[1]), corners[-1]]
+    if len(kept) <= MOST_CORNERS:
+        return kept
+    step = (len(kept) - 1) / (MOST_CORNERS - 1)
+    return [kept[round(i * step)] for i in range(MOST_CORNERS)]
+
+
+def station(path: Path) -> StationSettings:
+    """A station; InputError, DriverError or OSError when it cannot be read."""
+    return load_config(path, StationSettings)
+
+
+def equipment(settings: StationSettings) -> frozenset[str]:
+    """What only one run may use at a time: two stations that share a part are one in this."""
+    connection = settings.chamber.connection
+    return frozenset({f"station {settings.name}", *([] if connection is None else [f"chamber {connection.url}"])})
+
+
+def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """`bench check` of files `plan` and `station`, in a computing process; `ok` when nothing speaks against it."""
+    path, where = Path(wanted["plan"]), Path(wanted["station"])
+    profile, settings = load_profile(path), station(where)
+    units = settings.chosen(wanted["units"])
+    drawn = {"profile": profile.name, "station": settings.name, "curve": curve(profile)}
+    drawn["units"] = [unit.serial for unit in units]
+    findings = check_profile(profile, settings.limits())
+    errors = [finding for finding in findings if finding.level == "error"]
+    if errors:  # the page shows all of them, not the first line
+        return {**drawn, "ok": False, "duration_s": None, "segments": [], "findings": _told(findings)}
+    answer = check_command(path, where)
+    return {**answer.content, **drawn, "ok": answer.exit_code == 0, "findings": _told(answer.content["findings"])}
+
+
+def _told(findings: Iterable[Any]) -> list[dict[str, Any]]:
+    plain = [finding if isinstance(finding, dict) else vars(finding) for finding in findings]
+    return [{key: finding[key] for key in ("level", "text", "line")} for finding in plain]

@@ -1,0 +1,37 @@
+"""`/checks`: a rehearsal of a run, computed while the page waits; nothing moves."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Request
+from pydantic import BaseModel, Field
+
+from bench.web.ground.settings import Here
+from bench.web.jobs.jobs import Asked, submit
+from bench.web.people.access import Operator
+from bench.web.plans import catalog
+from bench.web.plans.catalog import Catalog, named
+
+router = APIRouter(tags=["starting"])
+
+Name = Annotated[str, Field(min_length=1, max_length=100)]
+
+
+class Intended(BaseModel):
+    """What is to be run: names out of `/plans` and `/stations`; no units: all of the station."""
+
+    plan: Name
+    station: Name = "simulated"
+    units: Annotated[list[Name], Field(max_length=64)] = []
+
+
+@router.post("/checks", status_code=202)
+def check(intended: Intended, request: Request, here: Here, who: Operator) -> Asked:
+    """Ask for the content of `bench check`, with `ok` and the nominal `curve`."""
+    known = Catalog(here.project, here.own)
+    plan = named(known.plans(), intended.plan, "plan")
+    station = named(known.stations(), intended.station, "station")
+    catalog.station(station).chosen(intended.units)
+    wanted = {"plan": str(plan), "station": str(station), "units": intended.units}
+    return submit(request, "check", "bench.web.plans.catalog:rehearsed", wanted)

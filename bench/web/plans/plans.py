@@ -1,0 +1,106 @@
+"""`/plans` and `/stations`: what can be run, and where."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastapi import APIRouter
+from pydantic import BaseModel
+
+from bench.base import BenchError
+from bench.web.ground.settings import Here
+from bench.web.plans import catalog
+from bench.web.plans.catalog import Catalog, Read
+from drivers.errors import DriverError
+
+router = APIRouter(tags=["plans"])
+_read = Read()
+
+
+class Plan(BaseModel):
+    """A profile; one that cannot be run says why in `problem`."""
+
+    id: str
+    name: str
+    title: str
+    summary: str = ""
+    nominal_s: float = 0.0
+    curve: list[tuple[float, float]] = []
+    """Nominal set point: [s], [degC]."""
+    kind: str = "temperature"
+    """`rate`: needs a station with a rate table."""
+    segments: int = 0
+    problem: str = ""
+
+
+class Plans(BaseModel):
+    """All profiles of the library and of the project."""
+
+    plans: list[Plan]
+
+
+class StationInShort(BaseModel):
+    """A station, and the units that may be tested there."""
+
+    id: str
+    title: str
+    simulated: bool = False
+    rate_table: bool = False
+    units: list[str] = []
+    problem: str = ""
+
+
+class Stations(BaseModel):
+    """All stations of the library and of the project."""
+
+    stations: list[StationInShort]
+
+
+class LimitsInShort(BaseModel):
+    """A limits file: what a unit must keep to pass."""
+
+    id: str
+    title: str
+    summary: str = ""
+    problem: str = ""
+
+
+class LimitsListed(BaseModel):
+    """All limits of the library and of the project."""
+
+    limits: list[LimitsInShort]
+
+
+@router.get("/limits")
+def limits(here: Here) -> LimitsListed:
+    """The limits there are."""
+    found = Catalog(here.project, here.own).limits()
+    return LimitsListed(limits=[LimitsInShort(id=id_, **_read(path, catalog.limits)) for id_, path in found.items()])
+
+
+@router.get("/plans")
+def plans(here: Here) -> Plans:
+    """The profiles there are."""
+    found = Catalog(here.project, here.own).plans()
+    return Plans(plans=[Plan(id=id_, **_read(path, catalog.plan)) for id_, path in found.items()])
+
+
+@router.get("/stations")
+def stations(here: Here) -> Stations:
+    """The stations there are."""
+    found = Catalog(here.project, here.own).stations()
+    return Stations(stations=[_station(id_, path) for id_, path in found.items()])
+
+
+def _station(id_: str, path: Path) -> StationInShort:
+    try:
+        settings = _read(path, catalog.station)
+    except (BenchError, DriverError, OSError) as error:
+        return StationInShort(id=id_, title=id_, problem=str(error).splitlines()[0])
+    return StationInShort(
+        id=id_,
+        title=settings.name,
+        simulated=settings.simulated,
+        rate_table=settings.rate_table is not None,
+        units=[unit.serial for unit in settings.units],
+    )

@@ -1,0 +1,130 @@
+"""What a request must be before anything looks at it, and the headers of every answer.
+
+Host: ours, so that a name that somebody else points at this address gets nothing (DNS rebinding). Origin: ours, for
+whatever changes something; and its content of a type that no form of another site can send. Bodies are bounded while
+they come in. Written for ASGI directly: a stream of events passes through untouched.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from typing import NamedTuple
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from bench.web.ground.policy import HEADERS
+from bench.web.ground.problems import problem
+from bench.web.ground.settings import Settings
+
+_HARMLESS = {"GET", "HEAD", "OPTIONS"}
+IMPORTS = "/api/v1/imports"
+
+
+class Refusal(NamedTuple):
+    """Why a request goes no further."""
+
+    status: int
+    detail: str
+
+
+class Gate:
+    """ASGI middleware around the whole application."""
+
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+        self._app, self._settings = app, settings
+        self._names = {"localhost", *(name.lower() for name in settings.names)}
+        if not is_loopback(settings.host):
+            self._names |= {settings.host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request through, or say why not."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers, path = Headers(scope=scope), scope["path"]
+
+        async def dressed(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                answer = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    answer.setdefault(name, value)
+                answer.setdefault("Cache-Control", "no-store" if path.startswith("/api/") else "no-cache")
+            await send(message)
+
+        refusal = self._refusal(scope["method"], path, headers)
+        if refusal:
+            await problem(*refusal)(scope, receive, dressed)
+            return
+        await self._app(scope, _bounded(receive, self._limit(path)), dressed)
+
+    def _refusal(self, method: str, path: str, headers: Headers) -> Refusal | None:
+        host = headers.get("host", "")
+        if not self._ours(host):
+            return Refusal(403, f"Host is {host[:100]!r}: not a name of this server; `bench ui --name` adds one")
+        site = headers.get("sec-fetch-site", "same-origin")
+        if method in _HARMLESS:
+            foreign = site == "cross-site" and path.startswith("/api/") and headers.get("sec-fetch-mode") != "navigate"
+            return Refusal(403, "asked for by a page of another site") if foreign else None
+        origin = headers.get("origin")
+        if origin is not None and origin.lower() not in {f"http://{host.lower()}", f"https://{host.lower()}"}:
+            return Refusal(403, f"Origin is {origin[:100]!r}: not a page of this server")
+        if site not in {"same-origin", "none"}:
+            return Refusal(403, "asked for by a page of another site")
+        length = headers.get("content-length", "0")
+        if length.isdecimal() and int(length) > self._limit(path):
+            return _too_large(self._limit(path))
+        return _wrong_type(method, path, headers)
+
+    def _limit(self, path: str) -> int:
+        return self._settings.upload_bytes if path == IMPORTS else self._settings.body_bytes
+
+    def _ours(self, host: str) -> bool:
+        name = host.rsplit(":", 1)[0] if host.rpartition(":")[2].isdecimal() else host
+        if name.lower() in self._names:
+            return True
+        try:
+            address = ipaddress.ip_address(name.strip("[]"))
+        except ValueError:
+            return False
+        # An address cannot be pointed elsewhere; only names can.
+        return address.is_loopback or not is_loopback(self._settings.host)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address to bind to is reached from this machine alone."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
+def _wrong_type(method: str, path: str, headers: Headers) -> Refusal | None:
+    if method == "DELETE":  # no form can send it
+        return None
+    kind = headers.get("content-type", "").partition(";")[0].strip().lower()
+    if path == IMPORTS and kind == "multipart/form-data":
+        return None if headers.get("x-bench") == "1" else Refusal(403, "an import needs the header `X-Bench: 1`")
+    allowed = "multipart/form-data" if path == IMPORTS else "application/json"
+    return None if kind == "application/json" else Refusal(415, f"Content-Type is {kind[:60]!r}, must be {allowed}")
+
+
+def _too_large(limit: int) -> Refusal:
+    return Refusal(413, f"larger than the {limit} bytes that are taken here")
+
+
+def _bounded(receive: Receive, limit: int) -> Receive:
+    """Count what comes in; HTTPException 413 when it is more than the limit, whatever was announced."""
+    seen = 0
+
+    async def counted() -> Message:
+        nonlocal seen
+        message = await receive()
+        seen += len(message.get("body", b""))
+        if seen > limit:
+            raise HTTPException(*_too_large(limit))
+        return message
+
+    return counted

@@ -1,0 +1,139 @@
+"""`bench ui`: bind, say where, serve until told to stop."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import ipaddress
+import os
+import signal
+import socket
+import ssl
+import sys
+import threading
+import webbrowser
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import uvicorn
+
+from bench.base import InputError
+from bench.web.ground.settings import Settings
+from bench.web.server.app import create_app
+from bench.web.server.gate import is_loopback
+
+GOODBYE_S = 2
+"""Streams of events have this long after a signal to stop."""
+_CONNECTIONS = 256
+_NEEDS_TOKENS = (
+    "--host {host} can be reached by others, so they need tokens: make one with "
+    "`bench ui --access access.yaml --new-token NAME --role engineer`, then add --access access.yaml"
+)
+
+
+@dataclass(frozen=True)
+class Tls:
+    """Certificate chain and its key, PEM."""
+
+    certificate: Path
+    key: Path
+
+    def check(self) -> None:
+        """InputError when they cannot be read or do not belong together."""
+        for path in (self.certificate, self.key):
+            if not path.is_file():
+                raise InputError("no such file; --certificate and --key are PEM files", path)
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(self.certificate, self.key, password=_no_password)
+        except (OSError, ValueError) as error:
+            text = f"not a certificate chain and its key (PEM, without a password): {error}"
+            raise InputError(text, self.certificate) from error
+
+
+def _no_password() -> str:
+    """Instead of a question on the terminal."""
+    raise ValueError("the key has a password")
+
+
+class _Server(uvicorn.Server):
+    """Says where it is, once it is there."""
+
+    def __init__(self, config: uvicorn.Config, url: str, browser: bool) -> None:
+        super().__init__(config)
+        self._url, self._browser = url, browser
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Announce the address; open the browser at it."""
+        await super().startup(sockets)
+        if self.started:
+            print(f"bench ui: {self._url}  (Ctrl-C ends it; runs go on)", file=sys.stderr, flush=True)
+            if self._browser and _has_screen():
+                threading.Thread(target=webbrowser.open, args=(self._url,), daemon=True).start()
+
+
+def serve(settings: Settings, port: int, tls: Tls | None = None, browser: bool = True) -> None:
+    """Serve until SIGINT or SIGTERM; InputError when the address is not free, or needs tokens that there are not."""
+    if settings.access is None and not is_loopback(settings.host):
+        raise InputError(_NEEDS_TOKENS.format(host=settings.host))
+    if tls:
+        tls.check()
+    try:
+        settings.own.touch()
+    except OSError as error:
+        raise InputError(f"--out cannot hold run folders: {error.strerror}", settings.out) from error
+    app = create_app(replace(settings, secure=tls is not None))
+    with _bound(settings.host, port) as listener:
+        if tls is None and not is_loopback(settings.host):
+            print("bench ui: without --certificate and --key, tokens cross the network unencrypted", file=sys.stderr)
+        options = uvicorn.Config(
+            app,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            proxy_headers=False,
+            ws="none",
+            lifespan="on",
+            limit_concurrency=_CONNECTIONS,
+            timeout_graceful_shutdown=GOODBYE_S,
+            ssl_certfile=tls.certificate if tls else None,
+            ssl_keyfile=tls.key if tls else None,
+        )
+        url = f"{'https' if tls else 'http'}://{_name(settings.host)}:{listener.getsockname()[1]}/"
+        # uvicorn hands a signal on after it has ended for it: the end of a server is not the death of a process.
+        signal.signal(signal.SIGTERM, lambda *_: None)
+        with contextlib.suppress(KeyboardInterrupt):
+            _Server(options, url, browser).run(sockets=[listener])
+
+
+def _name(host: str) -> str:
+    """What to type into a browser for an address to bind to."""
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        return host
+    if address.is_unspecified:
+        return socket.gethostname()
+    return f"[{host}]" if address.version == 6 else host
+
+
+def _has_screen() -> bool:
+    """Whether a browser would be a window, and not take over the terminal."""
+    return sys.platform in {"win32", "darwin"} or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+@contextlib.contextmanager
+def _bound(host: str, port: int) -> Iterator[socket.socket]:
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listener = socket.socket(family, kind)
+    except OSError as error:
+        raise InputError(f"--host {host}: {error.strerror or error}") from error
+    with listener:
+        try:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(address)
+        except OSError as error:
+            hint = "; `--port 0` takes a free one" if error.errno == errno.EADDRINUSE else ""
+            raise InputError(f"--host {host} --port {port}: {error.strerror}{hint}") from error
+        yield listener

@@ -1,0 +1,244 @@
+"""What is known of every run folder: read once, kept in `.web/runs.json`, brought up to date by the folders' times.
+
+A folder's time changes whenever a file in it is made or replaced, and everything that is told here is in files that are
+replaced whole. So a look costs one `stat` a run, and reading only what changed; filters are answered from memory.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI, HTTPException, Request
+
+from bench.acquisition import LIVE, process_alive
+from bench.record import MANIFEST, write_atomically
+from bench.web.live.finding import inside
+
+FILE, FORMAT = "runs.json", 1
+RUNNING = "running"
+LOOK_S = 1.0
+"""A look at the disk is good for so long [s]."""
+SAVE_S = 30.0
+"""Changes are written at most so often; what was not is read again at the next start [s]."""
+
+
+@dataclass(frozen=True)
+class RunEntry:
+    """One run in a list; errors of its best model in RMS [deg/h], None where there is no number."""
+
+    run: str
+    unit: str
+    profile: str
+    start: str
+    state: str
+    """That of the manifest; `running`, or `unfinished` where a bench was killed."""
+    verdict: str
+    """PASS, FAIL … against limits, else the word of the analysis; empty before one."""
+    rms_dph: float | None
+    held_out_rms_dph: float | None
+    floor_dph: float | None
+    duration_s: float | None
+    imported: bool
+
+
+@dataclass(frozen=True)
+class Entry(RunEntry):
+    """It, and what the index needs to know of it."""
+
+    content: str = ""
+    """Hash of what was recorded; empty before the end."""
+    changed: int = 0
+    """The folder's time [ns]."""
+
+    @property
+    def words(self) -> str:
+        """What a search looks through."""
+        return f"{self.run} {self.profile} {self.state} {self.verdict} {self.start}".lower()
+
+
+class Index:
+    """All runs below a folder."""
+
+    def __init__(self, root: Path, kept: Path, now: Callable[[], float] = time.monotonic) -> None:
+        """`kept` is the folder of the server's own files; nothing is read yet."""
+        self._root, self._file, self._now = root, kept / FILE, now
+        self._lock = threading.Lock()
+        self._entries: dict[str, Entry] | None = None
+        self._words: dict[str, str] = {}
+        self._others: dict[str, int] = {}
+        self._looked = self._saved = -1e9
+        self._unsaved = False
+
+    def entries(self) -> dict[str, Entry]:
+        """Every run by its id, as of a second ago at most; treat it as constant."""
+        with self._lock:
+            if self._entries is None:
+                self._entries = _saved(self._file)
+            if self._now() - self._looked >= LOOK_S:
+                self._look(self._entries)
+            return self._entries
+
+    def matching(self, text: str, wanted: Mapping[str, str]) -> list[Entry]:
+        """Runs that hold every word of `text` somewhere and have exactly the `wanted` fields."""
+        entries, tokens = self.entries(), text.lower().split()
+        words = self._words
+        return [
+            entry
+            for entry in entries.values()
+            if all(getattr(entry, name) == value for name, value in wanted.items())
+            and (not tokens or all(token in words[entry.run] for token in tokens))
+        ]
+
+    def folder(self, unit: str, run: str) -> Path:
+        """The folder of a run; HTTPException 404 for what is not listed. No path is made from what was asked."""
+        return self._root / self.entry(f"{unit}/{run}").run
+
+    def entry(self, run: str) -> Entry:
+        """A run by its id; HTTPException 404 for what is not listed."""
+        found = self.entries().get(run)
+        if found is None:
+            # A run that began within this second.
+            with self._lock:
+                self._looked = -1e9
+            found = self.entries().get(run)
+        if found is None:
+            raise HTTPException(404, f"no run {run[:120]!r} here")
+        return found
+
+    def _look(self, known: Mapping[str, Entry]) -> None:
+        entries, changed = {}, False
+        for id_, path, stamp in _folders(self._root):
+            entry = known.get(id_)
+            if self._others.get(id_) == stamp:
+                continue
+            # A bench that is killed changes nothing in its folder.
+            if entry is None or entry.changed != stamp or entry.state == RUNNING:
+                entry = _read(id_, path, stamp)
+                changed |= entry != known.get(id_)
+            if entry is None:
+                self._others[id_] = stamp
+            else:
+                entries[id_] = entry
+        changed |= len(entries) != len(known)
+        if changed or not self._words:
+            self._words = {id_: entry.words for id_, entry in entries.items()}
+        self._entries, self._looked = entries, self._now()
+        self._unsaved |= changed
+        if self._unsaved and self._now() - self._saved >= SAVE_S:
+            content = {"format": FORMAT, "runs": [asdict(entry) for entry in entries.values()]}
+            with contextlib.suppress(OSError):  # a full disk costs the next start a few seconds, and nobody the list
+                write_atomically(self._file, json.dumps(content).encode())
+            self._saved, self._unsaved = self._now(), False
+
+
+def index_of(request: Request) -> Index:
+    """The index of the server that got this request."""
+    return index_in(request.app)
+
+
+def index_in(app: FastAPI) -> Index:
+    """The index of a server."""
+    state = app.state
+    if not hasattr(state, "index"):
+        state.index = Index(state.settings.out, state.settings.own)
+    index: Index = state.index
+    return index
+
+
+def ordered(entries: list[Entry], sort: str) -> list[Entry]:
+    """Sorted by a field, `-` in front for descending; what has no value comes last."""
+    name = sort.removeprefix("-")
+    have = [entry for entry in entries if getattr(entry, name) is not None]
+    lack = [entry for entry in entries if getattr(entry, name) is None]
+    return sorted(have, key=attrgetter(name), reverse=sort.startswith("-")) + lack
+
+
+def _folders(root: Path) -> Iterator[tuple[str, str, int]]:
+    """Id, path and time of every folder that may be a run; folders with a dot in front are not."""
+    for unit in inside(root):
+        for run in inside(unit.path):
+            with contextlib.suppress(OSError):  # removed meanwhile
+                yield f"{unit.name}/{run.name}", run.path, run.stat(follow_symlinks=False).st_mtime_ns
+
+
+def _read(id_: str, path: str, stamp: int) -> Entry | None:
+    """What a folder says; None where it is none of a run."""
+    manifest = _json(f"{path}/{MANIFEST}")
+    unit, _, name = id_.partition("/")
+    # Ten thousand times a Path is a second.
+    live = _json(f"{path}/{LIVE}")
+    if not (manifest or live or os.path.isdir(f"{path}/journal")):  # noqa: PTH112
+        return None
+    files = manifest.get("files")
+    recorded = json.dumps([manifest.get("run"), files], sort_keys=True).encode()
+    entry = Entry(
+        run=id_,
+        unit=unit,
+        profile=str(manifest.get("profile") or name.partition("_")[2]),
+        start=str(manifest.get("created") or ""),
+        state=RUNNING if live and _alive(live) else str(manifest.get("state") or "unfinished"),
+        verdict="",
+        rms_dph=None,
+        held_out_rms_dph=None,
+        floor_dph=None,
+        duration_s=_number(manifest.get("duration_s")),
+        imported=manifest.get("cause") == "imported",
+        content=sha256(recorded).hexdigest() if files else "",
+        changed=stamp,
+    )
+    return replace(entry, **_judged(path)) if manifest else entry
+
+
+def _alive(live: Mapping[str, Any]) -> bool:
+    """Whether the process that `live.json` names is there; the file outlives a bench that was killed."""
+    pid = live.get("pid")
+    return isinstance(pid, int) and process_alive(pid)
+
+
+def _judged(path: str) -> dict[str, Any]:
+    """What the analysis says of the best model, and the limits where there are some."""
+    compared = _json(f"{path}/compare.json")
+    judged = _json(f"{path}/limits.json") or _json(f"{path}/verification.json")
+    models = [model for model in compared.get("models", ()) if model.get("held_out_rms_dph") is not None]
+    best: Mapping[str, Any] = min(models, key=lambda model: float(model["held_out_rms_dph"]), default={})
+    return {
+        "verdict": str(judged.get("verdict") or compared.get("verdict") or ""),
+        "rms_dph": _number(best.get("rms_dph")),
+        "held_out_rms_dph": _number(best.get("held_out_rms_dph")),
+        "floor_dph": _number(compared.get("floor_dph")),
+    }
+
+
+def _json(path: str) -> dict[str, Any]:
+    """The JSON object in a file; empty where there is none that can be read: a list does not fail for one run."""
+    try:
+        with open(path, "rb") as file:  # noqa: PTH123
+            content = json.loads(file.read())
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _number(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _saved(file: Path) -> dict[str, Entry]:
+    """The entries of last time; none where there are none, or of another format."""
+    content = _json(str(file))
+    if content.get("format") != FORMAT:
+        return {}
+    try:
+        return {entry["run"]: Entry(**entry) for entry in content["runs"]}
+    except (KeyError, TypeError):
+        return {}

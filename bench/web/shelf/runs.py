@@ -1,0 +1,204 @@
+"""`/runs`: the list, filtered and sorted from memory, and each run with all that its folder says."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import threading
+from collections.abc import AsyncIterator, Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+from urllib.parse import quote
+
+from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
+from fastapi.responses import FileResponse, StreamingResponse
+from pydantic import BaseModel, Field
+
+from bench.acquisition import LIVE
+from bench.record import RunFolder
+from bench.web.ground.policy import REPORT
+from bench.web.live import story
+from bench.web.shelf.indexing import RunEntry, index_in, index_of, ordered
+
+_MOST_EVENTS = 2000
+_BATCH_ROWS = 4096
+T = TypeVar("T")
+
+router = APIRouter(tags=["runs"])
+
+
+@contextlib.asynccontextmanager
+async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+    """Read the list while nobody asks for it yet: the first time it takes seconds for ten thousand runs."""
+    threading.Thread(target=index_in(app).entries, name="index", daemon=True).start()
+    yield
+
+
+Sort = Literal[
+    "run", "unit", "profile", "start", "state", "verdict", "rms_dph", "held_out_rms_dph", "floor_dph", "duration_s",
+    "-run", "-unit", "-profile", "-start", "-state", "-verdict", "-rms_dph", "-held_out_rms_dph", "-floor_dph",
+    "-duration_s",
+]  # fmt: skip
+
+
+class RunQuery(BaseModel):
+    """Every word of `q` must stand in id, profile, state, verdict or date of a run; other fields must be the same."""
+
+    q: str = Field("", max_length=200)
+    unit: str = ""
+    state: str = ""
+    verdict: str = ""
+    profile: str = ""
+    sort: Sort = "-start"
+    limit: int = Field(100, ge=1, le=1000)
+    offset: int = Field(0, ge=0, le=10_000_000)
+
+
+class RunList(BaseModel):
+    """Some of the runs that match, of all that there are; `profiles` and `verdicts` are what can be chosen from."""
+
+    total: int
+    matched: int
+    runs: Sequence[RunEntry]
+    profiles: list[str]
+    verdicts: list[str]
+    states: list[str]
+
+
+class FileEntry(BaseModel):
+    """A file of a run folder."""
+
+    name: str
+    bytes: int
+
+
+class RunAnswer(BaseModel):
+    """All that a run folder says; `manifest` without what has a key of its own."""
+
+    run: str
+    unit: str
+    state: str
+    verdict: str
+    sentence: str
+    manifest: dict[str, Any]
+    segments: list[dict[str, Any]]
+    losses: dict[str, Any]
+    events: list[dict[str, Any]]
+    warnings: list[str]
+    limits: dict[str, Any] | None
+    comparison: dict[str, Any] | None
+    diagnosis: dict[str, Any] | None
+    files: list[FileEntry]
+    report: bool
+    certificate: bool
+
+
+@router.get("/runs")
+def runs(request: Request, asked: Annotated[RunQuery, Query()]) -> RunList:
+    """Runs that match, sorted, a page of them."""
+    index = index_of(request)
+    given = {name: getattr(asked, name) for name in ("unit", "state", "verdict", "profile")}
+    found = index.matching(asked.q, {name: value for name, value in given.items() if value})
+    everything = index.entries().values()
+    page = ordered(found, asked.sort)[asked.offset : asked.offset + asked.limit]
+    return RunList(
+        total=len(everything),
+        matched=len(found),
+        runs=page,
+        profiles=sorted({entry.profile for entry in everything}),
+        verdicts=sorted({entry.verdict for entry in everything if entry.verdict}),
+        states=sorted({entry.state for entry in everything}),
+    )
+
+
+@router.get("/runs/{unit}/{run}")
+def run(request: Request, unit: str, run: str) -> RunAnswer:
+    """One run, whole; one that goes on or was cut off tells what it has so far."""
+    index = index_of(request)
+    entry, folder = index.entry(f"{unit}/{run}"), RunFolder(index.folder(unit, run))
+    manifest = _json(folder.path / "manifest.json") or {}
+    own = _json(folder.path / "calibration.json") or {}
+    said = _of(own.get("verdict"), dict)
+    apart = {"segments", "losses", "files"}
+    return RunAnswer(
+        run=entry.run,
+        unit=entry.unit,
+        state=entry.state,
+        verdict=entry.verdict,
+        sentence=str(said.get("sentence") or ""),
+        manifest={key: value for key, value in manifest.items() if key not in apart},
+        segments=_of(manifest.get("segments"), list),
+        losses=_of(manifest.get("losses"), dict),
+        events=story.events(folder.path)[-_MOST_EVENTS:],
+        warnings=[str(text) for text in _of(said.get("warnings"), list)],
+        limits=_json(folder.path / "limits.json"),
+        comparison=_json(folder.path / "compare.json"),
+        diagnosis=_json(folder.path / "diagnosis.json"),
+        files=_files(folder.path),
+        report=folder.report.is_file(),
+        certificate=(folder.path / "certificate.pdf").is_file(),
+    )
+
+
+@router.get("/runs/{unit}/{run}/report", response_class=Response)
+def report(request: Request, unit: str, run: str) -> FileResponse:
+    """The run's HTML report, in a sandbox: its scripts reach neither the page nor the API."""
+    path = _existing(index_of(request).folder(unit, run) / "report.html", "report: make one with `bench report`")
+    return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT})
+
+
+@router.get("/runs/{unit}/{run}/certificate", response_class=Response)
+def certificate(request: Request, unit: str, run: str) -> FileResponse:
+    """The run's calibration certificate, PDF."""
+    folder = index_of(request).folder(unit, run)
+    path = _existing(folder / "certificate.pdf", "certificate: make one with `bench certificate`")
+    return FileResponse(path, media_type="application/pdf", filename=f"{unit}-{run}-certificate.pdf")
+
+
+@router.get("/runs/{unit}/{run}/data.csv", response_class=Response)
+def data(request: Request, unit: str, run: str) -> StreamingResponse:
+    """The run's 1 s means as CSV, as it is read: columns as in `means.parquet`, an empty cell for a gap."""
+    path = _existing(index_of(request).folder(unit, run) / "means.parquet", "means: it has not ended whole")
+    named = {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(f'{unit}-{run}.csv', safe='')}"}
+    return StreamingResponse(_rows(path), media_type="text/csv; charset=utf-8", headers=named)
+
+
+def _rows(path: Path) -> Iterator[str]:
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as table:
+        yield ",".join(table.schema_arrow.names) + "\n"
+        for batch in table.iter_batches(batch_size=_BATCH_ROWS):
+            text = io.StringIO()
+            csv.writer(text, lineterminator="\n").writerows(zip(*(c.to_pylist() for c in batch.columns), strict=True))
+            yield text.getvalue()
+
+
+def _existing(path: Path, what: str) -> Path:
+    if not path.is_file() or path.is_symlink():
+        raise HTTPException(404, f"this run has no {what}")
+    return path
+
+
+def _files(folder: Path) -> list[FileEntry]:
+    found = []
+    for path in sorted(folder.rglob("*")):
+        with contextlib.suppress(OSError):  # removed meanwhile
+            if path.is_file() and not path.name.startswith((".", LIVE)):
+                found.append(FileEntry(name=path.relative_to(folder).as_posix(), bytes=path.stat().st_size))
+    return found
+
+
+def _of(value: object, kind: type[T]) -> T:
+    """The value where it is of this kind, else an empty one: a file of somebody else is shown as far as it goes."""
+    return value if isinstance(value, kind) else kind()
+
+
+def _json(path: Path) -> dict[str, Any] | None:
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return None
+    return content if isinstance(content, dict) else None

@@ -1,0 +1,1 @@
+"""Models, figures, comparisons and diagnoses of the page."""

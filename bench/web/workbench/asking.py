@@ -1,0 +1,77 @@
+"""What a request about runs and models says, and how it is handed to the computing process."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from fastapi import HTTPException, Request
+from pydantic import BaseModel, Field
+
+from bench.analysis import Model, model_from, options_of
+from bench.web.shelf.indexing import index_of
+
+MOST_RUNS = 40
+MOST_MODELS = 12
+MOST_EFFECTS = 40
+
+RunId = Annotated[str, Field(max_length=300)]
+RunIds = Annotated[list[RunId], Field(min_length=1, max_length=MOST_RUNS)]
+
+
+class ModelJson(BaseModel):
+    """A model as JSON: each effect is `{effect, ...options}`."""
+
+    name: str = Field(min_length=1, max_length=200)
+    effects: list[dict[str, Any]] = Field(min_length=1, max_length=MOST_EFFECTS)
+    rows: str = Field("all", max_length=20)
+
+    def model(self) -> Model:
+        """The model; InputError where it is none."""
+        return model_from(self.content())
+
+    def content(self) -> dict[str, Any]:
+        """As in a model file."""
+        entries = [{str(e.get("effect")): {k: v for k, v in e.items() if k != "effect"}} for e in self.effects]
+        return {"name": self.name, "effects": entries, "rows": self.rows}
+
+
+def model_json(model: Model) -> dict[str, Any]:
+    """The same the other way round."""
+    effects = [{"effect": effect.name, **options_of(effect)} for effect in model.effects]
+    # Options may hold mappings of their own kind; JSON has only one.
+    content: dict[str, Any] = json.loads(json.dumps({"name": model.name, "effects": effects, "rows": model.rows}))
+    return content
+
+
+class RunChoice(BaseModel):
+    """Runs of one unit: those that are fitted, those that no fit sees, one that stands still and tells the noise."""
+
+    runs: RunIds
+    check: list[RunId] = Field(default_factory=list, max_length=MOST_RUNS)
+    static: RunId | None = None
+
+    def resolved(self, request: Request) -> dict[str, Any]:
+        """The runs for the computing process; HTTPException 404 or 409 as for each of them."""
+        return {
+            "runs": resolved(request, self.runs),
+            "check": resolved(request, self.check),
+            "static": resolved(request, [self.static])[0] if self.static else None,
+        }
+
+
+def resolved(request: Request, ids: Sequence[str]) -> list[dict[str, str]]:
+    """Id, folder and hash of the data of each run.
+
+    HTTPException 404 for a run that is not there, 409 for one that has not ended whole.
+    """
+    index, found = index_of(request), []
+    for id_ in dict.fromkeys(ids):
+        entry = index.entry(id_)
+        if not entry.content:
+            text = "only one that has ended can be analysed; `bench resume` or `bench report` recover what was cut off"
+            raise HTTPException(409, f"run {id_} is {entry.state}: {text}")
+        unit, _, run = id_.partition("/")
+        found.append({"run": id_, "path": str(index.folder(unit, run)), "content": entry.content})
+    return found

@@ -1,0 +1,176 @@
+"""A diagnosis for the workbench, made in the computing process: suspects with their pictures, the next experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import (
+    Diagnosis,
+    Proposal,
+    SuspectedEffect,
+    diagnose,
+    entry,
+    improvement_rungs,
+    next_experiment,
+    rivals,
+)
+from bench.base import FloatArray, InputError, finite, listed, number
+from bench.deliver import (
+    columns,
+    coordinate,
+    described,
+    drawable_coordinates,
+    floor_words,
+    improvement_ladder,
+    ladder_words,
+    misfit_figure,
+    partial_residual,
+    residual_map,
+    suspects_by_leg,
+)
+from bench.record import Dataset, slug, write_atomically
+from bench.web.workbench import computing
+from bench.web.workbench.asking import model_json
+
+_SIDE_BY_SIDE = 3
+"""Suspects whose evidence is drawn side by side, as in the report."""
+
+
+def diagnosis(wanted: dict[str, Any]) -> dict[str, Any]:
+    """What `bench diagnose` answers, with pictures; the next experiment's profile is written below `plans`.
+
+    Nothing is written into a run folder.
+    """
+    runs, check, static = (
+        computing.runs_of(wanted["runs"]), computing.runs_of(wanted["check"]), computing.static_of(wanted),
+    )  # fmt: skip
+    computing.refuse_mixed([*runs, *check, *([static] if static else [])])
+    data, checks = [computing.dataset(run) for run in runs], [computing.dataset(run) for run in check]
+    still = None if static is None else computing.dataset(static)
+    model = computing.model_of(computing.model_text(wanted["model"]))
+    found = diagnose(data, model, check=checks, static=still, floor_dph=computing.floor(runs, static).floor_dph)
+    content = found.to_json()
+    suspects = zip(content["suspects"], found.suspects, strict=True)
+    content["suspects"] = [{**told, **_pictured(data, found, suspect)} for told, suspect in suspects]
+    content["figures"] = _figures(data, checks, found)
+    content["model_json"], content["improved"] = model_json(found.model), model_json(found.improved)
+    proposal = next_experiment(found, data, static=still)
+    content["next_experiment"] = None if proposal is None else planned(proposal, Path(wanted["plans"]), data[0].name)
+    return content
+
+
+def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffect) -> dict[str, Any]:
+    """What a page shows of a suspect: its partial residual, why it is one, the model with it."""
+    added = suspect.model.effects[-1]
+    return {
+        "why": why(found, suspect),
+        "summary": _summary(suspect.effect),
+        "model": model_json(suspect.model),
+        "add": model_json(suspect.model)["effects"][-1],
+        "partial": _partial(data[0], found, suspect) if suspect.shape else None,
+        "family": added.family,
+    }
+
+
+def _partial(data: Dataset, found: Diagnosis, suspect: SuspectedEffect) -> dict[str, Any] | None:
+    """The suspect alone against what it depends on: an effect found beside the others, a rival in place of them."""
+    left, shape = _left(found, suspect), suspect.shape[0]
+    if left is None or not np.any(np.isfinite(shape)):
+        return None
+    x = coordinate(data, added := suspect.model.effects[-1])
+    plot = partial_residual(data, x, left, shape, suspect.effect)
+    span = shape[np.isfinite(shape)]
+    words = (
+        f"{suspect.effect} alone over {x.title}: dots are data, diamonds their means while heating and cooling; the "
+        f"fitted effect goes from {number(float(span.min()))} to {number(float(span.max()))} deg/h "
+        f"({added.family})."
+    )
+    table = columns({x.title: x.values, "data [deg/h]": left + shape, f"{suspect.effect} [deg/h]": shape})
+    return described(plot, words, table)
+
+
+def _left(found: Diagnosis, suspect: SuspectedEffect) -> FloatArray | None:
+    """Residual of the first run beside the suspect [deg/h]; for a rival that was not found, of the model with it."""
+    if suspect.found:
+        return found.unexplained_residuals[0] if found.unexplained_residuals else None
+    # A rival was judged beside the model alone: what it adds is taken from that residual.
+    return found.residuals[0] - suspect.shape[0] if found.residuals else None
+
+
+def why(found: Diagnosis, suspect: SuspectedEffect) -> str:
+    """The case for a suspect in a sentence or two."""
+    threshold = number(found.threshold, 2)
+    beyond = "beyond chance" if suspect.evidence > found.threshold else "what chance gives, too"
+    parts = [f"Evidence {number(suspect.evidence)}, {beyond} (from {threshold} on)"]
+    if suspect.scored:
+        before, after = number(suspect.held_out_before_dph), number(suspect.held_out_rms_dph)
+        parts.append(f"error on unseen data {before} → {after} deg/h with it")
+    elif suspect.reason:
+        parts.append(f"not scored on unseen data: {suspect.reason}")
+    strongest = max(suspect.legs, key=lambda leg: leg[1], default=("", 0.0))
+    if strongest[1] > 0:
+        parts.append(f"most of it from '{strongest[0]}'")
+    told = "; ".join(parts) + "."
+    return f"{told} This data cannot tell it from {listed(suspect.look_alikes)}." if suspect.look_alikes else told
+
+
+def _summary(effect: str) -> str:
+    try:
+        return entry(effect).summary
+    except InputError:  # of a file of the user's that is not at hand
+        return ""
+
+
+def _figures(data: Sequence[Dataset], checks: Sequence[Dataset], found: Diagnosis) -> dict[str, Any]:
+    """Map before and after, ladder, evidence by leg, where it fails; those that there are."""
+    floor_dph = finite(found.floor_dph)
+    figures: dict[str, Any] = {}
+    if found.residuals:
+        after = found.unexplained_residuals[0] if found.found and found.unexplained_residuals else None
+        plot = residual_map(data[0], found.residuals[0], after, floor_dph)
+        words = f"Mean residual of {found.model.name} by temperature and its rate of change"
+        more = f", and with {listed([s.effect for s in found.found])} added" if after is not None else ""
+        figures["map"] = described(plot, f"{words}{more}. {floor_words(found.floor_dph)}")
+    rungs = improvement_rungs(found, data, checks)
+    inside, outside = (np.array([getattr(r, key) for r in rungs]) for key in ("in_sample_dph", "held_out_dph"))
+    words = ladder_words([rung.name for rung in rungs], inside, outside, found.floor_dph)
+    figures["ladder"] = described(improvement_ladder(rungs, floor_dph), words)
+    if found.suspects and found.suspects[0].evidence > found.threshold:
+        shown = [*found.found, *rivals(found, found.suspects[0])][:_SIDE_BY_SIDE]
+        words = f"Evidence that each segment gives for {listed([s.effect for s in shown])}."
+        figures["legs"] = described(suspects_by_leg(shown), words)
+    if (worst := _misfit(data[0], found)) is not None:
+        figures["misfit"] = worst
+    return figures
+
+
+def _misfit(data: Dataset, found: Diagnosis) -> dict[str, Any] | None:
+    """The residual over the channel where the model fails most."""
+    places = [place for place in found.where if place.channel in drawable_coordinates(data)]
+    if not places or not found.residuals:
+        return None
+    place = places[0]
+    plot = misfit_figure(data, found.residuals[0], place)
+    words = (
+        f"What {found.model.name} leaves over {place.channel.replace('_', ' ')}: most from {number(place.low)} to "
+        f"{number(place.high)} {place.unit}, {number(place.misfit_dph)} deg/h of it systematic."
+    )
+    return described(plot, words)
+
+
+def planned(proposal: Proposal, plans: Path, run: str) -> dict[str, Any]:
+    """The proposal, its profile written as a plan that can be started, and the curve of its set point."""
+    from bench.acquisition import load_profile
+    from bench.web.plans.catalog import curve
+
+    plans.mkdir(parents=True, exist_ok=True)
+    plan = slug(f"{proposal.profile_name}_after_{run}")[:120]
+    path = plans / f"{plan}.yaml"
+    write_atomically(path, proposal.profile_yaml.encode())
+    content: Mapping[str, Any] = proposal.to_json(plan)
+    told = {"plan": plan, "name": proposal.profile_name, "yaml": proposal.profile_yaml}
+    return {**content, **told, "curve": curve(load_profile(path))}

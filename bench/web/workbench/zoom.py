@@ -1,0 +1,146 @@
+"""A stretch of a run as fine as it can be seen: means of as many bins as there are pixels, extremes of every bin.
+
+Wide views are made from the 1 s means, narrow ones from the samples; of these only the row groups are read that the
+stretch touches. Extremes are of what a view is made from, so that a spike of one sample is there when it is looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.base import DPH_PER_DPS, FloatArray, InputError, IntArray
+from bench.record import Dataset
+
+SAMPLES_WITHIN_S = 1200.0
+"""Stretches no longer than this are read from the samples [s]."""
+MOST_BINS = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Bins (n,) of a stretch; NaN where nothing was captured. Bias in deg/h, temperature in degC."""
+
+    time: FloatArray
+    bias: FloatArray
+    low: FloatArray
+    high: FloatArray
+    temperature: FloatArray
+    fitted: FloatArray | None
+    interval_s: float
+    of: str
+    """What low and high are extremes of."""
+
+    def dataset(self, name: str) -> Dataset:
+        """The means as a record of their own, for the figures of the report."""
+        return Dataset(
+            name, self.time, {"rate": self.bias, "temperature": self.temperature},
+            np.zeros(self.time.size, dtype=np.int64), interval_s=self.interval_s,
+        )  # fmt: skip
+
+
+def view(
+    base: Dataset, samples: Path, span: tuple[float | None, float | None], bins: int, fitted: FloatArray | None
+) -> View:
+    """The stretch `span` [s] of a run in about `bins` bins; `base` are its 1 s means, `fitted` (n,) the model on them.
+
+    InputError where the stretch holds nothing.
+    """
+    first, last = float(base.time[0]) - 0.5, float(base.time[-1]) + 0.5
+    begin = first if span[0] is None else max(first, span[0])
+    end = last if span[1] is None else min(last, span[1])
+    if not end > begin:
+        raise InputError(f"{base.name}: nothing from {begin:g} to {end:g} s; the run has {first:g} to {last:g} s")
+    width = (end - begin) / min(max(bins, 10), MOST_BINS)
+    read = _samples(samples, begin, end) if end - begin <= SAMPLES_WITHIN_S and samples.is_file() else None
+    if read is not None and read[0].size:
+        time, bias, temperature = read
+        step = float(np.median(np.diff(time))) if time.size > 1 else width
+        known = None if fitted is None else np.interp(time, base.time, fitted)
+        # Half a step before the first: a sample that jitters stays in its bin.
+        return _binned((time, bias, temperature, known), float(time[0]) - step / 2, max(width, step), "samples")
+    rows = (base.time >= begin) & (base.time <= end)
+    if not rows.any():
+        raise InputError(f"{base.name}: nothing was captured from {begin:g} to {end:g} s")
+    known = None if fitted is None else fitted[rows]
+    columns = base.time[rows], base.bias[rows], base.channel("temperature")[rows], known
+    at = float(columns[0][0]) - base.interval_s / 2
+    return _binned(columns, at, max(width, base.interval_s), f"{base.interval_s:g} s means")
+
+
+def _binned(
+    columns: tuple[FloatArray, FloatArray, FloatArray, FloatArray | None], begin: float, interval: float, of: str
+) -> View:
+    """Means of equal bins, extremes of the bias; a bin without a row in the middle of the stretch is a gap."""
+    time, bias, temperature, fitted = columns
+    which = np.floor((time - begin) / interval).astype(np.int64)
+    starts = np.flatnonzero(np.diff(which, prepend=which[0] - 1))
+    filled = which[starts] - which[0]
+    size = int(filled[-1]) + 1
+
+    def spread(values: FloatArray) -> FloatArray:
+        out = np.full(size, np.nan)
+        out[filled] = values
+        return out
+
+    middle = begin + (which[0] + np.arange(size) + 0.5) * interval
+    with np.errstate(invalid="ignore"):
+        return View(
+            time=middle,
+            bias=spread(_means(bias, starts)),
+            low=spread(np.fmin.reduceat(bias, starts)),
+            high=spread(np.fmax.reduceat(bias, starts)),
+            temperature=spread(_means(temperature, starts)),
+            fitted=None if fitted is None else spread(_means(fitted, starts)),
+            interval_s=interval,
+            of=of,
+        )
+
+
+def _means(values: FloatArray, starts: IntArray) -> FloatArray:
+    present = np.isfinite(values)
+    count = np.add.reduceat(present.astype(np.float64), starts)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean: FloatArray = np.add.reduceat(np.where(present, values, 0.0), starts) / count
+    return mean
+
+
+def _samples(path: Path, begin: float, end: float) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Time, bias and temperature of every sample of a stretch; None where the file does not have them."""
+    try:
+        with pq.ParquetFile(path, pre_buffer=False) as source:
+            names = source.schema_arrow.names
+            if not {"time", "rate", "temperature"} <= set(names):
+                return None
+            wanted = [name for name in ("time", "rate", "temperature", "applied_rate") if name in names]
+            groups = list(_groups(source, begin, end))
+            if not groups:
+                return None
+            table = source.read_row_groups(groups, columns=wanted, use_threads=False)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"not a readable Parquet file ({error})", path.name) from None
+    columns = {name: _floats(table.column(name)) for name in wanted}
+    first, last = np.searchsorted(columns["time"], [begin, end])
+    time, rate, temperature = (columns[name][first:last] for name in ("time", "rate", "temperature"))
+    if "applied_rate" in columns:
+        rate = rate - DPH_PER_DPS * np.nan_to_num(columns["applied_rate"][first:last])
+    return time, rate, temperature
+
+
+def _groups(source: pq.ParquetFile, begin: float, end: float) -> Iterator[int]:
+    """Row groups whose times touch the stretch, by what the file says of them; all of a file that says nothing."""
+    column = source.schema_arrow.names.index("time")
+    for i in range(source.num_row_groups):
+        known = source.metadata.row_group(i).column(column).statistics
+        if known is None or not known.has_min_max or (known.max >= begin and known.min <= end):
+            yield i
+
+
+def _floats(column: pa.ChunkedArray) -> FloatArray:
+    values: FloatArray = column.cast(pa.float64()).to_numpy()
+    return values

@@ -1,1 +1,0 @@
-"""What the commands do, each one call with an `Answer` that prints as text or as JSON."""
