@@ -2,11 +2,11 @@
 
 import signal
 
-import acquisition
 import pytest
 
 import bench.acquisition.station.station
 from bench.acquisition.run.runner import run_job
+from tests.support import acquisition
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background: benches would ignore it, too

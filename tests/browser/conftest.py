@@ -3,10 +3,11 @@
 import os
 from pathlib import Path
 
-import bench_project
 import pytest
-from servers import serving
-from visiting import Visitors
+
+from tests.support import bench_project
+from tests.support.servers import serving
+from tests.support.visiting import Visitors
 
 CHROMIUM = Path("/usr/bin/chromium")
 QUIET = (

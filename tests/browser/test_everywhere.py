@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from bench_project import LONG, SLOW_UNIT, bench_over
-from fleet_runs import line
-from servers import serving
-from unit_history import UNIT, unit_with_history
-from visiting import DESKTOP, TABLET, picture
 
 from bench.base import library
 from bench.mystery.mystery import make_mystery
 from bench.web.people import people
+from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
+from tests.support.fleet_runs import line
+from tests.support.servers import serving
+from tests.support.unit_history import UNIT, unit_with_history
+from tests.support.visiting import DESKTOP, TABLET, picture
 
 AXE = Path(__file__).parent.parent / "assets" / "axe.min.js"
 WORDS = Path(__file__).parents[2] / "bench" / "web" / "static" / "words"

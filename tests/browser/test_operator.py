@@ -4,10 +4,10 @@ import json
 import re
 
 import pytest
-from bench_project import LONG, SLOW_UNIT, bench_over, until
-from visiting import PATIENCE_MS, PICTURES, TABLET, picture
 
 from bench.web.people import people
+from tests.support.bench_project import LONG, SLOW_UNIT, bench_over, until
+from tests.support.visiting import PATIENCE_MS, PICTURES, TABLET, picture
 
 
 @pytest.fixture

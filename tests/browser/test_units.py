@@ -4,9 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from conftest import serving
-from fleet_runs import line
-from unit_history import PDF, UNIT, unit_with_history
+
+from tests.support.fleet_runs import line
+from tests.support.servers import serving
+from tests.support.unit_history import PDF, UNIT, unit_with_history
 
 
 @pytest.fixture(scope="module")

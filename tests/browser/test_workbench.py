@@ -6,10 +6,10 @@ import io
 import json
 
 import pytest
-from conftest import serving
 
 from bench.base import library
 from bench.mystery.mystery import make_mystery
+from tests.support.servers import serving
 
 SEED = 7  # hides `aging`
 MANY = 3000

@@ -1,0 +1,422 @@
+"""Foreign tables: read exactly, converted by pint's units, cut into branches, or refused with file and line."""
+
+from pathlib import Path
+
+import can
+import cantools
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from bench.acquisition.importer import load_columns, plan_import, write_import
+from bench.acquisition.importer.branches import find_branches, segment_of
+from bench.acquisition.importer.columns import ChannelSource, ColumnMap, TimeSource, split_header
+from bench.acquisition.importer.tables import read_table
+from bench.acquisition.importer.units import conversion
+from bench.base.errors import InputError
+from bench.record import dataset
+from bench.record.folder import open_run
+from drivers.wire import Message
+
+DBC = Path(__file__).parents[2] / "drivers" / "gyros" / "vibratory.dbc"
+COUNTED = ColumnMap(time=TimeSource(interval_s=1.0))
+
+
+def write(tmp_path, text, name="table.csv"):
+    path = tmp_path / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def refusal(path, columns=None, **options):
+    with pytest.raises(InputError) as caught:
+        plan_import(path, columns, **options)
+    text = str(caught.value)
+    assert "\n" not in text, "one clear line"
+    assert str(path) in text
+    return text.replace(str(path), "FILE")
+
+
+def loop(rows=1200, seconds=20.0):
+    """A record 25 → -20 → 60 → 25 degC with a stand of an hour at the cold end: time, rate, temperature."""
+    time = np.arange(rows) * seconds
+    degc = np.interp(time, [0, 5000, 8600, 16000, 24000], [25, -20, -20, 60, 25])
+    return time, 10 + 0.1 * degc, degc
+
+
+# Reading ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", "|", " "])
+def test_a_table_is_read_with_any_usual_delimiter_comments_and_a_byte_order_mark(tmp_path, delimiter):
+    rows = [["time_s", "rate_dph", "temp_C"], ["0", "1.5", "20"], ["1", "-2e0", "21"], ["2", "nan", "22"]]
+    body = "\n".join(delimiter.join(row) for row in rows)
+    plan = plan_import(write(tmp_path, f"\ufeff# made by us\n\n{body}\n"))
+    assert plan.time.tolist() == [0, 1, 2]
+    np.testing.assert_array_equal(plan.channels["rate"], [1.5, -2, np.nan])
+    assert plan.channels["temperature"].tolist() == [20, 21, 22]
+
+
+def test_a_quoted_header_may_hold_the_delimiter(tmp_path):
+    plan = plan_import(write(tmp_path, '"time (s)","rate [deg/s]","T, inner"\n0,1,20\n1,1,21\n'),
+                       ColumnMap(temperature=ChannelSource(column="T, inner", unit="degC")))  # fmt: skip
+    assert plan.channels["rate"].tolist() == [3600, 3600]
+
+
+def test_comments_and_blank_lines_between_rows_keep_the_line_numbers(tmp_path):
+    text = "# one\r\ntime,rate,temperature\r\n0,1,20\r\n\r\n# stop\r\n2,1,20\r\n1,1,20\r\n"
+    assert refusal(write(tmp_path, text)).startswith("FILE:7: time runs backwards")
+    assert plan_import(write(tmp_path, text.replace("\n1,1", "\n3,1"))).time.tolist() == [0, 2, 3]
+
+
+def test_numbers_are_read_to_the_last_digit(tmp_path):
+    values = np.random.default_rng(1).normal(14000, 1, 50)
+    body = "\n".join(f"{i},{value!r},20" for i, value in enumerate(values.tolist()))
+    plan = plan_import(write(tmp_path, f"time,rate,temperature\n{body}\n"))
+    np.testing.assert_array_equal(plan.channels["rate"], values)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "FILE: is empty"),
+        ("# only a comment\n\n", "FILE: holds no table"),
+        ("time,rate,temperature\n", "FILE: holds zero rows"),
+        ("0,1,20\n1,1,21\n", "FILE:1: the first line holds numbers, not names"),
+        ("time\n1\n2\n", "FILE:1: has one column"),
+        ("time,rate,rate\n0,1,1\n", "FILE:1: the header names 'rate' twice"),
+        ("time,rate,\n0,1,1\n", "FILE:1: column 3 has no name"),
+        ("time,rate,temperature\n0,1,20\n1,1,2", ""),
+        ("time,rate,temperature\n0,1,20\n1,1", "FILE:3: has 2 fields, the header 3: the file is truncated"),
+        ("time,rate,temperature\n0,1\n1,1,20\n", "FILE:2: has 2 fields, the header 3"),
+        ("time,rate,temperature\n0,1,5,1,20,5,3\n1,1,20\n", "FILE:2: has 7 fields"),
+        ("time,rate,temperature\n0,5,1,5,20,5\n1,5,1,5,20,5\n", "FILE:2: has 6 fields, the header 3: decimal commas?"),
+        ("time;rate;temperature\n0;1,5;20\n", "FILE:2: 'rate' is '1,5', not a number: decimal commas are not read"),
+        ("# x\ntime,rate,temperature\n0,1,20\n1,fault,20\n", "FILE:4: 'rate' is 'fault', not a number"),
+        ("time,rate,temperature\n0,1,20\n1,inf,20\n", "FILE:3: 'rate' is infinite"),
+        ("time,rate,temperature\n0,1,20\n", "FILE: holds one row"),
+        ("time,rate,temperature\n0,1,20\n5,1,20\n4,1,20\n", "FILE:4: time runs backwards: 'time' is 4 after 5"),
+        ("time,rate,temperature\n0,1,20\n1,1,20\n1,1,20\n", "FILE:4: time stands still: 'time' is 1 after 1"),
+        ("time,rate,temperature\n0,1,20\n,1,20\n", "FILE:3: 'time' (time) has no value"),
+        ("time,rate,temperature\n0,,20\n1,,20\n", "FILE: column 'rate' (rate) has no value in any row"),
+        ("time,volts,temperature\n0,1,20\n1,1,20\n", "FILE: no column is rate; it has time, volts, temperature"),
+        ("time,gx_dph,gy_dph,temp_C\n0,1,1,20\n1,1,1,20\n", "FILE: several columns could be rate: gx_dph, gy_dph"),
+        ("time,gz,temp_C\n0,1,20\n1,1,20\n", "FILE: 'gz' does not say its unit"),
+        ("sample,rate,temperature\n0,1,20\n1,1,20\n", "FILE: 'sample' counts samples, and nothing says how long"),
+        ("rate,temperature\n1,20\n1,20\n", "FILE: no column is time"),
+        ("time,rate [Hz],temperature\n0,1,20\n1,1,20\n", "FILE: 'Hz' does not measure rate"),
+    ],
+)  # fmt: skip
+def test_what_cannot_become_a_run_is_refused_in_one_line(tmp_path, text, message):
+    path = write(tmp_path, text)
+    if message:
+        assert refusal(path).startswith(message)
+    else:
+        assert "its last number may be cut off" in plan_import(path).warnings[0]
+
+
+def test_files_that_are_not_what_they_say_are_refused(tmp_path):
+    assert "no such file" in refusal(tmp_path / "none.csv")
+    assert "is a folder" in refusal(tmp_path)
+    assert "not a readable Parquet file" in refusal(write(tmp_path, b"PAR1 nonsense", "x.parquet"))
+    assert "not a readable MF4 file" in refusal(write(tmp_path, b"nonsense", "x.mf4"))
+    assert "a CAN log needs the description of its frames" in refusal(write(tmp_path, "x", "x.asc"))
+    assert ":2: is not text in UTF-8" in refusal(write(tmp_path, b"time,rate\n\xb0,1\n"))
+
+
+# Units and columns ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("channel", "unit", "given", "expected"),
+    [
+        ("rate", "deg/h", 2.0, 2.0), ("rate", "deg/s", 1.0, 3600.0), ("rate", "dps", 1.0, 3600.0),
+        ("rate", "mdps", 1.0, 3.6), ("rate", "rad/s", 1.0, 3600 * 180 / np.pi),
+        ("rate", "mrad/s", 1.0, 3.6 * 180 / np.pi),
+        ("rate", "arcsec/s", 1.0, 1.0), ("rate", "°/h", 5.0, 5.0), ("rate", "rpm", 1.0, 21600.0),
+        ("temperature", "K", 273.15, 0.0), ("temperature", "degF", 212.0, 100.0), ("temperature", "F", -40.0, -40.0),
+        ("temperature", "°C", 5.0, 5.0), ("temperature", "C", 5.0, 5.0),
+        ("frequency", "kHz", 14.0, 14000.0), ("drive", "mV", 5.0, 0.005), ("time", "ms", 5.0, 0.005),
+        ("applied_rate", "rad/s", np.pi, 180.0),
+    ],
+)  # fmt: skip
+def test_units_are_converted(channel, unit, given, expected):
+    assert conversion(unit, channel)(np.array([given]))[0] == pytest.approx(expected, rel=1e-14, abs=1e-9)
+
+
+@pytest.mark.parametrize(("channel", "unit"), [("rate", "Hz"), ("rate", "degC"), ("temperature", "V"), ("rate", "(("),
+                                               ("frequency", "mhz"), ("rate", "1/s"), ("time", "m")])  # fmt: skip
+def test_units_of_something_else_are_refused(channel, unit):
+    with pytest.raises(InputError, match=r"may be in"):
+        conversion(unit, channel)
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("gx_dph", ("gx", "dph")), ("rate [deg/s]", ("rate", "deg/s")), ("T (°C)", ("T", "°C")),
+        ("temp_degC", ("temp", "degC")), ("rate_deg_h", ("rate", "deg_h")), ("time_ms", ("time", "ms")),
+        ("chamber_temperature", ("chamber_temperature", None)), ("t", ("t", None)), ("quad_mV", ("quad", "mV")),
+    ],
+)  # fmt: skip
+def test_headers_are_split_into_name_and_unit(header, expected):
+    assert split_header(header) == expected
+
+
+def test_a_column_map_chooses_columns_and_units(tmp_path):
+    path = write(tmp_path, "n,gx,gz,case\n10,1,0.5,300\n11,1,0.5,301\n14,1,0.5,302\n")
+    map_path = write(tmp_path, "time: {column: n, rate_hz: 50}\nrate: {column: gz, unit: deg/s}\n"
+                               "temperature: {column: case, unit: K}\n", "map.yaml")  # fmt: skip
+    plan = plan_import(path, load_columns(map_path))
+    np.testing.assert_allclose(plan.time, [0, 0.02, 0.08])
+    np.testing.assert_allclose(plan.channels["rate"], 1800)
+    np.testing.assert_allclose(plan.channels["temperature"], [26.85, 27.85, 28.85])
+    assert "not used             gx" in plan.preview()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("rat: {column: x}", r":1: unknown key 'rat'; did you mean 'rate'\?"),
+        ("time: {column: t, unit: s, rate_hz: 3}", "give one of unit"),
+        ("time: {}", "give a column of times"),
+        ("time: {interval_s: 0}", "must be greater than 0"),
+    ],
+)
+def test_a_wrong_column_map_is_refused_with_its_line(tmp_path, text, message):
+    with pytest.raises(InputError, match=message):
+        load_columns(write(tmp_path, text, "map.yaml"))
+
+
+def test_a_column_that_does_not_exist_names_the_nearest(tmp_path):
+    path = write(tmp_path, "time,gyro_out,temperature\n0,1,20\n1,1,21\n")
+    text = refusal(path, ColumnMap(rate=ChannelSource(column="gyro_ou", unit="deg/h")))
+    assert "column 'gyro_ou' for rate does not exist; did you mean 'gyro_out'?" in text
+
+
+# Doubts -----------------------------------------------------------------------------------------------------------
+
+
+def doubts(tmp_path, rate, degc, columns=COUNTED):
+    body = "\n".join(f"{r!r},{t!r}" for r, t in zip(rate.tolist(), degc.tolist(), strict=True))
+    return plan_import(write(tmp_path, f"rate,temperature\n{body}\n"), columns).warnings
+
+
+def test_a_rate_in_another_unit_is_doubted_by_its_magnitude(tmp_path):
+    noise, degc = np.random.default_rng(2).normal(5, 3, 500), np.linspace(0, 50, 500)
+    assert doubts(tmp_path, noise, degc) == ()
+    assert "check the unit" in doubts(tmp_path, noise / 3600, degc)[0]
+    assert "check the unit" in doubts(tmp_path, noise / 206265, degc)[0]
+    as_rad = ColumnMap(time=TimeSource(interval_s=1), rate=ChannelSource(column="rate", unit="rad/s"))
+    assert "more than any gyro measures" in doubts(tmp_path, noise * 1000, degc, as_rad)[0]
+
+
+def test_doubtful_temperatures_are_warned_of(tmp_path):
+    rate = np.random.default_rng(3).normal(5, 3, 500)
+    assert "check the unit (K, degF?)" in doubts(tmp_path, rate, np.linspace(250, 320, 500))[0]
+    assert "temperature is constant" in doubts(tmp_path, rate, np.full(500, 25.0))[0]
+    assert "steps of 1 degC" in doubts(tmp_path, rate, np.round(np.linspace(0, 50, 500)))[0]
+
+
+def test_gaps_in_time_are_counted_and_stay_gaps(tmp_path):
+    body = "".join(f"{t},{t % 3},{20 + t / 10}\n" for t in [*range(50), *range(500, 550)])
+    plan = plan_import(write(tmp_path, "time,rate,temperature\n" + body))
+    assert plan.warnings[0].startswith("1 gaps in time, together 451 s, the first before line 52")
+    assert plan.time.size == 100
+
+
+# Branches ---------------------------------------------------------------------------------------------------------
+
+
+def test_branches_follow_the_temperature():
+    time, _, degc = loop()
+    noisy = degc + np.random.default_rng(4).normal(0, 0.2, degc.size)
+    found = find_branches(time, noisy)
+    assert [branch.direction for branch in found] == ["cooling", "constant", "heating", "cooling"]
+    np.testing.assert_allclose([branch.from_s for branch in found], [0, 5000, 8600, 16000], atol=200)
+    assert found[0].rate_degc_per_min == pytest.approx(45 / 5000 * 60, rel=0.05)
+    assert found[-1].to_s == time[-1]
+    segment = segment_of(found, time)
+    assert segment[0] == 0
+    assert segment[-1] == 3
+    assert np.all(np.diff(segment) >= 0)
+
+
+def test_a_minor_loop_makes_branches_and_noise_does_not():
+    time = np.arange(0, 12000, 1.0)
+    degc = np.interp(time, [0, 4000, 6000, 8000, 12000], [85, 0, 50, 20, 25])
+    directions = [branch.direction for branch in find_branches(time, degc)]
+    assert directions[:3] == ["cooling", "heating", "cooling"]
+    flat = 25 + np.random.default_rng(5).normal(0, 0.05, 5000)
+    assert [branch.direction for branch in find_branches(np.arange(5000.0), flat)] == ["constant"]
+
+
+def test_branches_of_a_lagging_unit_keep_their_soaks():
+    time = np.arange(0, 30000, 10.0)
+    air = np.interp(time, [0, 3000, 9000, 13000, 20000, 23000, 30000], [25, -30, -30, 60, 60, 25, 25])
+    unit = np.empty_like(air)
+    unit[0] = air[0]
+    for i in range(1, air.size):
+        unit[i] = unit[i - 1] + (air[i] - unit[i - 1]) * 10 / 480
+    directions = [branch.direction for branch in find_branches(time, unit)]
+    assert directions == ["cooling", "constant", "heating", "constant", "cooling", "constant"]
+
+
+# Run folders ------------------------------------------------------------------------------------------------------
+
+
+def table_of_loop(tmp_path):
+    time, rate, degc = loop()
+    body = "\n".join(f"{t},{r / 3600!r},{c + 273.15!r}" for t, r, c in zip(*(x.tolist() for x in (time, rate, degc)),
+                                                                         strict=True))  # fmt: skip
+    return write(tmp_path, f"time_s,gyro_dps,temp_K\n{body}\n")
+
+
+def test_an_import_is_a_run_folder_that_the_analysis_reads(tmp_path):
+    plan = plan_import(table_of_loop(tmp_path), serial="G 7")
+    run = write_import(plan, tmp_path / "reports")
+    found = dataset.load(run.path)
+    time, rate, degc = loop()
+    np.testing.assert_allclose(found.channel("rate"), np.interp(found.time, time, rate), rtol=2e-3)
+    np.testing.assert_allclose(found.channel("temperature"), np.interp(found.time, time, degc), atol=0.2)
+    assert [segment.direction for segment in found.segments] == ["cooling", "constant", "heating", "cooling"]
+    assert set(found.segment) == {0, 1, 2, 3}
+
+
+def test_the_manifest_names_the_source_and_every_file(tmp_path):
+    path = table_of_loop(tmp_path)
+    run = write_import(plan_import(path, serial="G 7"), tmp_path / "reports")
+    manifest = open_run(run.path).manifest()
+    assert (manifest["state"], manifest["unit"], manifest["rows"]) == ("done", "G 7", 1200)
+    assert manifest["files"] == run.hashes()
+    assert set(manifest["files"]) == {"data.parquet", "means.parquet", "columns.yaml", "events.jsonl"}
+    assert manifest["source"]["columns"]["rate"] == {"column": "gyro_dps", "unit": "dps", "how": "header"}
+    assert len(manifest["source"]["sha256"]) == 64
+
+
+def test_the_column_map_in_the_run_folder_repeats_the_import(tmp_path):
+    path = table_of_loop(tmp_path)
+    first = write_import(plan_import(path), tmp_path / "a")
+    second = write_import(plan_import(path, load_columns(first.path / "columns.yaml")), tmp_path / "b")
+    assert pq.read_table(first.data).equals(pq.read_table(second.data))
+
+
+def test_a_place_that_cannot_be_written_is_refused(tmp_path):
+    blocked = write(tmp_path, "x", "reports")
+    with pytest.raises(InputError, match="choose another place"):
+        write_import(plan_import(table_of_loop(tmp_path)), blocked)
+
+
+# Other formats ----------------------------------------------------------------------------------------------------
+
+
+def test_parquet_keeps_gaps_types_and_units_of_its_fields(tmp_path):
+    fields = [pa.field("time", pa.timestamp("ms")), pa.field("gyro", pa.float32(), metadata={"unit": "mdps"}),
+              pa.field("temperature", pa.int16()), pa.field("compressor", pa.bool_()),
+              pa.field("note", pa.string())]  # fmt: skip
+    arrays = [[0, 500, 1000], [1.0, None, 2.0], [20, 21, 22], [True, False, True], ["a", "b", "c"]]
+    table = pa.Table.from_arrays(
+        [pa.array(a, f.type) for a, f in zip(arrays, fields, strict=True)], schema=pa.schema(fields)
+    )
+    pq.write_table(table, tmp_path / "x.parquet")
+    plan = plan_import(tmp_path / "x.parquet")
+    assert plan.time.tolist() == [0, 0.5, 1]
+    np.testing.assert_allclose(plan.channels["rate"], [3.6, np.nan, 7.2])
+    assert plan.channels["compressor"].tolist() == [1, 0, 1]
+    assert "column 'note' (string) holds no numbers" in plan.warnings[0]
+
+
+def test_the_data_of_a_run_folder_can_be_imported_again(tmp_path):
+    first = write_import(plan_import(table_of_loop(tmp_path)), tmp_path / "a")
+    again = plan_import(first.data)
+    np.testing.assert_array_equal(again.channels["rate"], plan_import(table_of_loop(tmp_path)).channels["rate"])
+
+
+def test_a_can_log_is_decoded_with_its_dbc_and_stays_sparse(tmp_path):
+    layout = cantools.database.load_file(DBC)
+    res, rate = layout.get_message_by_name("GYRO_RES"), layout.get_message_by_name("GYRO_RATE")
+    zero = {signal.name: 0 for signal in (*res.signals, *rate.signals)}
+    slow = {"Temperature": 25.0, "ResonanceFrequency": 14000.0}
+    path = tmp_path / "log.asc"
+    with can.Logger(str(path)) as log:
+        for i in range(100):
+            values = {s.name: zero[s.name] for s in rate.signals} | {"Rate": 0.001 * i}
+            log.on_message_received(can.Message(1000 + i * 0.002, rate.frame_id, False, data=rate.encode(values)))
+            if i % 10 == 0:
+                values = {s.name: zero[s.name] for s in res.signals} | slow
+                log.on_message_received(can.Message(1000.001 + i * 0.002, res.frame_id, False, data=res.encode(values)))
+        log.on_message_received(can.Message(1001, 0x7FF, False, data=b"x"))
+    plan = plan_import(path, dbc=DBC)
+    known = np.isfinite(plan.channels["rate"])
+    np.testing.assert_allclose(plan.channels["rate"][known], 3.6 * np.arange(100), atol=0.004)
+    assert np.count_nonzero(np.isfinite(plan.channels["temperature"])) == 10
+    assert plan.channels["frequency"][np.isfinite(plan.channels["frequency"])] == pytest.approx(14000)
+    assert "1 frames are not described by the DBC" in plan.warnings[0]
+    assert "not a readable DBC" in refusal_of_dbc(path, tmp_path)
+
+
+def test_multiplexed_and_long_frames_of_a_can_log_are_read(tmp_path):
+    dbc = write(
+        tmp_path,
+        'VERSION ""\nBU_: A\nBO_ 1 M: 12 A\n SG_ Which M : 0|8@1+ (1,0) [0|0] "" A\n'
+        ' SG_ Warm m0 : 63|16@0- (0.5,0) [0|0] "degC" A\n SG_ Volts m1 : 68|16@1+ (0.001,0) [0|0] "V" A\n'
+        'BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","StandardCAN_FD";\nBA_ "VFrameFormat" BO_ 1 1;\n',
+        "mux.dbc",
+    )
+    path = tmp_path / "log.blf"
+    with can.Logger(str(path)) as log:
+        for k, raw in enumerate((b"\xff\xce", b"\x80\x3e", b"\x00\x32")):
+            data = bytes([k % 2, *bytes(6), *(raw if k % 2 == 0 else b"\0\x80"), 0x3E * (k % 2), 0, 0])
+            log.on_message_received(can.Message(1000 + k, 1, False, is_fd=True, data=data))
+    table = read_table(path, dbc)
+    np.testing.assert_array_equal(table.columns["Warm"], [-25.0, np.nan, 25.0])
+    np.testing.assert_allclose(table.columns["Volts"], [np.nan, 0x3E8 * 1e-3, np.nan])
+    assert table.units == {"time": "s", "Warm": "degC", "Volts": "V"}
+
+
+def test_a_can_log_is_decoded_in_one_block_per_message(tmp_path, monkeypatch):
+    calls = []
+    decode = Message.decode
+    monkeypatch.setattr(Message, "decode", lambda self, data: calls.append(data.shape) or decode(self, data))
+    path = tmp_path / "log.asc"
+    with can.Logger(str(path)) as log:
+        for k in range(500):
+            log.on_message_received(can.Message(1000 + 0.002 * k, 0x120, False, data=bytes(8)))
+    read_table(path, DBC)
+    assert calls == [(500, 8)]
+
+
+def refusal_of_dbc(path, tmp_path):
+    with pytest.raises(InputError) as caught:
+        plan_import(path, dbc=write(tmp_path, "nonsense", "bad.dbc"))
+    return str(caught.value)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_mf4_is_read_with_its_units(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    file = asammdf.MDF()
+    fast, slow = np.arange(0, 10, 0.1), np.arange(0, 10, 1.0)
+    file.append([asammdf.Signal(np.sin(fast), fast, name="Gyro", unit="deg/s")])
+    file.append([asammdf.Signal(20 + slow, slow, name="Temperature", unit="°C")])
+    file.save(tmp_path / "x.mf4")
+    file.close()
+    plan = plan_import(tmp_path / "x.mf4")
+    np.testing.assert_allclose(plan.channels["rate"], 3600 * np.sin(fast), rtol=1e-12)
+    assert np.count_nonzero(np.isfinite(plan.channels["temperature"])) == 10
+
+
+def test_a_capital_t_in_degrees_is_a_temperature_and_no_time(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_text("t [s],T (degC),rate [deg/h]\n" + "".join(f"{i},{25 + i / 10},1.5\n" for i in range(50)))
+    plan = plan_import(file)
+    assert plan.time_source.column == "t [s]"
+    assert plan.to_json()["columns"]["temperature"]["column"] == "T (degC)"
+
+
+def test_a_header_that_no_person_wrote_is_refused_before_it_is_taken_apart(tmp_path):
+    for header, said in (("a," * 60_000, "bytes"), ("c,b" + ",a" * 2000, "columns"), ("time,ra\0te", "control")):
+        (tmp_path / "odd.csv").write_text(f"{header}\n1,2\n")
+        with pytest.raises(InputError, match=said):
+            plan_import(tmp_path / "odd.csv")

@@ -1,0 +1,127 @@
+"""Diagnosis of whole runs of a simulated unit, whose truth integrates states of its own."""
+
+import json
+
+import numpy as np
+import pytest
+
+from bench.analysis import effects
+from bench.analysis.diagnosis.compare import compare
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.experiment import next_experiment
+from bench.analysis.diagnosis.improve import add_effect
+from bench.analysis.effects.model import Model
+from bench.base.errors import InputError
+from tests.support.hidden_runs import HiddenUnit, hidden_run
+
+SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
+LAG = {"mechanism": "thermal_lag", "tau_s": 200.0}
+FEW = [effects.make(name) for name in ("thermal_lag", "temperature_rate", "hysteresis", "supply_voltage", "aging")]
+KEYS = {"verdict", "floor_dph", "rms_dph", "held_out_rms_dph", "where", "suspects", "next_experiment"}
+
+
+@pytest.fixture(scope="module")
+def still():
+    return hidden_run(profile="static", seed=1000)
+
+
+def test_an_engineer_sees_where_the_model_fails_learns_what_is_missing_adds_it_and_watches_the_error_fall(still):
+    unit = HiddenUnit((LAG,)).at_strength(2.0, "short")
+    run, unseen = unit.run("short", seed=1), unit.run("minor_loops", seed=2)
+
+    before = diagnose([run], SPLINE, check=[unseen], static=still)
+    assert any(place.channel == "dT_dt" or place.note.startswith(("heating", "cooling")) for place in before.where)
+    assert before.verdict == "missing_effect"
+    missing = before.suspects[0]
+    assert missing.effect == "thermal_lag"
+    assert missing.parameters["tau_s"].interval[0] < 200.0 < missing.parameters["tau_s"].interval[1]
+
+    better = add_effect(before.model, missing.effect, missing.options)
+    old, new = compare([run], [before.model, better], before.floor_dph, [unseen]).scores
+    assert new.held_out.rms_dph < 0.8 * old.held_out.rms_dph
+    assert diagnose([run], better, check=[unseen], static=still).verdict == "adequate"
+
+
+def test_nothing_is_missing_from_a_clean_unit_and_the_answer_says_what_it_could_not_have_seen(still):
+    wanted = [*FEW, effects.make("scale_factor_temperature")]
+    answer = diagnose([hidden_run(profile="short", seed=4)], SPLINE, static=still, candidates=wanted)
+    assert (answer.verdict, answer.found, answer.where) == ("adequate", (), ())
+    least = {limit.effect: limit for limit in answer.smallest_detectable}
+    assert 0.0 < least["temperature_rate"].amplitude < np.inf
+    assert "applied_rate" in answer.not_excited["scale_factor_temperature"]
+
+
+def test_what_the_catalogue_does_not_have_is_called_unknown_and_shown(still):
+    unit = HiddenUnit(({"mechanism": "periodic", "period_s": 1200.0},)).at_strength(1.5, "short")
+    answer = diagnose([unit.run("short", seed=1)], SPLINE, static=still, candidates=FEW)
+    assert answer.verdict == "unknown_effect"
+    assert any(place.note.startswith("period 12") for place in answer.where)
+    assert answer.unexplained
+    assert "no effect of the catalogue explains" in answer.sentence
+
+
+def test_a_cause_that_no_channel_records_needs_the_isothermal_run_to_be_seen(still):
+    run = HiddenUnit(({"mechanism": "unlogged_drift"},)).at_strength(2.0, "short").run("short", seed=3)
+    with_static, without = (diagnose([run], SPLINE, static=s, candidates=FEW) for s in (still, None))
+    assert with_static.verdict == "unknown_effect"
+    assert "no channel records" in with_static.noise_finding
+    assert any("--static" in note for note in without.notes)
+
+
+def test_white_noise_that_grows_is_a_finding_about_noise_and_no_missing_effect(still):
+    loud = HiddenUnit(noise={"angle_random_walk": 0.02, "bias_instability": 0.03, "rate_random_walk": 0.03})
+    answer = diagnose([loud.run("short", seed=3)], SPLINE, static=still, candidates=FEW)
+    assert answer.verdict == "adequate"
+    assert answer.noise_finding.startswith("white noise of the run is")
+
+
+def test_two_runs_with_turn_on_biases_of_their_own_are_judged_together(still):
+    unit = HiddenUnit(({"mechanism": "temperature_rate"},)).at_strength(1.0, "short")
+    first, second = unit.run("short", seed=1), unit.run("short", seed=2)
+    second.channels["rate"][:] += 0.7
+    answer = diagnose([first, second], SPLINE, static=still, candidates=FEW)
+    assert [s.effect for s in answer.found] == ["temperature_rate"]
+
+
+def test_rivals_that_one_rate_cannot_tell_apart_are_mutual_and_get_a_next_experiment(still):
+    unit = HiddenUnit(({"mechanism": "temperature_rate"},)).at_strength(0.7, "one_rate")
+    run = unit.run("one_rate", seed=1)
+    answer = diagnose([run], SPLINE, static=still, candidates=FEW)
+    best = answer.suspects[0]
+    assert best.look_alikes
+    for rival in (s for s in answer.suspects if s.effect in best.look_alikes):
+        assert best.effect in rival.look_alikes
+    assert next_experiment(answer, [run], static=still) is not None
+
+
+def test_the_answer_is_the_json_that_the_command_promises(still):
+    answer = json.loads(
+        json.dumps(diagnose([hidden_run([LAG], "short", 2)], SPLINE, static=still, candidates=FEW).to_json())
+    )
+    assert answer.keys() >= KEYS
+    assert answer["where"][0].keys() >= {"channel", "from", "to", "rms_dph", "floor_ratio"}
+    suspect = answer["suspects"][0]
+    assert suspect.keys() >= {"effect", "held_out_rms_dph", "removes", "evidence", "parameters", "look_alikes"}
+    assert suspect["parameters"]["tau_s"].keys() >= {"value", "unit", "std"}
+
+
+def test_an_effect_whose_channel_is_not_there_is_not_testable_and_the_reason_is_said():
+    run = hidden_run(profile="short", seed=5)
+    del run.channels["quadrature"]
+    answer = diagnose([run], SPLINE, candidates=[*FEW[:1], effects.make("quadrature_leakage")])
+    assert "no channel 'quadrature'" in answer.not_excited["quadrature_leakage"]
+
+
+def test_a_static_run_that_does_not_stand_still_is_refused():
+    run = hidden_run(profile="short", seed=6)
+    with pytest.raises(InputError, match="standing still"):
+        diagnose([run], SPLINE, static=run.select(run.direction != 0))
+
+
+def test_a_spline_that_chooses_few_intervals_is_diagnosed_with_more_so_that_its_misfit_gets_no_name(still):
+    run = hidden_run(profile="one_rate", seed=2)
+    bare = Model("bare", (effects.make("spline"),))
+    answer = diagnose([run], bare, static=still, candidates=FEW)
+    assert answer.model.effects[0].intervals >= 12
+    assert answer.verdict == "adequate"
+    assert any("fewer intervals" in note for note in answer.notes)

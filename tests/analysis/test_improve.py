@@ -1,0 +1,45 @@
+"""The unattended walk: every step is proved on unseen data or refused, and the end says why it is the end."""
+
+from dataclasses import replace
+
+import pytest
+
+from bench.analysis import effects
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.improve import add_effect, improve
+from bench.analysis.effects.model import Model
+from bench.base.errors import InputError
+from tests.support.hidden_runs import HiddenUnit, hidden_run
+
+SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
+RATE = {"mechanism": "temperature_rate"}
+FEW = [effects.make(name) for name in ("thermal_lag", "temperature_rate", "supply_voltage", "aging")]
+
+
+@pytest.fixture(scope="module")
+def still():
+    return hidden_run(profile="static", seed=1000)
+
+
+def test_the_walk_adds_what_pays_and_ends_where_nothing_is_missing(still):
+    unit = HiddenUnit((RATE,)).at_strength(2.0, "short")
+    walk = improve([unit.run("short", 1)], [unit.run("minor_loops", 2)], SPLINE, static=still, candidates=FEW)
+    added, end = walk.steps
+    assert (added.action, added.effect) == ("added", "temperature_rate")
+    assert added.after_dph < 0.9 * added.before_dph
+    assert (end.action, end.diagnosis.verdict) == ("stopped", "adequate")
+    assert walk.to_json()["effects"] == ["spline", "temperature_rate"]
+
+
+def test_an_effect_that_does_not_pay_on_unseen_data_is_refused_and_said_so(still):
+    unit = HiddenUnit((RATE,)).at_strength(2.0, "short")
+    opposite = replace(unit, scale=-unit.scale)
+    walk = improve([unit.run("short", 1)], [opposite.run("short", 2)], SPLINE, static=still, candidates=FEW)
+    assert {step.action for step in walk.steps[:-1]} == {"refused"}
+    assert "does not pay" in walk.steps[0].sentence
+    assert walk.model.effects == diagnose([unit.run("short", 1)], SPLINE, candidates=FEW).model.effects
+
+
+def test_an_effect_is_added_once():
+    with pytest.raises(InputError, match="already"):
+        add_effect(add_effect(SPLINE, "thermal_lag"), "thermal_lag")

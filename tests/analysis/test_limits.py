@@ -1,0 +1,64 @@
+import numpy as np
+from numpy.testing import assert_allclose
+
+from bench.analysis.diagnosis.candidates import Problem
+from bench.analysis.diagnosis.limits import expected_gap, probability, separation, smallest
+from bench.analysis.noise.likelihood import NoiseLattice
+from bench.analysis.noise.whitening import Whitener, covariance
+from tests.analysis.test_evidence import NOISE, TEMPERATURE, TIME, bias_of, candidates, coloured, columns_of
+
+DATA = Problem(TIME, bias_of(TEMPERATURE) + coloured(1), columns_of(TEMPERATURE), 30.0)
+LATTICE = NoiseLattice(DATA.records(), 30.0)
+POINT = (-16, -16)  # ratios of 0.1
+SIGMA2 = NOISE.white_variance(30.0)
+
+
+def test_smallest_amplitude_agrees_with_dense_algebra():
+    rate = candidates()[1]
+    limit = smallest(DATA, rate, (), LATTICE, POINT, SIGMA2)
+    root = np.linalg.cholesky(covariance(TIME, 30.0, LATTICE.ratios(POINT)))
+    white = np.linalg.solve(root, np.column_stack([DATA.base, rate.columns(())]))
+    outside = white[:, -1] - white[:, :-1] @ np.linalg.lstsq(white[:, :-1], white[:, -1])[0]
+    assert_allclose(limit.amplitude**2 * (outside @ outside) / SIGMA2, 20.0, rtol=1e-8)
+    assert_allclose(limit.rms_dph, limit.amplitude * rate.columns(()).std(), rtol=1e-12)
+
+
+def test_an_effect_that_the_base_absorbs_has_no_limit():
+    kept = candidates()[3]
+    absorbed = type(kept)("frequency", lambda th: columns_of(TEMPERATURE)[:, 2:3])
+    assert smallest(DATA, absorbed, (), LATTICE, POINT, SIGMA2).amplitude == np.inf
+
+
+def test_a_lag_has_a_least_time_constant_that_shows():
+    limit = smallest(DATA, candidates()[0], (), LATTICE, POINT, SIGMA2)
+    assert 20.0 <= limit.theta[0] < 200.0
+
+
+def test_the_expected_gap_is_what_realised_gaps_scatter_about():
+    """Mean over noise of the fall in whitened square sums, truth against rival, less what the noise itself gives."""
+    rate, supply = candidates()[1], candidates()[3]
+    mean = DATA.base @ np.linspace(1, 0, DATA.base.shape[1]) + 0.15 * supply.columns(())[:, 0]
+    gap = expected_gap(DATA, mean, rate, LATTICE, POINT, SIGMA2)
+    way = Whitener.of(LATTICE.ratios(POINT), TIME, 30.0)
+    noise = way.colour(np.random.default_rng(0).normal(size=(len(TIME), 300))) * np.sqrt(SIGMA2)
+
+    def left(columns):
+        white, y = way.apply(columns), way.apply(mean[:, None] + noise)
+        return np.sum((y - white @ np.linalg.lstsq(white, y)[0]) ** 2, axis=0) / SIGMA2
+
+    rival, truth = (left(np.column_stack([DATA.base, c.columns(())])) for c in (rate, supply))
+    assert_allclose(np.mean(rival - truth), gap, atol=5.0 * np.std(rival - truth) / np.sqrt(300))
+
+
+def test_separation_is_zero_on_the_diagonal_and_grows_with_the_square_of_strength():
+    rivals = candidates()[1:3]
+    effects = [0.05 * rivals[0].columns(())[:, 0], 0.05 * rivals[1].columns((6.0,))[:, 0]]
+    weak = separation(DATA, effects, rivals, LATTICE, POINT, SIGMA2)
+    strong = separation(DATA, [2.0 * e for e in effects], rivals, LATTICE, POINT, SIGMA2)
+    assert weak[0, 0] == weak[1, 1] == 0.0
+    assert_allclose(strong, 4.0 * weak, rtol=1e-3)
+
+
+def test_a_gap_of_twenty_is_found_nineteen_times_in_twenty():
+    assert_allclose(probability(20.0), 0.94, atol=0.005)
+    assert probability(0.0) == 0.0

@@ -1,0 +1,265 @@
+"""Statistics of a fleet: what is there is found, what is not there is not, and the numbers are those of the books."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy import stats
+
+from bench.archive.fleet.capability import capability, proportion
+from bench.archive.fleet.charts import chart, signals
+from bench.archive.fleet.drift import corrected, drifts, ewma
+from bench.archive.fleet.unlike import unlike
+from bench.cli import main
+from tests.support.fleet_runs import LIMITS, line, station
+
+DAY_S = 86400.0
+
+
+@pytest.mark.parametrize(
+    ("rule", "z"),
+    [
+        (1, [0, 3.1]),
+        (2, [0.2, 0.1] * 4 + [0.3]),
+        (3, [-0.5, -0.3, 0.1, 0.2, 0.4, 0.6]),
+        (4, [0.1, -0.1] * 7),
+        (5, [2.1, 0, 2.2]),
+        (6, [1.1, 1.2, 0, 1.3, 1.4]),
+        (7, [0.5, -0.5, 0.2] * 5),
+        (8, [1.1, -1.2] * 4),
+    ],
+)
+def test_each_rule_of_nelson_is_broken_by_its_pattern_and_not_before(rule, z):
+    assert rule in {signal.rule for signal in signals(np.array(z, dtype=float))}
+    assert rule not in {signal.rule for signal in signals(np.array(z[:-1], dtype=float))}
+
+
+def test_a_process_in_control_breaks_rule_one_as_often_as_chance_does():
+    values = np.random.default_rng(1).normal(5.0, 2.0, 20_000)
+    drawn = chart(values)
+    assert drawn.centre == pytest.approx(5.0, abs=0.05)
+    assert drawn.sigma == pytest.approx(2.0, rel=0.03)
+    assert drawn.range_limit == pytest.approx(3.267 * 1.128 * 2.0, rel=0.03)
+    beyond = sum(signal.rule == 1 for signal in drawn.signals)
+    assert stats.binomtest(beyond, values.size, 0.0027).pvalue > 0.01
+
+
+def test_too_few_or_equal_values_make_no_chart():
+    assert chart(np.arange(7.0)) is None
+    assert chart(np.ones(50)) is None
+
+
+def test_capability_is_room_over_three_sigma_and_its_interval_covers():
+    random = np.random.default_rng(2)
+    covered = 0
+    for _ in range(300):
+        found = capability(random.normal(0.0, 1.0, 100), -6.0, 4.0)
+        covered += found.ppk_interval[0] <= 4.0 / 3.0 <= found.ppk_interval[1]
+    assert covered / 300 == pytest.approx(0.95, abs=0.03)
+    assert capability(random.normal(size=100), None, None) is None
+    assert capability(random.normal(size=7), 0.0, 1.0) is None
+
+
+def test_a_process_that_wanders_has_a_ppk_below_its_cpk():
+    values = np.random.default_rng(3).normal(0, 0.1, 200) + np.linspace(0, 2, 200)
+    found = capability(values, -5.0, 5.0)
+    assert found.ppk < 0.5 * found.cpk
+
+
+def test_a_proportion_has_an_interval_where_all_passed():
+    low, high = proportion(200, 200)
+    assert (low, high) == (pytest.approx(0.98, abs=0.005), pytest.approx(1.0))
+    assert np.isnan(proportion(0, 0)).all()
+
+
+def production(seed, slope=0.0, offset=0.0, units=200):
+    random = np.random.default_rng(seed)
+    days = np.arange(units) / 5.0
+    lots = [f"L{i // 40}" for i in range(units)]
+    stations = ["AB"[i % 2] for i in range(units)]
+    values = random.normal(1.0, 0.1, units)
+    values += np.where(np.array(stations) == "B", slope * days, 0.0) + np.where(np.array(lots) == "L2", offset, 0.0)
+    return values, days * DAY_S, stations, lots
+
+
+def significant(found):
+    return {(one.kind, one.place) for one in corrected(found) if one.significant}
+
+
+def test_a_drifting_station_and_an_odd_lot_are_told_apart():
+    assert significant(drifts(*production(1, slope=0.02), "q")) == {("station", "B")}
+    assert significant(drifts(*production(1, offset=0.15), "q")) == {("lot", "L2")}
+    assert significant(drifts(*production(1, slope=0.02, offset=0.2), "q")) == {("station", "B"), ("lot", "L2")}
+
+
+def test_chance_is_rarely_called_a_drift():
+    alarms = sum(bool(significant(drifts(*production(seed), "q"))) for seed in range(300))
+    assert stats.binomtest(alarms, 300, 0.01, alternative="greater").pvalue > 0.001
+
+
+def test_slopes_and_offsets_are_those_of_ordinary_least_squares():
+    sm = pytest.importorskip("statsmodels.api")
+    values, time_s, stations, lots = production(4, slope=0.01, offset=0.02)
+    t, s, lot = time_s / DAY_S, np.array(stations), np.array(lots)
+    names = sorted(set(lots))
+    columns = np.column_stack(
+        [*((lot == name).astype(float) for name in names), (s == "B").astype(float),
+         *(np.where(s == name, t - t[s == name].mean(), 0.0) for name in "AB")]
+    )  # fmt: skip
+    direct = sm.OLS(values, columns).fit()
+    mine = {(one.kind, one.place): one for one in drifts(values, time_s, stations, lots, "q")}
+    for i, name in enumerate("AB"):
+        assert mine["station", name].change == pytest.approx(direct.params[6 + i])
+        assert mine["station", name].error == pytest.approx(direct.bse[6 + i])
+        assert mine["station", name].p == pytest.approx(direct.pvalues[6 + i])
+    for i, name in enumerate(names):
+        along = np.zeros(8)
+        along[:5] = -0.25
+        along[i] = 1.0
+        tested = direct.t_test(along)
+        assert mine["lot", name].change == pytest.approx(float(tested.effect[0]))
+        assert mine["lot", name].error == pytest.approx(float(np.squeeze(tested.sd)))
+
+
+def test_a_drift_that_lots_hide_is_not_claimed():
+    days = np.repeat(np.arange(10.0), 10)
+    lots = [f"L{day:.0f}" for day in days]
+    found = drifts(np.random.default_rng(5).normal(days, 0.1), days * DAY_S, ["A"] * 100, lots, "q")
+    assert not [one for one in found if one.kind == "station"]
+
+
+def test_one_bad_unit_is_no_drift():
+    values, *rest = production(6)
+    values[-1] += 50.0
+    assert significant(drifts(values, *rest, "q")) == set()
+
+
+def test_ewma_is_out_where_the_level_moved_late():
+    random = np.random.default_rng(7)
+    still, moved = random.normal(0, 1, 100), random.normal(0, 1, 100) + np.where(np.arange(100) > 90, 2.0, 0.0)
+    assert abs(ewma(still)) < 1 < ewma(moved)
+
+
+def test_units_unlike_their_lot_are_found_though_each_quantity_alone_is_ordinary():
+    random = np.random.default_rng(8)
+    common = random.normal(size=200)
+    table = np.column_stack(
+        [common + random.normal(0, 0.1, 200), common + random.normal(0, 0.1, 200), random.normal(size=200)]
+    )
+    table[77] = (1.0, -1.0, 0.0)
+    lots = [f"L{i // 50}" for i in range(200)]
+    table += np.array([10.0, 0.0, 5.0]) * (np.arange(200) // 50)[:, None]
+    distances, odd = unlike(table, ["a", "b", "c"], lots)
+    assert [one.row for one in odd] == [77]
+    assert np.argmax(distances) == 77
+
+
+def test_a_tenth_of_odd_units_does_not_hide_itself():
+    table = np.random.default_rng(9).normal(size=(200, 4))
+    table[:20] += 8.0
+    _, odd = unlike(table, list("abcd"), ["L"] * 200)
+    assert {one.row for one in odd} == set(range(20))
+
+
+def test_a_fleet_without_odd_units_rarely_has_one():
+    alarms = 0
+    for seed in range(100):
+        table = np.random.default_rng(seed).normal(size=(200, 4))
+        alarms += bool(unlike(table, list("abcd"), ["L"] * 200)[1])
+    assert alarms <= 8
+
+
+def test_gaps_and_constant_quantities_are_left_out():
+    table = np.random.default_rng(10).normal(size=(50, 3))
+    table[:, 1] = 4.0
+    table[7, 0] = np.nan
+    distances, _ = unlike(table, list("abc"), ["L"] * 50)
+    assert np.flatnonzero(np.isnan(distances)).tolist() == [7]
+    assert np.isnan(unlike(table[:5], list("abc"), ["L"] * 5)[0]).all()
+
+
+def bench(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A line with a drifting station, an odd unit, a lot that differs, and a unit that fails, then passes."""
+    root = tmp_path_factory.mktemp("line") / "reports"
+    line(root, drift_dph_per_day=0.0006, odd=77, lot="L2")
+    station(root, "L5-0200", "station-A", 40.0, residual=0.25)
+    station(root, "L5-0200", "station-A", 41.0, residual=0.12)
+    limits = root.parent / "limits.yaml"
+    limits.write_text(LIMITS)
+    assert bench("registry", "rebuild", "--out", root).exit_code == 0
+    return root, limits
+
+
+def test_the_whole_line_is_told_in_json_csv_and_a_page(made, tmp_path):
+    root, limits = made
+    page, table = tmp_path / "fleet.html", tmp_path / "fleet.csv"
+    said = bench("fleet", "--out", root, "--limits", limits, "--html", page, "--csv", table, "--json")
+    assert said.exit_code == 0
+    found = json.loads(said.stdout)
+    assert found["units"] == 201
+    assert (found["yield"]["judged"], found["yield"]["first"], found["yield"]["final"]) == (201, 200, 201)
+    moved = {(one["kind"], one["place"], one["quantity"]) for one in found["drifts"] if one["significant"]}
+    assert moved == {("station", "station-B", "noise_floor_dph"), ("lot", "L2", "noise_floor_dph")}
+    assert "L1-0077" in [one["unit"] for one in found["unlike"]]
+    able = {one["name"]: one["capability"] for one in found["quantities"]}
+    assert able["residual_rms_dph"]["outside"] == 0
+    assert able["noise_floor_dph"] is None
+    with table.open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 201 * 4
+    assert {row["lot"] for row in rows} == {f"L{i}" for i in range(6)}
+    html = page.read_text()
+    assert "Fleet of 201 units" in html
+    assert "station-B" in html
+    assert 'src="http' not in html
+
+
+def test_a_unit_outside_its_limits_is_exit_code_one_and_a_filter_leaves_it_out(made, tmp_path):
+    root = made[0]
+    strict = tmp_path / "strict.yaml"
+    strict.write_text(LIMITS.replace("0.02,", "0.0125,").replace("name: line", "name: strict"))
+    assert bench("fleet", "--out", root, "--limits", strict).exit_code == 1
+    said = bench("fleet", "--out", root, "--limits", strict, "--unit-filter", "L[02-5]-.*")
+    assert said.exit_code == 0
+    assert "161 units" in said.output
+
+
+def test_verdicts_of_the_reports_count_without_limits(tmp_path):
+    root = tmp_path / "reports"
+    for unit, word in (("U-1", "PASS"), ("U-2", "FAIL"), ("U-3", None)):
+        folder = station(root, unit, "A", float(unit[-1]), residual=0.1)
+        if word:
+            (folder / "limits.json").write_text(json.dumps({"name": "line", "verdict": word, "results": []}))
+    bench("registry", "rebuild", "--out", root)
+    found = json.loads(bench("fleet", "--out", root, "--json").stdout)
+    assert (found["yield"]["judged"], found["yield"]["first"]) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "said"), [("Z.*", "no calibrated unit matches"), ("(", "not a regular expression")]
+)
+def test_a_filter_that_finds_nothing_is_bad_input(made, pattern, said):
+    answer = bench("fleet", "--out", made[0], "--unit-filter", pattern)
+    assert answer.exit_code == 2
+    assert said in answer.stderr
+
+
+def test_a_certificate_says_more_than_the_report(tmp_path):
+    root = tmp_path / "reports"
+    folder = station(root, "U-1", "A", 1.0, residual=0.1)
+    (folder / "limits.json").write_text(json.dumps({"name": "line", "verdict": "PASS", "results": []}))
+    results = [{"name": "bias_span_dph", "unit": "deg/h", "value": 7.5}]
+    certificate = {"number": "C-1", "verdict": "FAIL", "issued": "2026-04-01", "operator": "Ada", "results": results}
+    (folder / "certificate.json").write_text(json.dumps(certificate))
+    bench("registry", "rebuild", "--out", root)
+    shown = json.loads(bench("registry", "show", "U-1/" + folder.name, "--out", root, "--json").stdout)
+    assert shown["certificates"][0]["number"] == "C-1"
+    assert {"bias_span_dph": 7.5}.items() <= {one["name"]: one["value"] for one in shown["quantities"]}.items()
+    assert bench("fleet", "--out", root).exit_code == 1

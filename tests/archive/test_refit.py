@@ -1,0 +1,225 @@
+"""Refit of a fleet: the same answer everywhere, one unit's failure is its own, moments are made once."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from bench.analysis.effects.model import Model
+from bench.analysis.effects.spline import Spline
+from bench.analysis.fit import fit_model
+from bench.archive.fleet import engines, moments_file
+from bench.archive.fleet.moments_file import Stored
+from bench.archive.fleet.refit import refit_group, refit_unit, write_records
+from bench.base.errors import InputError
+from bench.cli import main
+from bench.record.dataset import load
+from benchmarks.fleet_refit import fleet
+from tests.support.run_folders import make_run, ramp_run
+
+MODEL = Model("spline 12", (Spline(12),))
+UNITS = 700
+DAMAGED = 300
+
+
+@pytest.fixture(scope="module")
+def moments(tmp_path_factory):
+    """Three groups of simulated units, one of them damaged."""
+    path = tmp_path_factory.mktemp("fleet") / "moments.parquet"
+    rows = list(fleet(UNITS))
+    rows[DAMAGED].values[400] = np.nan
+    assert moments_file.write(path, rows) == UNITS
+    return path
+
+
+@pytest.fixture(scope="module")
+def here(moments):
+    return [record for some in engines.serial_engine(MODEL, moments_file.stored_groups(moments)) for record in some]
+
+
+def test_a_unit_that_fails_does_not_stop_the_rest(here):
+    failed = [number for number, record in enumerate(here) if record.error]
+    assert failed == [DAMAGED]
+    assert "moments are damaged" in here[DAMAGED].error
+    assert [record.unit for record in here] == [f"U-{number:06d}" for number in range(UNITS)]
+
+
+def test_a_unit_fitted_again_alone_has_the_same_numbers(here, moments):
+    group = next(moments_file.stored_groups(moments))
+    for number in (0, 17, 255):
+        assert refit_unit(MODEL, group.units[number], group.runs[number], group.values[number]) == here[number]
+
+
+@pytest.mark.parametrize("engine", ["pool", "dask"])
+def test_two_workers_find_the_numbers_of_the_serial_refit_bit_for_bit(here, moments, engine):
+    if engine == "dask":
+        pytest.importorskip("distributed")
+    run = engines.pool_engine(2) if engine == "pool" else engines.dask_engine(2, None)
+    there = [record for some in run(MODEL, moments_file.stored_groups(moments)) for record in some]
+    assert there == here
+
+
+def test_a_cluster_of_others_is_reached_by_its_address(here, moments, tmp_path):
+    pytest.importorskip("distributed")
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster:
+        target = tmp_path / "records.parquet"
+        said = CliRunner().invoke(main, [
+            "fleet", "refit", "--model", str(_model_file(tmp_path)),
+            "--moments", str(moments), "--records", str(target), "--scheduler", cluster.scheduler_address, "--json",
+        ], catch_exceptions=False)  # fmt: skip
+    assert said.exit_code == 1, said.output
+    assert json.loads(said.stdout)["failed"] == 1
+    betas = pq.read_table(target).column("beta").to_pylist()
+    assert [tuple(beta or ()) for beta in betas] == [record.beta for record in here]
+
+
+def _model_file(folder):
+    path = folder / "spline12.yaml"
+    path.write_text(MODEL.to_yaml())
+    return path
+
+
+class Deadly(Model):
+    """A model whose fit kills the process that pickles it back."""
+
+    def __setstate__(self, state):
+        if os.environ.get("BENCH_TEST_PARENT") != str(os.getpid()):
+            os._exit(9)
+        self.__dict__.update(state)
+
+
+def test_a_group_that_kills_its_process_is_recorded_as_failed(moments, monkeypatch):
+    monkeypatch.setenv("BENCH_TEST_PARENT", str(os.getpid()))
+    group = next(moments_file.stored_groups(moments))
+    (some,) = engines.pool_engine(1)(Deadly("deadly", (Spline(12),)), [group])
+    assert len(some) == len(group.units)
+    assert {record.error for record in some} == {"not refitted: its worker process died"}
+
+
+def test_no_scheduler_there_is_bad_input(moments, tmp_path):
+    pytest.importorskip("distributed")
+    with pytest.raises(InputError, match="no Dask scheduler"):
+        next(engines.dask_engine(1, "nonsense")(MODEL, moments_file.stored_groups(moments)))
+
+
+def test_without_dask_the_pool_takes_over_and_dask_itself_is_told_how_to_be_had(moments, monkeypatch):
+    from bench.commands import refitting
+
+    monkeypatch.setattr(refitting.importlib.util, "find_spec", lambda name: None)
+    assert refitting._engine(refitting.RefitOptions(workers=2), groups=100)[0] == "pool, 2 workers"
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"gyro-thermal-bench\[fleet\]"):
+        next(engines.dask_engine(1, None)(MODEL, moments_file.stored_groups(moments)))
+
+
+def test_records_are_written_whole_or_not_at_all(moments, tmp_path):
+    target = tmp_path / "records.parquet"
+
+    def broken():
+        yield refit_group(MODEL, next(moments_file.stored_groups(moments)))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_records(target, MODEL, broken())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_no_moments_is_refused(tmp_path):
+    for name, content in (("broken", b"nonsense"), ("missing", None)):
+        path = tmp_path / name
+        if content:
+            path.write_bytes(content)
+        with pytest.raises(InputError, match="moments cannot be read"):
+            moments_file.stored_count(path)
+
+
+def test_memory_is_bounded_by_groups(moments):
+    assert [len(group.units) for group in moments_file.stored_groups(moments)] == [256, 256, 188]
+
+
+@pytest.fixture
+def reports(tmp_path):
+    root = tmp_path / "reports"
+    for unit in ("U-1", "U-2"):
+        make_run(root / unit / "r1", **ramp_run(), unit=unit, run="r1", created="2026-11-01T00:00:00+00:00")
+    return root
+
+
+def refit(root, *more, code=0):
+    model = _model_file(root.parent)
+    said = CliRunner().invoke(main, ["fleet", "refit", "--model", str(model), "--out", str(root), "--json", *more])
+    assert said.exit_code == code, said.output
+    return json.loads(said.stdout)
+
+
+def rebuild(root):
+    assert CliRunner().invoke(main, ["registry", "rebuild", "--out", str(root)]).exit_code == 0
+
+
+def test_registered_runs_are_refitted_to_what_a_fit_of_their_rows_finds(reports):
+    rebuild(reports)
+    done = refit(reports)
+    assert (done["units"], done["failed"], done["engine"]) == (2, 0, "serial")
+    (beta, _) = pq.read_table(done["records"]).column("beta").to_pylist()
+    direct = fit_model(MODEL, load(reports / "U-1" / "r1"), covariance="none")
+    np.testing.assert_allclose(beta, direct.beta, rtol=0, atol=1e-9 * np.max(np.abs(direct.beta)))
+
+
+def test_moments_are_made_once_and_again_only_for_a_newer_run(reports, monkeypatch):
+    from bench.archive.fleet import collect
+
+    rebuild(reports)
+    refit(reports)
+    made = []
+    original = collect.Moments.of
+    monkeypatch.setattr(collect.Moments, "of", lambda records: made.append(records[0].name) or original(records))
+    refit(reports)
+    assert made == []
+    make_run(reports / "U-2" / "r2", **ramp_run(seed=5), unit="U-2", run="r2", created="2026-11-02T00:00:00+00:00")
+    rebuild(reports)
+    assert refit(reports)["units"] == 2
+    assert made == ["r2"]
+
+
+def test_a_run_without_moments_is_named_and_the_rest_refitted(reports):
+    (reports / "U-2" / "r1" / "means.parquet").write_bytes(b"broken")
+    rebuild(reports)
+    done = refit(reports, code=1)
+    assert done["units"] == 1
+    assert "U-2/r1/means.parquet" in done["without_moments"][0]
+
+
+def test_a_model_that_moments_cannot_say_is_refused_before_anything_is_read(tmp_path):
+    said = CliRunner().invoke(main, ["fleet", "refit", "--model", "spline_lag_loop", "--out", str(tmp_path)])
+    assert said.exit_code == 2
+    assert "cannot be solved from moments" in said.stderr
+
+
+def test_the_benchmark_runs(tmp_path):
+    command = [sys.executable, "-m", "benchmarks.fleet_refit", "--units", "40", "--folder", str(tmp_path)]
+    done = subprocess.run([*command, "--engine", "serial"], capture_output=True, text=True, check=True)
+    assert "spline 24    serial" in done.stdout
+
+
+def test_an_engine_that_cannot_use_a_scheduler_is_bad_input(reports):
+    rebuild(reports)
+    model = _model_file(reports.parent)
+    given = ["--model", str(model), "--out", str(reports), "--engine", "pool", "--scheduler", "tcp://127.0.0.1:1"]
+    said = CliRunner().invoke(main, ["fleet", "refit", *given])
+    assert said.exit_code == 2
+    assert "--scheduler is for --engine dask" in said.stderr
+
+
+def test_a_stored_row_keeps_every_bit(tmp_path):
+    row = next(iter(fleet(1)))
+    moments_file.write(tmp_path / "m.parquet", [row])
+    (back,) = moments_file.read(tmp_path / "m.parquet")
+    assert isinstance(back, Stored)
+    assert np.array_equal(back.values, row.values)

@@ -1,0 +1,122 @@
+"""`bench registry` and what other commands do with it, as a user meets them."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from bench.cli import main
+from bench.commands.answer import Answer
+from bench.commands.registering import registered
+from tests.support.run_folders import make_run, ramp_run
+
+
+def bench(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+def answer(*arguments, code=0):
+    said = bench(*arguments, "--json")
+    assert said.exit_code == code, said.output
+    return json.loads(said.stdout)
+
+
+@pytest.fixture
+def reports(tmp_path):
+    root = tmp_path / "reports"
+    for unit in ("U-1", "U-2"):
+        make_run(root / unit / "r1", **ramp_run(), unit=unit, run="r1", created="2026-11-01T00:00:00+00:00")
+    return root
+
+
+def test_a_registry_is_made_from_run_folders_listed_and_shown(reports):
+    assert len(answer("registry", "rebuild", "--out", reports)["differences"]) == 5
+    listed = answer("registry", "list", "--out", reports)["runs"]
+    assert [run["unit"] for run in listed] == ["U-1", "U-2"]
+    assert len(answer("registry", "list", "--unit", "U-2", "--out", reports)["runs"]) == 1
+    assert answer("registry", "show", "U-1", "--out", reports)["runs"][0]["path"] == "U-1/r1"
+    for name in ("U-1/r1", reports / "U-1" / "r1", listed[0]["id"]):
+        assert answer("registry", "show", name, "--out", reports)["run"]["unit"] == "U-1"
+    assert "U-2" in bench("registry", "list", "--out", reports).output
+
+
+def test_a_comparison_changes_nothing_and_fails_where_rows_differ(reports):
+    answer("registry", "rebuild", "--out", reports)
+    assert answer("registry", "rebuild", "--check", "--out", reports)["differences"] == []
+    make_run(reports / "U-3" / "r1", **ramp_run(), unit="U-3", run="r1")
+    for _ in range(2):
+        found = answer("registry", "rebuild", "--check", "--out", reports, code=1)
+        assert len(found["differences"]) == 2
+
+
+@pytest.mark.parametrize("name", ["U-7", "r1"])
+def test_a_name_that_is_nobodys_or_two_runs_is_bad_input(reports, name):
+    answer("registry", "rebuild", "--out", reports)
+    said = bench("registry", "show", name, "--out", reports)
+    assert said.exit_code == 2
+    assert said.stderr.count("\n") == 1
+
+
+def test_without_a_registry_the_way_to_one_is_told(tmp_path):
+    said = bench("registry", "list", "--out", tmp_path)
+    assert said.exit_code == 2
+    assert "bench registry rebuild" in said.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_equipment_is_told_its_due_date_and_is_overdue_the_day_after(tmp_path):
+    due = ("--kind", "sensor", "--calibrated", "2026-01-31", "--due", "2027-01-31", "--out", tmp_path)
+    answer("registry", "equipment", "add", "Pt100", "7", *due)
+    valid = answer("registry", "equipment", "list", "--on", "2027-01-31", "--out", tmp_path)
+    late = answer("registry", "equipment", "list", "--on", "2027-02-01", "--out", tmp_path, code=1)
+    assert [found["equipment"][0]["state"] for found in (valid, late)] == ["valid", "overdue"]
+    renewed = ("--kind", "sensor", "--calibrated", "2027-02-02", "--due", "2028-02-02", "--out", tmp_path)
+    answer("registry", "equipment", "add", "Pt100", "7", *renewed)
+    assert len(answer("registry", "equipment", "list", "--on", "2027-02-03", "--out", tmp_path)["equipment"]) == 1
+
+
+def test_a_due_date_before_the_calibration_is_refused(tmp_path):
+    given = ("--kind", "sensor", "--calibrated", "2027-01-31", "--due", "2026-01-31", "--out", tmp_path)
+    assert bench("registry", "equipment", "add", "Pt100", "7", *given).exit_code == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_lots_and_operators_survive_the_loss_of_the_registry(reports):
+    answer("registry", "lot", "B", "U-1", "U-2", "--out", reports)
+    answer("registry", "operator", "Ada", "--out", reports)
+    digest = answer("registry", "rebuild", "--out", reports)["digest"]
+    for file in reports.glob("registry.sqlite*"):
+        file.unlink()
+    again = answer("registry", "rebuild", "--out", reports)
+    assert again["digest"] == digest
+    assert answer("registry", "show", "U-1", "--out", reports)["unit"]["lot"] == "B"
+
+
+def test_a_run_is_registered_beside_its_folder(reports):
+    run = str(reports / "U-1" / "r1")
+    said = registered(Answer({"run": run}, "done"), None, begin=True)
+    assert said.content["registry"] == {"registered": True}
+    assert answer("registry", "list", "--out", reports)["runs"][0]["path"] == "U-1/r1"
+
+
+def test_a_registry_that_fails_is_a_warning_and_the_answer_stands(reports):
+    run = str(reports / "U-1" / "r1")
+    said = registered(Answer({"run": run}, "done", 1), "postgresql://bench@127.0.0.1:1/x", begin=True)
+    assert said.exit_code == 1
+    assert said.text.startswith("done\nwarning: not registered: ")
+    assert f"bench registry rebuild --out {reports}" in said.text
+
+
+def test_a_report_on_a_folder_outside_an_archive_makes_no_registry(reports):
+    said = Answer({"run": str(reports / "U-1" / "r1")}, "done")
+    assert registered(said, None, begin=False) == said
+    assert not list(reports.glob("*.*"))
+
+
+def test_an_import_is_registered(tmp_path):
+    table = tmp_path / "log.csv"
+    rows = "\n".join(f"{t},{10 + t / 100},{20 + t / 50}" for t in range(400))
+    table.write_text(f"time,rate,temperature\n{rows}\n")
+    root = tmp_path / "reports"
+    answer("import", table, "--unit", "MINE", "--out", root)
+    assert answer("registry", "list", "--out", root)["runs"][0]["unit"] == "MINE"

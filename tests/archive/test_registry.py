@@ -1,0 +1,279 @@
+"""The registry on SQLite and PostgreSQL: rows of the run folders, never lost, never more than the folders say."""
+
+import json
+import multiprocessing
+import os
+import uuid
+from datetime import date
+from itertools import count
+
+import pytest
+import sqlalchemy
+
+from bench.archive.registry.ledger import archive
+from bench.archive.registry.opening import SCHEMA, open_registry
+from bench.archive.registry.rebuild import rebuild
+from bench.archive.registry.tables import Table
+from bench.archive.registry.writing import TABLES, register, stored, tell
+from bench.base.errors import InputError
+from bench.record.folder import RunFolder
+from tests.support.databases import binaries, database, postgres
+from tests.support.run_folders import make_run
+
+NUMBERS = count()
+THERMOMETER = {"kind": "equipment", "name": "Pt100", "serial": "7", "type": "sensor", "due_on": "2027-01-31"}
+
+
+@pytest.fixture(scope="module")
+def server():
+    programs = binaries()
+    if programs is None:
+        if os.environ.get("BENCH_CI"):
+            pytest.fail("CI must have PostgreSQL: apt-get install postgresql")
+        pytest.skip("PostgreSQL is not installed")
+    with postgres(programs) as url:
+        yield url
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def where(request, tmp_path):
+    """URL or file of a registry that does not exist yet."""
+    if request.param == "sqlite":
+        return str(tmp_path / "registry.sqlite")
+    return database(request.getfixturevalue("server"), f"bench_{uuid.uuid4().hex}")
+
+
+def calibration(value=1.0):
+    return {
+        "verdict": {"verdict": "adequate"},
+        "noise": {"floor_dph": 0.1, "coefficients": [{"name": "white", "value": 0.01, "determined": True}]},
+        "residual": {"rms_dph": 0.11, "held_out": [{"by": "blocks", "rms_dph": 0.12}]},
+        "calibration": {
+            "model": {"name": "spline"},
+            "coefficients": [{"key": "spline.piece1.a0", "value": value}],
+            "parameters": [],
+            "validity": {"temperature": {"from": -40.0, "to": 85.0, "unit": "degC"}},
+        },
+    }
+
+
+def folder_of_run(root, unit="U-1", value=1.0):
+    """A run folder with a calibration; its time series is of no interest here."""
+    number = next(NUMBERS)
+    path = root / unit / f"run{number:04d}"
+    make_run(path, {"time": [0.5, 1.5], "rate": [1.0, 2.0], "temperature": [20.0, 21.0]}, unit=unit, run=path.name,
+             profile="quick", station="simulated", created=f"2026-11-01T00:{number % 60:02d}:00+00:00")  # fmt: skip
+    (path / "calibration.json").write_text(json.dumps(calibration(value)))
+    return RunFolder(path)
+
+
+@pytest.fixture
+def root(tmp_path):
+    path = tmp_path / "reports"
+    archive(path)
+    return path
+
+
+def rows_of(registry, root):
+    with registry.reading() as connection:
+        return stored(connection, archive(root).id)
+
+
+def test_a_run_is_registered_with_all_that_its_folder_says(where, root):
+    run = folder_of_run(root)
+    with open_registry(where) as registry:
+        register(registry, run, archive(root))
+        rows = rows_of(registry, root)
+    (found,) = rows["runs"].values()
+    assert (found["unit"], found["profile"], found["state"]) == ("U-1", "quick", run.manifest()["state"])
+    (calibrated,) = rows["calibrations"].values()
+    assert calibrated["verdict"] == "adequate"
+    assert calibrated["model"] == "spline"
+    assert calibrated["validity"]["temperature"]["to"] == 85.0
+    assert {key[1]: row["value"] for key, row in rows["quantities"].items()} == {
+        "noise_floor_dph": 0.1,
+        "fit_rms_dph": 0.11,
+        "residual_rms_dph": 0.12,
+        "angle_random_walk_dprh": 0.01,
+    }
+
+
+def test_registering_again_replaces_what_was_known_of_the_run_and_keeps_what_people_told(where, root):
+    run, ledger = folder_of_run(root), archive(root)
+    with open_registry(where) as registry:
+        register(registry, run, ledger)
+        tell(registry, ledger, {"kind": "lot", "lot": "A", "units": ["U-1"]})
+        before = rows_of(registry, root)
+        (run.path / "calibration.json").write_text(json.dumps(calibration(2.0)))
+        register(registry, run, ledger)
+        after = rows_of(registry, root)
+    assert after["units"] == before["units"]
+    assert after["units"][("U-1",)]["lot"] == "A"
+    (first,), (second,) = before["calibrations"].values(), after["calibrations"].values()
+    assert first["coefficients_sha256"] != second["coefficients_sha256"]
+
+
+def test_a_lost_registry_is_made_again_with_the_same_rows(where, root, tmp_path):
+    ledger = archive(root)
+    with open_registry(where) as registry:
+        for unit in ("U-1", "U-2"):
+            register(registry, folder_of_run(root, unit), ledger)
+        tell(registry, ledger, THERMOMETER)
+        tell(registry, ledger, {"kind": "operator", "name": "Ada"})
+        tell(registry, ledger, {"kind": "lot", "lot": "B", "units": ["U-2", "U-3"]})
+        before = rebuild(registry, ledger, only_compare=True)
+    assert before.differences == ()
+    with open_registry(tmp_path / "new.sqlite") as registry:
+        after = rebuild(registry, ledger)
+        assert rows_of(registry, root)["equipment"][("Pt100", "7")]["due_on"] == date(2027, 1, 31)
+    assert len(after.differences) == sum(after.counts.values())
+    assert after.digest == before.digest
+
+
+def test_a_rebuild_says_every_row_that_differed_and_puts_it_right(where, root):
+    ledger, run, gone = archive(root), folder_of_run(root), folder_of_run(root, "U-9")
+    forgotten = folder_of_run(root, "U-2")
+    with open_registry(where) as registry:
+        register(registry, run, ledger)
+        register(registry, gone, ledger)
+        with registry.writing() as connection:
+            connection.execute(TABLES["calibrations"].update().values(verdict="forged"))
+        for file in gone.path.iterdir():
+            file.unlink()
+        compared = rebuild(registry, ledger, only_compare=True)
+        said = "\n".join(rebuild(registry, ledger).differences)
+        again = rebuild(registry, ledger)
+    assert compared.differences
+    assert 'verdict is "forged", on disk "adequate"' in said
+    assert f"runs {ledger.id}/U-9/{gone.path.name}: in the registry, but nothing on disk says so" in said
+    assert f"runs {ledger.id}/U-2/{forgotten.path.name}: missing in the registry" in said
+    assert again.differences == ()
+    assert again.counts["runs"] == 2
+    assert again.counts["units"] == 2
+
+
+def test_a_folder_that_cannot_be_read_is_named_and_stops_nothing(where, root):
+    good, broken = folder_of_run(root), folder_of_run(root)
+    (broken.path / "manifest.json").write_text("{")
+    with open_registry(where) as registry:
+        found = rebuild(registry, archive(root))
+    assert found.counts["runs"] == 1
+    assert len(found.unreadable) == 1
+    assert str(broken.path) in found.unreadable[0]
+    assert good.path.exists()
+
+
+def test_archives_that_share_a_registry_leave_each_other_alone(where, root, tmp_path):
+    other = tmp_path / "other"
+    first, second = archive(root), archive(other)
+    with open_registry(where) as registry:
+        register(registry, folder_of_run(root, "U-1"), first)
+        register(registry, folder_of_run(other, "U-1"), second)
+        tell(registry, second, {"kind": "lot", "lot": "A", "units": ["U-1"]})
+        register(registry, folder_of_run(root, "U-1"), first)
+        assert rebuild(registry, first).differences == ()
+        assert rebuild(registry, second).differences == ()
+        with registry.reading() as connection:
+            assert connection.execute(sqlalchemy.text("SELECT count(*) FROM runs")).scalar() == 3
+            assert connection.execute(sqlalchemy.text("SELECT lot FROM units")).scalar() == "A"
+
+
+def _station(where, root, numbers, gate):
+    gate.wait()
+    ledger = archive(root)
+    for number in numbers:
+        path = next(root.glob(f"*/run-{number}"))
+        with open_registry(where) as registry:
+            register(registry, RunFolder(path), ledger)
+            tell(registry, ledger, {"kind": "operator", "name": f"operator {number}"})
+
+
+def test_stations_at_once_lose_no_row(where, root):
+    stations, each = 4, 8
+    for number in range(stations * each):
+        run = folder_of_run(root, unit=f"U-{number % 3}")
+        run.path.rename(run.path.with_name(f"run-{number}"))
+    spawn = multiprocessing.get_context("spawn")
+    gate = spawn.Barrier(stations)
+    parts = [range(station * each, (station + 1) * each) for station in range(stations)]
+    processes = [spawn.Process(target=_station, args=(where, root, list(part), gate)) for part in parts]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(120)
+        assert process.exitcode == 0
+    with open_registry(where) as registry:
+        found = rebuild(registry, archive(root), only_compare=True)
+    assert found.differences == ()
+    assert found.counts["runs"] == stations * each
+    assert found.counts["operators"] == stations * each
+
+
+def test_the_migrations_make_the_tables_that_the_code_means(where):
+    from alembic.autogenerate import compare_metadata
+    from alembic.migration import MigrationContext
+    from alembic.script import ScriptDirectory
+
+    from bench.archive.registry import opening
+
+    with open_registry(where) as registry, registry.reading() as connection:
+        context = MigrationContext.configure(connection)
+        assert compare_metadata(context, Table.metadata) == []
+    assert ScriptDirectory(str(opening._MIGRATIONS)).get_current_head() == SCHEMA
+
+
+def test_a_newer_schema_is_refused_in_one_line_and_left_alone(where):
+    with open_registry(where) as registry, registry.writing() as connection:
+        connection.execute(sqlalchemy.text("UPDATE alembic_version SET version_num = '9999'"))
+    with pytest.raises(InputError, match=r"schema 9999 is newer than this bench knows .*--registry") as refused:
+        open_registry(where)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_database_of_something_else_is_refused(where):
+    import sqlalchemy as sa
+
+    from bench.archive.registry.opening import _engine, _url
+
+    engine = _engine(_url(where))
+    with engine.begin() as connection:
+        connection.execute(sa.text("CREATE TABLE customers (id INTEGER)"))
+    engine.dispose()
+    with pytest.raises(InputError, match="holds other tables"):
+        open_registry(where)
+
+
+@pytest.mark.parametrize(
+    ("where", "said"),
+    [
+        ("postgresql://bench:secret@127.0.0.1:1/x", "refused"),
+        ("mysql://somebody@host/x", "not supported|No module"),
+        ("nowhere/registry.sqlite", "folder does not exist"),
+        ("nonsense://", "registry: "),
+    ],
+)
+def test_a_registry_that_cannot_be_opened_is_one_line_without_the_password(where, said):
+    with pytest.raises(InputError, match=said) as refused:
+        open_registry(where)
+    assert "\n" not in str(refused.value)
+    assert "secret" not in str(refused.value)
+
+
+def test_the_ledger_says_which_line_is_broken(root):
+    ledger = archive(root)
+    ledger.append(THERMOMETER)
+    with ledger.path.open("a") as file:
+        file.write("{\n")
+    with pytest.raises(InputError, match=r"ledger\.jsonl:3: "):
+        ledger.entries()
+
+
+def test_an_archive_keeps_its_id_when_it_is_moved(where, root, tmp_path):
+    run, ledger = folder_of_run(root), archive(root)
+    with open_registry(where) as registry:
+        register(registry, run, ledger)
+        root.rename(tmp_path / "elsewhere")
+        moved = archive(tmp_path / "elsewhere")
+        found = rebuild(registry, moved)
+    assert moved.id == ledger.id
+    assert [line.split(":")[0] for line in found.differences] == [f"archives {ledger.id}"]

@@ -1,0 +1,240 @@
+"""The commands as a user meets them: exit codes, one line for bad input, one JSON object on stdout."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bench.cli import main
+from tests.support.run_folders import make_run, ramp_run
+
+
+def bench(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory):
+    return make_run(tmp_path_factory.mktemp("run") / "r1", **ramp_run())
+
+
+PROFILE = """
+name: tiny
+segments:
+  - {kind: ramp, to_degc: TO, rate_degc_per_min: 2}
+  - {kind: soak, duration_min: 1}
+"""
+
+
+@pytest.fixture
+def profile(tmp_path):
+    def write(to):
+        path = tmp_path / "tiny.yaml"
+        path.write_text(PROFILE.replace("TO", to))
+        return path
+
+    return write
+
+
+def test_every_command_explains_itself():
+    listed = bench("--help").output
+    for name in main.commands:
+        assert name in listed
+        assert main.commands[name].help
+        assert bench(name, "--help").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("to", "said"),
+    [
+        ("120", "tiny.yaml:4: "),
+        (".nan", "tiny.yaml:4: '.nan' is not a finite number"),
+        ("warm", "tiny.yaml:4: "),
+    ],
+)
+def test_a_profile_that_cannot_run_is_refused_with_its_line_before_anything_moves(profile, tmp_path, to, said):
+    answer = bench("run", profile(to), "--out", tmp_path / "reports")
+    assert answer.exit_code == 2
+    assert answer.stderr.startswith("bench: ")
+    assert said in answer.stderr.splitlines()[0]
+    assert not (tmp_path / "reports").exists()
+
+
+def test_an_unknown_key_is_answered_with_the_nearest_known_one(tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text("name: p\nsegments:\n  - {kind: soak, durations_min: 3}\n")
+    answer = bench("check", path)
+    assert answer.exit_code == 2
+    assert "did you mean 'duration_min'?" in answer.stderr
+
+
+def test_an_unknown_effect_is_answered_with_the_nearest_known_one(tmp_path, run_folder):
+    model = tmp_path / "m.yaml"
+    model.write_text("name: m\neffects: [splin]\n")
+    answer = bench("compare", run_folder, "--model", model)
+    assert answer.exit_code == 2
+    assert "unknown effect 'splin'; did you mean 'spline'?" in answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty"),
+        ("time,rate,temperature\n", "zero rows"),
+        ("time,rate,temperature\n0,1,20\n1,1,21\n2,1", ":4: "),
+        ("time,rate,temperature\n0,1,20\n1,fast,21\n", ":3: "),
+    ],
+)
+def test_a_table_that_is_no_record_is_refused_with_its_line(tmp_path, text, said):
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    answer = bench("import", path, "--out", tmp_path / "reports")
+    assert answer.exit_code == 2
+    assert said in answer.stderr
+    assert len(answer.stderr.splitlines()) == 1
+    assert not (tmp_path / "reports").exists()
+
+
+def test_a_rate_that_looks_like_radians_is_imported_with_a_warning_that_says_so(tmp_path):
+    time = np.arange(2000.0)
+    temperature = 20 + 30 * np.sin(time / 400)
+    rate = 5e-5 + 1e-6 * temperature
+    table = "\n".join(f"{t},{r:.9e},{c:.4f}" for t, r, c in zip(time, rate, temperature, strict=True))
+    path = tmp_path / "log.csv"
+    path.write_text(f"time,rate,temperature\n{table}\n")
+    answer = bench("import", path, "--preview", "--json")
+    assert answer.exit_code == 0
+    assert "rad/s" in " ".join(json.loads(answer.stdout)["warnings"])
+
+
+def test_a_folder_without_a_manifest_is_no_run(tmp_path):
+    (tmp_path / "old").mkdir()
+    answer = bench("report", tmp_path / "old")
+    assert answer.exit_code == 2
+    assert "manifest.json is missing" in answer.stderr
+
+
+def test_a_spline_over_a_constant_temperature_is_refused_by_name(tmp_path):
+    run = ramp_run()
+    run["columns"]["temperature"] = np.where(np.isnan(run["columns"]["temperature"]), np.nan, 25.0)
+    folder = make_run(tmp_path / "r", **run)
+    answer = bench("compare", folder, "--model", "spline")
+    assert answer.exit_code == 2
+    assert "temperature moves by 0 degC only" in answer.stderr
+
+
+def test_a_sensor_with_whole_degree_steps_is_named_with_the_error_that_it_causes(tmp_path):
+    run = ramp_run()
+    run["columns"]["rate"] = run["columns"]["rate"] + 2.0 * run["columns"]["temperature"]
+    run["columns"]["temperature"] = np.round(run["columns"]["temperature"])
+    folder = make_run(tmp_path / "r", **run)
+    answer = bench("report", folder, "--json")
+    assert "has steps of 1 degC" in " ".join(json.loads(answer.stdout)["warnings"])
+
+
+def test_compare_answers_with_the_keys_that_others_rely_on(run_folder):
+    answer = bench("compare", run_folder, "--model", "polynomial", "--model", "spline", "--json")
+    content = json.loads(answer.stdout)
+    assert answer.exit_code == 0
+    assert {"runs", "floor_dph", "models"} <= set(content)
+    for model in content["models"]:
+        assert {"name", "effects", "rms_dph", "held_out_rms_dph", "segments"} <= set(model)
+        assert all({"name", "rms_dph", "floor_ratio"} <= set(segment) for segment in model["segments"])
+    assert content["models"][1]["rms_dph"] < content["models"][0]["rms_dph"]
+
+
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory):
+    """Ramps only, and no channel beside rate and temperature: what a log of somebody else often is."""
+    run = ramp_run([("up", "ramp", 85.0, 2.0), ("down", "ramp", -20.0, 2.0), ("up again", "ramp", 30.0, 2.0)])
+    columns = {name: run["columns"][name] for name in ("time", "rate", "temperature")}
+    return make_run(tmp_path_factory.mktemp("foreign") / "r", columns)
+
+
+def test_compare_shows_the_models_that_a_run_allows_and_says_why_not_the_others(foreign):
+    answer = bench("compare", foreign)
+    assert answer.exit_code == 0
+    assert "\nspline " in answer.stdout
+    assert "not fitted: regression: r: channel 'frequency' [Hz] is missing" in answer.stdout
+    asked = bench("compare", foreign, "--model", "regression")
+    assert asked.exit_code == 2
+    assert "channel 'frequency' [Hz] is missing" in asked.stderr
+
+
+def test_a_diagnosis_of_a_run_without_a_soak_says_what_to_record_and_shows_no_nan(foreign):
+    answer = bench("diagnose", foreign, "--model", "polynomial")
+    assert "noise floor - deg/h RMS" in answer.stdout
+    assert " nan" not in answer.stdout
+    assert "Not testable here: drive_amplitude: no channel 'drive'" in answer.stdout
+    assert "(--static)" in answer.stdout
+
+
+def test_every_command_reads_the_same_noise_floor_from_a_run(run_folder):
+    commands = ("compare", "diagnose", "report")
+    answers = [json.loads(bench(name, run_folder, "--model", "polynomial", "--json").stdout) for name in commands]
+    assert answers[0]["floor_dph"] > 0.0
+    assert [answer["floor_dph"] for answer in answers] == 3 * [answers[0]["floor_dph"]]
+    assert json.loads((run_folder / "diagnosis.json").read_text())["floor_dph"] == answers[0]["floor_dph"]
+
+
+def test_a_report_without_the_isothermal_run_keeps_the_diagnosis_that_knew_it(tmp_path):
+    run = make_run(tmp_path / "r", **ramp_run())
+    static = make_run(tmp_path / "s", **ramp_run([("soak at 25", "soak", 25.0, 5400.0)], seed=2))
+    told = json.loads(bench("diagnose", run, "--static", static, "--model", "polynomial", "--json").stdout)
+    assert told["static"] == "s"
+
+    warned = json.loads(bench("report", run, "--model", "polynomial", "--json").stdout)["warnings"]
+    assert any("also made with s, this one is not; it is kept as diagnosis-before.json" in text for text in warned)
+    assert json.loads((run / "diagnosis-before.json").read_text()) == told
+    assert "Made from r with no isothermal run" in (run / "report.html").read_text()
+
+    again = json.loads(bench("report", run, "--static", static, "--model", "polynomial", "--json").stdout)
+    saved = json.loads((run / "diagnosis.json").read_text())
+    assert not any("diagnosis-before" in text for text in again["warnings"])
+    assert saved == told
+    assert again["floor_dph"] == saved["floor_dph"]
+    assert "Made from r with the isothermal run s" in (run / "report.html").read_text()
+
+
+def test_check_predicts_every_segment_without_moving_anything(profile, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    answer = bench("check", profile("30"), "--json")
+    content = json.loads(answer.stdout)
+    assert answer.exit_code == 0
+    assert len(content["segments"]) == 2
+    assert content["duration_s"] > 7 / 2 * 60 + 60
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["tiny.yaml"]
+
+
+def test_init_gives_a_copy_once_and_never_overwrites_it(tmp_path):
+    assert bench("init", tmp_path / "mine").exit_code == 0
+    profile = tmp_path / "mine" / "profiles" / "quick.yaml"
+    profile.write_text("mine now")
+    again = bench("init", tmp_path / "mine")
+    assert again.exit_code == 2
+    assert "nothing was written" in again.stderr
+    assert profile.read_text() == "mine now"
+
+
+def test_run_captures_fits_and_reports_in_one_command(profile, tmp_path):
+    answer = bench("run", profile("30"), "--out", tmp_path / "reports", "--json")
+    content = json.loads(answer.stdout)
+    assert answer.exit_code in {0, 1}
+    assert {"run", "verdict", "rms_dph", "floor_dph"} <= set(content)
+    assert content["losses"]["lost"] == content["losses"]["corrupt"] == 0
+    for name in ("manifest.json", "data.parquet", "means.parquet", "events.jsonl", "report.html", "calibration.json"):
+        assert (tmp_path / "reports" / "SIM-0001" / content["run"].rsplit("/", 1)[1] / name).is_file()
+
+
+def test_resume_makes_a_run_of_what_a_killed_bench_left(profile, tmp_path):
+    run = json.loads(bench("run", profile("30"), "--out", tmp_path, "--json").stdout)["run"]
+    before = json.loads((Path(run) / "manifest.json").read_text())
+    for made in ("manifest.json", "data.parquet", "means.parquet", "events.jsonl"):
+        (Path(run) / made).unlink()
+    answer = bench("resume", run, "--json")
+    content = json.loads(answer.stdout)
+    assert answer.exit_code == 0
+    assert content["rows"] == before["rows"]
+    assert json.loads((Path(run) / "manifest.json").read_text())["files"] == before["files"]

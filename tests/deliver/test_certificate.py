@@ -1,0 +1,410 @@
+"""The certificate: what it says, what it refuses, and that the same facts give the same bytes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bench.analysis.effects.model import load_model
+from bench.analysis.judging.judge import analyse
+from bench.base.errors import InputError
+from bench.cli import main
+from bench.deliver.certificate.certificate import number_of
+from bench.deliver.certificate.laboratory import Instrument, load_equipment, refuse_overdue
+from tests.support.run_folders import CYCLE, make_run, ramp_run
+
+typst = pytest.importorskip("typst")
+LIMITS = """\
+name: test limits
+limits:
+  - {quantity: residual_rms_dph, unit: deg/h, upper: UPPER, reason: error budget}
+  - {quantity: scale_factor_error_ppm, unit: ppm, upper: 100, required: false, reason: data sheet}
+"""
+EQUIPMENT = """\
+equipment:
+  - {name: chamber sensor, serial: PT-1, calibrated: 2026-03-01, due: DUE}
+  - {name: time base, serial: TB-2}
+"""
+LABORATORY = """\
+laboratory: {name: "Lab #1 *bold* $x$ <b>", address: Somewhere 1}
+customer: {name: Customer}
+authorised_by: {name: A. Person, function: head}
+item: {model: VG-1, received: 2026-11-18}
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A calibration run with its report, and a verification run of another profile; not to be changed."""
+    folder = tmp_path_factory.mktemp("certificate")
+    run = make_run(folder / "run", **ramp_run(loop_dph=0.0))
+    analyse(run, [load_model("spline")], diagnose=False)
+    narrower = [(name, kind, {85.0: 70.0, -40.0: -30.0}.get(target, target), n) for name, kind, target, n in CYCLE]
+    other = ramp_run(narrower, seed=2, loop_dph=0.0)
+    make_run(folder / "check", **other, profile="check")
+    corrected = {**other["columns"], "rate": other["columns"]["rate"] * 0.0 + 0.05}
+    make_run(folder / "corrected", corrected, other["segments"], unit_identity={"serial": 1, "coefficient_set": 7})
+    (folder / "limits.yaml").write_text(LIMITS.replace("UPPER", "5"))
+    (folder / "tight.yaml").write_text(LIMITS.replace("UPPER", "0.01"))
+    (folder / "equipment.yaml").write_text(EQUIPMENT.replace("DUE", "2027-03-01"))
+    (folder / "overdue.yaml").write_text(EQUIPMENT.replace("DUE", "2026-11-20"))
+    (folder / "laboratory.yaml").write_text(LABORATORY)
+    return folder
+
+
+def certificate(folder, *options, run="run"):
+    command = ["certificate", folder / run, "--issued", "2026-11-21", *options]
+    return CliRunner().invoke(main, [str(word) for word in command], catch_exceptions=False)
+
+
+def whole(folder, out, *options):
+    return certificate(
+        folder, "--limits", folder / "limits.yaml", "--equipment", folder / "equipment.yaml",
+        "--laboratory", folder / "laboratory.yaml", "--out", out, *options,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def issued(made, tmp_path_factory):
+    """The certificate with everything: its path and its facts."""
+    path = tmp_path_factory.mktemp("issued") / "cert.pdf"
+    done = whole(made, path, "--verification", made / "check")
+    assert done.exit_code == 0, done.stderr
+    return path, json.loads(path.with_suffix(".json").read_text())
+
+
+def test_same_facts_give_the_same_bytes(made, issued, tmp_path):
+    whole(made, tmp_path / "again.pdf", "--verification", made / "check")
+    assert (tmp_path / "again.pdf").read_bytes() == issued[0].read_bytes()
+
+
+def test_facts_name_all_that_a_certificate_must_name(issued):
+    facts = issued[1]
+    assert facts["laboratory"]["name"].startswith("Lab #1")
+    assert facts["item"]["serial"] == "SIM-0001"
+    assert facts["method"]["profile"] == "ramp_-40_85"
+    assert facts["method"]["verification_profile"] == "check"
+    assert [tool["due"] for tool in facts["equipment"]] == ["2027-03-01", None]
+    assert facts["uncertainty"]["coverage_factor"] == 2.0
+    assert facts["conformity"]["verdict"] == facts["verdict"] == "PASS"
+    assert "guard band" in facts["conformity"]["decision_rule"]
+    assert facts["calibration"]["id"].startswith("0x")
+    assert facts["software"]["certificate"]["bench"]
+    assert any("not claimed" in text for text in facts["statements"])
+
+
+def test_number_is_made_of_the_facts(issued):
+    facts = issued[1]
+    assert facts["number"] == number_of(facts)
+    assert number_of({**facts, "issued": "2026-11-22"}) != facts["number"]
+
+
+def test_hashes_are_those_of_the_run_folders(made, issued):
+    for entry, name in zip(issued[1]["chain"]["runs"], ("run", "check"), strict=True):
+        assert entry["files"] == json.loads((made / name / "manifest.json").read_text())["files"]
+        assert "data.parquet" in entry["files"]
+
+
+def test_expanded_uncertainty_is_twice_the_root_of_the_sum_of_squares(issued):
+    budget = issued[1]["uncertainty"]
+    parts = [part["standard_dph"] for part in budget["contributions"]]
+    assert budget["expanded_dph"] == pytest.approx(2.0 * np.sqrt(np.sum(np.square(parts))))
+    assert budget["combined_dph"] == pytest.approx(issued[1]["as_left"]["rms_dph"], rel=0.02)
+
+
+def test_as_found_and_as_left_are_the_figures_of_the_records(made, issued):
+    facts = issued[1]
+    assert facts["as_found"]["rms_dph"] > 5 * facts["as_left"]["rms_dph"]
+    assert "independent run" in facts["as_left"]["what"]
+    assert not facts["as_left"]["verified"]
+
+
+def flashed(made, tmp_path, **changes):
+    """A copy of the run whose calibration went into the unit."""
+    shutil.copytree(made / "run", tmp_path / "run")
+    own = json.loads(certificate(made, "--out", tmp_path / "first.pdf", "--json").stdout)["json"]
+    calibration = json.loads(Path(own).read_text())["calibration"]["id"]
+    record = {"state": "done", "calibration_id": calibration, "coefficient_set": 7, "crc": "0x12345678", "bank": 1}
+    (tmp_path / "run" / "flash.json").write_text(json.dumps({**record, **changes}))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"state": "failed"}, "no flash.json says with which calibration"),
+        ({"calibration_id": "0x00000001"}, "the unit was given calibration 0x00000001"),
+        ({"coefficient_set": 8}, "ran with coefficient set 7, this calibration is 8"),
+    ],
+)
+def test_a_unit_that_corrected_itself_by_something_else_is_not_certified(made, tmp_path, change, said):
+    done = certificate(flashed(made, tmp_path, **change), "--verification", made / "corrected")
+    assert done.exit_code == 2
+    assert said in done.stderr
+
+
+def test_a_run_of_the_corrected_unit_is_measured_and_not_calculated(made, tmp_path):
+    done = certificate(flashed(made, tmp_path), "--verification", made / "corrected", "--json")
+    assert done.exit_code == 0, done.stderr
+    as_left = json.loads(done.stdout)["as_left"]
+    assert as_left["verified"]
+    assert as_left["rms_dph"] == pytest.approx(0.05)
+    assert as_left["span_dph"] == pytest.approx(0.0, abs=1e-9)
+    facts = json.loads((tmp_path / "run" / "certificate.json").read_text())
+    assert facts["calibration"]["flashed"]["crc"] == "0x12345678"
+
+
+def test_without_a_verification_it_says_that_the_figures_are_calculated(made, tmp_path):
+    done = certificate(made, "--out", tmp_path / "c.pdf")
+    assert done.exit_code == 0
+    assert "not yet verified in the unit" in done.stdout
+    assert "not metrologically traceable" in done.stdout
+
+
+def test_outside_the_limits_is_a_certificate_that_says_so(made, tmp_path):
+    done = certificate(made, "--limits", made / "tight.yaml", "--out", tmp_path / "c.pdf", "--json")
+    assert done.exit_code == 1
+    assert json.loads(done.stdout)["verdict"] == "FAIL"
+    assert (tmp_path / "c.pdf").read_bytes().startswith(b"%PDF")
+
+
+def changed(made, tmp_path, file="manifest.json", **changes):
+    """A copy of the run with some keys of one of its files changed."""
+    run = tmp_path / "run"
+    shutil.copytree(made / "run", run)
+    content = json.loads((run / file).read_text())
+    (run / file).write_text(json.dumps({**content, **changes}))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("file", "change", "said"),
+    [
+        ("manifest.json", {"state": "aborted", "cause": "operator"}, "the run is 'aborted'"),
+        ("manifest.json", {"state": "imported"}, "the run is 'imported'"),
+        ("manifest.json", {"created": "yesterday"}, "has no date"),
+        ("calibration.json", {"verdict": {"verdict": "unproven"}}, "nothing proves the model on unseen data"),
+        ("calibration.json", {"verdict": {"verdict": "adequate", "admissible": False}}, "do not fit together"),
+        ("calibration.json", {"refusals": ["only 0:01:00 of cooling"]}, "only 0:01:00 of cooling"),
+        ("calibration.json", {"calibration": None}, "no model could be fitted"),
+    ],
+)
+def test_nothing_unproven_is_certified(made, tmp_path, file, change, said):
+    done = certificate(changed(made, tmp_path, file, **change), "--equipment", made / "equipment.yaml")
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "run" / "certificate.pdf").exists()
+
+
+def test_data_that_are_not_those_recorded_are_not_certified(made, tmp_path):
+    shutil.copytree(made / "run", tmp_path / "run")
+    with (tmp_path / "run" / "events.jsonl").open("a") as file:
+        file.write("\n")
+    done = certificate(tmp_path)
+    assert done.exit_code == 2
+    assert "events.jsonl is not the file that was recorded" in done.stderr
+
+
+def test_overdue_equipment_makes_no_certificate(made):
+    done = certificate(made, "--equipment", made / "overdue.yaml")
+    assert done.exit_code == 2
+    assert "not calibrated on 2026-11-21: chamber sensor PT-1, due 2026-11-20" in done.stderr
+
+
+def test_a_verification_that_shares_data_with_the_fit_proves_nothing(made, tmp_path):
+    shutil.copytree(made / "run", tmp_path / "copy")
+    for run in (made / "run", tmp_path / "copy"):
+        done = certificate(made, "--verification", run)
+        assert done.exit_code == 2
+        assert "shares data with the fit" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "said"), [({"unit": "SIM-0002"}, "of unit SIM-0002"), ({"state": "aborted"}, "the run is 'aborted'")]
+)
+def test_a_verification_of_another_unit_or_in_part_is_refused(made, tmp_path, change, said):
+    shutil.copytree(made / "check", tmp_path / "check")
+    path = tmp_path / "check" / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    done = certificate(made, "--verification", tmp_path / "check")
+    assert done.exit_code == 2
+    assert said in done.stderr
+
+
+def judged(made, tmp_path, content, run="check"):
+    """A copy of a verification run with what `bench verify` said of it."""
+    shutil.copytree(made / run, tmp_path / "judged")
+    (tmp_path / "judged" / "verification.json").write_text(content if isinstance(content, str) else json.dumps(content))
+    return tmp_path / "judged"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"verdict": "INVALID", "refusals": ["the run is 'aborted'"]}, "is INVALID: the run is 'aborted'; verify"),
+        ({"verdict": "INVALID", "limits": {"refusals": ["no floor"]}}, "is INVALID: no floor; verify"),
+        ({"verdict": "INVALID"}, "is INVALID: a required value does not exist"),
+        ({"verdict": "GOOD"}, "says no verdict"),
+        ("{", "says no verdict"),
+    ],
+)
+def test_an_invalid_verification_makes_no_certificate(made, tmp_path, content, said):
+    done = certificate(made, "--verification", judged(made, tmp_path, content), "--out", tmp_path / "c.pdf")
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (tmp_path / "c.pdf").exists()
+
+
+@pytest.mark.parametrize("limits", [True, False])
+def test_a_verification_that_failed_is_a_certificate_of_no_conformity(made, tmp_path, limits):
+    check = judged(made, tmp_path, {"verdict": "FAIL"})
+    options = ["--limits", made / "limits.yaml"] if limits else []
+    done = certificate(made, "--verification", check, *options, "--out", tmp_path / "c.pdf")
+    assert done.exit_code == 1
+    facts = json.loads((tmp_path / "c.json").read_text())
+    assert facts["verdict"] == facts["verification"]["verdict"] == "FAIL"
+    assert (facts["conformity"] or {"verdict": "FAIL"})["verdict"] == "FAIL"
+    assert "conformity: FAIL" in done.stdout
+
+
+@pytest.mark.parametrize(("word", "limits", "whole"), [("MARGINAL", True, "MARGINAL"), ("PASS", False, None)])
+def test_the_certificate_is_as_good_as_the_worse_of_limits_and_verification(made, tmp_path, word, limits, whole):
+    check = judged(made, tmp_path, {"verdict": word})
+    options = ["--limits", made / "limits.yaml"] if limits else []
+    done = certificate(made, "--verification", check, *options, "--out", tmp_path / "c.pdf", "--json")
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["verdict"] == whole
+
+
+def test_it_says_how_much_of_the_range_was_verified(issued):
+    verification = issued[1]["verification"]
+    assert verification["verdict"] is None
+    assert verification["covered_percent"] == pytest.approx(80.0, abs=2.0)  # -30 to 70 of -40 to 85 degC
+    assert verification["covered_degc"] == pytest.approx([-30.0, 70.0], abs=1.0)
+    assert verification["validity_degc"] == pytest.approx([-40.0, 85.0], abs=1.0)
+
+
+@pytest.mark.parametrize(("low", "high", "share"), [(10.0, 40.0, "24%"), (20.0, 28.0, "6%")])
+def test_a_verification_of_a_small_part_of_the_range_proves_too_little(made, tmp_path, low, high, share):
+    legs = [(name, kind, {85.0: high, -40.0: low}.get(target, target), n) for name, kind, target, n in CYCLE]
+    make_run(tmp_path / "narrow", **ramp_run(legs, seed=3, loop_dph=0.0), profile="narrow")
+    done = certificate(made, "--verification", tmp_path / "narrow", "--out", tmp_path / "c.pdf")
+    assert done.exit_code == 2
+    assert f"{share} of the calibration's range of temperature, {low:.1f} to {high:.1f} of -40.0 to 85.0" in done.stderr
+    assert "at least 50% are needed" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_required_number_that_is_missing_makes_no_certificate(made, tmp_path):
+    (tmp_path / "limits.yaml").write_text(LIMITS.replace("UPPER", "5").replace("required: false, ", ""))
+    done = certificate(made, "--limits", tmp_path / "limits.yaml")
+    assert done.exit_code == 2
+    assert "scale_factor_error_ppm is required by the limits" in done.stderr
+
+
+def test_without_typst_it_says_what_to_install(made, monkeypatch):
+    monkeypatch.setattr("bench.deliver.certificate.typeset.find_spec", lambda name: None)
+    done = certificate(made)
+    assert done.exit_code == 2
+    assert "pip install 'gyro-thermal-bench[certificate]'" in done.stderr
+
+
+def test_a_production_run_is_blocked_by_overdue_or_unknown_equipment(made, tmp_path):
+    profile = Path(__file__).parents[2] / "profiles" / "quick.yaml"
+    (tmp_path / "old.yaml").write_text(EQUIPMENT.replace("DUE", "2026-03-02"))
+    for options, said in (
+        (["--equipment", str(tmp_path / "old.yaml")], "due 2026-03-02"),
+        ([], "a production run needs --equipment"),
+    ):
+        command = ["run", str(profile), "--production", "--out", str(tmp_path / "out"), *options]
+        done = CliRunner().invoke(main, command, catch_exceptions=False)
+        assert done.exit_code == 2
+        assert said in done.stderr
+        assert not (tmp_path / "out").exists()
+
+
+def production_run(out, monkeypatch, *equipment):
+    """What `bench run --production` says with equipment in the registry; the texts that its run folder would keep."""
+    kept = {}
+
+    def conduct(profile, station, task, quiet):
+        kept.update(task.texts)
+        raise InputError("the run itself is of no interest here")
+
+    monkeypatch.delenv("BENCH_REGISTRY", raising=False)
+    monkeypatch.setattr("bench.commands.acquisition.conduct", conduct)
+    out.mkdir()
+    for name, *days in equipment:
+        add = ["registry", "equipment", "add", name, "S-1", "--kind", "sensor", *days, "--out", str(out)]
+        assert CliRunner().invoke(main, add, catch_exceptions=False).exit_code == 0
+    profile = Path(__file__).parents[2] / "profiles" / "quick.yaml"
+    done = CliRunner().invoke(main, ["run", str(profile), "--production", "--out", str(out)], catch_exceptions=False)
+    assert done.exit_code == 2
+    assert done.stderr.count("\n") == 1
+    return done.stderr, kept
+
+
+def test_a_production_run_without_a_file_takes_the_registrys_equipment(tmp_path, monkeypatch):
+    valid = ("Pt100", "--calibrated", "2026-03-01", "--due", "2999-03-01")
+    said, kept = production_run(tmp_path / "out", monkeypatch, valid, ("time base",))
+    assert "of no interest" in said
+    (tmp_path / "equipment.yaml").write_text(kept["equipment.yaml"])
+    tools = load_equipment(tmp_path / "equipment.yaml")
+    assert [(tool.name, tool.serial, tool.model, str(tool.due)) for tool in tools] == [
+        ("time base", "S-1", "sensor", "None"),
+        ("Pt100", "S-1", "sensor", "2999-03-01"),
+    ]
+
+
+def test_a_production_run_is_blocked_by_what_is_overdue_in_the_registry(tmp_path, monkeypatch):
+    equipment = ("Pt100", "--due", "2999-03-01"), ("rate table", "--due", "2026-03-01")
+    said, kept = production_run(tmp_path / "out", monkeypatch, *equipment)
+    assert "rate table S-1, due 2026-03-01" in said
+    assert "Pt100" not in said
+    assert not kept
+
+
+def test_a_registry_without_equipment_is_none_for_production(tmp_path, monkeypatch):
+    said, kept = production_run(tmp_path / "out", monkeypatch)
+    assert "equipment in the registry, which holds none" in said
+    assert not kept
+
+
+def test_equipment_that_was_calibrated_later_was_not_calibrated_then(made):
+    sensor, *_ = load_equipment(made / "equipment.yaml")
+    refuse_overdue([sensor], sensor.due)
+    early = Instrument(name="clock", serial="1", calibrated=sensor.due)
+    with pytest.raises(Exception, match="calibrated later"):
+        refuse_overdue([early], sensor.calibrated)
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler is not installed")
+def test_pages_are_numbered_named_and_ended_and_the_facts_are_attached(issued, tmp_path):
+    path, facts = issued
+    pages = subprocess.run(["pdftotext", "-layout", path, "-"], capture_output=True, text=True, check=True).stdout
+    shown = pages.rstrip("\f").split("\f")
+    for number, page in enumerate(shown, start=1):
+        assert f"Page {number} of {len(shown)}" in page
+        assert facts["number"] in page
+    assert f"End of certificate {facts['number']}" in shown[-1]
+    assert "Lab #1 *bold* $x$ <b>" in pages
+    subprocess.run(["pdfdetach", "-saveall", "-o", tmp_path, path], check=True, capture_output=True)
+    assert (tmp_path / "certificate.json").read_text() == path.with_suffix(".json").read_text()
+    info = subprocess.run(["pdfinfo", path], capture_output=True, text=True, check=True).stdout
+    assert "595.276 x 841.89 pts (A4)" in info
+    assert "Tagged:          yes" in info
+
+
+@pytest.mark.skipif(shutil.which("pdffonts") is None, reason="poppler is not installed")
+def test_all_fonts_are_inside(issued):
+    fonts = subprocess.run(["pdffonts", issued[0]], capture_output=True, text=True, check=True).stdout.splitlines()[2:]
+    assert fonts
+    assert all(line.split()[-5] == "yes" for line in fonts)

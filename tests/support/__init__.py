@@ -1,0 +1,1 @@
+"""What several tests need: small runs, synthetic data, stations, servers and browsers."""

@@ -1,0 +1,111 @@
+"""A project folder for the page's tests: a plan of seconds, limits that it can meet, and a station that is slow."""
+
+import time
+from contextlib import contextmanager
+
+import httpx
+import pytest
+
+from tests.support.servers import site_over
+
+SHORT = """
+name: short
+description: Twice from 40 to 10 degC and back, for a few seconds on the simulator.
+start: {temperature_degc: 25}
+settle: {dwell_min: 1, slope_degc_per_min: 0.5}
+rates: {heating_degc_per_min: 3, cooling_degc_per_min: 2}
+segments:
+  - {kind: ramp, to_degc: 40, rate_degc_per_min: 2}
+  - {kind: soak, duration_min: 6}
+  - {kind: ramp, to_degc: 10, rate_degc_per_min: 2}
+  - {kind: soak, duration_min: 6}
+  - {kind: ramp, to_degc: 40, rate_degc_per_min: 3}
+  - {kind: ramp, to_degc: 10, rate_degc_per_min: 1.5}
+  - {kind: ramp, to_degc: 25, rate_degc_per_min: 2}
+"""
+LIMITS = """
+name: short
+description: What the short plan can tell.
+limits:
+  - {quantity: residual_rms_dph, unit: deg/h, upper: 0.5, marginal: 0.1, reason: a quarter of the raw bias}
+  - {quantity: samples_lost, unit: "1", upper: 0, reason: every sample counts}
+"""
+UNHURRIED = """
+name: unhurried
+simulated: true
+seed: 3
+ambient_degc: 23
+chamber: {map: watlow_f4t, lowest_degc: -42, highest_degc: 95, heating_degc_per_min: 5, cooling_degc_per_min: 3}
+buses:
+  can0: {interface: virtual, channel: unhurried}
+units:
+  - {serial: GX-0007, bus: can0, number: 0, identity: 7}
+"""
+"""Its frames go over the bus one by one: hours of bench time take minutes, so that there is time to do something."""
+LONG, SLOW_UNIT = "ramp_-40_85", "GX-0007"
+
+
+def made(root):
+    """The project folder `root`."""
+    files = {"short.yaml": SHORT, "limits/short.yaml": LIMITS, "stations/unhurried.yaml": UNHURRIED}
+    for name, text in files.items():
+        path = root / "profiles" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return root
+
+
+API = "/api/v1"
+
+
+def until(condition):
+    """What `condition` gives when it gives something; fails the test when that takes far too long."""
+    for _ in range(2400):
+        if found := condition():
+            return found
+        time.sleep(0.05)
+    return pytest.fail(f"never came true: {condition}")
+
+
+class Bench:
+    """The server and those of its runs that are to be ended after a test."""
+
+    def __init__(self, site, token=None):
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self.site, self.out = site, site.out
+        self.client = httpx.Client(base_url=f"{site.address}{API}", headers=headers, timeout=60, trust_env=False)
+
+    def get(self, path):
+        return self.client.get(path).raise_for_status().json()
+
+    def start(self, **order):
+        """The id of a run that goes on."""
+        start = self.client.post("/starts", json=order).raise_for_status().json()["start"]
+        return until(lambda: self.get(f"/starts/{start}")["runs"])[0]
+
+    def moving(self, run):
+        """Wait until the run is in the middle of a ramp."""
+
+        def seen():
+            now = self.get(f"/live/{run}")
+            segment = now.get("segment") or {}
+            return segment.get("kind") == "ramp" and now["t_s"] > segment["from_s"] + 30 and now
+
+        return until(seen)
+
+    def close(self):
+        """Abort what goes on, and wait until nothing of it is left."""
+        for run in self.get("/live")["runs"]:
+            self.client.post(f"/live/{run['run']}/abort?wait_s=60", json={})
+        until(lambda: all(one["state"] in {"ended", "refused"} for one in self.get("/starts")["starts"]))
+        self.client.close()
+
+
+@contextmanager
+def bench_over(out, project, *options, token=None):
+    with site_over(out, *options, project=project) as site:
+        bench = Bench(site, token)
+        try:
+            yield bench
+        finally:
+            bench.close()

@@ -1,0 +1,263 @@
+"""Runs started by the page: real processes that outlive the server, one a station, refused in one line."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bench.acquisition.profile.profile import profile_from_text
+from bench.base import config, library
+from bench.base.errors import InputError
+from bench.record.folder import open_run
+from bench.web.ground.settings import Settings
+from bench.web.people import people
+from bench.web.plans import catalog
+from bench.web.plans.catalog import Catalog, named
+from tests.commands.test_live import until
+from tests.support.web_client import served
+
+LONG = """\
+name: long
+description: Longer than any test.
+segments:
+  - {kind: soak, name: first, duration_min: 3}
+  - {kind: ramp, name: up, to_degc: 80, rate_degc_per_min: 0.05}
+  - {kind: soak, name: last, duration_min: 6000}
+"""
+SHORT = """\
+name: short
+segments:
+  - {kind: ramp, to_degc: 26, rate_degc_per_min: 2}
+  - {kind: soak, duration_min: 45}
+  - {kind: ramp, to_degc: 23, rate_degc_per_min: 1}
+"""
+HOT = "name: hot\nsegments:\n  - {kind: ramp, to_degc: 120, rate_degc_per_min: 2}\n"
+
+
+@pytest.fixture
+def settings(tmp_path):
+    """A project with plans of its own and an access file."""
+    profiles = tmp_path / "project" / "profiles"
+    (profiles / "stations").mkdir(parents=True)
+    for text in (LONG, SHORT, HOT):
+        (profiles / f"{profile_from_text(text).name}.yaml").write_text(text)
+    (profiles / "broken.yaml").write_text("name: broken\nsegments: 5\n")
+    file = tmp_path / "access.yaml"
+    tokens = {role: people.add_person(file, f"{role.title()} Petrenko", role) for role in ("viewer", "operator")}
+    made = Settings(out=tmp_path / "reports", project=profiles.parent, access=file)
+    yield made, {role: {"Authorization": f"Bearer {token}"} for role, token in tokens.items()}
+    for start in (tmp_path / "reports" / ".web" / "starts").glob("*/start.json"):
+        kill(json.loads(start.read_text())["pid"])
+
+
+def kill(pid):
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+    with contextlib.suppress(ChildProcessError):  # the server that waits for it may be this process
+        os.waitpid(pid, 0)
+
+
+def state_of(client, start, *states):
+    def told():
+        answer = client.get(f"/api/v1/starts/{start}").json()
+        return answer if answer["state"] in states else None
+
+    return until(told)
+
+
+def begin(client, plan, **more):
+    answer = client.post("/api/v1/starts", json={"plan": plan, "models": ["polynomial"], **more})
+    assert answer.status_code == 202, answer.text
+    return answer.json()["start"]
+
+
+def test_a_run_outlives_the_server_is_found_again_and_is_aborted_by_name(settings):
+    made, bearer = settings
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        start = begin(client, "long", units=["SIM-0001"])
+        started = state_of(client, start, "running")
+        second = client.post("/api/v1/starts", json={"plan": "short"})
+        assert second.status_code == 409
+        assert "station simulated is in use: " in second.json()["detail"]
+        assert second.json()["detail"].endswith("wait for its end, or abort it first")
+        assert client.get("/api/v1/starts", headers=bearer["viewer"]).json()["starts"][0]["start"] == start
+    with served(made) as client:  # another server, the same run
+        client.headers.update(bearer["operator"])
+        assert state_of(client, start, "running")["runs"] == started["runs"]
+        (run,) = started["runs"]
+        seen = until(lambda: [one for one in client.get("/api/v1/live").json()["runs"] if "segment" in one])[0]
+        assert (seen["run"], seen["start"], seen["who"]["name"]) == (run, start, "Operator Petrenko")
+        assert {light["state"] for light in seen["guards"]} == {"ok"}
+        held = client.post(f"/api/v1/live/{run}/hold", json={}).json()
+        assert (held["done"], held["state"]) == (True, "holding")
+        assert "Operator Petrenko (operator) from 127.0.0.1" in held["holding"][0]
+        aborted = client.post(f"/api/v1/live/{run}/abort", json={}).json()
+        assert (aborted["done"], aborted["state"], aborted["safe"]) == (True, "aborted", True)
+        ended = state_of(client, start, "ended")
+        assert (ended["exit_code"], ended["verdict"]) == (3, "partial")
+        assert ended["message"] == "aborted by Operator Petrenko (operator) from 127.0.0.1"
+        one = client.get(f"/api/v1/live/{run}").json()
+        assert (one["condition"], one["ended"]["verdict"], one["ended"]["analysing"]) == ("ended", "partial", False)
+        assert [asked["request"] for asked in one["ended"]["requests"]] == ["hold", "stop"]
+    folder = open_run(made.out / run)
+    assert folder.manifest()["operator"] == "Operator Petrenko (operator) from 127.0.0.1"
+    first = next(event for event in folder.events() if event["kind"] == "run")
+    assert (first["who"], first["text"]) == (folder.manifest()["operator"], "start")
+
+
+def test_a_run_goes_to_its_verdict_and_is_announced(settings):
+    made, bearer = settings
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        start = begin(client, "short")
+        with client.stream("GET", "/api/v1/live/stream") as stream:
+            ends = []
+            for line in stream.iter_lines():
+                if line.startswith("data: ") and '"analysing"' in line[:4000]:
+                    ends.append(json.loads(line[6:]))
+                if ends and not ends[-1]["analysing"]:
+                    break
+        ended = state_of(client, start, "ended")
+        assert ends[-1]["run"] == ended["runs"][0]
+        assert (ends[-1]["state"], ends[-1]["safe"], ends[-1]["verdict"]) == ("done", True, ended["verdict"])
+        assert ended["verdicts"][0]["unit"] == "SIM-0001"
+        assert ended["message"] == ""
+        begin(client, "hot")  # the station is free again
+
+
+def test_what_the_bench_refuses_is_a_start_that_was_refused_with_its_line(settings):
+    made, bearer = settings
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        refused = state_of(client, begin(client, "hot"), "refused", "ended")
+        assert (refused["state"], refused["exit_code"], refused["runs"]) == ("refused", 2, [])
+        assert "hot.yaml:3: ramp to 120 at 2: 120 degC is outside the station's limits" in refused["message"]
+        assert "\n" not in refused["message"]
+
+
+def test_a_run_that_was_killed_says_how_to_go_on(settings):
+    made, bearer = settings
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        start = begin(client, "long")
+        run = state_of(client, start, "running")["runs"][0]
+        pid = json.loads((made.own / "starts" / start / "start.json").read_text())["pid"]
+        kill(pid)
+        ended = state_of(client, start, "ended")
+        assert (ended["exit_code"], ended["verdict"]) == (None, None)
+        assert f"`bench resume {made.out / run}` goes on with it" in ended["message"]
+        assert until(lambda: client.get("/api/v1/live").json()["runs"][0]["condition"] == "gone")
+        answer = client.post(f"/api/v1/live/{run}/hold", json={})
+        assert (answer.status_code, "goes on with it" in answer.json()["detail"]) == (409, True)
+        begin(client, "hot")  # a dead run has no station
+
+
+@pytest.mark.parametrize(
+    ("wanted", "words"),
+    [
+        ({"plan": "shrot"}, "no plan 'shrot', did you mean 'short'?"),
+        ({"plan": "../../etc/passwd"}, "no plan '../../etc/passwd'"),
+        ({"plan": "/etc/passwd"}, "no plan '/etc/passwd'"),
+        ({"plan": "short", "station": "nowhere"}, "no station 'nowhere'; there are four_units, rate_table, simulated"),
+        ({"plan": "short", "units": ["X-1"]}, "unit 'X-1' is not in station 'simulated'"),
+        ({"plan": "short", "models": ["../x"]}, "no model '../x'"),
+        ({"plan": "short", "limits": "nothing"}, "no limits 'nothing'"),
+        ({"plan": "short", "models": ["--out=/"]}, "no model '--out=/'"),
+    ],
+)
+def test_a_name_that_is_none_is_refused_before_anything_starts(settings, wanted, words):
+    made, bearer = settings
+    with served(made) as client:
+        answer = client.post("/api/v1/starts", json=wanted, headers=bearer["operator"])
+        assert answer.status_code == 400
+        assert words in answer.json()["detail"]
+        assert client.get("/api/v1/starts", headers=bearer["viewer"]).json() == {"starts": []}
+
+
+def test_a_viewer_starts_nothing(settings):
+    made, bearer = settings
+    with served(made) as client:
+        for path in ("/starts", "/checks"):
+            assert client.post(f"/api/v1{path}", json={"plan": "short"}, headers=bearer["viewer"]).status_code == 403
+
+
+def test_a_check_rehearses_elsewhere_and_says_all_that_is_wrong(settings):
+    made, bearer = settings
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+
+        def result(plan):
+            job = client.post("/api/v1/checks", json={"plan": plan, "units": ["SIM-0001"]}).json()["job"]
+            return until(lambda: client.get(f"/api/v1/jobs/{job}?wait_s=20").json()["result"])
+
+        good, bad = result("short"), result("hot")
+    assert (good["ok"], good["units"], good["curve"][-1]) == (True, ["SIM-0001"], [2970.0, 23.0])
+    assert good["duration_s"] > 2970.0
+    assert (bad["ok"], bad["findings"][0]["level"], bad["findings"][0]["line"]) == (False, "error", 3)
+
+
+def test_plans_and_stations_are_those_of_the_project_and_of_the_library(settings):
+    made, bearer = settings
+    diagnosed = made.own / "plans"
+    diagnosed.mkdir()
+    (diagnosed / "next-1.yaml").write_text(SHORT)
+    with served(made) as client:
+        client.headers.update(bearer["viewer"])
+        plans = {plan["id"]: plan for plan in client.get("/api/v1/plans").json()["plans"]}
+        stations = {one["id"]: one for one in client.get("/api/v1/stations").json()["stations"]}
+        limits = client.get("/api/v1/limits").json()["limits"]
+    assert {"long", "short", "hot", "next-1", "quick", "ramp_-40_85"} <= plans.keys()
+    assert plans["long"]["summary"] == "Longer than any test."
+    assert plans["rates_quick"]["kind"] == "rate"
+    assert "broken.yaml:2: segments is 5: must be a list" in plans["broken"]["problem"]
+    assert stations["four_units"]["units"] == [f"SIM-000{n}" for n in (1, 2, 3, 4)]
+    assert {"quick", "vibratory"} <= {one["id"] for one in limits}
+
+
+def test_the_projects_own_file_takes_the_place_of_a_shipped_one(tmp_path):
+    (tmp_path / "profiles").mkdir()
+    own = tmp_path / "profiles" / "quick.yaml"
+    own.write_text(SHORT)
+    plans = Catalog(tmp_path, tmp_path / ".web").plans()
+    assert plans["quick"] == own.resolve()
+    assert plans["ramp_-40_85"].parent == library().resolve()
+    with pytest.raises(InputError, match="no plan 'quikc', did you mean 'quick'"):
+        named(plans, "quikc", "plan")
+
+
+def test_a_curve_has_a_bounded_number_of_corners():
+    legs = "".join(f"  - {{kind: ramp, to_degc: {20 + n % 2 * 30}, rate_degc_per_min: 2}}\n" for n in range(1500))
+    curve = catalog.curve(profile_from_text(f"name: saw\nsegments:\n{legs}"))
+    assert len(curve) == catalog.MOST_CORNERS
+    flat = profile_from_text("name: flat\nsegments:\n" + "  - {kind: soak, duration_min: 1}\n" * 50)
+    assert catalog.curve(flat) == [(0.0, 23.0), (3000.0, 23.0)]
+
+
+def test_two_station_files_of_one_chamber_are_one_station():
+    text = (library() / "stations" / "simulated.yaml").read_text()
+    one = catalog.station(library() / "stations" / "simulated.yaml")
+    real = text.replace("simulated: true", "simulated: false").replace("interface: blocks", "interface: socketcan")
+    real = real.replace("  map: watlow_f4t", "  map: watlow_f4t\n  connection: {url: 'tcp://10.0.0.5:502'}")
+    stations = [
+        config.load_config(config.parse_yaml(real.replace("name: simulated", f"name: {name}"), "s"), type(one))
+        for name in "ab"
+    ]
+    shared = catalog.equipment(stations[0]) & catalog.equipment(stations[1])
+    assert shared == {"chamber tcp://10.0.0.5:502"}
+
+
+def test_the_wrapper_leaves_the_exit_code_of_the_bench(tmp_path):
+    lock = os.open(tmp_path, os.O_RDONLY)
+    try:
+        command = [sys.executable, "-m", "bench.cli.started", str(tmp_path), str(lock), "run", "nothing.yaml"]
+        done = subprocess.run(command, pass_fds=[lock], capture_output=True, text=True, check=False)
+    finally:
+        os.close(lock)
+    assert (done.returncode, Path(tmp_path / "exit_code").read_text()) == (2, "2\n")
+    assert done.stderr.startswith("bench: nothing.yaml: ")

@@ -1,0 +1,110 @@
+"""Units and fleet through the API: which calibration counts, trends, certificates, charts; nothing else is reached."""
+
+import csv
+import io
+
+import pytest
+
+from bench.archive.fleet.board import harmless
+from bench.commands.registering import register
+from bench.web.ground.settings import Settings
+from tests.support.fleet_runs import LIMITS, line, station
+from tests.support.unit_history import PDF, UNIT, unit_with_history
+from tests.support.web_client import served
+
+API = "/api/v1"
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    out = tmp_path_factory.mktemp("units")
+    unit_with_history(out)
+    line(out, 48, odd=20)
+    limits = out / "profiles" / "limits"
+    limits.mkdir(parents=True)
+    (limits / "line.yaml").write_text(LIMITS)
+    with served(Settings(out=out, project=out)) as client:
+        assert client.get(f"{API}/units").json()["registry"] is False
+        assert client.get(f"{API}/fleet").json()["registry"] is False
+        made = client.post(f"{API}/registry", json={})
+        assert made.json()["units"] == 49
+        yield client
+
+
+def test_units_are_found_by_serial_lot_and_standing(client):
+    every = client.get(f"{API}/units", params={"limit": 5}).json()
+    assert (every["total"], every["matched"], len(every["units"])) == (49, 49, 5)
+    assert every["units"][0]["serial"] == UNIT, "the last run first"
+    assert every["standings"] == {"fail": 1, "unjudged": 48}
+    found = client.get(f"{API}/units", params={"q": "l0- 001", "sort": "serial"}).json()
+    assert [one["serial"] for one in found["units"]][:2] == ["L0-0001", "L0-0010"]
+    assert client.get(f"{API}/units", params={"standing": "fail"}).json()["matched"] == 1
+
+
+def test_a_history_says_which_calibration_counts_and_why_the_others_do_not(client):
+    unit = client.get(f"{API}/units/{UNIT}").json()
+    assert [one["status"] for one in unit["calibrations"]] == [
+        "not_passed", "newest", "in_unit", "superseded", "superseded"
+    ]  # fmt: skip
+    assert unit["memory"]["calibration_id"] == "0x87323979"
+    assert unit["memory"]["before"] == "0x1144AA07"
+    assert unit["calibrations"][2]["validity"]["temperature"]["from"] == -36.0
+    assert unit["calibrations"][0]["age_days"] < unit["calibrations"][4]["age_days"]
+    aborted = [run for run in unit["runs"] if run["state"] == "aborted"]
+    assert [run["cause"] for run in aborted] == ["guard: chamber temperature"]
+
+
+def test_a_trend_goes_over_runs_with_its_limits(client):
+    unit = client.get(f"{API}/units/{UNIT}").json()
+    trend = unit["trends"][0]
+    assert trend["name"] == "residual_rms_dph"
+    assert [point["value"] for point in trend["points"]] == pytest.approx([0.12, 0.136, 0.168, 0.184, 0.2])
+    assert (trend["upper"], trend["outside"]) == (0.19, True)
+    assert trend["change"] == pytest.approx(0.08)
+    figure = client.get(f"{API}/units/{UNIT}/trends/residual_rms_dph").json()["figure"]
+    assert figure["data"][0]["y"] == pytest.approx([0.12, 0.136, 0.168, 0.184, 0.2])
+    assert client.get(f"{API}/units/{UNIT}/trends/nothing").status_code == 404
+
+
+def test_a_certificate_opens_by_its_number_and_by_nothing_else(client):
+    unit = client.get(f"{API}/units/{UNIT}").json()
+    number = next(one["certificate"]["number"] for one in unit["calibrations"] if one["status"] == "in_unit")
+    answer = client.get(f"{API}/units/{UNIT}/certificates/{number}")
+    assert answer.content == PDF
+    assert answer.headers["content-type"] == "application/pdf"
+    for wrong in ("..%2F..%2Fledger.jsonl", "certificate.pdf", "%00", f"{number}%00"):
+        assert client.get(f"{API}/units/{UNIT}/certificates/{wrong}").status_code == 404, wrong
+    for wrong in ("..%2f..", "%2e%2e%2f", "L0-0001"):
+        assert client.get(f"{API}/units/{wrong}/certificates/{number}").status_code == 404, wrong
+
+
+def test_the_fleet_is_told_in_numbers_and_drawn_a_figure_at_a_time(client):
+    fleet = client.get(f"{API}/fleet", params={"q": "L", "limits": "line"}).json()
+    assert fleet["units"] == 48
+    assert fleet["yield"]["judged"] == 48
+    assert "line" in fleet["known_limits"]
+    assert [one["unit"] for one in fleet["unlike"]][:1] == ["L0-0020"]
+    assert "angle_random_walk_dprh" in fleet["attention"]["beyond"]
+    chart = client.get(f"{API}/fleet/charts/angle_random_walk_dprh", params={"q": "L"}).json()
+    assert chart["units"][20] == "L0-0020"
+    assert {"rule": 1, "unit": "L0-0020", "at": 21, "text": "beyond three sigma"} in chart["signals"]
+    assert client.get(f"{API}/fleet/charts/distances", params={"q": "L"}).json()["figure"]["data"]
+    assert client.get(f"{API}/fleet/charts/nothing").status_code == 404
+    assert client.get(f"{API}/fleet", params={"limits": "../../line"}).status_code == 404
+    assert client.get(f"{API}/fleet", params={"q": "(a+)+$"}).json()["units"] == 0, "text, not a pattern"
+
+
+def test_the_table_for_a_spreadsheet_has_no_cell_that_is_calculated(client):
+    rows = list(csv.reader(io.StringIO(client.get(f"{API}/fleet.csv").text)))
+    assert len(rows) > 48
+    assert harmless("=1+1") == "'=1+1"
+    assert harmless("@SUM(A1)") == "'@SUM(A1)"
+    assert harmless("-0.25") == "-0.25"
+
+
+def test_a_run_that_is_registered_meanwhile_is_seen_at_the_next_look(tmp_path):
+    register([station(tmp_path, "A-1", "one", 0.0, residual=0.1)])
+    with served(Settings(out=tmp_path)) as client:
+        assert client.get(f"{API}/units").json()["total"] == 1
+        register([station(tmp_path, "A-2", "one", 1.0, residual=0.1)])
+        assert client.get(f"{API}/units").json()["total"] == 2

@@ -1,0 +1,131 @@
+"""The page's catalogues: the same keys and placeholders in all languages, and no key that nobody wrote down."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+STATIC = Path(__file__).parents[2] / "bench" / "web" / "static"
+LANGUAGES = ("en", "uk", "zh")
+PLURALS = {"en": {"one", "other"}, "uk": {"one", "few", "many", "other"}, "zh": {"other"}}
+"""Cardinal plural categories of the Unicode CLDR."""
+
+KEY = re.compile(r"""(?<![\w.$])(?:t|words\.t)\(\s*["']([^"']+)["']""")
+PATTERN = re.compile(r"""(?<![\w.$])(?:t|words\.t)\(\s*`([^`]+)`""")
+
+
+def catalogue(language: str) -> dict[str, Any]:
+    """Words of a language by key."""
+    content: dict[str, Any] = json.loads((STATIC / "words" / f"{language}.json").read_text(encoding="utf-8"))
+    return content
+
+
+def forms(entry: str | dict[str, str]) -> dict[str, str]:
+    """An entry's texts by plural category."""
+    return {"": entry} if isinstance(entry, str) else entry
+
+
+def placeholders(entry: str | dict[str, str]) -> set[str]:
+    """Names in braces, of all forms."""
+    return {name for text in forms(entry).values() for name in re.findall(r"\{(\w+)\}", text)}
+
+
+def scripts() -> list[Path]:
+    """Our own modules."""
+    return [path for path in sorted(STATIC.rglob("*.js")) if "vendor" not in path.parts]
+
+
+@pytest.mark.parametrize("language", LANGUAGES[1:])
+def test_every_language_has_the_keys_of_english(language: str) -> None:
+    """A word that is missing in a language would appear in English."""
+    assert catalogue(language).keys() == catalogue("en").keys()
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_an_entry_has_the_placeholders_of_english(language: str) -> None:
+    """A placeholder that nobody fills, or a value that nobody shows, is a mistake of translation."""
+    english = catalogue("en")
+    wrong = [key for key, entry in catalogue(language).items() if placeholders(entry) != placeholders(english[key])]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_counted_words_have_the_plural_forms_of_their_language(language: str) -> None:
+    """Ukrainian has four, Chinese one."""
+    counted = {key: set(entry) for key, entry in catalogue(language).items() if isinstance(entry, dict)}
+    assert {key: have for key, have in counted.items() if have != PLURALS[language]} == {}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_text_is_empty(language: str) -> None:
+    """An empty text is a hole in the page."""
+    texts = {key: forms(entry) for key, entry in catalogue(language).items()}
+    assert [key for key, of_key in texts.items() if not all(text.strip() for text in of_key.values())] == []
+
+
+def test_every_key_that_a_module_names_is_in_the_catalogue() -> None:
+    """The page would show the key itself."""
+    known = catalogue("en")
+    named = {(key, path.name) for path in scripts() for key in KEY.findall(path.read_text(encoding="utf-8"))}
+    assert {use for use in named if use[0] not in known} == set()
+
+
+def test_every_pattern_of_keys_has_at_least_one_entry() -> None:
+    """`verdict.${word}.next` needs words to choose from."""
+    known = catalogue("en")
+    patterns = {(key, path.name) for path in scripts() for key in PATTERN.findall(path.read_text(encoding="utf-8"))}
+    for pattern, module in patterns:
+        regex = "".join(
+            ".+" if part.startswith("${") else re.escape(part) for part in re.split(r"(\$\{[^}]*\})", pattern)
+        )
+        assert any(re.fullmatch(regex, key) for key in known), f"{module}: {pattern}"
+
+
+def test_languages_of_the_page_are_those_of_the_catalogues() -> None:
+    """The switch offers what is there."""
+    offered = re.search(r"LANGUAGES = \{([^}]*)\}", (STATIC / "lib" / "words.js").read_text(encoding="utf-8"))
+    assert offered is not None
+    assert tuple(re.findall(r"(\w+):", offered[1])) == LANGUAGES
+    assert sorted(path.stem for path in (STATIC / "words").glob("*.json")) == sorted(LANGUAGES)
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
+    """Green says that somebody looked at the data."""
+    script = """
+    const { judged, toneOf } = await import(process.argv[1]);
+    const told = (word) => [word, toneOf(word)];
+    const word = (end, unit) => told(judged({ state: "done", analysing: false, ...end }, unit));
+    console.log(JSON.stringify([
+      word({}, { analysed: false }), word({}, { analysed: true }), word({ analysing: true }, { analysed: false }),
+      word({ state: "aborted" }, { analysed: false }), word({}, { analysed: true, limits: "PASS" }),
+    ]));
+    """
+    module = (STATIC / "pages" / "verdict" / "judged.js").as_uri()
+    command = ["node", "--experimental-default-type=module", "--input-type=module", "-e", script, module]
+    told = json.loads(subprocess.run(command, capture_output=True, check=True, timeout=60).stdout)
+    assert told == [
+        ["not_analysed", "warn"],
+        ["measured", "good"],
+        ["analysing", "link"],
+        ["aborted", "idle"],
+        ["pass", "good"],
+    ]
+
+
+def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:
+    """Nobody stands before a screen that does not say what to do."""
+    judged = (STATIC / "pages" / "verdict" / "judged.js").read_text(encoding="utf-8")
+    table = re.search(r"WORDS = \{(.*?)\}", judged, re.DOTALL)
+    assert table is not None
+    words = re.findall(r"(\w+): \"", table[1])
+    assert {"pass", "marginal", "fail", "invalid", "aborted", "equipment_failed"} <= set(words)
+    known = catalogue("en")
+    wanted = [f"verdict.{word}{part}" for word in words for part in ("", ".sentence", ".next")]
+    assert [key for key in wanted if key not in known] == []

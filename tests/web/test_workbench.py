@@ -1,0 +1,225 @@
+"""The workbench over HTTP: analyse, look closer, diagnose, add, undo, save, compare; a hidden loop is found."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from bench.analysis.diagnosis.experiment import Proposal
+from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
+from bench.record.dataset import load
+from bench.web.ground.settings import Settings
+from bench.web.people.access import Access
+from bench.web.workbench import diagnosing
+from bench.web.workbench.zoom import view
+from tests.support import run_folders
+from tests.support.web_client import served
+
+API = "/api/v1"
+RUN, OTHER = "SIM-0001/20261121T060000Z_ramp", "SIM-0002/20261121T070000Z_ramp"
+SPLINE: dict[str, Any] = {"name": "spline", "effects": [{"effect": "spline", "intervals": 12}]}
+LOOP: dict[str, Any] = {"name": "loop", "effects": [*SPLINE["effects"], {"effect": "hysteresis"}]}
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two units that hide a loop, one with a spike of a single sample."""
+    out = tmp_path_factory.mktemp("store")
+    for run, seed in ((RUN, 1), (OTHER, 2)):
+        made = run_folders.ramp_run(rate_hz=4.0, seed=seed)
+        made["columns"]["rate"][20_001] += 500.0
+        run_folders.make_run(out / run, **made, unit=run.partition("/")[0])
+    return out
+
+
+@pytest.fixture(scope="module")
+def client(store: Path) -> Iterator[httpx.Client]:
+    with served(Settings(out=store, project=store)) as found:
+        yield found
+
+
+def done(client: httpx.Client, path: str, body: dict[str, Any]) -> dict[str, Any]:
+    answer = ended(client, path, body)
+    assert answer["state"] == "done", answer["detail"]
+    result: dict[str, Any] = answer["result"]
+    return result
+
+
+def ended(client: httpx.Client, path: str, body: dict[str, Any]) -> dict[str, Any]:
+    asked = client.post(f"{API}{path}", json=body)
+    assert asked.status_code == 202, asked.text
+    while True:
+        answer = client.get(f"{API}/jobs/{asked.json()['job']}", params={"wait_s": 20}).json()
+        if answer["state"] in {"done", "failed"}:
+            found: dict[str, Any] = answer
+            return found
+
+
+def test_the_hidden_effect_is_found_added_and_taken_back(client: httpx.Client, store: Path) -> None:
+    before = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE]})
+    found = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE})
+    assert found["verdict"] == "missing_effect"
+    suspect = found["suspects"][0]
+    assert suspect["effect"] in {"hysteresis", "creep"}
+    assert suspect["partial"]["figure"]["data"]
+    assert suspect["why"].startswith("Evidence")
+    longer = {"name": "better", "effects": [*SPLINE["effects"], suspect["add"]]}
+    after = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE, longer]})
+    for error in ("rms_dph", "held_out_rms_dph"):
+        assert after["rungs"][1][error] < 0.7 * after["rungs"][0][error]
+    again = client.post(f"{API}/analyses", json={"runs": [RUN], "models": [SPLINE]}).json()
+    assert again["state"] == "done"  # Undo: there already
+    assert client.get(f"{API}/jobs/{again['job']}").json()["result"] == before
+    assert sorted(path.name for path in (store / RUN).iterdir()) == [
+        "data.parquet", "events.jsonl", "manifest.json", "means.parquet",
+    ]  # fmt: skip
+
+
+def test_the_next_experiment_is_a_plan(client: httpx.Client, store: Path) -> None:
+    limits = chamber_limits([load(store / RUN)])
+    text = minor_loops(limits).to_yaml(limits, "Tells apart: hysteresis, creep.")
+    proposal = Proposal(("hysteresis", "creep"), "they look alike", 2.0, 60.0, 150.0, "minor_loops", text)
+    experiment = diagnosing.planned(proposal, store / ".web" / "plans", "20261121T060000Z_ramp")
+    assert experiment["curve"][0][0] == 0.0
+    assert experiment["probability_after"] > experiment["probability_before"]
+    plans = client.get(f"{API}/plans").json()["plans"]
+    assert experiment["plan"] in [plan["id"] for plan in plans if not plan["problem"]]
+
+
+@pytest.mark.parametrize("kind", ["time", "temperature", "map", "loop", "allan", "ladder"])
+def test_every_figure_has_words_and_a_table(client: httpx.Client, kind: str) -> None:
+    made = done(client, "/figures", {"kind": kind, "runs": [RUN], "model": SPLINE})
+    assert made["figure"]["data"]
+    assert len(made["words"]) > 40
+    assert len({len(row) for row in made["csv"]}) == 1
+    assert str(made["words"]).isprintable()
+    most = max(len(trace["x"]) for trace in made["figure"]["data"])
+    assert most <= 2100
+
+
+def test_looking_closer_fetches_finer_data_until_every_sample_is_seen(client: httpx.Client) -> None:
+    wide = done(client, "/figures", {"kind": "time", "runs": [RUN], "model": SPLINE, "width": 500})
+    spike_s = 20_001 / 4.0
+    near = done(client, "/figures", {
+        "kind": "time", "runs": [RUN], "model": SPLINE, "from_s": spike_s - 20, "to_s": spike_s + 20,
+    })  # fmt: skip
+    assert wide["interval_s"] > 10
+    assert near["interval_s"] == pytest.approx(0.25)
+    assert near["of"] == "samples"
+    highest = [max(row[3] for row in made["csv"][1:] if row[3] is not None) for made in (wide, near)]
+    assert highest[1] > 500
+    assert highest[0] > 125  # of 1 s means, four samples each: the spike survives there, too
+
+
+def test_a_stretch_without_data_says_so(client: httpx.Client) -> None:
+    answer = ended(client, "/figures", {"kind": "time", "runs": [RUN], "from_s": 1e7, "to_s": 2e7})
+    assert answer["state"] == "failed"
+    assert "the run has" in answer["detail"]
+    assert "\n" not in answer["detail"]
+
+
+def test_messages_name_runs_by_their_id(client: httpx.Client, store: Path) -> None:
+    folder = run_folders.make_run(store / "SIM-0003" / "one", **run_folders.ramp_run(rate_hz=1.0))
+    (folder / "means.parquet").unlink()
+    answer = ended(client, "/figures", {"kind": "loop", "runs": ["SIM-0003/one"]})
+    assert answer["detail"].startswith("SIM-0003/one/means.parquet: missing")
+
+
+def test_runs_of_two_units_are_compared_but_not_fitted_together(client: httpx.Client) -> None:
+    both = ended(client, "/analyses", {"runs": [RUN, OTHER], "models": [SPLINE]})
+    assert "different units" in both["detail"]
+    drawn = done(client, "/figures", {"kind": "temperature", "runs": [RUN, OTHER]})
+    assert {RUN, OTHER} <= {trace["name"] for trace in drawn["figure"]["data"]}
+    found = done(client, "/differences", {"a": RUN, "b": OTHER})
+    assert (found["a"]["run"], found["b"]["run"]) == (RUN, OTHER)
+
+
+def test_a_formula_is_checked_as_it_is_typed_and_fitted_like_any_effect(client: httpx.Client) -> None:
+    def asked(expression: str, **more: Any) -> dict[str, Any]:
+        answer: dict[str, Any] = client.post(f"{API}/effects/formula", json={"expression": expression, **more}).json()
+        return answer
+
+    assert asked("k * dT_dt")["parameters"] == ["k"]
+    assert "did you mean 'temperature'" in asked("k * tempratur")["detail"]
+    assert not asked("__import__('os')")["ok"]
+    term = asked("a * play(temperature, w)", bounds={"w": [1, 20]})
+    model = {"name": "own", "effects": [*SPLINE["effects"], term["effect"]]}
+    rungs = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE, model]})["rungs"]
+    assert rungs[1]["held_out_rms_dph"] < 0.7 * rungs[0]["held_out_rms_dph"]
+
+
+def test_models_are_kept_by_name_and_never_replaced(client: httpx.Client, store: Path) -> None:
+    made = client.post(f"{API}/models", json={"name": "mine", "model": LOOP})
+    assert made.status_code == 201
+    assert client.post(f"{API}/models", json={"name": "mine", "model": LOOP}).status_code == 200
+    other = client.post(f"{API}/models", json={"name": "mine", "model": SPLINE})
+    assert (other.status_code, "choose another name" in other.json()["detail"]) == (409, True)
+    assert client.post(f"{API}/models", json={"name": "spline", "model": LOOP}).status_code == 409
+    assert client.post(f"{API}/models", json={"name": "../mine", "model": LOOP}).status_code == 422
+    known = {model["name"]: model for model in client.get(f"{API}/models").json()["models"]}
+    assert known["mine"]["where"] == "saved"
+    assert [effect["effect"] for effect in known["mine"]["effects"]] == ["spline", "hysteresis"]
+    assert Path(made.json()["file"]).parent == store / ".web" / "models"
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "status", "said"),
+    [
+        ("/analyses", {"runs": [RUN], "models": [{"name": "x", "effects": [{"effect": "splin"}]}]}, 400, "'spline'"),
+        ("/analyses", {"runs": ["../../etc/passwd"], "models": [SPLINE]}, 404, "no run"),
+        ("/analyses", {"runs": [], "models": [SPLINE]}, 422, "runs"),
+        ("/figures", {"kind": "pie", "runs": [RUN]}, 422, "kind"),
+        ("/figures", {"kind": "time", "runs": [RUN], "from_s": "nan"}, 422, "from_s"),
+        ("/differences", {"a": RUN, "b": RUN}, 400, "choose two runs"),
+        ("/diagnoses", {"runs": [RUN], "model": {"name": "x", "effects": [{"effect": "spline", "intervals": -1}]}}, 400,
+         "intervals"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused_before_anything_is_computed(
+    client: httpx.Client, path: str, body: dict[str, Any], status: int, said: str
+) -> None:
+    answer = client.post(f"{API}{path}", json=body)
+    assert (answer.status_code, said in answer.json()["detail"]) == (status, True), answer.text
+    assert "\n" not in answer.json()["detail"]
+
+
+def test_a_run_that_goes_on_is_not_analysed(client: httpx.Client, store: Path) -> None:
+    (store / "SIM-0001" / "live" / "journal").mkdir(parents=True)
+    answer = client.post(f"{API}/analyses", json={"runs": ["SIM-0001/live"], "models": [SPLINE]})
+    assert (answer.status_code, "only one that has ended" in answer.json()["detail"]) == (409, True)
+
+
+def test_viewers_look_and_engineers_compute(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bench.web.people.access import Who
+
+    monkeypatch.setattr(Access, "who", lambda self, request: Who("Vera", "viewer", "127.0.0.1"))
+    with served(Settings(out=store)) as client:
+        assert client.post(f"{API}/figures", json={"kind": "loop", "runs": [RUN]}).status_code == 202
+        for path, body in (
+            ("/analyses", {"runs": [RUN], "models": [SPLINE]}),
+            ("/diagnoses", {"runs": [RUN], "model": SPLINE}),
+            ("/models", {"name": "x", "model": SPLINE}),
+            ("/differences", {"a": RUN, "b": OTHER}),
+        ):
+            assert client.post(f"{API}{path}", json=body).status_code == 403
+
+
+def test_a_view_keeps_gaps_and_extremes(tmp_path: Path) -> None:
+    from bench.record.dataset import Dataset
+
+    time = np.arange(100.0) + 0.5
+    rate = np.sin(time)
+    rate[40] = 99.0
+    keep = (time < 60) | (time > 80)
+    data = Dataset("x", time[keep], {"rate": rate[keep], "temperature": time[keep]}, np.zeros(keep.sum(), dtype=int))
+    shown = view(data, tmp_path / "none", (None, None), 20, None)
+    assert shown.time.size == 20
+    assert np.nanmax(shown.high) == 99.0
+    assert np.isnan(shown.bias[(shown.time > 62) & (shown.time < 78)]).all()
+    assert json.dumps(shown.of) == '"1 s means"'
