@@ -65,9 +65,8 @@ def fleet(units: int) -> Iterator[moments_file.Stored]:
 def engine(name: str) -> engines.Engine:
     """serial, pool:N or dask:N."""
     kind, _, workers = name.partition(":")
-    if kind == "serial":
-        return engines.serial_engine
-    return engines.pool_engine(int(workers)) if kind == "pool" else engines.dask_engine(int(workers), None)
+    count = int(workers or 1)
+    return engines.dask_engine(count, None) if kind == "dask" else engines.local_engine(count)
 
 
 def digest(path: Path) -> str:

@@ -6,8 +6,7 @@ from .fleet.board import safe_csv as safe_csv
 from .fleet.collect import collect as collect
 from .fleet.engines import Engine as Engine
 from .fleet.engines import dask_engine as dask_engine
-from .fleet.engines import pool_engine as pool_engine
-from .fleet.engines import serial_engine as serial_engine
+from .fleet.engines import local_engine as local_engine
 from .fleet.history import Archive as Archive
 from .fleet.history import printed_certificate as printed_certificate
 from .fleet.history import unit_history as unit_history

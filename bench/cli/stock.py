@@ -148,9 +148,15 @@ def _fleet(pattern: str | None, limits: Path | None, out: Path, where: str | Non
 @model_argument
 @click.option("--moments", type=click.Path(path_type=Path), help="Moments file. Default: of the registry's runs.")
 @click.option("--records", type=click.Path(path_type=Path), help="Where the records go. Default: beside the moments.")
-@click.option("--engine", type=click.Choice(["auto", "serial", "pool", "dask"]), default="auto", show_default=True)
+@click.option(
+    "--engine",
+    type=click.Choice(["auto", "serial", "pool", "dask"]),
+    default="auto",
+    show_default=True,
+    help="On this computer in one process (serial) or several (pool), or on a Dask cluster (dask).",
+)
 @click.option("--workers", type=click.IntRange(1), help="Processes. Default: one a processor.")
-@click.option("--scheduler", metavar="tcp://…", help="A running Dask cluster. Default: a local one.")
+@click.option("--scheduler", metavar="tcp://…", help="A running Dask cluster. Default of dask: a local one.")
 @out_option
 @registry_option
 @json_option

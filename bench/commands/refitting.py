@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import time
 from collections.abc import Iterator
@@ -18,9 +17,8 @@ from bench.commands.answer import Answer
 if TYPE_CHECKING:
     from bench.archive import Engine, Record
 
-ENGINES = ("auto", "serial", "pool", "dask")
 SMALL = 4
-"""Groups up to which a cluster takes longer to start than the work."""
+"""Groups up to which processes take longer to start than the work."""
 
 
 @dataclass(frozen=True)
@@ -88,24 +86,21 @@ def _collected(root: Path, where: str | None) -> tuple[Path, list[str]]:
 
 
 def _engine(work: RefitOptions, groups: int) -> tuple[str, Engine]:
-    from bench.archive import dask_engine, pool_engine, serial_engine
+    from bench.archive import dask_engine, local_engine
 
     if work.workers is not None and work.workers < 1:
         raise InputError(f"--workers is {work.workers}, at least 1 is needed")
     workers = work.workers or os.cpu_count() or 1
     name = work.engine
     if name == "auto":
-        has_dask = importlib.util.find_spec("distributed") is not None
-        name = "dask" if work.scheduler or has_dask else "pool"
-        if not work.scheduler and groups <= SMALL:
-            name = "serial"
+        name = "dask" if work.scheduler else "serial" if groups <= SMALL else "pool"
     if work.scheduler and name != "dask":
         raise InputError(f"--scheduler is for --engine dask, not {name}")
-    if name == "serial":
-        return name, serial_engine
-    if name == "pool":
-        return f"pool, {workers} workers", pool_engine(workers)
-    return f"dask, {work.scheduler or f'{workers} workers'}", dask_engine(workers, work.scheduler)
+    if name == "dask":
+        return f"dask, {work.scheduler or f'{workers} workers'}", dask_engine(workers, work.scheduler)
+    if name == "serial" or workers == 1:
+        return "serial", local_engine(1)
+    return f"pool, {workers} workers", local_engine(workers)
 
 
 class _Summary:

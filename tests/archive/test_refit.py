@@ -39,7 +39,7 @@ def moments(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def here(moments):
-    return [record for some in engines.serial_engine(MODEL, moments_file.stored_groups(moments)) for record in some]
+    return [record for some in engines.local_engine(1)(MODEL, moments_file.stored_groups(moments)) for record in some]
 
 
 def test_a_unit_that_fails_does_not_stop_the_rest(here):
@@ -59,7 +59,7 @@ def test_a_unit_fitted_again_alone_has_the_same_numbers(here, moments):
 def test_two_workers_find_the_numbers_of_the_serial_refit_bit_for_bit(here, moments, engine):
     if engine == "dask":
         pytest.importorskip("distributed")
-    run = engines.pool_engine(2) if engine == "pool" else engines.dask_engine(2, None)
+    run = engines.local_engine(2) if engine == "pool" else engines.dask_engine(2, None)
     there = [record for some in run(MODEL, moments_file.stored_groups(moments)) for record in some]
     assert there == here
 
@@ -98,7 +98,7 @@ class Deadly(Model):
 def test_a_group_that_kills_its_process_is_recorded_as_failed(moments, monkeypatch):
     monkeypatch.setenv("BENCH_TEST_PARENT", str(os.getpid()))
     group = next(moments_file.stored_groups(moments))
-    (some,) = engines.pool_engine(1)(Deadly("deadly", (Spline(12),)), [group])
+    (some,) = engines.local_engine(2)(Deadly("deadly", (Spline(12),)), [group])
     assert len(some) == len(group.units)
     assert {record.error for record in some} == {"not refitted: its worker process died"}
 
@@ -109,10 +109,9 @@ def test_no_scheduler_there_is_bad_input(moments, tmp_path):
         next(engines.dask_engine(1, "nonsense")(MODEL, moments_file.stored_groups(moments)))
 
 
-def test_without_dask_the_pool_takes_over_and_dask_itself_is_told_how_to_be_had(moments, monkeypatch):
+def test_without_a_scheduler_this_computer_refits_and_a_missing_dask_says_how_to_install_it(moments, monkeypatch):
     from bench.commands import refitting
 
-    monkeypatch.setattr(refitting.importlib.util, "find_spec", lambda name: None)
     assert refitting._engine(refitting.RefitOptions(workers=2), groups=100)[0] == "pool, 2 workers"
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"gyro-thermal-bench\[fleet\]"):
