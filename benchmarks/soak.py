@@ -27,7 +27,7 @@ import pyarrow.parquet as pq
 
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run.runner import Job, run_job
-from bench.acquisition.run.sequencer import Status
+from bench.acquisition.run.status import Status
 from bench.acquisition.station.settings import StationSettings
 from bench.acquisition.station.station import Station
 from bench.base import config

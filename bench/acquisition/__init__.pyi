@@ -40,7 +40,10 @@ from .run.runner import Job as Job
 from .run.runner import RunResult as RunResult
 from .run.runner import UnitResult as UnitResult
 from .run.runner import run_job as run_job
-from .run.sequencer import Status as Status
+from .run.status import Status as Status
+from .run.wiring import Continue as Continue
+from .run.wiring import Decider as Decider
+from .run.wiring import Stop as Stop
 from .station.doctor import examine as examine
 from .station.memory import Compensated as Compensated
 from .station.memory import open_alone as open_alone

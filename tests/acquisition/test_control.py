@@ -15,7 +15,7 @@ from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.recording.trace import Envelope
 from bench.acquisition.run import control, remote
 from bench.acquisition.run.control import Desk
-from bench.acquisition.run.sequencer import Status
+from bench.acquisition.run.status import Status
 from bench.base.errors import EquipmentError, InputError
 from bench.commands.live import text_of
 from drivers.canbus import CaptureHealth

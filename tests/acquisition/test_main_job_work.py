@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from bench.acquisition.run.runner import run_job
-from bench.acquisition.run.sequencer import Status
+from bench.acquisition.run.status import Status
 from bench.acquisition.station.station import Station
 from drivers.journal import Kind, read_blocks
 from drivers.sim.blockbus import BlockBus

@@ -20,6 +20,7 @@ import bench.acquisition.station.station
 from bench.acquisition.profile.guards import GuardSettings
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import run_job
+from bench.acquisition.run.wiring import Continue, Stop
 from bench.base.errors import EquipmentError, InputError, RunAborted
 from bench.record.folder import RunFolder, open_run, sha256
 from drivers.journal import Kind, read_blocks
@@ -47,6 +48,24 @@ def kinds(run):
 def sound_frames(run):
     """Frames in the journal of the bus; every block of which has the right CRC."""
     return np.concatenate([b.frames() for b in read_blocks(run.journal / "can0.gtbj") if b.kind is Kind.FRAMES])
+
+
+class Enough:
+    """Ends a run at a bench time."""
+
+    def decide(self, status):
+        return Stop("residual below 0.1 deg/h", who="live fit") if status.t_s >= 30.0 else Continue()
+
+
+def test_a_run_that_an_analysis_ends_early_is_done_and_says_who_ended_it(tmp_path, world):
+    result = run_job(acquisition.job(tmp_path, acquisition.LONG), decider=Enough())
+    manifest = result.run.manifest()
+    said = "ended early by live fit: residual below 0.1 deg/h"
+    assert (result.error, manifest["state"], manifest["cause"]) == (None, "done", said)
+    assert [(s["outcome"], s["settled"], s["reason"]) for s in manifest["segments"]] == [("ended", True, said)]
+    (event,) = [event for event in result.run.events() if event["kind"] == "decision"]
+    assert (event["who"], event["reason"]) == ("live fit", "residual below 0.1 deg/h")
+    assert is_safe(world)
 
 
 def test_a_run_leaves_a_complete_folder(short_run):
@@ -290,6 +309,7 @@ import sys
 from pathlib import Path
 from tests.support import acquisition
 from bench.acquisition.run.runner import run_job
+from bench.acquisition.run.wiring import Continue, Stop
 run_job(acquisition.job(Path(sys.argv[1]), acquisition.LONG), lambda _, status: print(status.t_s, flush=True))
 """
 

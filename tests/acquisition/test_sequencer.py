@@ -8,6 +8,7 @@ import pytest
 from bench.acquisition.profile.guards import DEFAULT_GUARDS, Guards, GuardSettings, Signal
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run.sequencer import Sequencer
+from bench.acquisition.run.wiring import Continue, Stop, Wiring
 from bench.acquisition.station.settings import LinkSettings, SafeStateSettings
 from bench.base.errors import EquipmentError, RunAborted
 from drivers.chamber import ChamberReading
@@ -80,7 +81,7 @@ class FakeChamber:
 class FakeBench:
     """Station, recorder and sequencer; the unit's sensor is the air."""
 
-    def __init__(self, *guards, native_ramp=True, hooks=None, link=None):
+    def __init__(self, *guards, native_ramp=True, hooks=None, link=None, **wiring):
         self.clock = SimClock()
         self.chamber = FakeChamber(self.clock, native_ramp)
         self.unit = SimpleNamespace(newest_frame_s=None, temperature=None)
@@ -93,8 +94,9 @@ class FakeBench:
         self.events, self.readings, self.seen, self.disk_mb = [], 0, [], 1e6
         self.bus_failed_s = 0.0
         self.hooks, self.lag_degc = hooks or {}, 0.0
-        self.sequencer = Sequencer(self, Guards(guards), self, self.seen.append)
-        self.sequencer.signals.extra = lambda: {"disk_free_mb": Signal(self.disk_mb, self.clock.now())}
+        disk = lambda: {"disk_free_mb": Signal(self.disk_mb, self.clock.now())}  # noqa: E731
+        wired = Wiring(onlooker=self.seen.append, surroundings=disk, **wiring)
+        self.sequencer = Sequencer(self, Guards(guards), self, wired)
 
     # station
     def missing_units(self):
@@ -479,8 +481,18 @@ def test_rates_are_turned_once_settled_and_the_table_stops_with_the_leg():
         def stop(self):
             told.append("stop")
 
-    bench = FakeBench()
-    bench.sequencer.turning = lambda leg: Turning() if leg.kind == "soak" else None
+    class Still:
+        def tick(self, now_s, settled):
+            return True
+
+        def stop(self):
+            pass
+
+    class Table:
+        def begin(self, leg):
+            return Turning() if leg.kind == "soak" else Still()
+
+    bench = FakeBench(table=Table())
     _, soak = bench.go(RAMP, "kind: soak, duration_min: 1")
     assert soak.to_s - soak.from_s == 100.0
     assert told == [*[True] * 100, "stop"]
@@ -499,3 +511,40 @@ def test_ticks_keep_their_second_however_long_the_work_takes():
     bench.go("kind: soak, duration_min: 1")
     times = [status.t_s for status in bench.seen]
     assert [t for t in times if 20 < t < 32] == [20.4, 21.0, 22.0, 23.0, 24.0, 28.3, 28.3, 29.3, 30.3, 31.3]
+
+
+class Satisfied:
+    """Has seen enough at a bench time."""
+
+    def __init__(self, at_s):
+        self.at_s, self.asked = at_s, 0
+
+    def decide(self, status):
+        self.asked += 1
+        return Stop("the coefficients are good enough", who="fit") if status.t_s >= self.at_s else Continue()
+
+
+def test_who_is_asked_whether_the_run_goes_on_may_end_it_and_is_named():
+    decider = Satisfied(40.0)
+    bench = FakeBench(decider=decider)
+    (ramp,) = bench.go(RAMP, "kind: soak, duration_min: 1")
+    said = "ended early by fit: the coefficients are good enough"
+    assert (ramp.outcome, ramp.reason, ramp.to_s) == ("ended", said, 40.0)
+    assert [text for _, kind, text in bench.events if kind == "decision"] == [said]
+    assert (str(bench.sequencer.decision), decider.asked) == (said, len(bench.seen))
+
+
+def test_a_run_that_is_ended_early_while_it_is_cold_goes_home_first_and_asks_nobody_on_the_way():
+    decider = Satisfied(1500.0)
+    bench = FakeBench(decider=decider)
+    *_, home = bench.go("kind: ramp, to_degc: -10, rate_degc_per_min: 2", "kind: soak, duration_min: 60")
+    assert (home.name, home.outcome) == ("return to ambient", "done")
+    assert home.from_s == 1500.0
+    assert decider.asked == len([status for status in bench.seen if status.leg.name != home.name])
+
+
+def test_a_run_that_is_held_can_be_ended_early():
+    bench = FakeBench(decider=Satisfied(100.0), hooks={30: lambda bench: bench.sequencer.request_hold("me")})
+    held = bench.go(RAMP)
+    assert [result.outcome for result in held] == ["held"]
+    assert bench.sequencer.decision.who == "fit"

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 import pytest
 
+from bench.acquisition.recording.journals import read_bench
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.station.serve import serve_station
 from bench.acquisition.station.settings import StationSettings
@@ -17,6 +18,7 @@ from bench.base.errors import EquipmentError, InputError
 from bench.record.folder import RunFolder, create_run
 from drivers.clock import WallClock
 from drivers.errors import LinkError
+from drivers.journal import Damage
 from tests.support import acquisition
 
 CHAMBER = {
@@ -150,12 +152,12 @@ def test_what_arrives_last_is_taken_before_the_capture_ends(real):
 
 def test_the_chamber_is_driven_over_its_real_link(real):
     world, station = real
-    written = []
-    station.on_write = written.append
     station.chamber.set_point(30.0)
     station.chamber.start()
+    station._recorder.sync()
+    events = read_bench(station._recorder.run, Damage()).events
     assert (world.chamber.commands().setpoint, world.chamber.commands().on) == (30.0, True)
-    assert [write.register for write in written] == ["setpoint", "mode"]
+    assert [event["register"] for event in events if event["kind"] == "write"] == ["setpoint", "mode"]
 
 
 def test_a_capture_that_dies_is_a_failure_of_the_equipment(real):
@@ -177,19 +179,20 @@ def test_a_bus_whose_capture_dies_takes_its_units_with_it_and_leaves_the_others(
         settings = load(content)
         with open_station(settings, settings.units) as station:
             recorder = Recorder(folders[0], station.clock, {}, (folders[1], {}))
-            gone, told = [], []
-            station.on_drop, station.on_event = gone.append, lambda kind, text, **facts: told.append(facts["state"])
             station.start_capture(recorder)
             served.station.advance(0.0, 1.0)
             poll_until(station, lambda: all(unit.missing() is None for unit in station.units))
             os.kill(station._captures["can2"].pid, signal.SIGKILL)
-            poll_until(station, lambda: gone)
+            poll_until(station, lambda: station.dropped)
             assert [unit.serial for unit in station.units] == ["G1"]
-            assert gone[0].reason == "bus can2 is lost: capture process ended (exit code -9)"
-            assert told == ["lost"]
+            assert station.dropped[0].reason == "bus can2 is lost: capture process ended (exit code -9)"
             station.poll()
             station.stop_capture()
             recorder.close()
+            events = read_bench(folders[0], Damage()).events
+            assert [event["state"] for event in events if event["kind"] == "link"] == ["lost"]
+            assert [event["unit"] for event in events if event["kind"] == "dropped"] == ["G2"]
+            assert read_bench(folders[1], Damage()).end()["state"] == "failed"
 
 
 def test_a_chamber_that_does_not_answer_is_known_before_a_run_folder_exists():

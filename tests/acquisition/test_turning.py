@@ -322,10 +322,23 @@ def leg(turn_dps, kind="rate", duration_s=5.0):
     return Leg(0, "a leg", kind, 23.0, 23.0, 100.0, 0.0, 5.0, duration_s=duration_s, turn_dps=turn_dps)
 
 
+class Told:
+    """Keeps what a run would record."""
+
+    def __init__(self):
+        self.events = []
+
+    def event(self, kind, text, **facts):
+        self.events.append((text, facts))
+
+    def table(self, readings):
+        pass
+
+
 @pytest.fixture
 def turntable():
     clock = SimClock()
-    return Turntable(FakeTable(clock), clock, tolerance_dps=0.05)
+    return Turntable(FakeTable(clock), clock, 0.05, Told())
 
 
 def live(turntable, seconds):
@@ -355,12 +368,10 @@ def test_without_a_leg_the_table_comes_to_a_stand_and_goes_on_with_the_next(turn
 
 
 def test_from_leg_to_leg_at_one_rate_nothing_is_commanded(turntable):
-    told = []
-    turntable.on_event = lambda kind, text, **facts: told.append(facts.get("rate_dps"))
     turntable.begin(leg(30.0)).stop()
     turntable.begin(leg(30.0, "soak"))
     live(turntable, 2)
-    assert told == [None, 30.0]
+    assert [facts.get("rate_dps") for _, facts in turntable._journal.events] == [None, 30.0]
 
 
 def test_a_table_that_never_gets_there_or_leaves_its_rate_has_failed(turntable):
@@ -371,13 +382,14 @@ def test_a_table_that_never_gets_there_or_leaves_its_rate_has_failed(turntable):
 
 
 def test_a_silent_table_ends_the_run_only_while_its_axis_is_on(turntable):
-    told = []
-    turntable.on_event = lambda kind, text, **facts: told.append(text)
     turntable.table.silent = True
     live(turntable, 3)
     turntable.table.silent = False
     live(turntable, 3)
-    assert [text[:24] for text in told] == ["rate table does not answ", "rate table answers again"]
+    assert [text[:24] for text, _ in turntable._journal.events] == [
+        "rate table does not answ",
+        "rate table answers again",
+    ]
     turntable.begin(leg(30.0))
     turntable.table.silent = True
     with pytest.raises(LinkError):

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from bench.acquisition.profile.guards import Signal
 from bench.acquisition.profile.profile import profile_from_text
-from bench.acquisition.run.sequencer import Status
+from bench.acquisition.run.status import Status
 from bench.commands.terminal import progress
 from bench.commands.terminal.progress import Progress
 from drivers.chamber import ChamberReading

@@ -71,7 +71,7 @@ class BenchJournal:
             end = self.end()
             cut = {"to_s": to_s, "outcome": "interrupted", "reason": end["text"] if end else KILLED}
             segments.append({**started[-1]["segment"], **cut})
-        return [{**segment, "settled": segment["outcome"] == "done"} for segment in segments]
+        return [{**segment, "settled": segment["outcome"] in ("done", "ended")} for segment in segments]
 
 
 def read_bench(run: RunFolder, damage: Damage) -> BenchJournal:

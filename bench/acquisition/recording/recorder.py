@@ -54,6 +54,7 @@ class Recorder:
         self._clock = clock
         self._journals = {folder: JournalWriter(folder.journal / BENCH_JOURNAL) for folder in self.runs}
         self._shared: list[JournalWriter] = []
+        self._held_back: list[tuple[bytes, float, int]] | None = None  # payload, bench time [s], wall time [ns]
         self._synced_wall_s = time.monotonic()
         for folder, content in folders:
             self._append_json(Kind.META, content, folder)
@@ -65,7 +66,22 @@ class Recorder:
 
     def event(self, kind: str, text: str, **facts: Any) -> None:
         """Record something that happened, with its numbers."""
-        self._append_json(Kind.EVENT, self._event(kind, text, facts))
+        content = self._event(kind, text, facts)
+        if self._held_back is None:
+            self._append_json(Kind.EVENT, content)
+        else:
+            self._held_back.append((_json(content), self._clock.now(), time.time_ns()))
+
+    def hold_back(self) -> None:
+        """Keep events in memory until `write_held`: what makes equipment safe must not fail for a full disk."""
+        self._held_back = []
+
+    def write_held(self) -> None:
+        """Record the events that were held back, with the times at which they happened, and hold back no more."""
+        held, self._held_back = self._held_back or [], None
+        for payload, t_s, wall_ns in held:
+            for journal in self._journals.values():
+                journal.append(Kind.EVENT, payload, 1, t_s, wall_ns)
 
     def leave(self, run: RunFolder, text: str, **facts: Any) -> None:
         """The last event of a run folder whose unit leaves; nothing more is recorded there."""
@@ -113,12 +129,16 @@ class Recorder:
         yield from self._shared
 
     def _append_json(self, kind: Kind, content: Mapping[str, Any], run: RunFolder | None = None) -> None:
-        self._append(kind, json.dumps(content, allow_nan=False).encode(), self._clock.now(), run)
+        self._append(kind, _json(content), self._clock.now(), run)
 
     def _append(self, kind: Kind, payload: bytes, t_s: float, run: RunFolder | None = None) -> None:
         wall_ns = time.time_ns()
         for journal in self._journals.values() if run is None else (self._journals[run],):
             journal.append(kind, payload, 1, t_s, wall_ns)
+
+
+def _json(content: Mapping[str, Any]) -> bytes:
+    return json.dumps(content, allow_nan=False).encode()
 
 
 def _text(value: Value) -> str:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.sequencer import Sequencer
+from bench.acquisition.run.watch import Watch
 from bench.acquisition.station.safety import SafeState, failures
 from bench.acquisition.station.station import Station
-from bench.acquisition.station.watchdog import Watchdog
 from bench.base import BenchError, EquipmentError, InputError, RunAborted
 from drivers.errors import DriverError
 
@@ -23,7 +21,7 @@ def _state(error: BenchError | None) -> str:
 
 
 def as_bench_error(caught: BenchError | DriverError | OSError, moved: bool) -> BenchError:
-    """What ended the run, as an error of the bench; once equipment has moved, it is no more a matter of bad input."""
+    """What ended the run, as an error of the bench; once equipment has moved, bad input is an equipment error too."""
     if isinstance(caught, BenchError) and not (moved and isinstance(caught, InputError)):
         return caught
     error = EquipmentError(cannot_record(caught) if isinstance(caught, OSError) else str(caught))
@@ -32,53 +30,46 @@ def as_bench_error(caught: BenchError | DriverError | OSError, moved: bool) -> B
 
 
 def make_safe(
-    station: Station, recorder: Recorder, error: BenchError | None, sequencer: Sequencer, watchdog: Watchdog | None
+    station: Station, recorder: Recorder, error: BenchError | None, sequencer: Sequencer, watch: Watch
 ) -> BenchError | None:
     """The safe state, read back; says loudly what could not be verified, and leaves that to the watchdog.
 
     Equipment that was not commanded yet is left as it was found. The disk may be full: equipment first, records then.
     """
-    records: list[Callable[[], None]] = []
-    trouble = ""
-    if sequencer.moved:
-        station.on_write = lambda write: records.append(partial(recorder.write, write))
-        settings = station.settings
-        way = SafeState(
-            station.chamber,
-            station.clock,
-            settings.safe_state,
-            settings.ambient_degc,
-            60.0 * settings.safe_state.retry_min,
-            stop_table=list if station.turntable is None else station.turntable.safe,
-            beat=partial(_still_alive, watchdog, 60.0 + 4.0 * settings.safe_state.step_s),
-            hurry=lambda: sequencer.asked_to_stop,
-            report=lambda kind, text, **facts: records.append(partial(recorder.event, kind, text, **facts)),
-        )
-        trouble = failures(way.make())
-    if watchdog is not None:
-        (watchdog.take_over if trouble else watchdog.done)()
+    recorder.hold_back()
+    trouble = _go_to_safe_state(station, recorder, sequencer, watch) if sequencer.moved else ""
+    watch.end(verified=not trouble)
     if trouble:
-        further = "; the watchdog goes on trying" if watchdog is not None else ""
+        further = "; the watchdog goes on trying" if watch.over else ""
         cause = f" (run ended by: {error})" if error is not None else ""
         error = EquipmentError(f"{trouble}{further}{cause}")
         with suppress(OSError):  # now, and not after minutes of tables and report
             print(f"bench: {error}", file=sys.stderr, flush=True)
     try:
-        for record in records:
-            record()
+        recorder.write_held()
         station.stop_capture()
-        recorder.event("end", str(error or "end of profile"), state=_state(error))
+        recorder.event("end", str(error or sequencer.decision or "end of profile"), state=_state(error))
         recorder.sync()
     except OSError as caught:
         error = error or EquipmentError(cannot_record(caught))
     return error
 
 
-def _still_alive(watchdog: Watchdog | None, allow_s: float) -> None:
-    """A heartbeat that may be the last one for a while; a watchdog that died does not keep us from being safe."""
-    if watchdog is not None:
-        with suppress(EquipmentError):
-            watchdog.beat(allow_s)
+def _go_to_safe_state(station: Station, recorder: Recorder, sequencer: Sequencer, watch: Watch) -> str:
+    """What could not be verified; empty when all was."""
+    settings = station.settings
+    way = SafeState(
+        station.chamber,
+        station.clock,
+        settings.safe_state,
+        settings.ambient_degc,
+        60.0 * settings.safe_state.retry_min,
+        stop_table=list if station.turntable is None else station.turntable.safe,
+        beat=lambda: watch.allow(60.0 + 4.0 * settings.safe_state.step_s),
+        hurry=lambda: sequencer.asked_to_stop,
+        report=recorder.event,
+    )
+    return failures(way.make())
 
 
 def cannot_record(error: OSError) -> str:

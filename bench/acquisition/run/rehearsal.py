@@ -12,8 +12,10 @@ from typing import Any, cast
 from bench.acquisition.profile.guards import Guards, Signal, guards_of
 from bench.acquisition.profile.profile import Profile
 from bench.acquisition.recording.recorder import Recorder
-from bench.acquisition.run.sequencer import SegmentResult, Sequencer
+from bench.acquisition.run.sequencer import Sequencer
 from bench.acquisition.run.signals import told_by
+from bench.acquisition.run.status import SegmentResult
+from bench.acquisition.run.wiring import Wiring
 from bench.acquisition.station.settings import StationSettings
 from bench.acquisition.station.station import Station
 from bench.base import BenchError
@@ -102,9 +104,7 @@ def rehearse(profile: Profile, settings: StationSettings) -> Sequence[SegmentRes
     InputError for a guard on a signal that the controller of this station never tells.
     """
     guards_of(settings.guards, profile.guards, told_by(load_map(settings.chamber.map)))
-    sequencer = Sequencer(
-        cast(Station, _Bench(settings)), Guards(()), cast(Recorder, _NoRecorder()), lambda status: None
-    )
+    sequencer = Sequencer(cast(Station, _Bench(settings)), Guards(()), cast(Recorder, _NoRecorder()), Wiring())
     try:
         sequencer.check_before_start()
         sequencer.start_chamber()

@@ -11,9 +11,8 @@ import shutil
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +25,15 @@ from bench.acquisition.run.continuation import Continuation
 from bench.acquisition.run.control import Desk, serve_desk
 from bench.acquisition.run.ending import as_bench_error, cannot_record, make_safe
 from bench.acquisition.run.remote import whoami
-from bench.acquisition.run.sequencer import Sequencer, Status
+from bench.acquisition.run.sequencer import Sequencer
+from bench.acquisition.run.status import Status
+from bench.acquisition.run.watch import Watch
+from bench.acquisition.run.wiring import Decider, Wiring
 from bench.acquisition.station.memory import Compensated, Output
 from bench.acquisition.station.settings import StationSettings
-from bench.acquisition.station.station import Dropped, LiveUnit, Station, open_station
-from bench.acquisition.station.watchdog import Watchdog
+from bench.acquisition.station.station import LiveUnit, Station, open_station
 from bench.base import BenchError, EquipmentError, InputError, package_versions
 from bench.record import RunFolder, create_run
-from drivers.clock import WallClock
 from drivers.errors import DriverError
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -90,32 +90,39 @@ class RunResult:
         return max(errors, key=lambda error: error.exit_code, default=None)
 
 
+@dataclass(frozen=True)
+class _Others:
+    """Who sees a run and has a say in it."""
+
+    onlooker: Callable[[Station, Status], None]
+    desk: Desk
+    decider: Decider | None
+
+
 def run_job(
     job: Job,
     onlooker: Callable[[Station, Status], None] = lambda station, status: None,
     desk: Desk | None = None,
+    decider: Decider | None = None,
 ) -> RunResult:
     """Execute the job and leave a finished run folder for each unit; InputError before anything moves.
 
-    An aborted or failed run is returned with its error, not raised: its data are kept. What is our own bug (or an
-    interrupt that nobody handled) is raised again, after the safe state and with the run folders finished.
+    `decider` may end the run early: such a run is done, not aborted. An aborted or failed run is returned with its
+    error, not raised: its data are kept. What is our own bug (or an interrupt that nobody handled) is raised again,
+    after the safe state and with the run folders finished.
     """
     chosen = job.station.chosen(job.serials)
     start_s = 0.0 if job.continuation is None else job.continuation.start_s(job.station.simulated)
     with open_station(job.station, chosen, _occasion(job), start_s) as station:
         guards = _guards(job, station)
         recorder = _open_recorder(job, station)
-        station.on_event = recorder.event
-        if station.scenario is not None:
-            station.scenario.on_event = recorder.event
-        station.on_drop = partial(_drop, station, recorder)
         failures: tuple[BenchError | None, ...] = ()
         try:
             with _control(desk, recorder):
-                error = _conduct(job, station, guards, recorder, onlooker, desk or Desk())
+                error = _conduct(job, station, guards, recorder, _Others(onlooker, desk or Desk(), decider))
         finally:
             recorder.close()
-            failures = tuple(map(_assemble, recorder.runs, station.everyone))
+            failures = tuple(map(_finish, recorder.runs, station.everyone))
     reasons = {gone.unit.serial: EquipmentError(f"dropped: {gone.reason}") for gone in station.dropped}
     ended = zip(chosen, recorder.runs, failures, strict=True)
     return RunResult(
@@ -169,14 +176,7 @@ def _meta(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime) -> dic
     }
 
 
-def _drop(station: Station, recorder: Recorder, gone: Dropped) -> None:
-    """A unit leaves: its own run folder ends here with the reason, those of the others go on."""
-    folder = recorder.runs[station.everyone.index(gone.unit)]
-    recorder.leave(folder, gone.reason, state="failed", sound_until_s=gone.sound_until_s)
-    recorder.event("dropped", f"unit {gone.unit.serial} left the run: {gone.reason}", unit=gone.unit.serial)
-
-
-def _assemble(folder: RunFolder, unit: LiveUnit) -> BenchError | None:
+def _finish(folder: RunFolder, unit: LiveUnit) -> BenchError | None:
     """Finish a run folder; a disk that does not take the tables leaves the journals to make them from later."""
     try:
         assemble(folder, unit.decoded())
@@ -198,25 +198,28 @@ def _conduct(
     station: Station,
     guards: Guards,
     recorder: Recorder,
-    onlooker: Callable[[Station, Status], None],
-    desk: Desk,
+    others: _Others,
 ) -> BenchError | None:
     """Run the sequence and make the equipment safe; the error that ended it, if any."""
-    watched = desk.watched(onlooker)
+    desk, watched = others.desk, others.desk.watched(others.onlooker)
     output = Output(station, job.compensation, recorder.event)
 
     def look(status: Status) -> None:
         watched(station, status)
         output.check()
 
-    sequencer = Sequencer(station, guards, recorder, look)
-    if station.turntable is not None:
-        sequencer.turning = station.turntable.begin
+    watch = Watch(station, recorder)
+    wiring = Wiring(
+        onlooker=look,
+        table=station.turntable,
+        heart=watch,
+        surroundings=lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)},
+    )
+    if others.decider is not None:
+        wiring = replace(wiring, decider=others.decider)
+    sequencer = Sequencer(station, guards, recorder, wiring)
     desk.attach(sequencer, job.profile.duration_s, guards)
-    sequencer.signals.extra = lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)}
-    station.on_write = recorder.write
     error: BenchError | None = None
-    watchdog: Watchdog | None = None
     with _stop_signals(sequencer):
         try:
             station.start_capture(recorder)
@@ -224,7 +227,7 @@ def _conduct(
             sequencer.check_before_start()
             output.establish()
             _record_gap(job, station, recorder)
-            watchdog = _watch(station, recorder, sequencer)
+            watch.start()
             sequencer.start_chamber()
             sequencer.run(job.legs())
         except (BenchError, DriverError, OSError) as caught:
@@ -233,8 +236,8 @@ def _conduct(
             error = EquipmentError(f"internal error: {type(bug).__name__}: {bug}")
             raise
         finally:
-            desk.ends(str(error or "the profile is over"))
-            error = make_safe(station, recorder, error, sequencer, watchdog)
+            desk.ends(str(error or sequencer.decision or "the profile is over"))
+            error = make_safe(station, recorder, error, sequencer, watch)
             output.restore()
     return error
 
@@ -246,20 +249,9 @@ def _record_gap(job: Job, station: Station, recorder: Recorder) -> None:
         recorder.event("gap", **job.continuation.gap(station.started_s, station.chamber.poll(), units))
 
 
-def _watch(station: Station, recorder: Recorder, sequencer: Sequencer) -> Watchdog | None:
-    """Let a process of its own watch over real equipment from here on; a simulated chamber dies with this process."""
-    if not isinstance(station.clock, WallClock):
-        return None
-    watchdog = Watchdog(station.settings, recorder.run.path, station.clock.started_monotonic_ns)
-    sequencer.beat = watchdog.beat
-    watchdog.arm()
-    recorder.event("watchdog", f"process {watchdog.pid} watches over this run", pid=watchdog.pid)
-    return watchdog
-
-
 @contextmanager
 def _control(desk: Desk | None, recorder: Recorder) -> Iterator[None]:
-    """Serve the desk to other processes of this machine; without a port the run goes its way."""
+    """Serve the desk to other processes of this machine; without a port the run goes on alone."""
     if desk is None:
         yield
         return

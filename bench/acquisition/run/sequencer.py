@@ -11,8 +11,8 @@ makes the equipment safe.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 from bench.acquisition.profile.guards import Guards
@@ -21,14 +21,13 @@ from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.operating import Operating
 from bench.acquisition.run.settling import Settling
 from bench.acquisition.run.signals import Signals
+from bench.acquisition.run.status import Outcome, SegmentResult, Status
+from bench.acquisition.run.wiring import Stop, Wiring
 from bench.acquisition.station.links import ChamberLink
-from bench.acquisition.station.safety import HOME, home_leg
+from bench.acquisition.station.safety import home_leg
 from bench.acquisition.station.station import Station
-from bench.acquisition.station.turning import Turning
 from bench.base import EquipmentError, RunAborted
 from drivers.chamber import ChamberReading
-
-__all__ = ["HOME", "SegmentResult", "Sequencer", "Status"]
 
 TICK_S = 1.0
 APPEAR_S = 10.0
@@ -36,43 +35,13 @@ APPEAR_S = 10.0
 ARRIVED_DEGC = 0.05
 """A working set point this near to the target has arrived; controllers display tenths."""
 
-Outcome = Literal["done", "timeout", "held", "interrupted"]
-
-
-@dataclass(frozen=True)
-class SegmentResult:
-    """One executed segment: when, how it ended, and why if not as planned."""
-
-    index: int
-    name: str
-    kind: str
-    from_s: float
-    to_s: float
-    target_degc: float
-    rate_degc_per_min: float | None
-    direction: str
-    outcome: Outcome = "interrupted"
-    reason: str = ""
-
-
-@dataclass(frozen=True)
-class Status:
-    """What an onlooker may want to know, once a tick."""
-
-    t_s: float
-    leg: Leg
-    leg_from_s: float
-    legs: int
-    reading: ChamberReading
-    unit_degc: float
-    holding: tuple[str, ...]
-    """The guards and operators that hold the run."""
-    state: Literal["running", "holding", "pausing"] = "running"
-    """`pausing`: will hold after the present segment."""
-
 
 class _SafeStop(RunAborted):
     """A guard ends the profile but not the recording."""
+
+
+class _EndedEarly(Exception):  # noqa: N818 (the run is done)
+    """Whoever was asked whether the run goes on said that it need not."""
 
 
 class Sequencer:
@@ -83,20 +52,19 @@ class Sequencer:
         station: Station,
         guards: Guards,
         recorder: Recorder,
-        onlooker: Callable[[Status], None],
+        wiring: Wiring,
     ) -> None:
+        """`wiring` says who answers what the sequencer asks."""
         self._station, self._clock, self._chamber = station, station.clock, station.chamber
-        self._guards, self._recorder, self._onlooker = guards, recorder, onlooker
+        self._guards, self._recorder, self._wiring = guards, recorder, wiring
         self._link = ChamberLink(station.chamber, station.clock, station.settings.chamber.link, recorder.event)
         self._operating = Operating(recorder.event)
-        self.signals = Signals(station, self._link)
-        self.beat: Callable[[], None] = lambda: None
-        """Called at every tick: the heartbeat that a watchdog listens to."""
-        self.turning: Callable[[Leg], Turning | None] = lambda leg: None
-        """What turns the units during a leg; None: nothing."""
+        self._signals = Signals(station, self._link, wiring.surroundings)
         self.results: list[SegmentResult] = []
         self.moved = False
         """Whether the chamber was commanded; if not, it is still as it was found."""
+        self.decision: Stop | None = None
+        """Who ended the run early, and why; None: nobody."""
         self._reading: ChamberReading | None = None
         self._next_s = station.clock.now()
         self._legs = 0
@@ -152,6 +120,8 @@ class Sequencer:
         try:
             for leg in legs:
                 self._execute(leg)
+        except _EndedEarly:
+            pass
         except _SafeStop as stop:
             self._go_home(legs)
             raise RunAborted(f"{stop}; the chamber is back at ambient") from None
@@ -187,6 +157,9 @@ class Sequencer:
         reason = ""
         try:
             outcome, reason = self._follow(leg, from_s)
+        except _EndedEarly as end:
+            outcome, reason = "ended", str(end)
+            raise
         except BaseException as error:
             reason = str(error) or type(error).__name__
             raise
@@ -200,7 +173,8 @@ class Sequencer:
         """Command the leg and tick until it is over; how it ended, and why if not as planned."""
         rate = leg.rate_degc_per_min if leg.kind == "ramp" else None
         drive, driven = self._link.way_to(leg.target_degc, rate, self._here()), False
-        turning, turned = self.turning(leg), True
+        table = self._wiring.table
+        turning, turned = None if table is None else table.begin(leg), True
         settling = Settling(leg.settle, leg.target_degc) if leg.settle is not None else None
         settled_s: float | None = None if settling is not None else from_s
         try:
@@ -260,7 +234,7 @@ class Sequencer:
         """Wait for the next tick; one that was missed is not made up for."""
         self._next_s = max(self._next_s + TICK_S, self._clock.now())
         self._clock.sleep_until(self._next_s)
-        self.beat()
+        self._wiring.heart.beat()
         self._operating.take()
 
     def _tick(self, leg: Leg | None = None, leg_from_s: float = 0.0) -> None:
@@ -268,7 +242,7 @@ class Sequencer:
         if (reading := self._link.poll()) is not None:
             self._reading = reading
             self._recorder.reading(reading)
-            self.signals.take(reading, ours_on=self.moved)
+            self._signals.take(reading, ours_on=self.moved)
         self._station.poll()
         self._recorder.tick()
         self._guard()
@@ -278,11 +252,22 @@ class Sequencer:
             state: Literal["running", "holding", "pausing"] = "pausing" if self._operating.pause else "running"
             state = "holding" if holding else state
             now_s = self._clock.now()
-            self._onlooker(Status(now_s, leg, leg_from_s, self._legs, self._reading, unit_degc, holding, state))
+            status = Status(now_s, leg, leg_from_s, self._legs, self._reading, unit_degc, holding, state)
+            self._wiring.onlooker(status)
+            self._ask_whether_to_go_on(status)
+
+    def _ask_whether_to_go_on(self, status: Status) -> None:
+        if self._homeward:
+            return
+        decision = self._wiring.decider.decide(status)
+        if isinstance(decision, Stop):
+            self.decision = decision
+            self._recorder.event("decision", str(decision), who=decision.who, reason=decision.reason)
+            raise _EndedEarly(str(decision))
 
     def _guard(self) -> None:
         """Evaluate the guards; RunAborted when one of them ends the run."""
-        for trip in self._guards.evaluate(self.signals.collect(), self._clock.now()):
+        for trip in self._guards.evaluate(self._signals.collect(), self._clock.now()):
             self._recorder.event("guard", trip.text, tripped=trip.tripped, action=trip.guard.action)
         if not self.moved:
             return

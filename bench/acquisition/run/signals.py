@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection
 
 from bench.acquisition.profile.guards import Signal
+from bench.acquisition.run.wiring import Surroundings
 from bench.acquisition.station.links import SAME_DEGC, ChamberLink
 from bench.acquisition.station.station import Station
 from drivers.chamber import ChamberReading
@@ -29,9 +30,8 @@ def told(reading: ChamberReading) -> Collection[str]:
 class Signals:
     """Collects them once a tick; a signal that is not known now is left out."""
 
-    def __init__(self, station: Station, link: ChamberLink) -> None:
-        self.extra: Callable[[], Mapping[str, Signal]] = dict
-        """Signals from elsewhere, such as the free disk."""
+    def __init__(self, station: Station, link: ChamberLink, surroundings: Surroundings = dict) -> None:
+        self._surroundings = surroundings
         self._station, self._clock, self._link = station, station.clock, link
         self._reading: ChamberReading | None = None
         self._changed_s = 0.0
@@ -53,7 +53,7 @@ class Signals:
         silent_s = self._link.link.silent_s(now_s)
         failed_s = self._station.bus_failed_s
         signals = {"chamber_silent_s": Signal(silent_s, now_s), "bus_failed_s": Signal(failed_s, now_s)}
-        return {**signals, **self._of_units(now_s), **self._of_chamber(), **self.extra()}
+        return {**signals, **self._of_units(now_s), **self._of_chamber(), **self._surroundings()}
 
     def _of_chamber(self) -> dict[str, Signal]:
         reading = self._reading

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from typing import Any
 
 import can
 
 from bench.acquisition.station.faults import CHAMBER, REPLACED, WIRE, FaultSettings
+from bench.acquisition.station.records import Journal
 from bench.acquisition.station.settings import StationSettings, UnitSettings
 from drivers.registers import RegisterMap
 from drivers.sim.faults.bus import FaultyBus
@@ -29,10 +30,10 @@ class Scenario:
         simulation: SimulatedStation,
         registers: RegisterMap,
         stack: ExitStack,
+        journal: Journal,
     ) -> None:
-        """`stack` closes what stands between the bench and the simulated equipment."""
-        self.on_event: Callable[..., None] = lambda kind, text, **facts: None
-        """Hears when a fault begins and ends: kind, text and numbers of an event."""
+        """`stack` closes what stands between bench and equipment; `journal` is told when a fault begins and ends."""
+        self._journal = journal
         self.wires: dict[str, FaultyBus] = {}
         """Faulty wires, by the name of a bus or the serial number of a unit."""
         self.proxy: ModbusProxy | None = None
@@ -70,7 +71,7 @@ class Scenario:
             before = self._struck(fault)
             self._switch(fault, on=begins)
             text = f"{fault} begins" if begins else f"{fault} ends"
-            self.on_event("rehearsal", text, fault=fault.fault, on=fault.on, begins=begins, struck=before)
+            self._journal.event("rehearsal", text, fault=fault.fault, on=fault.on, begins=begins, struck=before)
         self._simulation.advance(t0_s, t1_s)
 
     def _struck(self, fault: FaultSettings) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
 
+from bench.acquisition.station.records import Journal
 from bench.acquisition.station.settings import Bus, RateTableSettings, StationSettings
 from bench.acquisition.station.turning import Turntable
 from drivers.aerosmith_table import AerosmithTable, Line
@@ -16,7 +17,9 @@ from drivers.rate_table import RateTable, SafeStep, TableLimits
 from drivers.sim.cia402_table import SimulatedTable, TableSettings
 
 
-def open_table(settings: StationSettings, clock: Clock, buses: Mapping[str, Bus], stack: ExitStack) -> Turntable | None:
+def open_table(
+    settings: StationSettings, clock: Clock, buses: Mapping[str, Bus], stack: ExitStack, journal: Journal
+) -> Turntable | None:
     """The station's table, identified and prepared, nothing moved; None without one. `stack` closes it.
 
     Raises DriverError when it is not there or not the one described.
@@ -26,7 +29,7 @@ def open_table(settings: StationSettings, clock: Clock, buses: Mapping[str, Bus]
         return None
     table = stack.enter_context(closing(_driver(chosen, clock, buses, stack)))
     table.identify()
-    turntable = Turntable(table, clock, chosen.tolerance_dps)
+    turntable = Turntable(table, clock, chosen.tolerance_dps, journal)
     turntable.lacks = table.prepare()
     return turntable
 

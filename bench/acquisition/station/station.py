@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import can
@@ -17,13 +17,14 @@ from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.station.injected import TIMEOUT_S, Scenario
 from bench.acquisition.station.links import Link
 from bench.acquisition.station.rate_table import open_table, simulate_table
+from bench.acquisition.station.records import Records
 from bench.acquisition.station.settings import LOCAL_INTERFACES, Bus, Connection, StationSettings, UnitSettings
 from bench.acquisition.station.turning import Turntable
 from bench.acquisition.station.unit import LiveUnit, Trouble
 from bench.base import EquipmentError
 from bench.record import share, slug
 from drivers.canbus import Capture, CaptureHealth, InProcessCapture, ProcessCapture, open_bus
-from drivers.chamber import Chamber, Write
+from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
 from drivers.journal import FrameArray, JournalWriter
 from drivers.modbus import ModbusLink
@@ -50,6 +51,22 @@ class Dropped:
     """Bench time up to which its data are its own [s]."""
 
 
+@dataclass(frozen=True)
+class Opened:
+    """Equipment beside chamber and clock that is open."""
+
+    buses: Mapping[str, Bus]
+    """Under the names that they are open by: a simulated station has private ones."""
+    local_buses: Mapping[str, can.BusABC] = field(default_factory=dict)
+    """Those that live inside this process."""
+    turntable: Turntable | None = None
+    """The rate table that the units are on, where there is one."""
+    scenario: Scenario | None = None
+    """What goes wrong in a simulated station on purpose."""
+    records: Records = field(default_factory=Records)
+    """Where all of it is recorded."""
+
+
 class Station:
     """Everything that is open: one clock, one chamber, the buses and the units on them.
 
@@ -64,36 +81,31 @@ class Station:
         link: ModbusLink,
         registers: RegisterMap,
         units: Sequence[UnitSettings],
+        opened: Opened | None = None,
     ) -> None:
+        """`opened` is what else of the equipment is open."""
+        opened = opened or Opened(settings.buses)
         limits = settings.chamber.lowest_degc, settings.chamber.highest_degc
         self.settings, self.clock = settings, clock
         self.started_s = clock.now()
         """Bench time at which it was opened [s]."""
-        self.chamber = Chamber(link, registers, limits, clock, journal=self._written)
+        self.chamber = Chamber(link, registers, limits, clock, journal=opened.records.write)
         self.everyone = tuple(LiveUnit(unit, clock) for unit in units)
         self.units = list(self.everyone)
         self.dropped: list[Dropped] = []
-        self.on_write: Callable[[Write], None] = lambda write: None
-        """Sees every register of the chamber that is written."""
-        self.on_drop: Callable[[Dropped], None] = lambda dropped: None
-        """Sees every unit that leaves."""
-        self.on_event: Callable[..., None] = lambda kind, text, **facts: None
-        """Hears what happens to the buses: kind, text and numbers of an event."""
-        self.scenario: Scenario | None = None
-        """What goes wrong in a simulated station on purpose."""
-        self.turntable: Turntable | None = None
-        """The rate table that the units are on, where there is one."""
-        self.buses: Mapping[str, Bus] = settings.buses
-        """Under the names that they are open by: a simulated station has private ones."""
-        self.local_buses: dict[str, can.BusABC] = {}
+        self.scenario = opened.scenario
+        self.turntable = opened.turntable
+        self.buses = opened.buses
+        self._local_buses, self._records = opened.local_buses, opened.records
+        self._recorder: Recorder | None = None
         self._captures: dict[str, Capture] = {}
         self._links: dict[str, Link] = {}
         self._complete = False
 
     def start_capture(self, recorder: Recorder) -> None:
         """Capture every bus that a unit is on into one journal, which the run folders of all units on it share."""
-        if self.turntable is not None:
-            self.turntable.record, self.turntable.on_event = recorder.table, recorder.event
+        self._recorder = recorder
+        self._records.begin(recorder)
         folders = list(zip(self.everyone, recorder.runs, strict=True))
         for name in sorted({unit.settings.bus for unit in self.everyone}):
             path, *others = (run.journal / f"{name}.gtbj" for unit, run in folders if unit.settings.bus == name)
@@ -101,13 +113,13 @@ class Station:
             for other in others:
                 share(path, other)
             self._captures[name] = self._capture(name, path, recorder)
-            self._links[name] = Link(f"bus {name}", self.settings.buses[name].link, self.on_event)
+            self._links[name] = Link(f"bus {name}", self.settings.buses[name].link, self._records.event)
 
     def _capture(self, name: str, path: Path, recorder: Recorder) -> Capture:
-        if name in self.local_buses:
+        if name in self._local_buses:
             writer = JournalWriter(path)
             recorder.keep_synced(writer)
-            return InProcessCapture(self.local_buses[name], writer, now=self.clock.now)
+            return InProcessCapture(self._local_buses[name], writer, now=self.clock.now)
         started_ns = self.clock.started_monotonic_ns if isinstance(self.clock, WallClock) else 0
         heard = [unit.settings for unit in self.everyone if unit.settings.bus == name]
         return ProcessCapture(self.settings.buses[name].to_driver(heard), path, started_ns)
@@ -126,7 +138,7 @@ class Station:
         lost = self._lost_buses()
         for unit in self.units:
             for text in unit.news():
-                self.on_event("unit", text, unit=unit.serial)
+                self._records.event("unit", text, unit=unit.serial)
         if self._complete:
             self._drop(lost)
         if left := {unit.settings.bus for unit in self.units} & lost.keys():
@@ -170,7 +182,15 @@ class Station:
         for unit, trouble in troubles:
             self.units.remove(unit)
             self.dropped.append(Dropped(unit, trouble.reason, trouble.sound_until_s))
-            self.on_drop(self.dropped[-1])
+            self._tell(self.dropped[-1])
+
+    def _tell(self, gone: Dropped) -> None:
+        """A unit leaves: its own run folder ends here with the reason, those of the others go on."""
+        if self._recorder is not None:
+            folder = self._recorder.runs[self.everyone.index(gone.unit)]
+            self._recorder.leave(folder, gone.reason, state="failed", sound_until_s=gone.sound_until_s)
+        text = f"unit {gone.unit.serial} left the run: {gone.reason}"
+        self._records.event("dropped", text, unit=gone.unit.serial)
 
     def captures(self) -> list[CaptureHealth]:
         """How the capture of each bus is, by its name in the station file."""
@@ -204,9 +224,6 @@ class Station:
         counts = [unit.decoder.losses.as_dict() for unit in self.everyone]
         return {name: sum(count[name] for count in counts) for name in counts[0]}
 
-    def _written(self, write: Write) -> None:
-        self.on_write(write)
-
     def _take(self, bus: str, frames: FrameArray) -> None:
         for unit in self.units:
             if unit.settings.bus == bus:
@@ -223,6 +240,7 @@ def open_station(
     """
     registers = load_map(settings.chamber.map)
     scenario: Scenario | None = None
+    records = Records()
     with ExitStack() as stack:
         clock: Clock
         if settings.simulated:
@@ -231,7 +249,7 @@ def open_station(
             simulation = stack.enter_context(closing(simulate(settings, units, buses, stack, occasion)))
             connection = Connection(url=f"tcp://127.0.0.1:{simulation.modbus_port}")
             if settings.faults:
-                scenario = Scenario(settings, units, simulation, registers, stack)
+                scenario = Scenario(settings, units, simulation, registers, stack, records)
                 clock.attach(scenario.advance)
                 if scenario.proxy is not None:
                     connection = Connection(url=scenario.proxy.url, timeout_s=TIMEOUT_S)
@@ -243,16 +261,17 @@ def open_station(
             connection = settings.chamber.connection
         link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
         stack.enter_context(closing(link))
-        station = Station(settings, clock, link, registers, units)
-        station.scenario, station.buses = scenario, buses
+        local_buses: dict[str, can.BusABC] = {}
         for name, unit in {unit.bus: unit for unit in units}.items():
             if buses[name].interface in LOCAL_INTERFACES:
                 bus = open_bus(buses[name].to_driver())
                 stack.callback(bus.shutdown)
                 if scenario is not None and name in scenario.where:
                     bus = scenario.around(name, bus, unit)
-                station.local_buses[name] = bus
-        station.turntable = open_table(settings, clock, buses, stack)
+                local_buses[name] = bus
+        turntable = open_table(settings, clock, buses, stack, records)
+        opened = Opened(buses, local_buses, turntable, scenario, records)
+        station = Station(settings, clock, link, registers, units, opened)
         station.chamber.identify()
         stack.callback(station.stop_capture)
         yield station

@@ -7,16 +7,16 @@ when a leg first turns it; a run that turns nothing leaves it off.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 
 from bench.acquisition.profile.profile import Leg
+from bench.acquisition.station.records import Journal
 from bench.base import EquipmentError
 from drivers.clock import Clock
 from drivers.errors import LinkError
-from drivers.rate_table import RateTable, SafeStep, TableArray
+from drivers.rate_table import RateTable, SafeStep
 
 LATE_S = 30.0
 """Time that the table may need beyond what its acceleration says [s]."""
@@ -39,12 +39,10 @@ class Turning(Protocol):
 class Turntable:
     """The rate table of a station during a run; `table` is prepared."""
 
-    def __init__(self, table: RateTable, clock: Clock, tolerance_dps: float) -> None:
+    def __init__(self, table: RateTable, clock: Clock, tolerance_dps: float, journal: Journal) -> None:
+        """`journal` takes every reading of the encoder, and what the table was told."""
         self.table = table
-        self.record: Callable[[TableArray], None] = lambda readings: None
-        """Takes every reading of the encoder."""
-        self.on_event: Callable[..., None] = lambda kind, text, **facts: None
-        """Hears what the table was told."""
+        self._journal = journal
         self.lacks: tuple[str, ...] = ()
         """What of the supervision the table does not have."""
         self.rate_dps: float | None = None
@@ -62,7 +60,7 @@ class Turntable:
         if leg.turn_dps and not self.table.enabled:
             self.lacks = self.table.prepare()  # again: it may have been without power since
             self.table.enable()
-            self.on_event("rate_table", "switched on")
+            self._journal.event("rate_table", "switched on")
         self._go(leg.turn_dps)
         return _OneLeg(self, leg)
 
@@ -84,14 +82,16 @@ class Turntable:
             self._go(0.0)
         if not len(readings):
             return
-        self.record(readings)
+        self._journal.table(readings)
         self.rate_dps = float(np.mean(readings["rate_dps"]))
         self._supervise(self._clock.now())
 
     def _tell_silence(self, trouble: str) -> None:
         if bool(trouble) != self._silent:
             self._silent = bool(trouble)
-            self.on_event("link", f"rate table does not answer: {trouble}" if trouble else "rate table answers again")
+            self._journal.event(
+                "link", f"rate table does not answer: {trouble}" if trouble else "rate table answers again"
+            )
 
     def arrived_s(self) -> float | None:
         """Bench time since which the table has had its rate [s]; None: not yet."""
@@ -106,7 +106,7 @@ class Turntable:
             return
         self.table.set_rate(rate_dps)
         self._told_s, self._arrived_s, self._off_since = self._clock.now(), None, None
-        self.on_event("rate_table", f"commanded {rate_dps:g} deg/s", rate_dps=rate_dps)
+        self._journal.event("rate_table", f"commanded {rate_dps:g} deg/s", rate_dps=rate_dps)
 
     def _supervise(self, now_s: float) -> None:
         if self.rate_dps is None or not self.table.enabled:
