@@ -29,7 +29,7 @@ SERIALS = ["SIM-0001", "SIM-0002", "SIM-0003", "SIM-0004"]
 
 
 def job(out, **changes):
-    content = json.loads(json.dumps(acquisition.config.read(FOUR).content)) | changes
+    content = json.loads(json.dumps(acquisition.config.read_yaml(FOUR).content)) | changes
     return acquisition.job(out, settings=acquisition.station(**content))
 
 
@@ -77,7 +77,7 @@ def test_units_have_noise_of_their_own(whole):
 
 
 def test_a_unit_among_others_gives_what_it_gives_alone(whole, tmp_path):
-    alone = run_job(job(tmp_path, units=acquisition.config.read(FOUR).content["units"][:1]))
+    alone = run_job(job(tmp_path, units=acquisition.config.read_yaml(FOUR).content["units"][:1]))
     assert sha256(alone.run.data) == sha256(whole.units[0].run.data)
 
 
@@ -161,7 +161,7 @@ def test_another_unit_in_the_place_of_one_drops_that_one_and_what_is_not_its_own
 
 def test_two_units_under_one_number_are_told_even_where_no_identity_is_expected(world, tmp_path):
     units = [
-        {k: v for k, v in unit.items() if k != "identity"} for unit in acquisition.config.read(FOUR).content["units"]
+        {k: v for k, v in unit.items() if k != "identity"} for unit in acquisition.config.read_yaml(FOUR).content["units"]
     ]
 
     def look(station, status):
@@ -288,7 +288,7 @@ segments:
 
 
 def test_four_units_of_which_one_dies_in_mid_ramp_give_three_calibrations_and_one_reason(world, tmp_path):
-    settings = acquisition.station(**acquisition.config.read(FOUR).content)
+    settings = acquisition.station(**acquisition.config.read_yaml(FOUR).content)
     die = at(100, lambda station: world[0].units.pop(2))
     result = run_job(acquisition.job(tmp_path, UP_AND_DOWN, settings), die)
     answer = report_on_all(result.units, [load_model("polynomial")])
