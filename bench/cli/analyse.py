@@ -85,7 +85,7 @@ def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, 
     """Make the numbers of each RUN again from its raw frames; exit code 1 where a bit differs, and what it is."""
     from bench import commands
 
-    return commands.replay(runs, models, others)
+    return commands.replay_runs(runs, models, others)
 
 
 @click.command()

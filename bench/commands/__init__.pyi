@@ -13,7 +13,7 @@ from .calibration.order import Order as Order
 from .certifying import CertificateOptions as CertificateOptions
 from .certifying import certificate as certificate
 from .comparing import diff as diff
-from .comparing import replay as replay
+from .comparing import replay_runs as replay_runs
 from .delivering import export as export
 from .diagnosis import add as add
 from .diagnosis import diagnose as diagnose

@@ -8,7 +8,7 @@ from pathlib import Path
 from bench.commands.answer import Answer
 
 
-def replay(runs: Sequence[Path], models: Sequence[str], others: Sequence[Path]) -> Answer:
+def replay_runs(runs: Sequence[Path], models: Sequence[str], others: Sequence[Path]) -> Answer:
     """`bench replay`: exit code 1 where a number of a run is not the same again."""
     from bench.commands.replay.replaying import lines
     from bench.commands.replay.replaying import replay as made_again

@@ -40,5 +40,5 @@ def disturbed(folder: Path) -> Analysis:
 
 def quick(folder: Path, model: str = "polynomial", *, diagnose: bool = False) -> Analysis:
     """The analysis of one model, the noise floor not read from the run but known."""
-    with patch("bench.analysis.judging.analysis.noise_floor", return_value=FLOOR):
+    with patch("bench.analysis.judging.judge.noise_floor", return_value=FLOOR):
         return analyse(folder, [load_model(model)], diagnose=diagnose)

@@ -100,7 +100,7 @@ def test_a_live_run_is_seen_with_its_profile_its_guards_and_its_trace(desk, fold
 def test_a_run_is_asked_five_times_a_second_at_most(desk, folder, watcher, monkeypatch):
     asked = []
     ask = remote.ask_run
-    monkeypatch.setattr(watching.remote, "ask", lambda *a, **k: asked.append(a[1]) or ask(*a, **k))
+    monkeypatch.setattr(watching, "ask_run", lambda *a, **k: asked.append(a[1]) or ask(*a, **k))
     with live(desk, folder):
         for turn in range(100):
             watcher.turn(turn * 0.01)
@@ -115,7 +115,7 @@ def test_a_run_of_an_older_bench_is_live_without_curves(desk, folder, watcher, h
         asked.append(action)
         return ask(run, "curves" if action == "trace" else action, *more, **known)
 
-    monkeypatch.setattr(watching.remote, "ask", older)
+    monkeypatch.setattr(watching, "ask_run", older)
     with live(desk, folder):
         watcher.turn(0.0)
         desk.look(STATION, status(101.0))
@@ -169,7 +169,7 @@ def test_an_analysis_that_dies_is_told_with_why_and_what_to_do(desk, folder, rec
     watcher.turn(10.0)
     watcher.turn(20.0)
     assert len(heard.ends) == 1  # its process is this one, and lives
-    monkeypatch.setattr(watching.remote, "alive", lambda pid: False)
+    monkeypatch.setattr(watching, "process_alive", lambda pid: False)
     watcher.turn(30.0)
     last = heard.ends[-1]
     assert (last["state"], last["analysing"], last["units"][0]["analysed"]) == ("done", False, False)
@@ -254,7 +254,7 @@ def test_a_run_that_does_not_answer_is_silent_and_left_alone_for_a_while(folder,
         asked.append(run)
         raise remote.EquipmentError("does not answer; look at the chamber") from TimeoutError()
 
-    monkeypatch.setattr(watching.remote, "ask", silent)
+    monkeypatch.setattr(watching, "ask_run", silent)
     remote.LiveFile(os.getpid(), 9, "2026", [], "t").write(folder)
     for turn in range(20):
         watcher.turn(turn * PERIOD_S)
@@ -308,7 +308,7 @@ def test_one_run_that_cannot_be_understood_hides_no_other(desk, folder, watcher,
     other = folder.parent / "other"
     other.mkdir()
     remote.LiveFile(1, 9, "2025", [], "t").write(other)
-    told, ask = watching.describe, watching.remote.ask
+    told, ask = watching.describe, watching.ask_run
 
     def describe(run, start):
         return {}["nonsense"] if run.path == other else told(run, start)
@@ -318,7 +318,7 @@ def test_one_run_that_cannot_be_understood_hides_no_other(desk, folder, watcher,
         watcher.turn(0.0)
         assert [run.about["run"] for run in heard.runs] == ["G-1/run"]
         monkeypatch.setattr(watching, "describe", told)
-        monkeypatch.setattr(watching.remote, "ask", lambda run, *a, **k: {} if run.path == other else ask(run, *a, **k))
+        monkeypatch.setattr(watching, "ask_run", lambda run, *a, **k: {} if run.path == other else ask(run, *a, **k))
         watcher.turn(10.0)
     by_run = {run.about["run"]: run.told() for run in heard.runs}
     assert by_run["G-1/run"]["condition"] == "live"
