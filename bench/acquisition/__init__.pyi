@@ -1,4 +1,5 @@
 from .importer.columns import ColumnMap as ColumnMap
+from .importer.columns import column_map as column_map
 from .importer.columns import guess as guess
 from .importer.columns import split_header as split_header
 from .importer.plan import ImportPlan as ImportPlan
@@ -8,6 +9,7 @@ from .importer.plan import plan_table as plan_table
 from .importer.plan import write_import as write_import
 from .importer.tables import Table as Table
 from .importer.tables import read_table as read_table
+from .importer.tables import table_of as table_of
 from .importer.units import examples as examples
 from .profile.preflight import Recording as Recording
 from .profile.preflight import check_profile as check_profile

@@ -20,9 +20,12 @@ from .diagnosis.improve import improve as improve
 from .diagnosis.sentences import made_from as made_from
 from .effects.base import Effect as Effect
 from .effects.base import MovesAbscissa as MovesAbscissa
+from .effects.base import Parameter as Parameter
+from .effects.base import Physical as Physical
 from .effects.base import Theta as Theta
 from .effects.base import moves_abscissa as moves_abscissa
 from .effects.base import options_of as options_of
+from .effects.catalogue import Entry as Entry
 from .effects.catalogue import catalogue as catalogue
 from .effects.catalogue import entry as entry
 from .effects.expression import Expression as Expression
@@ -40,6 +43,7 @@ from .effects.signature import signature as signature
 from .fit.every_sample import Record as Record
 from .fit.fitting import Coefficient as Coefficient
 from .fit.fitting import Fit as Fit
+from .fit.fitting import Prediction as Prediction
 from .fit.fitting import fit_model as fit_model
 from .fit.from_moments import check as check
 from .fit.from_moments import solve_moments as solve_moments

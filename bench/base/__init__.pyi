@@ -2,6 +2,7 @@ from .channels import CHANNELS as CHANNELS
 from .channels import DPH_PER_DPS as DPH_PER_DPS
 from .channels import DPH_PER_RADPS as DPH_PER_RADPS
 from .channels import BoolArray as BoolArray
+from .channels import Channel as Channel
 from .channels import FloatArray as FloatArray
 from .channels import IntArray as IntArray
 from .config import STRICT as STRICT

@@ -1,11 +1,15 @@
 from .acquisition import RunOptions as RunOptions
+from .acquisition import Task as Task
 from .acquisition import check_command as check_command
 from .acquisition import init as init
+from .acquisition import job_of as job_of
 from .acquisition import run_profile as run_profile
 from .acquisition import sim as sim
+from .analysis import DEFAULT_MODELS as DEFAULT_MODELS
 from .analysis import compare as compare
 from .analysis import compare_every_sample as compare_every_sample
 from .analysis import import_table as import_table
+from .analysis import recover as recover
 from .analysis import report as report
 from .answer import Answer as Answer
 from .calibration.command import calibrate_unit as calibrate_unit

@@ -16,7 +16,7 @@ from bench.commands.answer import Answer
 from bench.commands.several import report_on_all
 
 if TYPE_CHECKING:
-    from bench.acquisition import Compensated, RunResult, StationSettings
+    from bench.acquisition import Compensated, Job, RunResult, StationSettings
     from bench.analysis import Limits
 
 BYTES_PER_S = 20_000.0
@@ -75,15 +75,24 @@ class Task:
 
 def conduct(profile_path: Path, station_path: Path | None, task: Task, quiet: bool) -> RunResult:
     """Check and run a profile; analyses nothing."""
-    from bench.acquisition import Desk, Job, check_profile, load_profile, refuse_errors, run_job
+    from bench.acquisition import Desk, run_job
     from bench.commands.terminal.following import Following
     from bench.commands.terminal.keyboard import Keyboard
     from bench.commands.terminal.progress import Progress
 
+    job, desk = job_of(profile_path, station_path, task), Desk()
+    with Keyboard(desk) as keyboard, Progress(job.profile, quiet, lambda: keyboard.notice) as progress:
+        return run_job(job, Following(job.profile, desk, progress), desk)
+
+
+def job_of(profile_path: Path, station_path: Path | None, task: Task) -> Job:
+    """What `run_job` executes, read and checked; InputError where the station cannot run the profile."""
+    from bench.acquisition import Job, check_profile, load_profile, refuse_errors
+
     profile = load_profile(profile_path)
     station = load_station(station_path).remembering(task.out)
     refuse_errors(check_profile(profile, station.limits()))
-    job = Job(
+    return Job(
         profile=profile,
         profile_text=read_text(profile_path),
         station=station,
@@ -94,9 +103,6 @@ def conduct(profile_path: Path, station_path: Path | None, task: Task, quiet: bo
         compensation=task.compensation,
         operator=task.operator,
     )
-    desk = Desk()
-    with Keyboard(desk) as keyboard, Progress(profile, quiet, lambda: keyboard.notice) as progress:
-        return run_job(job, Following(profile, desk, progress), desk)
 
 
 def _given(wishes: RunOptions, out: Path) -> tuple[Limits | None, dict[str, str]]:

@@ -92,6 +92,30 @@ class ColumnMap(BaseModel):
         return source
 
 
+def column_map(table: Table, columns: Mapping[str, str], units: Mapping[str, str]) -> ColumnMap:
+    """Column map from a column's name and a unit by channel, as a program gives them.
+
+    A channel with a unit and without a column takes the column that its header makes obvious. Raises InputError: a
+    channel that does not exist, or a unit for a channel that no column is.
+    """
+    obvious = guess(table)
+    for channel in (*columns, *units):
+        if channel not in CHANNELS:
+            text = f"'{channel}' is not a channel{nearest(channel, CHANNELS)}; known are {', '.join(CHANNELS)}"
+            raise InputError(text, table.path)
+    unclear = [channel for channel in units if channel not in {**columns, **obvious}]
+    if unclear:
+        has = ", ".join(table.columns)
+        raise InputError(f"no column is {unclear[0]}, which a unit was given for; name one of {has}", table.path)
+    named = {channel: columns.get(channel) or obvious[channel] for channel in (*columns, *units)}
+    return ColumnMap.model_validate(
+        {
+            channel: {"column": column, **({"unit": units[channel]} if channel in units else {})}
+            for channel, column in named.items()
+        }
+    )
+
+
 @dataclass(frozen=True)
 class Mapped:
     """One channel as it was understood."""

@@ -18,7 +18,7 @@ from bench.acquisition.importer.branches import Branch, find_branches, segment_o
 from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
 from bench.acquisition.importer.tables import Table, read_table
 from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, FloatArray, InputError, __version__, dump, load_config
-from bench.record import RunFolder, create_run, sha256, write_means
+from bench.record import Dataset, RunFolder, Segment, create_run, sha256, write_means
 
 _FASTEST_DPH = 5000 * DPH_PER_DPS
 """No gyro measures more [deg/h]."""
@@ -47,6 +47,19 @@ class ImportPlan:
     def interval_s(self) -> float:
         """Median time from sample to sample [s]."""
         return float(np.median(np.diff(self.time)))
+
+    def dataset(self) -> Dataset:
+        """The table as a record in memory, its rows as they are; nothing is written."""
+        entries = [branch.as_segment(i) for i, branch in enumerate(self.branches)]
+        segments = tuple(
+            Segment(
+                index=e["index"], name=e["name"], kind=e["kind"], from_s=e["from_s"], to_s=e["to_s"],
+                direction=e["direction"], target=e["target_degc"], rate=e["rate_degc_per_min"],
+            )
+            for e in entries
+        )  # fmt: skip
+        segment = segment_of(self.branches, self.time)
+        return Dataset(self.table.path.stem, self.time, self.channels, segment, segments, self.interval_s)
 
     def preview(self) -> str:
         """What was understood, as text for a person."""

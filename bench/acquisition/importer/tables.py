@@ -9,12 +9,17 @@ import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench.base import FloatArray, InputError, read_text
 from drivers.errors import ConfigError
 from drivers.wire import Message, read_layouts
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
 
 CAN_LOGS = (".blf", ".asc", ".log", ".trc")
 _DELIMITERS = (";", "\t", ",", "|", " ")
@@ -205,13 +210,41 @@ def _number(text: str) -> float | None:
 
 def _read_parquet(path: Path) -> Table:
     import pyarrow as pa
-    import pyarrow.compute as pc
     import pyarrow.parquet as pq
 
     try:
         table = pq.read_table(path, page_checksum_verification=True)
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"not a readable Parquet file ({' '.join(str(error).split())})", path) from None
+    return _of_arrow(table, path)
+
+
+def table_of(frame: pd.DataFrame, name: str = "DataFrame") -> Table:
+    """Columns of a DataFrame; `name` stands for its file in messages.
+
+    An index with a name is a column, too, and one of dates is the time. Raises InputError where there
+    are no rows, or something that no table holds.
+    """
+    import pandas as pd
+    import pyarrow as pa
+
+    dated = isinstance(frame.index, pd.DatetimeIndex) and frame.index.name is None
+    named = frame.rename_axis(index=TIME) if dated else frame
+    named = named.reset_index() if any(named.index.names) else named
+    try:
+        table = _of_arrow(pa.Table.from_pandas(named, preserve_index=False), Path(name))
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        raise InputError(f"not a table of numbers ({' '.join(str(error).split())})", name) from None
+    if table.rows == 0:
+        raise InputError("holds zero rows", name)
+    return table
+
+
+def _of_arrow(table: pa.Table, path: Path) -> Table:
+    """Columns of numbers; times in seconds; columns of anything else are left out with a note."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
     columns, units, notes = {}, {}, []
     for item in table.schema:
         values = table.column(item.name)

@@ -20,11 +20,11 @@ _BINS = 60
 _LEAST_ROWS = 3
 
 
-def measured_figure(dataset: Dataset, extremes: tuple[FloatArray, FloatArray]) -> Plot:
+def measured_figure(dataset: Dataset, extremes: tuple[FloatArray, FloatArray] | None = None) -> Plot:
     """Bias with the lowest and highest value behind each mean (n,), and temperature, over time; no model."""
     hours = dataset.time / HOUR_S
     traces = [
-        band(hours, *extremes),
+        *([] if extremes is None else [band(hours, *extremes)]),
         plotting.line_trace(hours, dataset.bias, "measured", BLUE),
         plotting.line_trace(hours, dataset.channel("temperature"), "temperature", ORANGE, yaxis="y2"),
     ]

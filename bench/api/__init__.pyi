@@ -1,0 +1,13 @@
+from .comparison import Comparison as Comparison
+from .comparison import compare as compare
+from .diagnosis import Diagnosis as Diagnosis
+from .diagnosis import diagnose as diagnose
+from .driving import check as check
+from .driving import run as run
+from .fits import Fit as Fit
+from .fits import fit as fit
+from .models import ModelLike as ModelLike
+from .models import add as add
+from .models import effects as effects
+from .runs import Run as Run
+from .runs import open as open
