@@ -1,15 +1,43 @@
 """Fixtures of several test files."""
 
 import signal
+from collections import Counter
 
 import pytest
 
 import bench.acquisition.station.station
 from bench.acquisition.run.runner import run_job
-from tests.support import acquisition
+from tests.support import acquisition, leftovers, needs
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background: benches would ignore it, too
+
+
+GUARD = leftovers.guard()
+"""Ends the processes of this test run, even when the run is killed."""
+
+
+def pytest_unconfigure():
+    """The end of the run: nothing that it started stays."""
+    if GUARD is not None:
+        GUARD.communicate()
+
+
+def pytest_collection_modifyitems(items):
+    """Tests of the page in a browser carry the mark `browser`."""
+    for item in items:
+        if "tests/browser/" in item.path.as_posix():
+            item.add_marker("browser")
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Say what was skipped, why, and the one command that brings what is missing."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    reasons = Counter(report.longrepr[2].removeprefix("Skipped: ") for report in skipped)
+    for reason, count in reasons.most_common():
+        terminalreporter.write_line(f"{count} skipped: {reason}")
+    if reasons and (command := needs.hint()):
+        terminalreporter.write_line(f"to run them: {command}")
 
 
 @pytest.fixture(scope="session")

@@ -161,7 +161,8 @@ def test_another_unit_in_the_place_of_one_drops_that_one_and_what_is_not_its_own
 
 def test_two_units_under_one_number_are_told_even_where_no_identity_is_expected(world, tmp_path):
     units = [
-        {k: v for k, v in unit.items() if k != "identity"} for unit in acquisition.config.read_yaml(FOUR).content["units"]
+        {k: v for k, v in unit.items() if k != "identity"}
+        for unit in acquisition.config.read_yaml(FOUR).content["units"]
     ]
 
     def look(station, status):
