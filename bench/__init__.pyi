@@ -22,5 +22,6 @@ from .base import BenchError as BenchError
 from .base import EquipmentError as EquipmentError
 from .base import InputError as InputError
 from .base import RunAborted as RunAborted
+from .base import library as library
 from .base.versions import __version__ as __version__
 from .record import Dataset as Dataset
