@@ -28,6 +28,7 @@ def run_all(name):
     return names
 
 
+@pytest.mark.slow
 def test_from_a_run_folder_to_the_missing_effect(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = run_all("missing_effect")

@@ -12,7 +12,7 @@ from bench.analysis import Comparison as Scores
 from bench.api.fits import Fit
 from bench.api.models import ModelLike, fitted_model
 from bench.api.runs import Run, Runs, floor_of, several
-from bench.api.words import figure, floor_text, html_table, text_table
+from bench.api.words import figure, floor_text, html, text_table
 from bench.base import InputError, finite, nearest, number
 
 if TYPE_CHECKING:
@@ -84,8 +84,8 @@ class Comparison:
         return "\n".join([*text_table(_HEAD, self._rows()), "", unit, floor_text(self.floor), *self._notes()])
 
     def _repr_html_(self) -> str:
-        title = f"Error of each model [deg/h RMS, means over {self.scores.interval_s:g} s]"
-        return html_table(title, _HEAD, self._rows(), floor_text(self.floor), *self._notes())
+        title = f"RMS in deg/h of means over {self.scores.interval_s:g} s"
+        return html(title, "Error of each model", _HEAD, self._rows(), floor_text(self.floor), *self._notes())
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
         rows = []

@@ -11,7 +11,7 @@ from bench.analysis import Model, Place, Proposal, SuspectedEffect
 from bench.api.fits import Fit, fit
 from bench.api.models import ModelLike, fitted_model
 from bench.api.runs import Run, Runs, floor_of, several
-from bench.api.words import errors_text, figure, html_table, text_table
+from bench.api.words import errors_text, figure, html, text_table
 from bench.base import InputError, finite, number
 
 if TYPE_CHECKING:
@@ -115,9 +115,9 @@ class Diagnosis:
         return "\n".join([*lines, *self._notes()])
 
     def _repr_html_(self) -> str:
-        if not self.suspects:
-            return html_table(self.sentence, ("", ""), [("errors", self._errors())], *self._notes())
-        return html_table(self.sentence, _HEAD, self._rows(), self._errors(), *self._notes())
+        return html(
+            self.sentence, "Suspects; * belongs to the explanation", _HEAD, self._rows(), self._errors(), *self._notes()
+        )
 
     def _errors(self) -> str:
         a = self.answer

@@ -15,7 +15,7 @@ from bench.analysis import Coefficient, Effect, HeldOut, Model, Prediction, Scor
 from bench.analysis import Fit as Estimate
 from bench.api.models import ModelLike, add, fitted_model
 from bench.api.runs import Over, Run, Runs, floor_of, several
-from bench.api.words import errors_text, figure, html_table, text_table
+from bench.api.words import errors_text, figure, html, text_table
 from bench.base import CHANNELS, InputError, finite, in_print, number, with_uncertainty
 from bench.record import Dataset
 
@@ -161,7 +161,7 @@ class Fit:
     def _repr_html_(self) -> str:
         rows = [(key, value, std, in_print(unit)) for key, value, std, unit in self._rows()]
         head = ("coefficient", "value", "std", "unit")
-        return html_table(self._headline(), head, rows, self._errors(), *self._notes())
+        return html(self._headline(), "Coefficients", head, rows, self._errors(), *self._notes())
 
     def _errors(self) -> str:
         unseen = self.held_out
@@ -169,8 +169,9 @@ class Fit:
 
     def _headline(self) -> str:
         names = " + ".join(effect.name for effect in self.model.effects)
+        name = names if names == self.model.name else f"{self.model.name} ({names})"
         of = ", ".join(self.estimate.runs)
-        return f"{self.model.name} ({names}), {self.estimate.rows} means over {self.estimate.interval_s:g} s of {of}"
+        return f"{name}: {self.estimate.rows} means over {self.estimate.interval_s:g} s of {of}"
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
         """The coefficients; only the first of a long list, as of a spline with many pieces."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from bench.api.models import ModelLike, fitted_model
-from bench.api.words import floor_text, html_table, no_xarray
+from bench.api.words import floor_text, html, no_xarray
 from bench.base import CHANNELS, clock, number
 from bench.record import DEFAULT_INTERVAL_S, Dataset
 
@@ -138,7 +138,7 @@ class Run:
 
     def _repr_html_(self) -> str:
         rows = [(name, f"{low} to {high}", unit) for name, low, high, unit in self._ranges()]
-        return html_table(self._headline(), ("channel", "range", "unit"), rows, self._noise())
+        return html(self._headline(), "Channels", ("channel", "range", "unit"), rows, self._noise())
 
     def _headline(self) -> str:
         data = self.dataset

@@ -38,12 +38,14 @@ def text_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     ]  # fmt: skip
 
 
-def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]], *notes: str) -> str:
-    """A table with a title and notes below it as HTML, all text escaped."""
+def html(title: str, caption: str, head: Sequence[str], rows: Sequence[Sequence[object]], *notes: str) -> str:
+    """A sentence, a table (none without rows) and notes below it as HTML, all text escaped."""
     from bench.deliver import paragraph, table
 
-    html = table(title, head, rows, numeric=range(1, len(head)))
-    return str(html + type(html)("").join(paragraph(note) for note in notes if note))
+    parts = [paragraph(title)]
+    if rows:
+        parts.append(table(caption, head, rows, numeric=range(1, len(head))))
+    return "".join([*parts, *(paragraph(note) for note in notes if note)])
 
 
 def figure(plot: Plot) -> go.Figure:

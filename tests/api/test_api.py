@@ -204,6 +204,7 @@ def test_the_noise_floor_is_read_from_the_soaks_or_said_to_be_missing(run, loope
     assert "noise floor not known: no isothermal stretch" in run.summary()
 
 
+@pytest.mark.slow
 def test_the_hidden_effect_of_a_run_folder_is_named_and_added(why):
     assert why.verdict == "missing_effect"
     assert why.found[0].effect == "hysteresis"
@@ -234,6 +235,7 @@ def test_models_that_nobody_asked_for_may_lack_their_channels(run):
         run.compare(["regression"])
 
 
+@pytest.mark.slow
 def test_no_error_is_told_without_the_floor(why, looped):
     fit = looped.fit("polynomial")
     for text in (fit.summary(), fit._repr_html_(), why.summary(), why._repr_html_()):
@@ -257,6 +259,7 @@ def test_names_from_outside_cannot_become_html(tmp_path):
     assert "&lt;b&gt;log&amp;" in run._repr_html_()
 
 
+@pytest.mark.slow
 def test_figures_are_plotly_figures_with_the_data_in_them(run, why):
     fit = run.fit("polynomial")
     figures = [run.plot(), run.plot("time"), fit.plot(), fit.plot(run, over="time"), why.plot()]
