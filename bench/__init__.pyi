@@ -1,8 +1,14 @@
+from .acquisition import Status as Status
+from .analysis import Coefficient as Coefficient
 from .analysis import Effect as Effect
+from .analysis import Floor as Floor
+from .analysis import HeldOut as HeldOut
 from .analysis import Model as Model
 from .analysis import Parameter as Parameter
 from .analysis import Physical as Physical
 from .analysis import Prediction as Prediction
+from .analysis import Proposal as Proposal
+from .analysis import SuspectedEffect as SuspectedEffect
 from .analysis import load_effect as load_effect
 from .analysis import load_model as load_model
 from .api import Comparison as Comparison
@@ -10,6 +16,7 @@ from .api import Diagnosis as Diagnosis
 from .api import Fit as Fit
 from .api import Run as Run
 from .api import add as add
+from .api import channels as channels
 from .api import check as check
 from .api import compare as compare
 from .api import diagnose as diagnose
@@ -17,8 +24,8 @@ from .api import effects as effects
 from .api import fit as fit
 from .api import open as open
 from .api import run as run
-from .base import CHANNELS as CHANNELS
 from .base import BenchError as BenchError
+from .base import Channel as Channel
 from .base import EquipmentError as EquipmentError
 from .base import InputError as InputError
 from .base import RunAborted as RunAborted

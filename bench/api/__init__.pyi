@@ -8,6 +8,7 @@ from .fits import Fit as Fit
 from .fits import fit as fit
 from .models import ModelLike as ModelLike
 from .models import add as add
+from .models import channels as channels
 from .models import effects as effects
 from .runs import Run as Run
 from .runs import open as open

@@ -40,7 +40,7 @@ class Comparison:
         """The fit of a model by its name; InputError where it was not compared."""
         for score in self.scores.scores:
             if score.model.name == name:
-                return Fit(score.fit, self.runs, self.check, self.static)
+                return Fit(score.fit, self.runs, self.check, self.static, score)
         names = list(self)
         raise InputError(f"no model '{name}' was compared{nearest(name, names)}; there are {', '.join(names)}")
 

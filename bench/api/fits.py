@@ -38,6 +38,7 @@ class Fit:
     runs: tuple[Run, ...]
     check: tuple[Run, ...] = ()
     static: Run | None = None
+    _scored: Score | None = field(default=None, repr=False)
 
     @property
     def model(self) -> Model:
@@ -84,6 +85,8 @@ class Fit:
         """The same model as `bench.compare` scores it: on blocks and segments left out, and segment by segment."""
         from bench.analysis import compare
 
+        if self._scored is not None:
+            return self._scored
         datasets, checks = [run.dataset for run in self.runs], [run.dataset for run in self.check]
         return compare(datasets, [self.model], self.floor.floor_dph, checks or None).scores[0]
 

@@ -1,4 +1,4 @@
-"""What counts as a model where one is asked for, and models with one more effect."""
+"""What counts as a model where one is asked for; the catalogues of effects and channels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, Union
 
 from bench.analysis import Effect, Entry, Model
-from bench.base import InputError
+from bench.base import CHANNELS, Channel, InputError
 
 if TYPE_CHECKING:
     from bench.api.fits import Fit
@@ -33,7 +33,11 @@ def fitted_model(model: ModelLike, options: Mapping[str, object] | None = None) 
         return load_model(model)
     if isinstance(model, Fit):
         return model.model
-    return model if isinstance(model, Model) else Model(model.name, (model,))
+    if isinstance(model, Model):
+        return model
+    if isinstance(model, Effect):
+        return Model(model.name, (model,))
+    raise InputError(f"{model!r} is no model: give a name, a YAML file, a model, an effect or a fit")
 
 
 def add(effect: str | Effect, model: ModelLike, **options: object) -> Model:
@@ -63,3 +67,13 @@ def effects() -> tuple[Entry, ...]:
     from bench.analysis import catalogue
 
     return catalogue()
+
+
+def channels() -> tuple[Channel, ...]:
+    """The channels of a record: name, unit, meaning, and whether a table needs it; every table is converted into these.
+
+    >>> import bench
+    >>> [(channel.name, channel.unit) for channel in bench.channels() if channel.required]
+    [('time', 's'), ('rate', 'deg/h'), ('temperature', 'degC')]
+    """
+    return tuple(CHANNELS.values())

@@ -38,6 +38,8 @@ class Run:
     """Length of the means [s]: 30, or the distance of the rows where a table has them further apart."""
     folder: Path | None
     """Run folder; None for a table or a DataFrame."""
+    finest_s: float = field(repr=False)
+    """Length of the shortest means that the noise is read from [s]: 1, or the distance of the rows of a slow table."""
     _read: Callable[[float], Dataset] = field(repr=False)
 
     @cached_property
@@ -48,7 +50,7 @@ class Run:
     @cached_property
     def seconds(self) -> Dataset:
         """Means over one second, or the rows themselves where they are further apart; the noise is read from these."""
-        return self._read(1.0)
+        return self._read(self.finest_s)
 
     @cached_property
     def floor(self) -> Floor:
@@ -211,12 +213,7 @@ def open(
     if isinstance(source, str | Path) and Path(source).is_dir():
         return open_folder(Path(source), interval_s)
     base = _foreign(source, columns, units or {}, dbc)
-    interval_s = max(interval_s, base.interval_s)
-
-    def read(wanted_s: float) -> Dataset:
-        return base.average(max(wanted_s, base.interval_s))
-
-    return Run(base.name, interval_s, None, read)
+    return Run(base.name, max(interval_s, base.interval_s), None, max(1.0, base.interval_s), base.average)
 
 
 def open_folder(folder: Path, interval_s: float = DEFAULT_INTERVAL_S) -> Run:
@@ -229,7 +226,7 @@ def open_folder(folder: Path, interval_s: float = DEFAULT_INTERVAL_S) -> Run:
     def read(wanted_s: float) -> Dataset:
         return load(path, wanted_s)
 
-    return Run(load(path, interval_s).name, interval_s, path, read)
+    return Run(load(path, interval_s).name, interval_s, path, 1.0, read)
 
 
 def _foreign(source: Any, columns: Any, units: Mapping[str, str], dbc: str | Path | None) -> Dataset:

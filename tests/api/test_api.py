@@ -13,6 +13,7 @@ import pytest
 
 import bench
 from bench.api import words
+from bench.commands import import_table
 from tests.support import acquisition
 from tests.support.run_folders import ARW, make_run, ramp_run
 
@@ -90,6 +91,23 @@ def test_rows_faster_than_the_means_are_averaged_and_slower_ones_are_kept():
     assert len(fast.dataset) == pytest.approx(480, abs=8)  # each branch is cut into whole means of its own
     assert len(slow.dataset) == 240
     assert len(fast.to_dataframe(60.0)) == pytest.approx(240, abs=8)
+    with pytest.raises(bench.InputError, match="cannot average over 30 s, its rows are 60 s"):
+        slow.to_dataframe(30.0)
+
+
+def test_a_table_has_the_numbers_of_its_import(tmp_path):
+    cycle(1.0).to_csv(tmp_path / "log.csv", index=False)
+    folder = import_table(tmp_path / "log.csv", None, "MINE", None, tmp_path / "reports").content["run"]
+    direct, imported = (bench.open(source).fit("polynomial") for source in (tmp_path / "log.csv", folder))
+    for key, coefficient in direct.coefficients.items():
+        assert imported.coefficients[key].value == pytest.approx(coefficient.value, rel=1e-6)
+
+
+def test_what_is_no_model_is_said(run):
+    with pytest.raises(bench.InputError, match="3 is no model: give a name, a YAML file"):
+        run.fit(3)
+    with pytest.raises(bench.InputError, match="options are those of one effect"):
+        run.fit("spline_lag_loop", order=3)
 
 
 @pytest.mark.parametrize(
@@ -312,7 +330,7 @@ def test_importing_the_bench_loads_nothing_heavy():
 
 def test_every_public_name_is_there_and_says_what_it_is_for():
     for name in bench.__all__:
-        assert getattr(bench, name).__doc__ or name in {"CHANNELS", "__version__"}, name
+        assert getattr(bench, name).__doc__ or name == "__version__", name
 
 
 @pytest.mark.parametrize("name", ["models", "runs", "fits"])
