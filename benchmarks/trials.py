@@ -81,7 +81,7 @@ def _held_out(case: cases.Case, first: Dataset, check: Dataset, found: Diagnosis
 def _true(names: Sequence[str], first: Dataset) -> Model:
     model = MODEL
     for name in names:
-        model = model.adding(effects.suited(effects.make(name), [first]))
+        model = model.adding(effects.make(name).suited([first]))
     return model
 
 

@@ -19,11 +19,10 @@ from .diagnosis.improve import add_effect as add_effect
 from .diagnosis.improve import improve as improve
 from .diagnosis.sentences import made_from as made_from
 from .effects.base import Effect as Effect
-from .effects.base import MovesAbscissa as MovesAbscissa
 from .effects.base import Parameter as Parameter
 from .effects.base import Physical as Physical
+from .effects.base import Scale as Scale
 from .effects.base import Theta as Theta
-from .effects.base import moves_abscissa as moves_abscissa
 from .effects.base import options_of as options_of
 from .effects.catalogue import Entry as Entry
 from .effects.catalogue import catalogue as catalogue
@@ -38,7 +37,6 @@ from .effects.registry import doc as doc
 from .effects.registry import effect_names as effect_names
 from .effects.registry import load_effect as load_effect
 from .effects.registry import make as make
-from .effects.registry import suited as suited
 from .effects.signature import signature as signature
 from .fit.every_sample import Record as Record
 from .fit.fitting import Coefficient as Coefficient

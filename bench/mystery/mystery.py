@@ -23,7 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.acquisition import profile_from_text
-from bench.analysis import Model, fit_model, make, suited
+from bench.analysis import Model, fit_model, make
 from bench.base import FloatArray, InputError, __version__, read_text
 from bench.mystery import virtual
 from bench.mystery.hidden import CHANNELS, HIDDEN, NOISE, Entry, draw, scaled, static_curve
@@ -209,7 +209,7 @@ def reveal(folder: Path, model: Model) -> Score:
     run, check = (load(folder / content["runs"][name]) for name in ("run", "check"))
     best = Model("true", tuple(e for e in model.effects if e.family == _CURVES) or (make("spline"),))
     for name in sorted(map(str, covered)):
-        best = best.adding(suited(make(name), [run]))
+        best = best.adding(make(name).suited([run]))
     perfect = _without_noise(folder / content["runs"]["check"], truth, seed)
 
     def error(candidate: Model) -> float:

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bench.analysis import effects
-from bench.analysis.effects.base import moves_abscissa
 from bench.analysis.effects.example import example
 from bench.base.errors import InputError
 
@@ -14,7 +13,7 @@ SUSPECTS = tuple(entry.name for entry in effects.catalogue() if entry.suspect)
 
 def output(effect, data):
     theta = {parameter.name: parameter.start for parameter in effect.parameters}
-    if moves_abscissa(effect):
+    if effect.moves_abscissa:
         return effect.abscissa(data, theta)[:, None]
     return effect.columns(data, theta)
 

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bench.analysis import effects
-from bench.analysis.effects.base import moves_abscissa
 from bench.analysis.effects.example import example
 from bench.base.channels import CHANNELS
 from bench.base.errors import InputError
@@ -97,7 +96,7 @@ def test_a_smooth_loop_obeys_its_differential_equation():
 
 
 def test_both_loop_shapes_are_one_suspect_with_one_parameter_each():
-    shapes = effects.shapes(effects.make("hysteresis"))
+    shapes = effects.make("hysteresis").shapes()
     assert [shape.shape for shape in shapes] == ["play", "bouc_wen"]
     assert {shape.name for shape in shapes} == {"hysteresis"}
     assert [len(shape.parameters) for shape in shapes] == [1, 1]
@@ -140,17 +139,17 @@ def test_a_jump_is_a_step_and_the_row_that_holds_it_takes_its_share():
 
 def test_jumps_and_kinks_are_searched_where_the_run_was():
     data = ramp(0.2)
-    jump = effects.suited(effects.make("bias_jump"), [data]).parameters[0]
+    jump = effects.make("bias_jump").suited([data]).parameters[0]
     assert (jump.low, jump.high) == (data.time[2] / 3600.0, data.time[-3] / 3600.0)
     assert jump.change_point
-    kink = effects.suited(effects.make("bias_kink"), [data]).parameters[0]
+    kink = effects.make("bias_kink").suited([data]).parameters[0]
     assert (kink.low, kink.high) == pytest.approx((21.8, 78.1), abs=0.1)
     assert kink.change_point
-    loop = effects.suited(effects.make("hysteresis"), [data]).parameters[0]
+    loop = effects.make("hysteresis").suited([data]).parameters[0]
     assert loop.high == pytest.approx(0.45 * 60.0, rel=0.01)
-    assert effects.suited(effects.make("aging"), [data]) == effects.make("aging")
+    assert effects.make("aging").suited([data]) == effects.make("aging")
     with pytest.raises(InputError, match="no run 'elsewhere' with more than 5 rows"):
-        effects.suited(effects.make("bias_jump", {"run": "elsewhere"}), [data])
+        effects.make("bias_jump", {"run": "elsewhere"}).suited([data])
 
 
 def test_a_kink_changes_the_slope_and_a_bump_passes():
@@ -163,7 +162,7 @@ def test_a_kink_changes_the_slope_and_a_bump_passes():
     assert_allclose(bump, np.exp(-(((temperature - 40.0) / 4.0) ** 2)))
     fixed = columns("bias_kink", data, {"shape": "bump", "width_degc": 4}, at_degc=40.0)[:, 0]
     assert_allclose(fixed, bump)
-    shapes = effects.shapes(effects.make("bias_kink"))
+    shapes = effects.make("bias_kink").shapes()
     assert [(shape.shape, len(shape.parameters)) for shape in shapes] == [("slope", 1)] + 3 * [("bump", 1)]
 
 
@@ -219,14 +218,14 @@ def test_a_surface_of_order_five_has_21_coefficients_that_rebuild_its_polynomial
 def test_frequency_is_a_term_or_a_thermometer():
     data = example()
     term = effects.make("resonance_frequency", {"order": 2}).prepare([data])
-    assert not moves_abscissa(term)
+    assert not term.moves_abscissa
     amplitudes = np.array([0.3, -0.2])
     constant = term.series.powers()[0] @ amplitudes
     f = data.channel("frequency")
     rebuilt = constant + np.column_stack([f, f**2]) @ (term.physical().matrix[:, 1:] @ amplitudes)
     assert_allclose(rebuilt, term.columns(data, {}) @ amplitudes, atol=1e-3)  # f^2 c2 cancels to 1e-9 of its size
     thermometer = effects.make("resonance_frequency", {"use": "thermometer"}).prepare([data])
-    assert moves_abscissa(thermometer)
+    assert thermometer.moves_abscissa
     told = thermometer.abscissa(data, {})
     assert np.abs(told - data.channel("temperature")).max() < 1.5
 

@@ -1,6 +1,8 @@
 """Effects that users bring: from a file and from an entry point, like the built-in ones once they are in."""
 
+import re
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,29 +22,19 @@ Equation: B = a sin(T / p).
 Look-alikes: spline, thermal_lag.
 """
 from dataclasses import dataclass
-from typing import ClassVar
 import numpy as np
-from bench.analysis.effects.base import Parameter, linear_terms
+from bench.analysis import Effect, Parameter
 
 @dataclass(frozen=True)
-class Etalon:
-    name: ClassVar[str] = "etalon"
-    family: ClassVar[str] = "etalon"
-    needs: ClassVar[tuple] = ("temperature",)
-    parameters: ClassVar[tuple] = (Parameter("period_degc", "degC", 1.0, 3.0, 2.0),)
+class Etalon(Effect):
+    name = "etalon"
+    needs = ("temperature",)
+    parameters = (Parameter("period_degc", "degC", 1.0, 3.0, 2.0),)
+    amplitudes = (("a", "deg/h"),)
     phase_rad: float = 0.0
-
-    def prepare(self, records):
-        return self
 
     def columns(self, record, theta):
         return np.sin(record.channel("temperature") / theta["period_degc"] + self.phase_rad)[:, None]
-
-    def physical(self):
-        return linear_terms(("a",), ("deg/h",))
-
-    def state(self):
-        return {}
 '''
 
 
@@ -95,19 +87,21 @@ def test_loading_the_same_effect_again_replaces_it(write):
     ("change", "message"),
     [
         (("frozen=True", "frozen=False"), r"decorated with @dataclass\(frozen=True\)"),
-        (("    def state(self):\n        return {}\n", ""), "needs state"),
-        (('= "etalon"\n    family', '= "spline"\n    family'), "the name 'spline' is a built-in effect's"),
-        (('= "etalon"\n    family', '= "my etalon"\n    family'), "needed is a word such as 'my_effect'"),
-        (('("temperature",)', '("temperatur",)'), "needs 'temperatur', which is no channel"),
+        (("class Etalon(Effect)", "class Etalon"), r"derives from bench\.analysis\.Effect"),
+        (('    name = "etalon"\n', ""), "name is None, it must be a word"),
+        (('= "etalon"\n    needs', '= "spline"\n    needs'), "the name 'spline' is a built-in effect's"),
+        (('= "etalon"\n    needs', '= "my etalon"\n    needs'), "it must be a word such as 'my_effect'"),
+        (('("temperature",)', '("temperatur",)'), "needs 'temperatur', which is not a channel"),
         (("[:, None]", ""), r"columns\(\) must give an array"),
         (("np.sin(", "np.nan * np.sin("), "values that are not finite"),
         (("[:, None]", "[:, None][:, :0]"), "it would do nothing"),
-        (('("a",)', '("a", "b")'), r"physical\(\) must give labels"),
+        (('(("a", "deg/h"),)', '(("a", "deg/h"), ("b", "deg/h"))'), "a name and a unit for each of the 1 columns"),
+        (('    amplitudes = (("a", "deg/h"),)\n', ""), "`amplitudes` must hold a name and a unit"),
         (("1.0, 3.0, 2.0", "1.0, 3.0, 5.0"), "low <= start <= high"),
         (('theta["period_degc"]', 'theta["p"]'), "fails on an example run: KeyError: 'p'"),
         (("phase_rad: float = 0.0", "phase_rad: float"), "option 'phase_rad' needs a default"),
         (("import numpy as np", "import nonsense_that_is_not_there"), "cannot be loaded: ModuleNotFoundError"),
-        (("def prepare(self, records):", "def prepare(self, records)"), "cannot be loaded: SyntaxError"),
+        (("def columns(self, record, theta):", "def columns(self, record, theta)"), "cannot be loaded: SyntaxError"),
     ],
 )
 def test_a_class_that_breaks_the_contract_is_refused_in_one_line(write, change, message):
@@ -168,3 +162,9 @@ def test_every_command_that_reads_a_model_takes_effects_of_the_user(tmp_path):
     assert added.exit_code == 0
     for name in ("run", "compare", "report", "diagnose", "improve", "add", "reveal"):
         assert "own_effects" in {parameter.name for parameter in main.commands[name].params}
+
+
+def test_the_class_in_the_documentation_is_an_effect(write):
+    text = (Path(__file__).parents[2] / "docs" / "howto.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n# etalon\.py\n(.*?)```", text, re.DOTALL)
+    assert effects.load_effect(f"{write(code)}:Etalon") == "etalon"

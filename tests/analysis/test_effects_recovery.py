@@ -78,7 +78,7 @@ def recorded(bias, seed):
 def test_an_effect_beside_a_spline_is_found_within_its_uncertainty(name):
     bias, theta, amplitudes = CASES[name]
     run = recorded(smooth_curve(T) + bias, seed=len(name))
-    effect = effects.suited(effects.make(name), [run])
+    effect = effects.make(name).suited([run])
     model = Model("base and effect", (effects.make("spline", {"intervals": 6}), effect))
     found = fit_model(model, run)
     assert found.rms_dph == pytest.approx(SIGMA_DPH, rel=0.08)

@@ -62,7 +62,7 @@ def runs():
 
 def judged(*runs):
     layout = Layout(assemble(MODEL, runs), np.zeros(0))
-    offered = {name: effects.suited(effects.make(name), runs) for name in HIDDEN}
+    offered = {name: effects.make(name).suited(runs) for name in HIDDEN}
     found = weigh(layout.problem, [layout.candidate(effect, name) for name, effect in offered.items()], nulls=0)
     rivals = [Rival(s.name, offered[s.name], s.theta, s.evidence) for s in found.suspects]
     return layout, rivals, Noise(found.suspects[0].point, found.suspects[0].sigma2)

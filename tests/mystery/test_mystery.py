@@ -82,7 +82,7 @@ def test_who_names_what_is_hidden_is_right_and_who_does_not_has_missed_it(myster
     assert set(revealed.missed) == covered
     assert revealed.right == revealed.wrong == ()
     data = load(mystery.run)
-    model = Model("named", (effects.make("polynomial"), *(effects.suited(effects.make(n), [data]) for n in covered)))
+    model = Model("named", (effects.make("polynomial"), *(effects.make(n).suited([data]) for n in covered)))
     score = reveal(mystery.folder, model)
     assert set(score.right) == covered
     assert score.missed == score.wrong == ()

@@ -12,7 +12,7 @@ from bench.analysis.diagnosis.evidence import TIE, Evidence, Suspect
 from bench.analysis.diagnosis.held_out import Unseen, removed, unseen
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.diagnosis.verdict import Explanation, effect_name
-from bench.analysis.effects.base import Effect, moves_abscissa, options_of
+from bench.analysis.effects.base import Effect, options_of
 from bench.base import FloatArray
 from bench.record import Dataset
 
@@ -93,7 +93,7 @@ def _values(layout: Layout, effect: Effect, suspect: Suspect) -> dict[str, Value
         for name, p in suspect.parameters.items()
     }
     form = layout.prepared(effect).physical()
-    if moves_abscissa(effect) or len(form.labels) > _ALL_TERMS:
+    if effect.moves_abscissa or len(form.labels) > _ALL_TERMS:
         return values
     matrix = form.matrix[:, 1:]
     numbers = matrix @ suspect.amplitudes

@@ -15,7 +15,7 @@ import numpy as np
 from bench.analysis import effects
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal
 from bench.analysis.diagnosis.probes import Probe, usual
-from bench.analysis.effects.base import Demanding, Effect, moves_abscissa
+from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
 from bench.analysis.fit import design
 from bench.analysis.fit.solve import solve
@@ -71,9 +71,9 @@ class Layout:
         moving = any(p.change_point for p in effect.parameters)
         return Candidate(
             name=name,
-            columns=_Moved(self, effect) if moves_abscissa(effect) else _Terms(self, effect),
+            columns=_Moved(self, effect) if effect.moves_abscissa else _Terms(self, effect),
             family=effect.family,
-            kind="abscissa" if moves_abscissa(effect) else "term",
+            kind="abscissa" if effect.moves_abscissa else "term",
             parameters=effect.parameters,
             change_point=moving,
             points=_POINTS_OF_TWO if moving and len(effect.parameters) > 1 else None,
@@ -121,7 +121,7 @@ class Layout:
         bound, _ = self.rows.bind(self.theta, trial=True)
         records = self.rows.records
         for key, effect in zip(bound.keys, bound.effects, strict=True):
-            if moves_abscissa(effect):
+            if effect.moves_abscissa:
                 records = tuple(r.with_channel("temperature", effect.abscissa(r, bound.theta[key])) for r in records)
         return records
 
@@ -180,9 +180,7 @@ def _spline(records: Sequence[Dataset]) -> tuple[Effect, ...]:
     for intervals in (24, 12, 6):
         spline = effects.make("spline", {"intervals": intervals})
         try:
-            ready = spline.prepare(records)
-            if isinstance(ready, Demanding):
-                ready.demand(records)
+            spline.prepare(records).demand(records)
         except InputError:
             continue
         return (spline,)
@@ -201,7 +199,7 @@ def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
         if reason:
             refused[effect.name] = reason
             continue
-        for i, shape in enumerate(effects.shapes(effects.suited(effect, layout.rows.records))):
+        for i, shape in enumerate(effect.suited(layout.rows.records).shapes()):
             taken[effect.name if i == 0 else f"{effect.name} {i + 1}"] = shape
     needs = {channel for effect in taken.values() for channel in effect.needs}
     masks = tuple(

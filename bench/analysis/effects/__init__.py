@@ -1,7 +1,7 @@
 """Physical effects, one a file. `registry.py` lists them, `base.py` says what an effect is."""
 
 from bench.analysis.effects.catalogue import Entry, catalogue, entry, markdown
-from bench.analysis.effects.registry import doc, effect_names, get, load_effect, make, nearest, register, shapes, suited
+from bench.analysis.effects.registry import doc, effect_names, get, load_effect, make, nearest, register
 from bench.analysis.effects.signature import Signature, signature
 
 __all__ = [
@@ -17,7 +17,5 @@ __all__ = [
     "markdown",
     "nearest",
     "register",
-    "shapes",
     "signature",
-    "suited",
 ]

@@ -10,13 +10,11 @@ Separated by: the same temperature at start, middle and end; a static run of the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Theta, check_choice, check_number, linear_terms
+from bench.analysis.effects.base import Effect, Theta, check_choice, check_number
 from bench.base import FloatArray
 from bench.record import Dataset
 
@@ -24,13 +22,10 @@ LAWS = ("line", "logarithm", "both")
 
 
 @dataclass(frozen=True)
-class Aging:
+class Aging(Effect):
     """One or two terms in time; `law` line, logarithm or both, `settled_h` above 0."""
 
-    name: ClassVar[str] = "aging"
-    family: ClassVar[str] = "aging"
-    needs: ClassVar[tuple[str, ...]] = ()
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "aging"
 
     law: str = "line"
     settled_h: float = 1.0
@@ -39,23 +34,17 @@ class Aging:
         check_choice(self.name, "law", self.law, LAWS)
         check_number(self.name, "settled_h", self.settled_h, 1e-3, 1e6)
 
-    def prepare(self, records: Sequence[Dataset]) -> Aging:
-        """Nothing to fix."""
-        return self
-
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Time [h], its logarithm, or both (n, 1 or 2)."""
         hours = record.time / 3600.0
         both = np.column_stack([hours, np.log1p(np.maximum(hours, 0.0) / self.settled_h)])
         return both[:, self._terms]
 
-    def physical(self) -> Physical:
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """The k of each term."""
-        return linear_terms(("line", "logarithm")[self._terms], ("deg/h/h", "deg/h")[self._terms])
-
-    def state(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
+        both: tuple[tuple[str, str], ...] = (("line", "deg/h/h"), ("logarithm", "deg/h"))
+        return both[self._terms]
 
     @property
     def _terms(self) -> slice:

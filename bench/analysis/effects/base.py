@@ -1,8 +1,8 @@
 """What a physical effect is, once for all of them: columns of a linear model, computed from the whole record.
 
-A model of the bias is one constant plus the sum of its effects. An effect either *adds terms* (`Effect`) or *moves the
-abscissa* (`MovesAbscissa`: the temperature that all terms shall see). Its amplitudes are linear and solved
-exactly; what is not linear (a time constant, a width, a time of jump) is a `Parameter`, searched within its bounds.
+A model of the bias is one constant plus the sum of its effects. An effect either *adds terms* or *moves the abscissa*
+(the temperature that all terms see). Its amplitudes are linear and solved exactly; what is not linear (a time constant,
+a width, a time of jump) is a `Parameter`, searched within its bounds.
 
 The life of an effect in a fit:  options (frozen dataclass fields)  ->  `prepare(records)` fixes scales, knots, sources
 to the rows that are fitted  ->  `columns(record, theta)` of any whole record  ->  `physical()` translates the scaled
@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
 from fractions import Fraction
 from math import comb
-from typing import Any, Protocol, TypeGuard, TypeVar, cast, runtime_checkable
+from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
 
@@ -65,91 +65,80 @@ class Physical:
     matrix: FloatArray
 
 
-@runtime_checkable
-class Effect(Protocol):
-    """A frozen dataclass with these members; see CONTRIBUTING for the recipe and `polynomial.py` for the smallest."""
+class Effect:
+    """Base of every effect: a frozen dataclass derives from it, gives its `name`, and changes what is not the default.
 
-    @property
-    def name(self) -> str:
-        """Name in models and reports, the file's name."""
+    The fields of the dataclass are the options in a model file. An effect that adds terms needs `columns` and the
+    `amplitudes` of these columns; one that moves the abscissa needs `abscissa` alone. `warm_up.py` is a short example.
+    """
+
+    name: ClassVar[str]
+    """Name in models and reports; of a built-in effect the file's name."""
 
     @property
     def family(self) -> str:
-        """Shapes of one cause (the hysteresis loops, the static curves): rankings name the family, not the shape."""
+        """The cause that several shapes share, such as the hysteresis loops: rankings name it once, not each shape."""
+        return self.name
 
     @property
     def needs(self) -> tuple[str, ...]:
         """Channels without which there are no columns; the fit's validity covers exactly these."""
+        return ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Nonlinear parameters, () where the effect is linear."""
+        return ()
+
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
+        """Name and unit of each column's amplitude, where the columns are physical as they stand."""
+        return ()
+
+    @property
+    def moves_abscissa(self) -> bool:
+        """Whether the effect replaces the temperature that all terms see, instead of adding terms."""
+        return type(self).abscissa is not Effect.abscissa
 
     def prepare(self, records: Sequence[Dataset]) -> Effect:
         """The same effect with scales fixed to these rows; InputError where a channel is missing or constant."""
+        return self
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Regressors (n, k) of the whole record, without a constant; NaN where a channel has a gap."""
+        return np.empty((len(record), 0))
+
+    def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
+        """Temperature (n,) [degC] that all terms see, from the whole record (a lag, another thermometer)."""
+        return record.channel("temperature")
 
     def physical(self) -> Physical:
-        """Coefficients with units; `()` labels and a (0, 1) matrix for an effect without terms."""
+        """Coefficients with units; by default amplitude i is coefficient i, and none is a constant."""
+        count = len(self.amplitudes)
+        labels, units = (tuple(pair[i] for pair in self.amplitudes) for i in (0, 1))
+        return Physical(labels, units, np.eye(count, 1 + count, 1))
 
     def state(self) -> dict[str, Any]:
         """What `prepare` fixed, for calibration.json: scales, knots."""
-
-
-class MovesAbscissa(Effect, Protocol):
-    """An effect that changes the temperature which all terms see (a lag, another thermometer); no columns: (n, 0)."""
-
-    def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
-        """Temperature (n,) [degC] in place of the sensor's, from the whole record."""
-
-
-def moves_abscissa(effect: Effect) -> TypeGuard[MovesAbscissa]:
-    """Whether it does; asked for every trial parameter, where `isinstance` of a protocol was a tenth of a diagnosis."""
-    return hasattr(type(effect), "abscissa")
-
-
-@runtime_checkable
-class Demanding(Effect, Protocol):
-    """A prepared effect that demands more of its rows than a range. Asked of the final fit, never of trial parameters:
-    a refusal there would push a time constant away from its true value.
-    """
+        return {}
 
     def demand(self, records: Sequence[Dataset]) -> None:
-        """InputError where these rows cannot determine the effect, with what to do."""
+        """InputError where these rows cannot determine the prepared effect, with what to do.
 
-
-@runtime_checkable
-class Open(Effect, Protocol):
-    """An effect with an automatic option, which the fit settles by leaving contiguous blocks out."""
+        Asked of the final fit only: refusing trial parameters would push a time constant away from its true value.
+        """
 
     def choices(self) -> tuple[Effect, ...]:
-        """Variants to choose from, () where nothing is open."""
-
-
-@runtime_checkable
-class Resolved(Effect, Protocol):
-    """An effect of which an option decides whether it adds terms or moves the abscissa."""
-
-    def resolved(self) -> Effect:
-        """The effect that the options ask for."""
-
-
-@runtime_checkable
-class Suited(Effect, Protocol):
-    """An effect whose nonlinear parameters are searched within what the runs visit (a time of jump, a temperature)."""
+        """Variants of an automatic option, which the fit settles by leaving contiguous blocks out; () where none is."""
+        return ()
 
     def suited(self, records: Sequence[Dataset]) -> Effect:
-        """The same effect with these bounds, before any fit."""
-
-
-@runtime_checkable
-class Shaped(Effect, Protocol):
-    """An effect that comes in several shapes; rankings try each and count the best as one effect."""
+        """The same effect, before any fit, with its parameters searched within what the runs visit."""
+        return self
 
     def shapes(self) -> tuple[Effect, ...]:
-        """The effect in each shape, the simplest first."""
+        """The effect in each of its shapes, the simplest first: rankings try all and count the best as one effect."""
+        return (self,)
 
 
 @dataclass(frozen=True)
@@ -164,10 +153,14 @@ class Scale:
         """Range of a channel over the rows; InputError where it moves by no more than `least` or has no value."""
         values = np.concatenate([record.channel(channel) for record in records])
         values = values[np.isfinite(values)]
-        unit = CHANNELS[channel].unit if channel in CHANNELS else ""
         if values.size == 0:
             raise InputError(f"channel '{channel}' has no value in the rows to fit")
-        low, high = float(values.min()), float(values.max())
+        return cls.spanning(channel, float(values.min()), float(values.max()), least)
+
+    @classmethod
+    def spanning(cls, channel: str, low: float, high: float, least: float = 0.0) -> Scale:
+        """Range of a channel from its ends; InputError where it moves by no more than `least`."""
+        unit = CHANNELS[channel].unit if channel in CHANNELS else ""
         if high - low <= max(least, 1e-12 * max(abs(low), abs(high))):
             raise InputError(
                 f"{channel} moves by {high - low:.3g} {unit} only ({low:.6g} to {high:.6g}): its effect cannot be "
@@ -197,6 +190,11 @@ LEAST_RANGE_DEGC = 1.0
 """A temperature that moves by less carries no temperature effect [degC]."""
 
 
+def least_range(channel: str) -> float:
+    """Range of a channel at or below which it carries no effect, in its unit."""
+    return LEAST_RANGE_DEGC if channel == "temperature" else 0.0
+
+
 @dataclass(frozen=True)
 class Series:
     """Power series of one channel without its constant, as Chebyshev polynomials of the scaled channel."""
@@ -208,8 +206,7 @@ class Series:
     @classmethod
     def of(cls, records: Sequence[Dataset], channel: str, order: int) -> Series:
         """Series with the scale of these rows."""
-        least = LEAST_RANGE_DEGC if channel == "temperature" else 0.0
-        return cls(channel, order, Scale.of(records, channel, least))
+        return cls(channel, order, Scale.of(records, channel, least_range(channel)))
 
     def columns(self, record: Dataset) -> FloatArray:
         """T_1..T_order (n, order); outside the range the tangent at its end, never a wild polynomial."""
@@ -237,14 +234,23 @@ class Series:
         return matrix
 
 
+class StaticEffect(Effect):
+    """Base of the static curves: fixed by the ranges of their channels alone, so that sums of rows can be fitted."""
+
+    family = "static"
+
+    def scaled(self, scales: Mapping[str, Scale]) -> Effect:
+        """The same effect over these ranges of the channels that it needs."""
+        raise NotImplementedError
+
+    def prepare(self, records: Sequence[Dataset]) -> Effect:
+        """The same effect over the ranges of these rows; InputError where a channel is missing or constant."""
+        return self.scaled({name: Scale.of(records, name, least_range(name)) for name in self.needs})
+
+
 def powers_unit(channel: str, power: int) -> str:
     """Unit of the coefficient of channel^power, for instance deg/h/degC^2."""
     return "deg/h" if power == 0 else f"deg/h/{CHANNELS[channel].unit}" + (f"^{power}" if power > 1 else "")
-
-
-def linear_terms(labels: Sequence[str], units: Sequence[str]) -> Physical:
-    """Translation for columns that are physical as they stand: amplitude i is coefficient i, none is a constant."""
-    return Physical(tuple(labels), tuple(units), np.eye(len(labels), 1 + len(labels), 1))
 
 
 def prepared(fixed: _T | None) -> _T:

@@ -12,22 +12,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Theta, linear_terms
+from bench.analysis.effects.base import Effect, Parameter, Theta
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class BiasJump:
+class BiasJump(Effect):
     """One step; `run` names the run that it happened in where several are fitted together."""
 
-    name: ClassVar[str] = "bias_jump"
-    family: ClassVar[str] = "jump"
-    needs: ClassVar[tuple[str, ...]] = ()
+    name = "bias_jump"
+    family = "jump"
+    amplitudes = (("a", "deg/h"),)
 
     run: str = ""
     span_h: tuple[float, float] = field(default=(0.0, 24.0), repr=False, metadata={"fitted": True})
@@ -49,19 +48,7 @@ class BiasJump:
             raise InputError(f"bias_jump: no run{f' {self.run!r}' * bool(self.run)} with more than 5 rows")
         return replace(self, span_h=(min(t[2] for t in times) / 3600.0, max(t[-3] for t in times) / 3600.0))
 
-    def prepare(self, records: Sequence[Dataset]) -> BiasJump:
-        """Nothing to fix."""
-        return self
-
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Share of each row after the jump (n, 1); zero in other runs."""
         after = (record.time - 3600.0 * theta["at_h"]) / record.interval_s + 0.5
         return np.clip(after, 0.0, 1.0)[:, None] * float(self.run in {"", record.name})
-
-    def physical(self) -> Physical:
-        """Size a of the jump."""
-        return linear_terms(("a",), ("deg/h",))
-
-    def state(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}

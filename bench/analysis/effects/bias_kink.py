@@ -13,20 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.analysis.effects.base import (
-    Effect,
-    Parameter,
-    Physical,
-    Scale,
-    Theta,
-    check_choice,
-    check_number,
-    linear_terms,
-)
+from bench.analysis.effects.base import Effect, Parameter, Scale, Theta, check_choice, check_number
 from bench.base import FloatArray
 from bench.record import Dataset
 
@@ -35,12 +25,12 @@ _BUMPS_DEGC = (3.0, 6.0, 12.0)
 
 
 @dataclass(frozen=True)
-class BiasKink:
+class BiasKink(Effect):
     """One local term; `shape` slope or bump, `rounding_degc` of a slope 0.1 to 20, `width_degc` of a bump 0 to 30."""
 
-    name: ClassVar[str] = "bias_kink"
-    family: ClassVar[str] = "kink"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+    name = "bias_kink"
+    family = "kink"
+    needs = ("temperature",)
 
     shape: str = "slope"
     rounding_degc: float = 1.0
@@ -69,10 +59,6 @@ class BiasKink:
         scale = Scale.of(records, "temperature")
         return replace(self, range_degc=(scale.centre - 0.94 * scale.half, scale.centre + 0.94 * scale.half))
 
-    def prepare(self, records: Sequence[Dataset]) -> BiasKink:
-        """Nothing to fix."""
-        return self
-
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Rounded corner [degC] or bump [1], (n, 1)."""
         above = record.channel("temperature") - theta["at_degc"]
@@ -81,10 +67,7 @@ class BiasKink:
         corner = np.maximum(above, 0.0) + self.rounding_degc * np.log1p(np.exp(-np.abs(above) / self.rounding_degc))
         return corner[:, None]
 
-    def physical(self) -> Physical:
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """Change of slope k, or height a."""
-        return linear_terms(*((("k",), ("deg/h/degC",)) if self.shape == "slope" else (("a",), ("deg/h",))))
-
-    def state(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
+        return (("k", "deg/h/degC"),) if self.shape == "slope" else (("a", "deg/h"),)

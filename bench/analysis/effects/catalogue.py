@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, fields
 from typing import Any, cast
 
-from bench.analysis.effects.base import Effect, Parameter, moves_abscissa
+from bench.analysis.effects.base import Effect, Parameter
 from bench.analysis.effects.registry import doc, effect_names, get, make
 
 SECTIONS = ("Equation", "Units", "Source", "When left out", "Look-alikes", "Separated by")
@@ -50,7 +50,7 @@ def entry(name: str) -> Entry:
         needs=effect.needs,
         parameters=effect.parameters,
         options=_options(name, effect),
-        moves_abscissa=moves_abscissa(effect),
+        moves_abscissa=effect.moves_abscissa,
         suspect=effect.family != "static" and name != "expression",
         sections=sections(name),
     )

@@ -12,22 +12,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
-from bench.analysis.effects.base import Parameter, Physical, Scale, Theta, check_number, linear_terms
+from bench.analysis.effects.base import Effect, Scale, Theta, check_number
 from bench.analysis.effects.operators import ramp_invariant_lag
 from bench.base import FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class Compressor:
+class Compressor(Effect):
     """One term in the compressor's state; `lag_s` 0 to 3600."""
 
-    name: ClassVar[str] = "compressor"
-    family: ClassVar[str] = "compressor"
-    needs: ClassVar[tuple[str, ...]] = ("compressor",)
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "compressor"
+    needs = ("compressor",)
+    amplitudes = (("a", "deg/h"),)
 
     lag_s: float = 0.0
 
@@ -42,11 +40,3 @@ class Compressor:
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Share of the time that it ran, lagged (n, 1)."""
         return ramp_invariant_lag(record.time, record.channel("compressor"), self.lag_s)[:, None]
-
-    def physical(self) -> Physical:
-        """Bias a while it runs."""
-        return linear_terms(("a",), ("deg/h",))
-
-    def state(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}

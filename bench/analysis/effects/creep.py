@@ -12,37 +12,28 @@ Separated by: soaks of hours after a step, and coming back a day later.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Theta, check_choice, linear_terms
+from bench.analysis.effects.base import Effect, Parameter, Theta, check_choice
 from bench.analysis.effects.operators import ramp_invariant_lag
 from bench.base import FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class Creep:
+class Creep(Effect):
     """One relaxing term; `initial` settled or free."""
 
-    name: ClassVar[str] = "creep"
-    family: ClassVar[str] = "creep"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("tau_h", "h", 0.5, 24.0, 2.0, log=True, meaning="time constant of the relaxation"),
-    )
+    name = "creep"
+    needs = ("temperature",)
+    parameters = (Parameter("tau_h", "h", 0.5, 24.0, 2.0, log=True, meaning="time constant of the relaxation"),)
 
     initial: str = "settled"
 
     def __post_init__(self) -> None:
         check_choice(self.name, "initial", self.initial, ("settled", "free"))
-
-    def prepare(self, records: Sequence[Dataset]) -> Creep:
-        """Nothing to fix."""
-        return self
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """What is missing, x - T [degC] (n, 1), and the decay of a free initial state (n, 2)."""
@@ -52,11 +43,7 @@ class Creep:
             return missing[:, None]
         return np.column_stack([missing, np.exp(-record.time / tau_s)])
 
-    def physical(self) -> Physical:
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """k, and c of a free initial state."""
-        count = 1 if self.initial == "settled" else 2
-        return linear_terms(("k", "c")[:count], ("deg/h/degC", "deg/h")[:count])
-
-    def state(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
+        return (("k", "deg/h/degC"), ("c", "deg/h"))[: 1 if self.initial == "settled" else 2]

@@ -13,23 +13,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Scale, Theta, check_whole, linear_terms, prepared
+from bench.analysis.effects.base import Effect, Scale, Theta, check_whole, prepared
 from bench.base import FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class DriveAmplitude:
+class DriveAmplitude(Effect):
     """One or two terms in the relative amplitude; `order` 1 or 2."""
 
-    name: ClassVar[str] = "drive_amplitude"
-    family: ClassVar[str] = "drive"
-    needs: ClassVar[tuple[str, ...]] = ("drive",)
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "drive_amplitude"
+    family = "drive"
+    needs = ("drive",)
 
     order: int = 1
     scale: Scale | None = field(default=None, repr=False, metadata={"fitted": True})
@@ -46,9 +45,10 @@ class DriveAmplitude:
         percent = 100.0 * (record.channel("drive") / prepared(self.scale).centre - 1.0)
         return np.column_stack([percent**power for power in range(1, self.order + 1)])
 
-    def physical(self) -> Physical:
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """k1 and k2."""
-        return linear_terms(("k1", "k2")[: self.order], ("deg/h/%", "deg/h/%^2")[: self.order])
+        return (("k1", "deg/h/%"), ("k2", "deg/h/%^2"))[: self.order]
 
     def state(self) -> dict[str, Any]:
         """A_0 [V]."""

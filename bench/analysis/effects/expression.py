@@ -16,22 +16,20 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Theta, linear_terms
+from bench.analysis.effects.base import Effect, Parameter, Theta
 from bench.analysis.effects.formula import Formula, parse
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class Expression:
+class Expression(Effect):
     """Terms of a `formula`; `bounds` {name: [low, high]} of its nonlinear parameters."""
 
-    name: ClassVar[str] = "expression"
-    family: ClassVar[str] = "expression"
+    name = "expression"
 
     formula: str = ""
     bounds: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
@@ -54,22 +52,15 @@ class Expression:
         """Parameters with bounds, logarithmic where these are positive and a decade apart."""
         return tuple(_parameter(name, *self.bounds[name]) for name in self.parsed.nonlinear)
 
-    def prepare(self, records: Sequence[Dataset]) -> Expression:
-        """Nothing to fix."""
-        return self
-
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Factor of each amplitude (n, k)."""
         return self.parsed.columns(record, theta)
 
-    def physical(self) -> Physical:
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """The amplitudes, in deg/h per what they multiply."""
-        units = [f"deg/h per ({ast.unparse(factor)})" for factor in self.parsed.factors]
-        return linear_terms(self.parsed.amplitudes, units)
-
-    def state(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
+        units = (f"deg/h per ({ast.unparse(factor)})" for factor in self.parsed.factors)
+        return tuple(zip(self.parsed.amplitudes, units, strict=True))
 
 
 def _check(name: object, pair: object) -> None:

@@ -11,33 +11,27 @@ Separated by: repeating the passage dry (purged with nitrogen): it is gone.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Theta, linear_terms
+from bench.analysis.effects.base import Effect, Parameter, Theta
 from bench.analysis.effects.operators import slope
 from bench.base import BoolArray, FloatArray
 from bench.record import STILL_DEGC_PER_MIN, Dataset
 
 
 @dataclass(frozen=True)
-class Frost:
+class Frost(Effect):
     """One bump on heating."""
 
-    name: ClassVar[str] = "frost"
-    family: ClassVar[str] = "frost"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "frost"
+    needs = ("temperature",)
+    parameters = (
         Parameter("at_degc", "degC", -10.0, 10.0, 1.0, meaning="middle of the bump"),
         Parameter("width_degc", "degC", 1.0, 10.0, 3.0, log=True, meaning="half-width of the bump"),
     )
-
-    def prepare(self, records: Sequence[Dataset]) -> Frost:
-        """Nothing to fix."""
-        return self
+    amplitudes = (("a", "deg/h"),)
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """The bump on heating (n, 1)."""
@@ -46,14 +40,6 @@ class Frost:
         bump = np.exp(-(((temperature - at) / width) ** 2))
         wet = heating & _since(temperature < at - width, temperature > at + 3.0 * width)
         return np.where(np.isfinite(temperature), bump * wet, np.nan)[:, None]
-
-    def physical(self) -> Physical:
-        """Height a."""
-        return linear_terms(("a",), ("deg/h",))
-
-    def state(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
 
 
 def _since(begins: BoolArray, ends: BoolArray) -> BoolArray:

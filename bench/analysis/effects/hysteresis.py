@@ -16,20 +16,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.analysis.effects.base import (
-    Effect,
-    Parameter,
-    Physical,
-    Scale,
-    Theta,
-    check_choice,
-    check_whole,
-    linear_terms,
-)
+from bench.analysis.effects.base import Effect, Parameter, Scale, Theta, check_choice, check_whole
 from bench.analysis.effects.operators import bouc_wen, play
 from bench.base import FloatArray
 from bench.record import Dataset
@@ -39,12 +29,12 @@ _NARROWEST_DEGC, _WIDEST_DEGC = 0.5, 40.0
 
 
 @dataclass(frozen=True)
-class Hysteresis:
+class Hysteresis(Effect):
     """Loops of one shape; `shape` play or bouc_wen, `count` 1 to 20 widths (play only)."""
 
-    name: ClassVar[str] = "hysteresis"
-    family: ClassVar[str] = "loop"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
+    name = "hysteresis"
+    family = "loop"
+    needs = ("temperature",)
 
     shape: str = "play"
     count: int = 1
@@ -70,10 +60,6 @@ class Hysteresis:
         spans = [2.0 * Scale.of([record], "temperature").half for record in records]
         return replace(self, widest_degc=float(np.clip(0.45 * max(spans), 2 * _NARROWEST_DEGC, _WIDEST_DEGC)))
 
-    def prepare(self, records: Sequence[Dataset]) -> Hysteresis:
-        """Nothing to fix."""
-        return self
-
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Loops h (n, count) within [-1, 1], positive on heating; the first is the narrowest."""
         temperature, width = record.channel("temperature"), theta["width_degc"]
@@ -82,11 +68,7 @@ class Hysteresis:
         widths = [width * (i + 1) / self.count for i in range(self.count)]
         return np.column_stack([(temperature - play(temperature, r)) / r for r in widths])
 
-    def physical(self) -> Physical:
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """Half opening of each loop."""
-        labels = ("a",) if self.count == 1 else tuple(f"a{i + 1}" for i in range(self.count))
-        return linear_terms(labels, ("deg/h",) * self.count)
-
-    def state(self) -> dict[str, Any]:
-        """Nothing: widths follow from the parameter."""
-        return {}
+        return tuple((f"a{i + 1}" if self.count > 1 else "a", "deg/h") for i in range(self.count))

@@ -6,34 +6,32 @@ import importlib
 import importlib.util
 import keyword
 import sys
-from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any, cast
 
 import numpy as np
 
-from bench.analysis.effects.base import Effect, Parameter, Physical, moves_abscissa
+from bench.analysis.effects.base import Effect, Parameter, Physical
 from bench.analysis.effects.example import example
 from bench.base import CHANNELS, InputError
 
-_MEMBERS = ("name", "family", "needs", "parameters", "prepare", "columns", "physical", "state")
 
-
-def load_class(spec: str) -> Callable[..., Effect]:
+def load_class(spec: str) -> object:
     """Class of `mine.py:Class` or `package.module:Class`; InputError where there is none, or its file fails."""
     place, _, name = spec.rpartition(":")
     if not place or not name.isidentifier():
         raise InputError(f"'{spec}' is not an effect; write mine.py:Class or package.module:Class")
     module = _module(place)
-    if not hasattr(module, name):
-        own = getattr(module, "__name__", "")
-        offered = [key for key, value in vars(module).items() if getattr(value, "__module__", "") == own]
+    content = vars(module)
+    if name not in content:
+        offered = [key for key, value in content.items() if getattr(value, "__module__", "") == module.__name__]
         raise InputError(f"{place} has no class '{name}'; it has {', '.join(offered) or 'none'}")
-    return cast(Callable[..., Effect], getattr(module, name))
+    return content[name]
 
 
-def _module(place: str) -> object:
+def _module(place: str) -> ModuleType:
     path = Path(place)
     try:
         if path.suffix != ".py":
@@ -41,12 +39,12 @@ def _module(place: str) -> object:
         if not path.is_file():
             raise InputError("no such file with an effect", path)
         key = f"bench_effect_{path.resolve().as_posix().encode().hex()}"
-        found = importlib.util.spec_from_file_location(key, path)
-        if found is None or found.loader is None:
+        spec = importlib.util.spec_from_file_location(key, path)
+        if spec is None or spec.loader is None:
             raise InputError("is not a Python file", path)
-        module = importlib.util.module_from_spec(found)
+        module = importlib.util.module_from_spec(spec)
         sys.modules[key] = module  # dataclasses look their module up there
-        found.loader.exec_module(module)
+        spec.loader.exec_module(module)
     except InputError:
         raise
     except Exception as error:  # whatever a user's file may raise
@@ -55,35 +53,30 @@ def _module(place: str) -> object:
     return module
 
 
-def check(kind: Callable[..., Effect], source: str) -> str:
-    """Name of a class that keeps the contract of `base.Effect`, tried on an example run.
-
-    Raises InputError that says which member is missing or what it gives instead.
-    """
-    if not isinstance(kind, type) or not is_dataclass(kind) or not cast(Any, kind).__dataclass_params__.frozen:
+def check(kind: object, source: str) -> type[Effect]:
+    """The class, if it is an `Effect` that works on an example run; InputError that says what is wrong with it."""
+    if not isinstance(kind, type) or not issubclass(kind, Effect):
+        raise InputError(f"{source}: an effect derives from bench.analysis.Effect; docs/howto.md has an example")
+    if not is_dataclass(kind) or not cast(Any, kind).__dataclass_params__.frozen:
         raise InputError(f"{source}: an effect is a class decorated with @dataclass(frozen=True)")
-    missing = [member for member in _MEMBERS if not hasattr(kind, member)]
-    if missing:
-        raise InputError(
-            f"{source}: an effect needs {', '.join(missing)}; bench/analysis/effects/warm_up.py is a short example"
-        )
     required = [item.name for item in fields(kind) if not _has_default(item)]
     if required:
         raise InputError(f"{source}: option '{required[0]}' needs a default value")
     try:
-        return _tried(cast(Effect, kind()), source)
+        _try(kind(), source)
     except InputError:
         raise
     except Exception as error:  # whatever a user's class may raise
         text = " ".join(str(error).split())
         raise InputError(f"{source}: fails on an example run: {type(error).__name__}: {text}") from error
+    return kind
 
 
 def _has_default(item: Any) -> bool:
     return item.default is not MISSING or item.default_factory is not MISSING or not item.init
 
 
-def _tried(effect: Effect, source: str) -> str:
+def _try(effect: Effect, source: str) -> None:
     _check_words(effect, source)
     _check_parameters(effect, source)
     record = example()
@@ -93,34 +86,31 @@ def _tried(effect: Effect, source: str) -> str:
         raise InputError(f"{source}: columns() must give an array ({len(record)}, k), one row for each of the record")
     if not np.all(np.isfinite(columns)):
         raise InputError(f"{source}: columns() gives values that are not finite in an example run without gaps")
-    if columns.shape[1] == 0 and not moves_abscissa(ready):
+    if columns.shape[1] == 0 and not ready.moves_abscissa:
         raise InputError(f"{source}: columns() has no column and there is no abscissa(): it would do nothing")
     form, wide = ready.physical(), 1 + columns.shape[1]
     sizes = {len(form.labels), len(form.units), len(form.matrix)} if isinstance(form, Physical) else set()
     if len(sizes) != 1 or form.matrix.shape[1] != wide:
         raise InputError(
-            f"{source}: physical() must give labels, units and a matrix (p, {wide}); "
-            "linear_terms(labels, units) does where columns have units of their own"
+            f"{source}: `amplitudes` must hold a name and a unit for each of the {wide - 1} columns, or physical() "
+            f"labels, units and a matrix (p, {wide})"
         )
-    return effect.name
 
 
 def _check_words(effect: Effect, source: str) -> None:
-    name = effect.name
+    name = getattr(effect, "name", None)
     if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
-        raise InputError(f"{source}: name is {name!r}, needed is a word such as 'my_effect'")
+        raise InputError(f"{source}: name is {name!r}, it must be a word such as 'my_effect'")
     if not isinstance(effect.family, str) or not effect.family:
-        raise InputError(f"{source}: family is {effect.family!r}, needed is a word")
+        raise InputError(f"{source}: family is {effect.family!r}, it must be a word")
     unknown = [channel for channel in effect.needs if channel not in CHANNELS]
     if unknown:
-        raise InputError(f"{source}: needs '{unknown[0]}', which is no channel; known are {', '.join(CHANNELS)}")
+        raise InputError(f"{source}: needs '{unknown[0]}', which is not a channel; known are {', '.join(CHANNELS)}")
 
 
 def _check_parameters(effect: Effect, source: str) -> None:
     for parameter in effect.parameters:
         if not isinstance(parameter, Parameter) or not parameter.low <= parameter.start <= parameter.high:
-            raise InputError(
-                f"{source}: parameters are bench.analysis.effects.base.Parameter with low <= start <= high"
-            )
+            raise InputError(f"{source}: parameters are bench.analysis.Parameter with low <= start <= high")
         if parameter.log and parameter.low <= 0:
             raise InputError(f"{source}: parameter '{parameter.name}' is logarithmic, its low must be above 0")

@@ -10,25 +10,32 @@ Separated by: a staircase with soaks: the curve stays when the temperature stand
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Series, Theta, check_whole, powers_unit
+from bench.analysis.effects.base import (
+    Physical,
+    Scale,
+    Series,
+    StaticEffect,
+    Theta,
+    check_whole,
+    powers_unit,
+    prepared,
+)
 from bench.base import FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class Polynomial:
+class Polynomial(StaticEffect):
     """Polynomial in temperature; `order` 1 to 12."""
 
-    name: ClassVar[str] = "polynomial"
-    family: ClassVar[str] = "static"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "polynomial"
+    needs = ("temperature",)
 
     order: int = 3
     series: Series | None = field(default=None, repr=False, metadata={"fitted": True})
@@ -36,27 +43,22 @@ class Polynomial:
     def __post_init__(self) -> None:
         check_whole(self.name, "order", self.order, 1, 12)
 
-    def prepare(self, records: Sequence[Dataset]) -> Polynomial:
-        """Scale the temperature; InputError where it is constant."""
-        return replace(self, series=Series.of(records, "temperature", self.order))
+    def scaled(self, scales: Mapping[str, Scale]) -> Polynomial:
+        """Scale the temperature."""
+        return replace(self, series=Series("temperature", self.order, scales["temperature"]))
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Chebyshev polynomials T_1..T_order of the scaled temperature (n, order)."""
-        return self._series.columns(record)
+        return prepared(self.series).columns(record)
 
     def physical(self) -> Physical:
         """Coefficients a0..a_order of powers of T [deg/h/degC^k]."""
         powers = range(self.order + 1)
-        matrix = np.hstack([np.eye(self.order + 1, 1), self._series.powers()])
+        matrix = np.hstack([np.eye(self.order + 1, 1), prepared(self.series).powers()])
         units = tuple(powers_unit("temperature", p) for p in powers)
         return Physical(tuple(f"a{p}" for p in powers), units, matrix)
 
     def state(self) -> dict[str, Any]:
         """Scale of the temperature."""
-        return {"temperature": [self._series.scale.low, self._series.scale.high]}
-
-    @property
-    def _series(self) -> Series:
-        if self.series is None:
-            raise RuntimeError("prepare() comes before columns()")
-        return self.series
+        scale = prepared(self.series).scale
+        return {"temperature": [scale.low, scale.high]}

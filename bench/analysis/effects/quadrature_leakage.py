@@ -14,23 +14,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import REFERENCE_DEGC, Parameter, Physical, Scale, Theta, check_choice, linear_terms
+from bench.analysis.effects.base import REFERENCE_DEGC, Effect, Scale, Theta, check_choice
 from bench.base import FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class QuadratureLeakage:
+class QuadratureLeakage(Effect):
     """One or two terms in the quadrature; `phase_drift` false leaves b out."""
 
-    name: ClassVar[str] = "quadrature_leakage"
-    family: ClassVar[str] = "quadrature"
-    needs: ClassVar[tuple[str, ...]] = ("quadrature", "temperature")
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "quadrature_leakage"
+    family = "quadrature"
+    needs = ("quadrature", "temperature")
 
     phase_drift: bool = True
 
@@ -48,10 +47,10 @@ class QuadratureLeakage:
         drift = quadrature * (record.channel("temperature") - REFERENCE_DEGC)
         return np.column_stack([quadrature, drift][: 1 + self.phase_drift])
 
-    def physical(self) -> Physical:
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """Leakage a and its drift b."""
-        count = 1 + self.phase_drift
-        return linear_terms(("a", "b")[:count], ("deg/h/V", "deg/h/V/degC")[:count])
+        return (("a", "deg/h/V"), ("b", "deg/h/V/degC"))[: 1 + self.phase_drift]
 
     def state(self) -> dict[str, Any]:
         """Reference temperature [degC]."""

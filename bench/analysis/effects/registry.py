@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import fields
 from functools import lru_cache
 from importlib.metadata import entry_points
 from typing import Any, cast
 
 from bench.analysis.effects.aging import Aging
-from bench.analysis.effects.base import Effect, Resolved, Shaped, Suited
+from bench.analysis.effects.base import Effect
 from bench.analysis.effects.bias_jump import BiasJump
 from bench.analysis.effects.bias_kink import BiasKink
 from bench.analysis.effects.compressor import Compressor
@@ -34,7 +34,6 @@ from bench.analysis.effects.temperature_rate import TemperatureRate
 from bench.analysis.effects.thermal_lag import ThermalLag
 from bench.analysis.effects.warm_up import WarmUp
 from bench.base import InputError
-from bench.record import Dataset
 
 _BUILT_IN = (
     Polynomial,
@@ -59,7 +58,7 @@ _BUILT_IN = (
     ScaleFactorNonlinearity,
     Expression,
 )
-_REGISTRY: dict[str, Callable[..., Effect]] = {kind.name: kind for kind in _BUILT_IN}
+_REGISTRY: dict[str, type[Effect]] = {kind.name: kind for kind in _BUILT_IN}
 _BROKEN: dict[str, str] = {}
 """Why an entry point gave no effect; said when somebody asks for it."""
 
@@ -70,7 +69,7 @@ def effect_names() -> tuple[str, ...]:
     return tuple(_REGISTRY)
 
 
-def get(name: str) -> Callable[..., Effect]:
+def get(name: str) -> type[Effect]:
     """Class of an effect; InputError with the nearest known name, or why a plug-in gave no effect."""
     if name not in _REGISTRY:
         _discover()
@@ -81,12 +80,13 @@ def get(name: str) -> Callable[..., Effect]:
     return _REGISTRY[name]
 
 
-def register(kind: Callable[..., Effect], source: str) -> str:
+def register(kind: object, source: str) -> str:
     """Take a class into the registry, where it is like the built-in ones; its name. InputError as `plugin.check`."""
-    name = check(kind, source)
-    if _REGISTRY.get(name, kind) in _BUILT_IN:
+    effect = check(kind, source)
+    name = effect.name
+    if _REGISTRY.get(name, effect) in _BUILT_IN:
         raise InputError(f"{source}: the name '{name}' is a built-in effect's; choose another")
-    _REGISTRY[name] = kind
+    _REGISTRY[name] = effect
     return name
 
 
@@ -116,8 +116,7 @@ def make(name: str, options: Mapping[str, Any] | None = None) -> Effect:
     for option in options:
         if option not in known:
             raise InputError(f"effect '{name}' has no option '{option}'{nearest(str(option), known)}")
-    effect = kind(**options)
-    return effect.resolved() if isinstance(effect, Resolved) else effect
+    return kind(**options)
 
 
 def doc(name: str) -> str:
@@ -129,13 +128,3 @@ def nearest(word: str, known: tuple[str, ...]) -> str:
     """Ending of an error message: the nearest known word, or all of them."""
     close = difflib.get_close_matches(word, known, n=1)
     return f"; did you mean '{close[0]}'?" if close else f"; known are {', '.join(known) or 'none'}"
-
-
-def suited(effect: Effect, records: Sequence[Dataset]) -> Effect:
-    """The effect with its search bounds within what the runs visit, where it has such bounds."""
-    return effect.suited(records) if isinstance(effect, Suited) else effect
-
-
-def shapes(effect: Effect) -> tuple[Effect, ...]:
-    """The shapes of an effect that a ranking counts as one; the effect itself where it has only one."""
-    return effect.shapes() if isinstance(effect, Shaped) else (effect,)

@@ -12,25 +12,23 @@ Separated by: moving one channel at constant temperature (quadrature set point, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Series, Theta, check_whole, powers_unit
+from bench.analysis.effects.base import Physical, Scale, Series, StaticEffect, Theta, check_whole, powers_unit
 from bench.base import FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class Regression:
+class Regression(StaticEffect):
     """Polynomials in four channels; `order` 1 to 5, 3 is the paper's."""
 
-    name: ClassVar[str] = "regression"
-    family: ClassVar[str] = "static"
-    needs: ClassVar[tuple[str, ...]] = ("temperature", "frequency", "drive", "quadrature")
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "regression"
+    needs = ("temperature", "frequency", "drive", "quadrature")
 
     order: int = 3
     series: tuple[Series, ...] = field(default=(), repr=False, metadata={"fitted": True})
@@ -38,9 +36,9 @@ class Regression:
     def __post_init__(self) -> None:
         check_whole(self.name, "order", self.order, 1, 5)
 
-    def prepare(self, records: Sequence[Dataset]) -> Regression:
-        """Scale the four channels; InputError that names a channel that is missing or constant."""
-        return replace(self, series=tuple(Series.of(records, channel, self.order) for channel in self.needs))
+    def scaled(self, scales: Mapping[str, Scale]) -> Regression:
+        """Scale the four channels."""
+        return replace(self, series=tuple(Series(c, self.order, scales[c]) for c in self.needs))
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Chebyshev polynomials of the four scaled channels (n, 4 * order)."""

@@ -14,20 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from bench.analysis.effects.base import (
     Effect,
-    Parameter,
     Physical,
-    Scale,
     Series,
     Theta,
     check_choice,
     check_whole,
-    linear_terms,
     powers_unit,
     prepared,
 )
@@ -38,62 +35,39 @@ USES = ("term", "thermometer")
 
 
 @dataclass(frozen=True)
-class ResonanceFrequency:
-    """Powers of the frequency; `use` term or thermometer, `order` 1 to 5 of the terms."""
+class ResonanceFrequency(Effect):
+    """Powers of the frequency, or a thermometer; `use` term or thermometer, `order` 1 to 5 of the terms."""
 
-    name: ClassVar[str] = "resonance_frequency"
-    family: ClassVar[str] = "frequency"
-    needs: ClassVar[tuple[str, ...]] = ("frequency",)
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "resonance_frequency"
+    family = "frequency"
 
     use: str = "term"
     order: int = 1
     series: Series | None = field(default=None, repr=False, metadata={"fitted": True})
+    gains: tuple[float, ...] = field(default=(), repr=False, metadata={"fitted": True})
+    """Of a thermometer: temperature as a parabola of the scaled frequency [degC]."""
 
     def __post_init__(self) -> None:
         check_choice(self.name, "use", self.use, USES)
         check_whole(self.name, "order", self.order, 1, 5)
 
-    def resolved(self) -> Effect:
-        """The effect that the options ask for."""
-        return self if self.use == "term" else FrequencyThermometer("thermometer")
+    @property
+    def moves_abscissa(self) -> bool:
+        """A thermometer does."""
+        return self.use == "thermometer"
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """The frequency, and the sensor to which a thermometer is fitted."""
+        return ("frequency", "temperature") if self.moves_abscissa else ("frequency",)
 
     def prepare(self, records: Sequence[Dataset]) -> ResonanceFrequency:
-        """Scale the frequency; InputError where it does not move."""
-        return replace(self, series=Series.of(records, "frequency", self.order))
+        """Scale the frequency, fit a thermometer to the sensor; InputError where f does not move, or turns back."""
+        ready = replace(self, series=Series.of(records, "frequency", self.order))
+        return replace(ready, gains=ready._parabola(records)) if self.moves_abscissa else ready
 
-    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
-        """Chebyshev polynomials of the scaled frequency (n, order)."""
-        return prepared(self.series).columns(record)
-
-    def physical(self) -> Physical:
-        """Coefficients of powers of f, without the constant's share."""
-        powers = range(1, self.order + 1)
-        matrix = np.hstack([np.zeros((self.order, 1)), prepared(self.series).powers()[1:]])
-        return Physical(tuple(f"c{p}" for p in powers), tuple(powers_unit("frequency", p) for p in powers), matrix)
-
-    def state(self) -> dict[str, Any]:
-        """Scale of the frequency [Hz]."""
+    def _parabola(self, records: Sequence[Dataset]) -> tuple[float, ...]:
         scale = prepared(self.series).scale
-        return {"frequency": [scale.low, scale.high]}
-
-
-@dataclass(frozen=True)
-class FrequencyThermometer:
-    """Moves the abscissa of all terms to the temperature that the frequency tells."""
-
-    name: ClassVar[str] = "resonance_frequency"
-    family: ClassVar[str] = "frequency"
-    needs: ClassVar[tuple[str, ...]] = ("frequency", "temperature")
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
-
-    use: str = "term"  # always thermometer; the default of the effect, so that models write the option
-    scale: Scale | None = field(default=None, repr=False, metadata={"fitted": True})
-    gains: tuple[float, ...] = field(default=(), repr=False, metadata={"fitted": True})
-
-    def prepare(self, records: Sequence[Dataset]) -> FrequencyThermometer:
-        """Fit the sensor by a parabola in f; InputError where f does not move, or turns back within the range."""
-        scale = Scale.of(records, "frequency")
         unit = np.concatenate([scale.unit(record.channel("frequency")) for record in records])
         sensor = np.concatenate([record.channel("temperature") for record in records])
         both = np.isfinite(unit) & np.isfinite(sensor)
@@ -102,23 +76,28 @@ class FrequencyThermometer:
         gains = np.polynomial.polynomial.polyfit(unit[both], sensor[both], 2)
         if abs(gains[1]) <= 2.0 * abs(gains[2]):
             raise InputError("resonance_frequency: f turns back over temperature here, so it is no thermometer")
-        return replace(self, scale=scale, gains=tuple(gains.tolist()))
+        return tuple(gains.tolist())
+
+    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
+        """Chebyshev polynomials of the scaled frequency (n, order); none of a thermometer."""
+        return super().columns(record, theta) if self.moves_abscissa else prepared(self.series).columns(record)
 
     def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
-        """Temperature told by the frequency (n,) [degC]."""
-        unit = prepared(self.scale).unit(record.channel("frequency"))
+        """Temperature that the frequency tells (n,) [degC]."""
+        unit = prepared(self.series).scale.unit(record.channel("frequency"))
         told: FloatArray = np.polynomial.polynomial.polyval(unit, np.array(self.gains))
         return told
 
-    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
-        """No columns (n, 0)."""
-        return np.empty((len(record), 0))
-
     def physical(self) -> Physical:
-        """No amplitudes."""
-        return linear_terms((), ())
+        """Coefficients of powers of f, without the constant's share; none of a thermometer."""
+        if self.moves_abscissa:
+            return super().physical()
+        powers = range(1, self.order + 1)
+        matrix = np.hstack([np.zeros((self.order, 1)), prepared(self.series).powers()[1:]])
+        return Physical(tuple(f"c{p}" for p in powers), tuple(powers_unit("frequency", p) for p in powers), matrix)
 
     def state(self) -> dict[str, Any]:
-        """Scale of the frequency [Hz] and the parabola over the scaled frequency [degC]."""
-        scale = prepared(self.scale)
-        return {"frequency": [scale.low, scale.high], "gains_degc": list(self.gains)}
+        """Scale of the frequency [Hz], and a thermometer's parabola over the scaled frequency [degC]."""
+        scale = prepared(self.series).scale
+        gains = {"gains_degc": list(self.gains)} if self.moves_abscissa else {}
+        return {"frequency": [scale.low, scale.high], **gains}

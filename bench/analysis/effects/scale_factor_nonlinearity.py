@@ -12,11 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Scale, Theta, check_choice, check_whole, linear_terms
+from bench.analysis.effects.base import Effect, Scale, Theta, check_choice, check_whole
 from bench.base import DPH_PER_DPS, FloatArray
 from bench.record import Dataset
 
@@ -24,13 +23,11 @@ _UNITS = ("", "ppm", "ppm per deg/s", "ppm per (deg/s)^2")
 
 
 @dataclass(frozen=True)
-class ScaleFactorNonlinearity:
+class ScaleFactorNonlinearity(Effect):
     """Powers of the applied rate; `order` 2 or 3, `constant` true or false."""
 
-    name: ClassVar[str] = "scale_factor_nonlinearity"
-    family: ClassVar[str] = "scale_factor_nonlinearity"
-    needs: ClassVar[tuple[str, ...]] = ("applied_rate",)
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "scale_factor_nonlinearity"
+    needs = ("applied_rate",)
 
     order: int = 3
     constant: bool = True
@@ -49,13 +46,10 @@ class ScaleFactorNonlinearity:
         rate = record.channel("applied_rate")
         return np.column_stack([1e-6 * DPH_PER_DPS * rate**power for power in self._powers])
 
-    def physical(self) -> Physical:
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """c1, c2, c3."""
-        return linear_terms([f"c{power}" for power in self._powers], [_UNITS[power] for power in self._powers])
-
-    def state(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}
+        return tuple((f"c{power}", _UNITS[power]) for power in self._powers)
 
     @property
     def _powers(self) -> range:

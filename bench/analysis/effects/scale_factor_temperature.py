@@ -12,20 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import (
-    REFERENCE_DEGC,
-    Parameter,
-    Physical,
-    Scale,
-    Theta,
-    check_choice,
-    check_whole,
-    linear_terms,
-)
+from bench.analysis.effects.base import REFERENCE_DEGC, Effect, Scale, Theta, check_choice, check_whole
 from bench.base import DPH_PER_DPS, FloatArray
 from bench.record import Dataset
 
@@ -33,13 +24,11 @@ _UNITS = ("ppm", "ppm/degC", "ppm/degC^2")
 
 
 @dataclass(frozen=True)
-class ScaleFactorTemperature:
+class ScaleFactorTemperature(Effect):
     """Applied rate times a polynomial in temperature; `order` 1 or 2, `constant` true or false."""
 
-    name: ClassVar[str] = "scale_factor_temperature"
-    family: ClassVar[str] = "scale_factor_temperature"
-    needs: ClassVar[tuple[str, ...]] = ("applied_rate", "temperature")
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "scale_factor_temperature"
+    needs = ("applied_rate", "temperature")
 
     order: int = 2
     constant: bool = True
@@ -59,9 +48,10 @@ class ScaleFactorTemperature:
         warmer = record.channel("temperature") - REFERENCE_DEGC
         return np.column_stack([per_ppm * warmer**power for power in self._powers])
 
-    def physical(self) -> Physical:
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """s0, s1, s2."""
-        return linear_terms([f"s{power}" for power in self._powers], [_UNITS[power] for power in self._powers])
+        return tuple((f"s{power}", _UNITS[power]) for power in self._powers)
 
     def state(self) -> dict[str, Any]:
         """Reference temperature [degC]."""

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import Open, moves_abscissa
 from bench.analysis.effects.example import example
-from bench.analysis.effects.registry import make, suited
+from bench.analysis.effects.registry import make
 from bench.base import FloatArray
 
 
@@ -30,11 +29,11 @@ def signature(name: str, options: Mapping[str, Any] | None = None) -> Signature:
     """
     record = example()
     effect = make(name, options)
-    if isinstance(effect, Open) and effect.choices():
-        effect = effect.choices()[3]
-    effect = suited(effect, [record]).prepare([record])
+    choices = effect.choices()
+    effect = choices[len(choices) // 3] if choices else effect
+    effect = effect.suited([record]).prepare([record])
     theta = {parameter.name: parameter.start for parameter in effect.parameters}
-    if moves_abscissa(effect):
+    if effect.moves_abscissa:
         drawn = _bent(effect.abscissa(record, theta)) - _bent(record.channel("temperature"))
     else:
         columns = effect.columns(record, theta)

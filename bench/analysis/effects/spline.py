@@ -14,25 +14,25 @@ Separated by: a slow ramp both ways: the same temperature twice.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from math import factorial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import null_space
 
 from bench.analysis.effects.base import (
-    LEAST_RANGE_DEGC,
     Effect,
-    Parameter,
     Physical,
     Scale,
+    StaticEffect,
     Theta,
     check_whole,
     powers_unit,
+    prepared,
 )
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
@@ -44,13 +44,11 @@ MIN_ROWS = 3
 
 
 @dataclass(frozen=True)
-class Spline:
+class Spline(StaticEffect):
     """Cubic spline in temperature; `intervals` 1 to 200 or auto, `ends` natural, parabolic, periodic or free."""
 
-    name: ClassVar[str] = "spline"
-    family: ClassVar[str] = "static"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "spline"
+    needs = ("temperature",)
 
     intervals: int | str = "auto"
     ends: str = "natural"
@@ -71,9 +69,9 @@ class Spline:
         least = 3 if self.ends == "periodic" else 2
         return tuple(replace(self, intervals=m) for m in CANDIDATES if m >= least)
 
-    def prepare(self, records: Sequence[Dataset]) -> Spline:
-        """Equal intervals over the range of these rows; InputError where the temperature is constant."""
-        return replace(self, scale=Scale.of(records, "temperature", LEAST_RANGE_DEGC))
+    def scaled(self, scales: Mapping[str, Scale]) -> Spline:
+        """Equal intervals over the range."""
+        return replace(self, scale=scales["temperature"])
 
     def demand(self, records: Sequence[Dataset]) -> None:
         """InputError where an interval has too few rows, or none."""
@@ -123,9 +121,7 @@ class Spline:
 
     @property
     def _scale(self) -> Scale:
-        if self.scale is None:
-            raise RuntimeError("prepare() comes before columns()")
-        return self.scale
+        return prepared(self.scale)
 
 
 def _knots(m: int) -> FloatArray:

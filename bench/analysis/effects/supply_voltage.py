@@ -12,21 +12,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
-from bench.analysis.effects.base import Parameter, Physical, Scale, Theta, linear_terms, prepared
+from bench.analysis.effects.base import Effect, Scale, Theta, prepared
 from bench.base import FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class SupplyVoltage:
+class SupplyVoltage(Effect):
     """One term in the supply voltage."""
 
-    name: ClassVar[str] = "supply_voltage"
-    family: ClassVar[str] = "supply"
-    needs: ClassVar[tuple[str, ...]] = ("supply",)
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "supply_voltage"
+    family = "supply"
+    needs = ("supply",)
+    amplitudes = (("k", "deg/h/V"),)
 
     scale: Scale | None = field(default=None, repr=False, metadata={"fitted": True})
 
@@ -37,10 +37,6 @@ class SupplyVoltage:
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """V - V_0 [V] (n, 1)."""
         return (record.channel("supply") - prepared(self.scale).centre)[:, None]
-
-    def physical(self) -> Physical:
-        """The coefficient k."""
-        return linear_terms(("k",), ("deg/h/V",))
 
     def state(self) -> dict[str, Any]:
         """V_0 [V]."""

@@ -13,13 +13,13 @@ Separated by: several rates of both signs at several temperatures.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Series, Theta, check_choice, check_whole
+from bench.analysis.effects.base import Physical, Scale, Series, StaticEffect, Theta, check_choice, check_whole
 from bench.base import CHANNELS, FloatArray, InputError
 from bench.record import Dataset
 
@@ -28,12 +28,10 @@ LEAST_STEP = 0.01
 
 
 @dataclass(frozen=True)
-class Surface:
+class Surface(StaticEffect):
     """Polynomial in rate and temperature; `order` 1 to 7, `over` applied_rate or rate."""
 
-    name: ClassVar[str] = "surface"
-    family: ClassVar[str] = "static"
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "surface"
 
     order: int = 5
     over: str = "applied_rate"
@@ -48,12 +46,10 @@ class Surface:
         """Rate of the table (also to know the error of the output), the abscissa, temperature."""
         return tuple(dict.fromkeys((self.over, "applied_rate", "temperature")))
 
-    def prepare(self, records: Sequence[Dataset]) -> Surface:
-        """Scale both; InputError where the table stands still or the temperature is constant."""
-        Series.of(records, "applied_rate", self.order)
-        return replace(
-            self, series=tuple(Series.of(records, channel, self.order) for channel in (self.over, "temperature"))
-        )
+    def scaled(self, scales: Mapping[str, Scale]) -> Surface:
+        """Scale both."""
+        channels = (self.over, "temperature")
+        return replace(self, series=tuple(Series(c, self.order, scales[c]) for c in channels))
 
     def demand(self, records: Sequence[Dataset]) -> None:
         """InputError where the table stood at too few rates for the order."""

@@ -13,34 +13,24 @@ Separated by: standing still and reversing (minor loops, steps); ramps at two ra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import (
-    REFERENCE_DEGC,
-    Parameter,
-    Physical,
-    Theta,
-    check_choice,
-    check_number,
-    linear_terms,
-)
+from bench.analysis.effects.base import REFERENCE_DEGC, Effect, Theta, check_choice, check_number
 from bench.analysis.effects.operators import ramp_invariant_lag, slope
 from bench.base import FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class TemperatureRate:
+class TemperatureRate(Effect):
     """One or two terms in dT/dt; `filter_s` 0 to 36000, `temperature_slope` true or false."""
 
-    name: ClassVar[str] = "temperature_rate"
-    family: ClassVar[str] = "rate"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
-    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    name = "temperature_rate"
+    family = "rate"
+    needs = ("temperature",)
 
     filter_s: float = 0.0
     temperature_slope: bool = False
@@ -48,10 +38,6 @@ class TemperatureRate:
     def __post_init__(self) -> None:
         check_number(self.name, "filter_s", self.filter_s, 0.0, 36000.0)
         check_choice(self.name, "temperature_slope", self.temperature_slope, (True, False))
-
-    def prepare(self, records: Sequence[Dataset]) -> TemperatureRate:
-        """Nothing to fix."""
-        return self
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """The rate r (n, 1), or r and r (T - 25 degC) (n, 2)."""
@@ -63,11 +49,10 @@ class TemperatureRate:
             rate = 60.0 * slope(record.time, temperature, 60.0)
         return np.column_stack([rate, rate * (temperature - REFERENCE_DEGC)][: 1 + self.temperature_slope])
 
-    def physical(self) -> Physical:
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """k1 and k2."""
-        count = 1 + self.temperature_slope
-        units = ("deg/h per degC/min", "deg/h per degC/min per degC")
-        return linear_terms(("k1", "k2")[:count], units[:count])
+        return (("k1", "deg/h per degC/min"), ("k2", "deg/h per degC/min per degC"))[: 1 + self.temperature_slope]
 
     def state(self) -> dict[str, Any]:
         """Reference temperature [degC]."""

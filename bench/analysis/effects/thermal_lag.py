@@ -14,45 +14,25 @@ Separated by: ramps at two rates with soaks between; standing still and reversin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
-import numpy as np
-
-from bench.analysis.effects.base import Parameter, Physical, Theta, linear_terms
+from bench.analysis.effects.base import Effect, Parameter, Theta
 from bench.analysis.effects.operators import ramp_invariant_lag
 from bench.base import FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class ThermalLag:
+class ThermalLag(Effect):
     """Moves the abscissa of all terms; no terms of its own."""
 
-    name: ClassVar[str] = "thermal_lag"
-    family: ClassVar[str] = "lag"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "thermal_lag"
+    family = "lag"
+    needs = ("temperature",)
+    parameters = (
         Parameter("tau_s", "s", 3.0, 1e4, 60.0, log=True, meaning="time constant between sensor and resonator"),
     )
-
-    def prepare(self, records: Sequence[Dataset]) -> ThermalLag:
-        """Nothing to fix."""
-        return self
 
     def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
         """Temperature of the resonator (n,) [degC]."""
         return ramp_invariant_lag(record.time, record.channel("temperature"), theta["tau_s"])
-
-    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
-        """No columns (n, 0)."""
-        return np.empty((len(record), 0))
-
-    def physical(self) -> Physical:
-        """No amplitudes."""
-        return linear_terms((), ())
-
-    def state(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}

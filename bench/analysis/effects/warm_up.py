@@ -10,46 +10,29 @@ Separated by: switching the power off and on at constant temperature, cold and h
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, Physical, Theta, check_number, linear_terms
+from bench.analysis.effects.base import Effect, Parameter, Theta, check_number
 from bench.base import FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
-class WarmUp:
+class WarmUp(Effect):
     """One decaying term; `power_on_s` is the time of power-on in the run [s], negative if before it."""
 
-    name: ClassVar[str] = "warm_up"
-    family: ClassVar[str] = "warm_up"
-    needs: ClassVar[tuple[str, ...]] = ()
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("tau_s", "s", 60.0, 7200.0, 600.0, log=True, meaning="time constant of the warm-up"),
-    )
+    name = "warm_up"
+    parameters = (Parameter("tau_s", "s", 60.0, 7200.0, 600.0, log=True, meaning="time constant of the warm-up"),)
+    amplitudes = (("a", "deg/h"),)
 
     power_on_s: float = 0.0
 
     def __post_init__(self) -> None:
         check_number(self.name, "power_on_s", self.power_on_s, -1e6, 1e6)
 
-    def prepare(self, records: Sequence[Dataset]) -> WarmUp:
-        """Nothing to fix."""
-        return self
-
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """The decay (n, 1)."""
         on_s = record.time - self.power_on_s
         return np.where(on_s >= 0.0, np.exp(-np.maximum(on_s, 0.0) / theta["tau_s"]), 0.0)[:, None]
-
-    def physical(self) -> Physical:
-        """a, the bias at power-on."""
-        return linear_terms(("a",), ("deg/h",))
-
-    def state(self) -> dict[str, Any]:
-        """Nothing."""
-        return {}

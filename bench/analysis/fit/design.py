@@ -8,9 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from bench.analysis.effects.base import Demanding, Effect, Parameter, Theta, moves_abscissa
+from bench.analysis.effects.base import Effect, Parameter, Theta
 from bench.analysis.effects.model import Model
-from bench.analysis.effects.registry import suited
 from bench.analysis.fit.rate_surface import binned_record
 from bench.base import BoolArray, FloatArray, InputError, IntArray
 from bench.record import Dataset
@@ -31,7 +30,7 @@ class Bound:
         """Constant and all effects' columns (n, 1 + k) of the whole record."""
         moved = record
         for key, effect in zip(self.keys, self.effects, strict=True):
-            if moves_abscissa(effect):
+            if effect.moves_abscissa:
                 moved = moved.with_channel("temperature", effect.abscissa(moved, self.theta[key]))
         parts = [e.columns(moved, self.theta[k]) for k, e in zip(self.keys, self.effects, strict=True)]
         return np.hstack([np.ones((len(record), 1)), *parts])
@@ -107,13 +106,13 @@ class Problem:
         pairs = list(zip(self.model.keys, self.model.effects, strict=True))
         for moves in (True, False):  # terms are scaled to the temperature that they will see
             for key, effect in pairs:
-                if moves_abscissa(effect) is not moves:
+                if effect.moves_abscissa is not moves:
                     continue
                 selected = [r.select(m) for r, m in zip(moved, self.masks, strict=True)]
                 prepared[key] = ready = effect.prepare(selected)
-                if isinstance(ready, Demanding) and not trial:
+                if not trial:
                     ready.demand(selected)
-                if moves_abscissa(ready):
+                if ready.moves_abscissa:
                     moved = tuple(r.with_channel("temperature", ready.abscissa(r, theta[key])) for r in moved)
         slices, parts, at = {}, [np.ones((self.y.size, 1))], 1
         for key in self.model.keys:
@@ -174,7 +173,7 @@ def assemble(model: Model, records: tuple[Dataset, ...], rows: Sequence[BoolArra
     if not any(mask.any() for mask in masks):
         names = ", ".join(record.name for record in records)
         raise InputError(f"zero rows to fit for model '{model.name}' ({model.rows} rows of {names})")
-    within = replace(model, effects=tuple(suited(effect, records) for effect in model.effects))
+    within = replace(model, effects=tuple(effect.suited(records) for effect in model.effects))
     return Problem(within, records, masks)
 
 

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from bench.analysis.effects.base import LEAST_RANGE_DEGC, Effect, Scale, Series, moves_abscissa
+from bench.analysis.effects.base import Effect, Scale, Series, StaticEffect, least_range, prepared
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.polynomial import Polynomial
 from bench.analysis.effects.regression import Regression
@@ -35,7 +35,6 @@ from bench.record import Dataset
 CELLS = 96
 """Splines of 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48 and 96 intervals follow from one pass."""
 FOLDS = 20
-_STATIC = (Polynomial, Regression, Spline, Surface)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,33 +131,37 @@ def _interval(records: Sequence[Record]) -> float:
 def _lay_out(model: Model, records: Sequence[Record], block_s: float) -> Pass:
     if model.rows not in {"all", "heating", "cooling"}:
         raise InputError(f"model '{model.name}': rows: {model.rows} is a fit to means; leave --every-sample out")
-    if len(model.effects) > 1 or not isinstance(model.effects[0], _STATIC):
-        return _general(model, records, block_s)
     effect = model.effects[0]
+    if len(model.effects) > 1 or not isinstance(effect, StaticEffect):
+        return _general(model, records, block_s)
     scales = {name: _scale(records, name) for name in effect.needs}
-    prepared = _prepared(effect, scales)
+    ready = effect.scaled(scales)
     offset = float(np.nanmean(records[0].means.bias))
-    bound = _bound(model, prepared)
+    bound = _bound(model, ready)
     validity = {name: (scale.low, scale.high) for name, scale in scales.items()}
-    if isinstance(prepared, Spline):
+    if isinstance(ready, Spline):
         scale = scales["temperature"]
         cells = Cells(scale.low, scale.high, CELLS, offset)
-        if isinstance(prepared.intervals, int):
-            cells.joined(np.zeros(cells.size), prepared.intervals)
-        form = _spline_form(cells, prepared)
+        if isinstance(ready.intervals, int):
+            cells.joined(np.zeros(cells.size), ready.intervals)
+        form = _spline_form(cells, ready)
         return Pass(model, State(cells, block_s), bound, form, validity=validity)
-    if isinstance(prepared, Surface):
-        products = Products(prepared.series[0], prepared.series[1], prepared.terms, offset)
+    if isinstance(ready, Surface):
+        products = Products(ready.series[0], ready.series[1], ready.terms, offset)
         return Pass(model, State(products, block_s), bound, products.normal, validity=validity)
-    series = (
-        prepared.series
-        if isinstance(prepared, Regression)
-        else (Series("temperature", prepared.order, scales["temperature"]),)
-    )
+    series = _series(ready)
     columns, y = _sample(records, effect.needs)
     width = 1 + sum(one.order for one in series)
     gram = Gram.of(effect.needs, width, ChebyshevRows(series), columns, y)
     return Pass(model, State(gram, block_s), bound, gram.normal, validity=validity)
+
+
+def _series(effect: Effect) -> tuple[Series, ...]:
+    if isinstance(effect, Regression):
+        return effect.series
+    if isinstance(effect, Polynomial):
+        return (prepared(effect.series),)
+    raise InputError(f"{effect.name} cannot be summed over every sample; leave --every-sample out")
 
 
 def _spline_form(cells: Cells, spline: Spline) -> Callable[[FloatArray], Normal]:
@@ -193,19 +196,6 @@ def _settled(one: Pass) -> Pass:
     return replace(one, model=model, bound=_bound(model, effect), form=_spline_form(cells, effect))
 
 
-def _prepared(effect: Effect, scales: Mapping[str, Scale]) -> Polynomial | Regression | Spline | Surface:
-    if isinstance(effect, Spline):
-        return replace(effect, scale=scales["temperature"])
-    if isinstance(effect, Polynomial):
-        return replace(effect, series=Series("temperature", effect.order, scales["temperature"]))
-    if isinstance(effect, Surface):
-        channels = (effect.over, "temperature")
-        return replace(effect, series=tuple(Series(c, effect.order, scales[c]) for c in channels))
-    if isinstance(effect, Regression):
-        return replace(effect, series=tuple(Series(c, effect.order, scales[c]) for c in effect.needs))
-    raise RuntimeError(f"{effect.name} is no static effect")
-
-
 def _bound(model: Model, effect: Effect) -> Bound:
     key = model.keys[0]
     width = 0
@@ -217,13 +207,7 @@ def _bound(model: Model, effect: Effect) -> Bound:
 def _scale(records: Sequence[Record], channel: str) -> Scale:
     ends = np.array([record.samples.range(channel) for record in records])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
-    least = LEAST_RANGE_DEGC if channel == "temperature" else 1e-12 * max(abs(low), abs(high))
-    if high - low <= least:
-        raise InputError(
-            f"{channel} moves by {high - low:.3g} only ({low:.6g} to {high:.6g}): its effect cannot be determined; "
-            "fit a run that changes it, or leave the effect out"
-        )
-    return Scale(low, high)
+    return Scale.spanning(channel, low, high, least_range(channel))
 
 
 def _sample(records: Sequence[Record], needs: Sequence[str]) -> tuple[dict[str, FloatArray], FloatArray]:
@@ -240,8 +224,8 @@ def _general(model: Model, records: Sequence[Record], block_s: float) -> Pass:
     """Any model, laid out by its fit to the means."""
     found = fit_model(model, tuple(record.means for record in records), covariance="none")
     bound = found.bound
-    moves = any(moves_abscissa(effect) for effect in bound.effects)
-    direct = [isinstance(effect, _STATIC) and not moves for effect in bound.effects]
+    moves = any(effect.moves_abscissa for effect in bound.effects)
+    direct = [isinstance(effect, StaticEffect) and not moves for effect in bound.effects]
     memory = [bound.columns(record.seconds) for record in records]
     width = memory[0].shape[1]
     places = [

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import Open, Parameter, options_of
+from bench.analysis.effects.base import Parameter, options_of
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import Bound, Problem, assemble
 from bench.analysis.fit.quantisation import coarse_temperature
@@ -193,7 +193,7 @@ def refuse_corrected(records: Iterable[Dataset]) -> None:
 def _choose(problem: Problem) -> Problem:
     """Settle automatic options: the variant with the least RMS on left-out blocks."""
     for i, effect in enumerate(problem.model.effects):
-        choices = effect.choices() if isinstance(effect, Open) else ()
+        choices = effect.choices()
         if not choices:
             continue
         scored = [(score, variant) for variant in choices if np.isfinite(score := _left_out(problem.using(i, variant)))]

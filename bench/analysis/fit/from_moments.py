@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import linalg
 
-from bench.analysis.effects.base import Effect, Scale, Series
+from bench.analysis.effects.base import Scale, StaticEffect
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.polynomial import Polynomial
 from bench.analysis.effects.regression import Regression
 from bench.analysis.effects.spline import MIN_ROWS, Spline
 from bench.analysis.fit.cells import Cells
 from bench.analysis.fit.design import Bound
-from bench.analysis.fit.moments import CELLS, CHANNELS, ORDER, Moments, Ranges
+from bench.analysis.fit.moments import CELLS, CHANNELS, ORDER, Moments
 from bench.analysis.fit.smooth import solve_spline
 from bench.analysis.fit.solve import MAX_CONDITION
 from bench.base import FloatArray, InputError
@@ -41,25 +41,26 @@ _FITS: dict[str, Callable[[Any], bool]] = {
 }
 
 
-def check(model: Model) -> None:
-    """InputError unless the model can be solved from moments."""
+def check(model: Model) -> StaticEffect:
+    """The effect of a model that can be solved from moments; InputError for any other."""
     effect = model.effects[0]
-    if len(model.effects) != 1 or model.rows != "all" or not _FITS.get(effect.name, lambda _: False)(effect):
+    alone = len(model.effects) == 1 and model.rows == "all"
+    if not isinstance(effect, StaticEffect) or not alone or not _FITS.get(effect.name, lambda _: False)(effect):
         raise InputError(
             f"model '{model.name}' cannot be solved from moments: allowed are, each alone and on all rows, polynomial, "
             f"regression to order {ORDER['joint']}, and spline with a given number of intervals that divides {CELLS}"
         )
+    return effect
 
 
 def solve_moments(model: Model, moments: Moments) -> Solved:
     """The fit of the model to the rows behind the moments; InputError as `fit` has it, or where `check` refuses."""
-    check(model)
-    effect = model.effects[0]
+    effect = check(model)
     ranges = {channel: (float(a), float(b)) for channel, (a, b) in zip(CHANNELS, moments.ranges, strict=True)}
     missing = [channel for channel in effect.needs if not np.isfinite(ranges[channel][0])]
     if missing:
         raise InputError(f"channel '{missing[0]}' has no value in the rows to fit")
-    prepared = _prepared(effect, ranges)
+    prepared = effect.scaled({channel: Scale(*ranges[channel]) for channel in effect.needs})
     if isinstance(prepared, Spline):
         beta, rss, condition = _solve_spline(prepared, moments)
     else:
@@ -74,17 +75,6 @@ def solve_moments(model: Model, moments: Moments) -> Solved:
     rms_dph = float(np.sqrt(max(rss, 0.0) / moments.weight[part]))
     validity = {channel: ranges[channel] for channel in effect.needs}
     return Solved(bound, beta, rms_dph, condition, int(moments.rows[part]), validity)
-
-
-def _prepared(effect: Effect, ranges: Ranges) -> Spline | Polynomial | Regression:
-    scales = {channel: Scale(*ranges[channel]) for channel in effect.needs}
-    if isinstance(effect, Spline):
-        return replace(effect, scale=scales["temperature"])
-    if isinstance(effect, Polynomial):
-        return replace(effect, series=Series("temperature", effect.order, scales["temperature"]))
-    if isinstance(effect, Regression):
-        return replace(effect, series=tuple(Series(c, effect.order, scales[c]) for c in effect.needs))
-    raise RuntimeError(f"{effect.name} was not checked")
 
 
 def _solve_triangle(effect: Polynomial | Regression, moments: Moments) -> tuple[FloatArray, float, float]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Effect, Fit, MovesAbscissa, Theta, moves_abscissa
+from bench.analysis import Effect, Fit, Theta
 from bench.base import DPH_PER_DPS, FloatArray, InputError
 from bench.deliver.export import chebyshev
 from bench.deliver.export.delivery import MOST_BLOCKS, MOST_ORDER, MOST_SIGNALS, Block, Delivery, Kind, Shape, Signal
@@ -33,9 +33,9 @@ def deliver(fit: Fit, datasets: Sequence[Dataset], sample_hz: float = 500.0) -> 
         raise InputError(f"model '{fit.model.name}' is a baseline fitted to soaks only; deliver one fitted to all rows")
     builder = _Builder(fit, tuple(datasets), sample_hz)
     for key, effect in zip(fit.bound.keys, fit.bound.effects, strict=True):
-        if moves_abscissa(effect):
+        if effect.moves_abscissa:
             builder.move(key, effect)
-    pairs = [(k, e) for k, e in zip(fit.bound.keys, fit.bound.effects, strict=True) if not moves_abscissa(e)]
+    pairs = [(k, e) for k, e in zip(fit.bound.keys, fit.bound.effects, strict=True) if not e.moves_abscissa]
     turning = [pair for pair in pairs if "applied_rate" in channels_of(pair[1])]
     for key, effect in pairs:
         if (key, effect) not in turning:
@@ -69,7 +69,7 @@ class _Builder:
             self.named[channel] = self._append(made, box_of(made, channel))
         return self.named[channel]
 
-    def move(self, key: str, effect: MovesAbscissa) -> None:
+    def move(self, key: str, effect: Effect) -> None:
         """The temperature that all terms see from now on."""
         theta = self.fit.bound.theta[key]
         if effect.name == "thermal_lag":
@@ -87,10 +87,10 @@ class _Builder:
             raise InputError(f"{effect.name}: a unit cannot evaluate this effect; leave it out of the delivered model")
         self.named["temperature"] = self._append(made, box)
 
-    def _told(self, effect: MovesAbscissa, theta: Theta, frequency: FloatArray) -> FloatArray:
+    def _told(self, effect: Effect, theta: Theta, frequency: FloatArray) -> FloatArray:
         return effect.abscissa(record(frequency=frequency, temperature=np.zeros_like(frequency)), theta)
 
-    def _advance(self, effect: MovesAbscissa, theta: Theta) -> None:
+    def _advance(self, effect: Effect, theta: Theta) -> None:
         self.moved = tuple(r.with_channel("temperature", effect.abscissa(r, theta)) for r in self.moved)
 
     def add(self, key: str, effect: Effect) -> None:
