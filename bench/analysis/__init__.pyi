@@ -12,7 +12,6 @@ from .diagnosis.compare import ladder as ladder
 from .diagnosis.diagnose import diagnose as diagnose
 from .diagnosis.every_sample import compare_every_sample as compare_every_sample
 from .diagnosis.every_sample import of_seconds as of_seconds
-from .diagnosis.evidence import TIE as TIE
 from .diagnosis.experiment import Proposal as Proposal
 from .diagnosis.experiment import next_experiment as next_experiment
 from .diagnosis.improve import add_effect as add_effect
@@ -58,7 +57,7 @@ from .judging.analysis import LIMITS_JSON as LIMITS_JSON
 from .judging.analysis import LIMITS_YAML as LIMITS_YAML
 from .judging.analysis import Analysis as Analysis
 from .judging.branches import branch_gap as branch_gap
-from .judging.cautions import refusals as refusals
+from .judging.cautions import refused_models as refused_models
 from .judging.completeness import LOST as LOST
 from .judging.completeness import Completeness as Completeness
 from .judging.diagnosed import Rung as Rung
@@ -82,7 +81,6 @@ from .judging.limits import judge_limits as judge_limits
 from .judging.limits import load_limits as load_limits
 from .judging.quantities import standing as standing
 from .judging.quantities import turning as turning
-from .judging.stored import WIDEST_HOLE as WIDEST_HOLE
 from .judging.stored import Source as Source
 from .judging.stored import source_of as source_of
 from .judging.verification import Verification as Verification
@@ -95,3 +93,6 @@ from .noise.allan import allan_deviation as allan_deviation
 from .noise.estimate import Noise as Noise
 from .noise.floor import Floor as Floor
 from .noise.floor import noise_floor as noise_floor
+from .thresholds import MOST_EXTRAPOLATED as MOST_EXTRAPOLATED
+from .thresholds import TIE as TIE
+from .thresholds import WIDEST_HOLE as WIDEST_HOLE

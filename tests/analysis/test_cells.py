@@ -1,7 +1,5 @@
 """Splines from sums in cells: any intervals, ends and smoothing, checked against references that are not ours."""
 
-from dataclasses import replace
-
 import mpmath
 import numpy as np
 import pytest
@@ -102,27 +100,12 @@ def test_a_quantised_temperature_on_borders_of_cells_is_summed_like_any_other():
     np.testing.assert_allclose(state.table.sum(axis=0), weighted, rtol=1e-11, atol=1e-8)
 
 
-def test_empty_end_cells_are_refused_or_given_the_shortest_solution():
+def test_empty_end_cells_are_refused():
     time, x, y = record(8000)
     state = in_cells(time, x, y, ends=(-80.0, 120.0))
     total = state.table.sum(axis=0)
     with pytest.raises(InputError, match=r"not determined|0 coefficients"):
         solve_spline(state.sums, total, 96, "free")
-    solved = solve_spline(state.sums, total, 96, "free", least_norm=True)
-    rows = Dataset("r", time, {"temperature": x, "rate": y}, np.zeros(x.size, dtype=int))
-    columns = np.column_stack([np.ones(x.size), Spline(96, "free", Scale(-80.0, 120.0)).columns(rows, {})])
-    theirs = np.linalg.lstsq(columns, y, rcond=1e-9)[0]
-    assert solved.rss == pytest.approx(np.sum((y - columns @ theirs) ** 2), rel=1e-9)
-    assert np.max(np.abs(solved.beta)) < 1e4
-
-
-def test_another_offset_changes_no_fit():
-    time, x, y = record()
-    state = in_cells(time, x, y)
-    moved = replace(state.sums, offset=-50.0)
-    first = solve_spline(state.sums, state.table.sum(axis=0), 24)
-    second = solve_spline(moved, state.sums.shifted(state.table, -50.0).sum(axis=0), 24)
-    np.testing.assert_allclose(first.beta, second.beta, rtol=1e-9, atol=1e-9)
 
 
 def test_the_number_of_intervals_is_chosen_without_another_look_at_the_rows():

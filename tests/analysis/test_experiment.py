@@ -9,7 +9,7 @@ from bench.acquisition.profile import profile
 from bench.analysis import effects
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.evidence import weigh
-from bench.analysis.diagnosis.experiment import Noise, Rival, next_experiment, propose, separation
+from bench.analysis.diagnosis.experiment import Design, Noise, Rival, next_experiment, propose
 from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans
 from bench.analysis.diagnosis.prediction import chamber_model, predicted_record
 from bench.analysis.diagnosis.suspects import Layout
@@ -148,8 +148,8 @@ def test_standing_still_and_reversing_separates_better_than_the_same_again(runs)
     layout, rivals, noise = judged(runs["temperature_rate"])
     pair = [rival for rival in rivals if rival.name in {"temperature_rate", "hysteresis"}]
     again = Plan("again", "", 25.0, (Move(-5.0, 1.0, 10.0), Move(65.0, 1.0, 10.0), Move(25.0, 1.0)))
-    alone, repeated = separation(layout, pair, noise), separation(layout, pair, noise, again)
-    loops = separation(layout, pair, noise, minor_loops(LIMITS))
+    rated = Design(layout, pair, noise)
+    alone, repeated, loops = (rated.worst(plan) for plan in (None, again, minor_loops(LIMITS)))
     assert alone < repeated < loops
 
 

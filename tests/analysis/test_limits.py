@@ -2,7 +2,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from bench.analysis.diagnosis.candidates import Problem
-from bench.analysis.diagnosis.limits import expected_gap, probability, separation, smallest
+from bench.analysis.diagnosis.limits import expected_gap, probability, smallest
 from bench.analysis.noise.likelihood import NoiseLattice
 from bench.analysis.noise.whitening import Whitener, covariance
 from tests.analysis.test_evidence import NOISE, TEMPERATURE, TIME, bias_of, candidates, coloured, columns_of
@@ -50,12 +50,10 @@ def test_the_expected_gap_is_what_realised_gaps_scatter_about():
     assert_allclose(np.mean(rival - truth), gap, atol=5.0 * np.std(rival - truth) / np.sqrt(300))
 
 
-def test_separation_is_zero_on_the_diagonal_and_grows_with_the_square_of_strength():
-    rivals = candidates()[1:3]
-    effects = [0.05 * rivals[0].columns(())[:, 0], 0.05 * rivals[1].columns((6.0,))[:, 0]]
-    weak = separation(DATA, effects, rivals, LATTICE, POINT, SIGMA2)
-    strong = separation(DATA, [2.0 * e for e in effects], rivals, LATTICE, POINT, SIGMA2)
-    assert weak[0, 0] == weak[1, 1] == 0.0
+def test_the_expected_gap_grows_with_the_square_of_the_effect():
+    rate, loop = candidates()[1:3]
+    effect = 0.05 * rate.columns(())[:, 0]
+    weak, strong = (expected_gap(DATA, size * effect, loop, LATTICE, POINT, SIGMA2) for size in (1.0, 2.0))
     assert_allclose(strong, 4.0 * weak, rtol=1e-3)
 
 

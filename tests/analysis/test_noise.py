@@ -15,7 +15,7 @@ from bench.analysis.noise import (
     likelihood,
     profile_noise,
 )
-from bench.analysis.noise.allan import allan_pyramid, coefficients_from_curve
+from bench.analysis.noise.allan import allan_pyramid
 from bench.analysis.noise.likelihood import NoiseLattice, Surface
 from bench.analysis.noise.whitening import Ratios, Whitener, covariance
 from bench.base.errors import InputError
@@ -83,12 +83,6 @@ class TestAllanDeviation:
             inside += int(np.sum((curve.low_dph < truth) & (truth < curve.high_dph)))
             total += 3
         assert 0.90 <= inside / total <= 0.99
-
-    def test_coefficients_are_read_off_the_curve(self):
-        """Long records of one noise each."""
-        for noise in [(0.01, 0.0, 0.0), (0.0, 0.03, 0.0), (0.0, 0.0, 0.3)]:
-            rate = gyro_noise(np.random.default_rng(3), 200_000, 1.0, noise)
-            assert_allclose(coefficients_from_curve(allan_deviation(rate, 1.0)), noise, rtol=0.1, atol=0.003)
 
     def test_refuses_what_has_no_deviation(self):
         for rate in (np.array([]), np.array([1.0, np.nan, 2.0]), np.full(100, 5.0)):

@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 
-from bench.analysis.effects.base import Scale, Series
+from bench.analysis.effects.base import Scale
 from bench.analysis.fit.cells import Cells
-from bench.analysis.fit.gram import ChebyshevRows, Gram
 from bench.analysis.fit.normal import left_out
 from bench.analysis.fit.smooth import solve_spline, spline_normal
 from bench.analysis.fit.state import State
-from bench.base.errors import InputError
 from tests.support.thermal_cycle import curve, in_cells, record
 
 
@@ -22,17 +20,6 @@ def test_gaps_are_left_out_and_nothing_stands_in_for_them():
     kept = np.isfinite(x) & np.isfinite(y)
     with_gaps, without = in_cells(time, x, y), in_cells(time[kept], x[kept], y[kept])
     np.testing.assert_allclose(with_gaps.table, without.table, rtol=1e-11, atol=1e-8)
-
-
-def test_two_halves_merge_into_the_whole():
-    time, x, y = record()
-    whole = in_cells(time, x, y)
-    first, second = (in_cells(time[part], x[part], y[part]) for part in (slice(0, 33_333), slice(33_333, None)))
-    first.merge(second)
-    assert np.array_equal(first.run, whole.run)
-    np.testing.assert_allclose(first.table, whole.table, rtol=1e-11, atol=1e-8)
-    with pytest.raises(InputError, match="cannot be merged"):
-        first.merge(in_cells(time, x, y, ends=(-42.0, 86.0)))
 
 
 def test_a_record_that_grows_has_the_sums_of_the_whole():
@@ -56,40 +43,6 @@ def test_blocks_left_out_are_predicted_as_by_a_fit_without_their_rows():
         solved = solve_spline(part.sums, part.table.sum(axis=0), 8)
         residual = y[out] - curve(solved, 8, "natural", Scale(-41.0, 86.0), x[out])
         assert squares[fold] == pytest.approx(np.sum(residual**2), rel=1e-9)
-
-
-def test_a_block_of_which_two_passes_have_rows_stays_one():
-    """Else a half of it would be held out while the other half is fitted."""
-    time, x, y = record()
-    even, odd = (in_cells(time[part], x[part], y[part]) for part in (slice(0, None, 2), slice(1, None, 2)))
-    even.merge(odd)
-    whole = in_cells(time, x, y)
-    np.testing.assert_allclose(even.table, whole.table, rtol=1e-11, atol=1e-8)
-    assert even.folds(5).tolist() == whole.folds(5).tolist()
-    assert even.direction.tolist() == whole.direction.tolist()
-
-
-def test_passes_merge_in_the_order_of_time():
-    time, x, y = record()
-    late, early = (in_cells(time[part], x[part], y[part]) for part in (slice(30_000, None), slice(0, 30_000)))
-    late.merge(early)
-    np.testing.assert_allclose(late.table, in_cells(time, x, y).table, rtol=1e-11, atol=1e-8)
-
-
-def test_columns_of_other_scales_are_not_merged():
-    time, x, y = record(5000)
-
-    def summed(low, high):
-        series = Series("temperature", 3, Scale(low, high))
-        state = State(Gram(("temperature",), 4, ChebyshevRows((series,)), np.eye(5)))
-        state.add(time, {"temperature": x}, y)
-        return state
-
-    one = summed(-41.0, 86.0)
-    one.merge(summed(-41.0, 86.0))
-    assert one.table[:, 0].sum() == 2 * time.size
-    with pytest.raises(InputError, match="cannot be merged"):
-        one.merge(summed(-60.0, 100.0))
 
 
 @pytest.mark.parametrize("block_s", [200.0, 1.1, 162.8407776008542])

@@ -19,12 +19,9 @@ from bench.analysis.diagnosis.refine import Interval, Refiner, Start
 from bench.analysis.diagnosis.scan import DEPENDENT, Library
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
 from bench.analysis.noise.whitening import Ratios
+from bench.analysis.thresholds import TIE, WRONGLY_NAMED
 from bench.base import FloatArray
 
-TIE = 6.0
-"""Candidates within this evidence of the best are not told apart by the data."""
-WRONGLY_NAMED = 0.015
-"""Share of simulated runs in which chance may name an effect; of real clean runs it is to be below 2 %."""
 _GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
 _BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls will do, as where there is none
 _DECADE = 16
@@ -63,7 +60,6 @@ class Evidence:
     """All candidates, best first, and what chance reaches.
 
     `threshold` is the 98.5 % point of the best evidence among `nulls` (runs,) simulated without any effect.
-    `ties` are the names within `TIE` of the best, the best included; empty if nothing beats the threshold.
     """
 
     minus2logl: float
@@ -74,13 +70,6 @@ class Evidence:
     threshold: float
     nulls: FloatArray
     lattice: NoiseLattice
-
-    @property
-    def ties(self) -> tuple[str, ...]:
-        """Names that this data cannot tell apart, best first."""
-        if not self.suspects or self.suspects[0].evidence <= self.threshold:
-            return ()
-        return tuple(s.name for s in self.suspects if s.evidence >= self.suspects[0].evidence - TIE)
 
     def chance(self, evidence: float) -> float:
         """Share of simulated nulls whose best candidate reaches this evidence."""

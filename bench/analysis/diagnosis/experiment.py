@@ -29,11 +29,10 @@ from bench.analysis.effects.base import Effect
 from bench.analysis.fit import design, fit_model
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
+from bench.analysis.thresholds import WEAK_EVIDENCE
 from bench.base import FloatArray
 from bench.record import Dataset
 
-WEAK = 15.0
-"""Evidence below which fitted rivals are no basis for a design."""
 _PREDICTABLE = {"time", "temperature", "chamber_temperature", "chamber_setpoint"}
 _PLENTY = 60.0
 """Expected gap that is enough even if the fitted amplitudes are half too large."""
@@ -142,24 +141,19 @@ def propose(
     if channels:
         plan, why = exciting(limits, channels, names)
         return _proposal(plan, limits, names, why, (np.nan, np.nan))
-    if max(rival.evidence for rival in rivals) < WEAK:
+    if max(rival.evidence for rival in rivals) < WEAK_EVIDENCE:
         why = (
-            f"the evidence is too weak (at most {max(r.evidence for r in rivals):.0f}, {WEAK:.0f} wanted) to design a "
-            "run for what was fitted; minor loops with reversals decide most thermal ties whatever the cause is"
+            f"the evidence is too weak (at most {max(r.evidence for r in rivals):.0f}, {WEAK_EVIDENCE:.0f} wanted) to "
+            "design a run for what was fitted; minor loops with reversals decide most thermal ties whatever the cause is"
         )
         return _proposal(minor_loops(limits), limits, names, why, (np.nan, np.nan))
     return _designed(layout, rivals, noise, limits)
 
 
-def separation(layout: Layout, rivals: Sequence[Rival], noise: Noise, plan: Plan | None = None) -> float:
-    """D of the pair of families that is hardest to tell apart, over the runs so far and then the plan's."""
-    return _Design(layout, rivals, noise).worst(plan)
-
-
 def _designed(layout: Layout, rivals: Sequence[Rival], noise: Noise, limits: ChamberLimits) -> Proposal:
-    design_ = _Design(layout, rivals, noise)
-    before = design_.worst(None)
-    scored = [(design_.worst(plan), plan) for plan in plans(limits)]
+    rated = Design(layout, rivals, noise)
+    before = rated.worst(None)
+    scored = [(rated.worst(plan), plan) for plan in plans(limits)]
     usual = minor_loops(limits).name
     standard = [pair for pair in scored if pair[1].name == usual and pair[0] >= _PLENTY]
     best = standard[0] if standard else max(scored, key=lambda pair: pair[0])
@@ -181,7 +175,7 @@ def _proposal(
     return Proposal(names, why, *predicted, plan.duration_s / 60.0, plan.name, text)
 
 
-class _Design:
+class Design:
     """Rivals as fitted to the runs so far, and their predictions for any plan."""
 
     def __init__(self, layout: Layout, rivals: Sequence[Rival], noise: Noise) -> None:
@@ -190,7 +184,7 @@ class _Design:
         self._beta = gls_of(layout.problem, layout.problem.base, noise.point)
 
     def worst(self, plan: Plan | None) -> float:
-        """Least D over ordered pairs of different families."""
+        """D of the pair of families that is hardest to tell apart, over the runs so far and then the plan's."""
         stacked = self._layout if plan is None else self._with(plan)
         problem = stacked.problem
         known = len(self._layout.problem.y)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.fit.design import Bound, Problem
-from bench.analysis.fit.solve import MAX_CONDITION, left_out_rms, solve
+from bench.analysis.fit.solve import left_out_rms, solve
+from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
 
@@ -32,7 +33,7 @@ def unseen(rows: Problem, theta: FloatArray, check: Sequence[Dataset]) -> Unseen
     try:
         bound, columns = rows.bind(theta)
         solution = solve(columns, rows.y, rows.weights)
-        if solution.condition > MAX_CONDITION:
+        if solution.condition > MOST_CONDITION:
             return Unseen(reason=f"model '{rows.model.name}' is not determined by these rows")
         residuals = tuple(_residual(bound, record, solution.beta) for record in rows.records)
         if not check:

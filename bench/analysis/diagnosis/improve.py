@@ -12,12 +12,11 @@ from bench.analysis.diagnosis.answer import Diagnosis, SuspectedEffect
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
+from bench.analysis.thresholds import PAYS
 from bench.base import InputError, finite
 from bench.record import Dataset
 
 MOST_STEPS = 6
-_PAYS = 1e-3
-"""Least fall of the held-out error, relative, that pays for an effect."""
 
 Action = Literal["added", "refused", "stopped"]
 
@@ -131,7 +130,7 @@ def _tried(answer: Diagnosis) -> list[Step]:
 
 def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Step:
     before, after = suspect.held_out_before_dph, suspect.held_out_rms_dph
-    pays = after < before * (1.0 - _PAYS)
+    pays = after < before * (1.0 - PAYS)
     floor = f" (noise floor {answer.floor_dph:.4f})" if isfinite(answer.floor_dph) else ""
     fall = f"the error on unseen data goes from {before:.4f} to {after:.4f} deg/h{floor}"
     if suspect.reason:

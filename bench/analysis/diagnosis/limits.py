@@ -6,7 +6,6 @@ raises 2 ln L by D = min |W (m - M_j)|^2 / sigma^2 on average; D = 20 exceeds a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,20 +93,3 @@ def expected_gap(
 def probability(gap: float, least: float = 6.0) -> float:
     """Probability that a realised gap exceeds `least` when D is expected: Phi((D - least) / (2 sqrt(D)))."""
     return float(norm.cdf((gap - least) / (2.0 * np.sqrt(gap)))) if gap > 0.0 else 0.0
-
-
-def separation(
-    problem: Problem,
-    means: Sequence[FloatArray],
-    rivals: Sequence[Candidate],
-    lattice: NoiseLattice,
-    point: Point,
-    sigma2: float,
-) -> FloatArray:
-    """D_ij (m, m) of true means i against rival candidates j; zero on the diagonal."""
-    gaps = np.zeros((len(means), len(rivals)))
-    for i, mean in enumerate(means):
-        for j, rival in enumerate(rivals):
-            if i != j:
-                gaps[i, j] = expected_gap(problem, mean, rival, lattice, point, sigma2)
-    return gaps

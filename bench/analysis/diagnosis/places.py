@@ -10,6 +10,7 @@ import numpy as np
 from bench.analysis.diagnosis.answer import Place
 from bench.analysis.diagnosis.probes import Finding
 from bench.analysis.diagnosis.suspects import Layout
+from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
 from bench.base import BoolArray, FloatArray
 
 _PIECES = 20
@@ -55,7 +56,7 @@ def _cell(finding: Finding, temperature: FloatArray, slope: FloatArray) -> tuple
     worst = int(np.nanargmax(score))
     direction, low, high = _label(finding.labels[worst])
     sign = {"heating": 1, "cooling": -1, "constant": 0}[direction]
-    turning = np.where(np.abs(slope) < 0.1, 0, np.sign(slope)) == sign
+    turning = np.where(np.abs(slope) < SETTLED_DEGC_PER_MIN, 0, np.sign(slope)) == sign
     rows = turning & (temperature >= low) & (temperature <= high)
     note = f"{direction}: {estimates[worst]:+.3f} +- {deviations[worst]:.3f} deg/h"
     return (rows if rows.any() else turning), note, abs(float(estimates[worst]))

@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 from bench.analysis.diagnosis.candidates import Problem, orthonormal
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
+from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
 from bench.base import BoolArray, FloatArray
 
 _LEVEL = 0.03  # of all probes together; with the evidence's 0.02, 5 % of clean runs raise any alarm
@@ -179,7 +180,7 @@ def usual(
     time_s: FloatArray, temperature: FloatArray, rate_of_change: FloatArray, channels: Mapping[str, FloatArray]
 ) -> list[Probe]:
     """The probes of a run: cells, elapsed time, dT/dt [degC/min], fine temperature and each further channel."""
-    direction = np.where(np.abs(rate_of_change) < 0.1, 0.0, np.sign(rate_of_change))
+    direction = np.where(np.abs(rate_of_change) < SETTLED_DEGC_PER_MIN, 0.0, np.sign(rate_of_change))
     return [
         cells(temperature, direction),
         spline("time", time_s, 8),

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.diagnosis.answer import SuspectedEffect, Value
-from bench.analysis.diagnosis.evidence import TIE, Evidence, Suspect
+from bench.analysis.diagnosis.evidence import Evidence, Suspect
 from bench.analysis.diagnosis.held_out import Unseen, removed, unseen
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.diagnosis.verdict import Explanation, effect_name
 from bench.analysis.effects.base import Effect, options_of
+from bench.analysis.thresholds import TIE
 from bench.base import FloatArray
 from bench.record import Dataset
 

@@ -20,15 +20,13 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit import design
 from bench.analysis.fit.solve import solve
 from bench.analysis.noise.likelihood import Record
+from bench.analysis.thresholds import LEAST_PRESENT, LEAST_STATIC_ROWS, SETTLED_DEGC_PER_MIN
 from bench.base import BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
 _APART_S = 30 * 86400.0
 _STEP = 1e-4  # of a parameter's range, for slopes
 _POINTS_OF_TWO = 14  # grid points of each parameter of a change point with a width
-_STILL_DEGC_PER_MIN = 0.1
-_LEAST_PRESENT = 0.9  # share of rows in which an effect's channel has a value
-_LEAST_STATIC = 40
 _CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate")
 
 
@@ -223,7 +221,7 @@ def _absent(layout: Layout, effect: Effect) -> str:
             if channel not in record.channels:
                 return f"{record.name} has no channel '{channel}'"
             present = float(np.mean(np.isfinite(record.channels[channel][mask])))
-            if present < _LEAST_PRESENT:
+            if present < LEAST_PRESENT:
                 return f"{record.name}: channel '{channel}' has values in {100 * present:.0f} % of the rows only"
     return ""
 
@@ -234,11 +232,11 @@ def isothermal(static: Dataset, interval_s: float) -> Record:
     Raises InputError: rows longer than `interval_s`, or too few of them stand still.
     """
     record = static.average(interval_s)
-    still = np.isfinite(record.bias) & (np.abs(np.nan_to_num(record.dT_dt)) < _STILL_DEGC_PER_MIN)
-    if still.sum() < _LEAST_STATIC:
+    still = np.isfinite(record.bias) & (np.abs(np.nan_to_num(record.dT_dt)) < SETTLED_DEGC_PER_MIN)
+    if still.sum() < LEAST_STATIC_ROWS:
         raise InputError(
             f"static run {static.name} has {still.sum()} means over {interval_s:g} s with the temperature standing "
-            f"still, at least {_LEAST_STATIC} are needed: record some hours at one temperature"
+            f"still, at least {LEAST_STATIC_ROWS} are needed: record some hours at one temperature"
         )
     kept = record.select(still)
     count = kept.count("rate")

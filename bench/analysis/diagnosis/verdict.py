@@ -10,19 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from bench.analysis.diagnosis.answer import VerdictWord
-from bench.analysis.diagnosis.evidence import TIE, Evidence, Suspect, weigh
+from bench.analysis.diagnosis.evidence import Evidence, Suspect, weigh
 from bench.analysis.diagnosis.probes import Examination, Finding, examine
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.effects.base import Effect
 from bench.analysis.noise.likelihood import NoiseLattice, Surface
+from bench.analysis.thresholds import FURTHER_EVIDENCE
 
 MOST_EFFECTS = 3
 _NULLS = 300
 _MINOR = 0.15
 """What remains may be this share of the evidence explained: real effects follow textbook equations about so well."""
-_FURTHER = 10.0
-"""Evidence that a further effect needs: the first one's equation is never the whole truth, and what it leaves over
-resembles something."""
 _NOISE = "noise"
 
 
@@ -39,13 +37,6 @@ class Step:
     def name(self) -> str:
         """The effect's name in models."""
         return self.effect.name
-
-    @property
-    def ties(self) -> tuple[str, ...]:
-        """Other effects that this data does not tell from it."""
-        best = self.suspect.evidence
-        names = (s.name for s in self.evidence.suspects if s.excited and s.evidence >= best - TIE)
-        return tuple(dict.fromkeys(n for n in map(effect_name, names) if n != self.name))
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +133,7 @@ class Search:
 
     def _bar(self, others: int) -> float:
         """Evidence needed beside so many other effects."""
-        return max(self.threshold, _FURTHER) if others else self.threshold
+        return max(self.threshold, FURTHER_EVIDENCE) if others else self.threshold
 
     def again(self, layout: Layout, steps: tuple[Step, ...]) -> tuple[Step, ...]:
         """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice."""

@@ -20,6 +20,7 @@ from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
 
+from bench.analysis.thresholds import LEAST_RANGE_DEGC, ON_BOUND
 from bench.base import CHANNELS, FloatArray, InputError
 from bench.record import Dataset
 
@@ -27,9 +28,6 @@ _T = TypeVar("_T")
 
 Theta = Mapping[str, float]
 """Nonlinear parameters of one effect by name, in their units."""
-
-
-_ON_BOUND = 1e-3
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class Parameter:
     def on_bound(self, value: float) -> bool:
         """Whether a search ended at an end of the range, to a thousandth of it: the data do not determine the value."""
         low, high, at = np.log([self.low, self.high, value]) if self.log else (self.low, self.high, value)
-        return bool(min(at - low, high - at) <= _ON_BOUND * (high - low))
+        return bool(min(at - low, high - at) <= ON_BOUND * (high - low))
 
 
 @dataclass(frozen=True)
@@ -185,9 +183,6 @@ class Scale:
 
 REFERENCE_DEGC = 25.0
 """Temperature to which coefficients of products with temperature refer [degC]."""
-
-LEAST_RANGE_DEGC = 1.0
-"""A temperature that moves by less carries no temperature effect [degC]."""
 
 
 def least_range(channel: str) -> float:

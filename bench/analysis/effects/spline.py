@@ -34,13 +34,12 @@ from bench.analysis.effects.base import (
     powers_unit,
     prepared,
 )
+from bench.analysis.thresholds import LEAST_INTERVAL_ROWS
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
 
 ENDS = ("natural", "parabolic", "periodic", "free")
 CANDIDATES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
-MIN_ROWS = 3
-"""Rows that every interval needs."""
 
 
 @dataclass(frozen=True)
@@ -76,14 +75,8 @@ class Spline(StaticEffect):
     def demand(self, records: Sequence[Dataset]) -> None:
         """InputError where an interval has too few rows, or none."""
         temperature = np.concatenate([record.channel("temperature") for record in records])
-        knots = np.linspace(self._scale.low, self._scale.high, self._m + 1)
-        rows = np.histogram(temperature[np.isfinite(temperature)], knots)[0]
-        if rows.min() < MIN_ROWS:
-            i = int(rows.argmin())
-            raise InputError(
-                f"spline: interval {i + 1} of {self._m} ({knots[i]:.1f} to {knots[i + 1]:.1f} degC) has {rows[i]} "
-                f"rows, at least {MIN_ROWS} are needed; use fewer intervals or a profile that passes there"
-            )
+        ends = self._scale.low, self._scale.high
+        refuse_unvisited(np.histogram(temperature[np.isfinite(temperature)], np.linspace(*ends, self._m + 1))[0], ends)
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Basis (n, k) of all splines that meet the end conditions, without the constant; tangents beyond the ends."""
@@ -122,6 +115,16 @@ class Spline(StaticEffect):
     @property
     def _scale(self) -> Scale:
         return prepared(self.scale)
+
+
+def refuse_unvisited(rows: FloatArray, ends: tuple[float, float], what: str = "rows") -> None:
+    """InputError where one of the intervals between `ends` [degC] has too few of its rows (m,)."""
+    i, knots = int(rows.argmin()), np.linspace(*ends, rows.size + 1)
+    if rows[i] < LEAST_INTERVAL_ROWS:
+        raise InputError(
+            f"spline: interval {i + 1} of {rows.size} ({knots[i]:.1f} to {knots[i + 1]:.1f} degC) has {rows[i]:.0f} "
+            f"{what}, at least {LEAST_INTERVAL_ROWS} are needed; use fewer intervals or a profile that passes there"
+        )
 
 
 def _knots(m: int) -> FloatArray:

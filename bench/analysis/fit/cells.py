@@ -131,14 +131,6 @@ class Cells:
                 own[:, POWERS + k] += np.bincount(cell, power * centred, many)
             power = power * u
 
-    def shifted(self, sums: FloatArray, offset: float) -> FloatArray:
-        """The sums as they are with another offset."""
-        cells, step = sums.reshape(*sums.shape[:-1], self.cells, SUMS).copy(), self.offset - offset
-        products = cells[..., POWERS:-1] + step * cells[..., :PRODUCTS]
-        cells[..., -1] += step * (2 * cells[..., POWERS] + step * cells[..., 0])
-        cells[..., POWERS:-1] = products
-        return cells.reshape(sums.shape)
-
     def joined(self, sums: FloatArray, intervals: int) -> FloatArray:
         """Sums (..., 12 cells) in wider cells (..., intervals, 12); InputError where they do not divide the cells."""
         if self.cells % intervals:

@@ -18,7 +18,7 @@ from bench.analysis.effects.base import Effect, Scale, Series, StaticEffect, lea
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.polynomial import Polynomial
 from bench.analysis.effects.regression import Regression
-from bench.analysis.effects.spline import MIN_ROWS, Spline
+from bench.analysis.effects.spline import Spline, refuse_unvisited
 from bench.analysis.effects.surface import Surface
 from bench.analysis.fit.cells import Cells
 from bench.analysis.fit.design import Bound
@@ -186,12 +186,7 @@ def _settled(one: Pass) -> Pass:
         effect = replace(effect, intervals=choose_intervals(cells, groups, possible, effect.ends)[0])
     m = effect.intervals
     visited = cells.joined(one.state.grouped(np.zeros_like(label), one.rows)[0], int(m))[:, 0]
-    if visited.min() < MIN_ROWS:
-        i = int(visited.argmin())
-        raise InputError(
-            f"spline: interval {i + 1} of {m} has {visited[i]:.0f} samples, at least {MIN_ROWS} are needed; use fewer "
-            "intervals or a profile that passes there"
-        )
+    refuse_unvisited(visited, (cells.low, cells.high), "samples")
     model = replace(one.model, effects=(replace(effect, scale=None),))
     return replace(one, model=model, bound=_bound(model, effect), form=_spline_form(cells, effect))
 

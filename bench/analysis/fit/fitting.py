@@ -20,7 +20,6 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import Bound, Problem, assemble
 from bench.analysis.fit.quantisation import coarse_temperature
 from bench.analysis.fit.solve import (
-    MAX_CONDITION,
     Solution,
     dependent_column,
     left_out_rms,
@@ -31,6 +30,7 @@ from bench.analysis.fit.solve import (
 )
 from bench.analysis.fit.uncertainty import CovarianceKind, estimate_covariance
 from bench.analysis.noise import Noise
+from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import CHANNELS, BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
@@ -233,12 +233,12 @@ def _refuse(problem: Problem, bound: Bound, columns: FloatArray, solution: Solut
         raise InputError(f"{n} rows for {p} coefficients of model '{problem.model.name}': record more, or fit less")
     if not np.all(np.isfinite(columns)):
         raise InputError(f"model '{problem.model.name}' has columns that are not finite in rows without a gap")
-    if solution.condition > MAX_CONDITION:
+    if solution.condition > MOST_CONDITION:
         culprit = dependent_column(columns, problem.weights)
         key = next((k for k, own in bound.slices.items() if own.start <= culprit < own.stop), "constant")
         raise InputError(
             f"model '{problem.model.name}' is not determined by these rows (condition {solution.condition:.1g}, limit "
-            f"{MAX_CONDITION:.0e}): '{key}' repeats what the other terms contain; leave it out or vary its channel"
+            f"{MOST_CONDITION:.0e}): '{key}' repeats what the other terms contain; leave it out or vary its channel"
         )
 
 

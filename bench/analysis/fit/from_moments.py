@@ -13,12 +13,12 @@ from bench.analysis.effects.base import Scale, StaticEffect
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.polynomial import Polynomial
 from bench.analysis.effects.regression import Regression
-from bench.analysis.effects.spline import MIN_ROWS, Spline
+from bench.analysis.effects.spline import Spline, refuse_unvisited
 from bench.analysis.fit.cells import Cells
 from bench.analysis.fit.design import Bound
 from bench.analysis.fit.moments import CELLS, CHANNELS, ORDER, Moments
 from bench.analysis.fit.smooth import solve_spline
-from bench.analysis.fit.solve import MAX_CONDITION
+from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import FloatArray, InputError
 
 
@@ -65,10 +65,10 @@ def solve_moments(model: Model, moments: Moments) -> Solved:
         beta, rss, condition = _solve_spline(prepared, moments)
     else:
         beta, rss, condition = _solve_triangle(prepared, moments)
-    if not condition <= MAX_CONDITION:
+    if not condition <= MOST_CONDITION:
         raise InputError(
             f"model '{model.name}' is not determined by these rows (condition {condition:.1g}, limit "
-            f"{MAX_CONDITION:.0e})"
+            f"{MOST_CONDITION:.0e})"
         )
     part = 1 if isinstance(prepared, Regression) else 0
     bound = Bound(model.keys, (prepared,), {model.keys[0]: {}}, {model.keys[0]: slice(1, beta.size)})
@@ -102,10 +102,8 @@ def _solve_spline(spline: Spline, moments: Moments) -> tuple[FloatArray, float, 
     if not isinstance(m, int):
         raise RuntimeError("the number of intervals was not checked")
     visited = moments.cell_rows.reshape(m, -1).sum(axis=1)
-    if visited.min() < MIN_ROWS:
-        i = int(visited.argmin())
-        raise InputError(f"spline: interval {i + 1} of {m} has {visited[i]:.0f} rows, at least {MIN_ROWS} are needed")
     low, high = moments.ranges[0].tolist()
+    refuse_unvisited(visited, (low, high))
     cells = Cells(low, high, CELLS, moments.offset)
     squares = np.zeros((CELLS, 1))
     squares[0] = moments.square

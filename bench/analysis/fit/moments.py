@@ -21,9 +21,10 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from bench.analysis.effects.base import LEAST_RANGE_DEGC, Scale, Series
+from bench.analysis.effects.base import Scale, Series
 from bench.analysis.effects.regression import Regression
 from bench.analysis.fit.cells import POWERS, SUMS, Cells
+from bench.analysis.thresholds import LEAST_RANGE_DEGC
 from bench.base import BoolArray, FloatArray, InputError
 from bench.record import Dataset
 

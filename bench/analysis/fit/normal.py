@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from bench.analysis.fit.solve import MAX_CONDITION
+from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import FloatArray, InputError
 
 _EPS = np.finfo(float).eps
@@ -67,24 +67,16 @@ class Solved:
         return float(np.sqrt(self.rss / self.rows))
 
 
-def solve(form: Normal, *, least_norm: bool = False) -> Solved:
-    """Least squares of a form without groups; InputError where the rows do not determine it.
-
-    `least_norm` gives the shortest solution instead, for a range of which a part was not visited yet.
-    """
+def solve(form: Normal) -> Solved:
+    """Least squares of a form without groups; InputError where the rows do not determine it."""
     scale = np.sqrt(np.diag(form.gram))
-    if not least_norm and (form.rows < scale.size or np.any(scale == 0.0)):
+    if form.rows < scale.size or np.any(scale == 0.0):
         raise InputError(f"{form.rows:.0f} rows for {scale.size} coefficients: record more, or fit less")
-    scale = np.where(scale > 0.0, scale, 1.0)
     scaled = form.gram / np.outer(scale, scale)
-    values, vectors = linalg.eigh(scaled)
+    values = linalg.eigvalsh(scaled)
     condition = condition_of(form, scale)
-    if least_norm:
-        kept = values > values[-1] * 1e-11
-        inner = vectors[:, kept] @ ((vectors[:, kept].T @ (form.right / scale)) / values[kept]) / scale
-        return Solved(form.model(inner), inner, float(form.error(inner)), float(form.rows), condition)
-    if not values[0] > values[-1] * _EPS * len(values) or not condition <= MAX_CONDITION:
-        raise InputError(f"not determined by these rows (condition {condition:.1g}, limit {MAX_CONDITION:.0e})")
+    if not values[0] > values[-1] * _EPS * len(values) or not condition <= MOST_CONDITION:
+        raise InputError(f"not determined by these rows (condition {condition:.1g}, limit {MOST_CONDITION:.0e})")
     factor = linalg.cho_factor(scaled)
     inner = linalg.cho_solve(factor, form.right / scale)
     # One step of refinement: what the first solve left over is solved again.

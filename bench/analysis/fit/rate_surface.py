@@ -18,8 +18,9 @@ from math import comb
 
 import numpy as np
 
-from bench.analysis.effects.base import LEAST_RANGE_DEGC, Scale
-from bench.analysis.fit.solve import MAX_CONDITION, one_blas_thread, solve
+from bench.analysis.effects.base import Scale
+from bench.analysis.fit.solve import one_blas_thread, solve
+from bench.analysis.thresholds import LEAST_RANGE_DEGC, MOST_CONDITION
 from bench.base import DPH_PER_DPS, BoolArray, FloatArray, InputError, IntArray
 from bench.record import Dataset
 
@@ -174,7 +175,7 @@ def fit_surface(points: Points, order: int = 5, unit: str = "deg/s") -> RateSurf
     columns = monomials(raw.unit(points.raw), temperature.unit(points.temperature), order)
     with one_blas_thread():
         solution = solve(columns, points.reference, np.ones(points.raw.size))
-    if not solution.condition < MAX_CONDITION:
+    if not solution.condition < MOST_CONDITION:
         raise InputError(
             f"surface of order {order} is not determined by these points (condition {solution.condition:.1g}): too few "
             "different temperatures; record more steps or lower the order"

@@ -35,10 +35,6 @@ class Batch:
     y: FloatArray
     segment: IntArray
 
-    def every(self, step: int) -> tuple[dict[str, FloatArray], FloatArray]:
-        """Channels and bias of every `step`-th sample."""
-        return {name: column[::step] for name, column in self.columns.items()}, self.y[::step]
-
 
 @dataclass(frozen=True)
 class Samples:

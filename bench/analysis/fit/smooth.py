@@ -158,11 +158,9 @@ def roughness(cells: Cells, intervals: int, ends: str) -> FloatArray:
     return 0.5 * (matrix + matrix.T)
 
 
-def solve_spline(
-    cells: Cells, sums: FloatArray, intervals: int, ends: str = "natural", *, least_norm: bool = False
-) -> Solved:
+def solve_spline(cells: Cells, sums: FloatArray, intervals: int, ends: str = "natural") -> Solved:
     """Least-squares spline of sums (12 cells,): coefficients of [constant, columns of the `spline` effect]."""
-    return solve(spline_normal(cells, sums, intervals, ends), least_norm=least_norm)
+    return solve(spline_normal(cells, sums, intervals, ends))
 
 
 @lru_cache(maxsize=64)

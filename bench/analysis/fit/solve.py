@@ -19,8 +19,6 @@ from threadpoolctl import ThreadpoolController
 from bench.analysis.effects.base import Parameter
 from bench.base import FloatArray, InputError, IntArray
 
-MAX_CONDITION = 1e12
-"""Above this the coefficients of the scaled columns have lost all meaning."""
 _TRIAL_CONDITION = 1e10
 
 

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from bench.base import BoolArray, FloatArray, InputError, IntArray
+from bench.base import BoolArray, FloatArray, IntArray
 from bench.record import STILL_DEGC_PER_MIN
 
 BLOCK_S = 200.0
@@ -38,7 +38,7 @@ class Sums(Protocol):
 
 @dataclass(eq=False)
 class State:
-    """Sums of each block of time of a record, one vector a block; grows by `add` or `merge`.
+    """Sums of each block of time of a record, one vector a block; grows by `add`.
 
     `touched` counts the rows that were ever read: beside the rows of the record, how often each was.
     """
@@ -90,23 +90,6 @@ class State:
         self._vectors[place] += vector
         own = self._spans[place]
         self._spans[place] = [*min(own[:2], span[:2]), *max(own[2:], span[2:])]
-
-    def merge(self, other: State) -> None:
-        """Take in the blocks of another pass, in order of time; InputError unless both summed the same.
-
-        A block of which both have rows stays one: left out, it is left out whole.
-        """
-        same = self.block_s == other.block_s and self.sums == other.sums
-        if not same:
-            raise InputError("sums over different ranges or of different columns cannot be merged; make them alike")
-        self.touched += other.touched
-        for key, vector, span in zip(other._keys, other._vectors, other._spans, strict=True):
-            self._take(key, vector.copy(), list(span))
-        order = sorted(range(len(self._keys)), key=lambda at: (self._keys[at][0], self._spans[at][0]))
-        self._keys, self._vectors, self._spans = (
-            [self._keys[at] for at in order], [self._vectors[at] for at in order], [self._spans[at] for at in order]
-        )  # fmt: skip
-        self._places = {key: place for place, key in enumerate(self._keys)}
 
     @property
     def table(self) -> FloatArray:

@@ -10,11 +10,9 @@ from bench.analysis.diagnosis.compare import Comparison, Score, ladder
 from bench.analysis.judging.completeness import DAMAGED_BYTES, LOST, Completeness
 from bench.analysis.judging.joints import Joint
 from bench.analysis.noise.floor import Floor
+from bench.analysis.thresholds import LEAST_BRANCH_S, MOST_EXTRAPOLATED, OVERFIT_RATIO
 from bench.base import clock, number
 
-_OVERFIT = 2.0
-_EXTRAPOLATED = 0.05
-_LEAST_BRANCH_S = 600.0
 _SHOWN_GAPS = 3
 
 
@@ -22,7 +20,7 @@ _COMMON = frozenset(model.name for model in ladder()[:3])
 """Baselines: nobody asked for them, so their absence is no warning."""
 
 
-def refusals(comparison: Comparison) -> tuple[tuple[str, str], ...]:
+def refused_models(comparison: Comparison) -> tuple[tuple[str, str], ...]:
     """Name of each model that the data cannot determine, and why."""
     return tuple((name, reason.removeprefix(f"model '{name}' ")) for name, reason in comparison.refused)
 
@@ -57,7 +55,7 @@ def _of_data(done: Completeness) -> Iterator[str]:
         yield f"no sample at {shown}{more}; nothing was filled in"
     if done.samples:
         for name, seconds in (("heating", done.heating_s), ("cooling", done.cooling_s)):
-            if seconds < _LEAST_BRANCH_S:
+            if seconds < LEAST_BRANCH_S:
                 yield f"only {clock(seconds)} of {name}: a difference between the branches cannot be seen"
 
 
@@ -68,7 +66,7 @@ def _of_floor(floor: Floor | None) -> Iterator[str]:
 
 def _of_models(comparison: Comparison | None, best: Score | None) -> Iterator[str]:
     if comparison is not None:
-        for model, reason in refusals(comparison):
+        for model, reason in refused_models(comparison):
             if model not in _COMMON:
                 yield f"model '{model}' was refused: {reason}"
     if best is None:
@@ -76,10 +74,10 @@ def _of_models(comparison: Comparison | None, best: Score | None) -> Iterator[st
     held_out = best.held_out
     if not np.isfinite(held_out.rms_dph):
         yield f"'{best.model.name}' has no error on unseen data: {held_out.reason}"
-    elif held_out.rms_dph > _OVERFIT * best.rms_dph:
+    elif held_out.rms_dph > OVERFIT_RATIO * best.rms_dph:
         ratio = number(held_out.rms_dph / best.rms_dph, 2)
         yield f"'{best.model.name}' errs {ratio} × more on unseen data than on its own"
-    if held_out.out_of_range > _EXTRAPOLATED:
+    if held_out.out_of_range > MOST_EXTRAPOLATED:
         share = f"{held_out.out_of_range:.0%} of the unseen data"
         yield f"{share} lie outside the range that '{best.model.name}' was fitted to"
     yield from best.fit.warnings

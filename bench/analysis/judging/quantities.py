@@ -19,6 +19,7 @@ from bench.analysis.fit import fit_model
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
 from bench.analysis.judging.limits import COVERAGE, Quantity
+from bench.analysis.thresholds import LEAST_COVERED_DEGC, TURNING_DPS
 from bench.base import DPH_PER_DPS, BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
@@ -29,9 +30,6 @@ _MEDIAN = 1.2533
 """Standard error of a median over that of the mean, sqrt(pi / 2); of two values in each branch, the least there are."""
 _ROWS = 1200
 """Means that the noise is estimated from, at most (bench/noise/estimate.py)."""
-_STANDS_DPS = 0.1
-_LEAST_DEGC = 10.0
-"""Change of temperature from which on the scale factor is fitted over it."""
 _NOISE = (
     ("angle_random_walk_dprh", "white"),
     ("bias_instability_dph", "flicker"),
@@ -158,7 +156,9 @@ def _of_scale(data: Dataset, white_dph: float) -> Iterator[Quantity]:
         yield from (Quantity(name, reason="the unit was not turned at three rates or more") for name in names)
         return
     try:
-        line, left = _line(data, applied) if np.ptp(_present(data)) < _LEAST_DEGC else _line_over_temperature(data)
+        line, left = (
+            _line(data, applied) if np.ptp(_present(data)) < LEAST_COVERED_DEGC else _line_over_temperature(data)
+        )
     except InputError as error:
         yield from (Quantity(name, reason=str(error)) for name in names)
         return
@@ -175,7 +175,7 @@ def _line(data: Dataset, applied: FloatArray) -> tuple[list[Quantity], FloatArra
     (slope, constant), covariance = np.polyfit(applied[rows], data.bias[rows], 1, cov=True)
     ppm = 1e6 / DPH_PER_DPS
     error = Quantity.expanded("scale_factor_error_ppm", ppm * float(slope), ppm * float(np.sqrt(covariance[0, 0])))
-    reason = f"the temperature moves by less than {_LEAST_DEGC:g} degC"
+    reason = f"the temperature moves by less than {LEAST_COVERED_DEGC:g} degC"
     left: FloatArray = data.bias - constant - slope * applied
     return [error, Quantity("scale_factor_temperature_ppm_per_degc", reason=reason)], left
 
@@ -204,4 +204,4 @@ def standing(data: Dataset) -> Dataset:
 def turning(data: Dataset) -> BoolArray:
     """Rows (n,) in which a rate table turns."""
     applied = data.channels.get("applied_rate", np.zeros(len(data)))
-    return np.asarray(np.abs(applied) > _STANDS_DPS)
+    return np.asarray(np.abs(applied) > TURNING_DPS)

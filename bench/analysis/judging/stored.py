@@ -18,14 +18,10 @@ from bench.analysis.effects.model import Model, load_model, model_from
 from bench.analysis.fit import Fit, fit_model
 from bench.analysis.fit.design import Problem, assemble
 from bench.analysis.fit.rate_surface import binned_record
+from bench.analysis.thresholds import LEAST_COVERED_DEGC, MOST_DELIVERED_CONDITION, WIDEST_HOLE
 from bench.base import CHANNELS, InputError
 from bench.record import Dataset, load, read_json
 
-MAX_CONDITION = 1e9
-"""Of the scaled columns; above it the coefficients hang on the last digits of the data."""
-LEAST_RANGE_DEGC = 10.0
-WIDEST_HOLE = 0.35
-"""Share of a channel's range that may lack data: between the points of a table, not beyond what a curve can bridge."""
 _SAME = 1e-6
 _PROVEN = {"adequate", "missing_effect", "unknown_effect", "model_error"}
 
@@ -125,10 +121,10 @@ def _of_run(manifest: Mapping[str, Any], stored: Mapping[str, Any]) -> Iterator[
 
 def objections_to(found: Fit, dataset: Dataset) -> Iterator[str]:
     """Why a fit to this record determines nothing that may be delivered: conditioning, coverage."""
-    if found.condition > MAX_CONDITION:
+    if found.condition > MOST_DELIVERED_CONDITION:
         yield (
-            f"the fit's condition is {found.condition:.2g}, limit {MAX_CONDITION:.0e}: two terms cannot be told apart; "
-            "leave one out"
+            f"the fit's condition is {found.condition:.2g}, limit {MOST_DELIVERED_CONDITION:.0e}: two terms cannot be "
+            "told apart; leave one out"
         )
     for key in found.on_bound:
         yield f"{key} = {found.theta[key]:g} is on its bound: the run does not determine it"
@@ -136,8 +132,8 @@ def objections_to(found: Fit, dataset: Dataset) -> Iterator[str]:
     if rows.size != len(dataset):  # fitted to means of these rows: bins, soaks
         rows = np.isfinite(dataset.bias)
     for channel, (low, high) in found.validity.items():
-        if channel == "temperature" and high - low < LEAST_RANGE_DEGC:
-            yield f"the run covers {low:.1f} to {high:.1f} degC only, at least {LEAST_RANGE_DEGC:g} degC are needed"
+        if channel == "temperature" and high - low < LEAST_COVERED_DEGC:
+            yield f"the run covers {low:.1f} to {high:.1f} degC only, at least {LEAST_COVERED_DEGC:g} degC are needed"
         values = dataset.channel(channel)[rows]
         values = np.sort(values[(values >= low) & (values <= high)])
         steps = np.diff(values)

@@ -11,19 +11,11 @@ from bench.analysis.diagnosis.compare import Score
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
 from bench.analysis.judging.stored import objections_to
+from bench.analysis.thresholds import LEAST_BRANCH_S, MOST_EXTRAPOLATED, MOST_LOOP_RATIO, MOST_STEP_SHARE
 from bench.base import clock, number
 
 if TYPE_CHECKING:
     from bench.analysis.judging.analysis import Analysis
-
-MOST_EXTRAPOLATED = 0.05
-"""Share of the held-out rows outside the fitted range; above it the held-out error is one of extrapolation."""
-LEAST_BRANCH_S = 600.0
-"""Time spent heating, and cooling, below which a gap between the branches cannot be seen."""
-MOST_STEP = 0.5
-"""Error from the steps of the temperature sensor over the held-out error: a quarter of its square."""
-MOST_GAP = 6.0
-"""Loop that the model leaves over the noise floor, where it is also more than half of the loop that was there."""
 
 
 def refusals(analysis: Analysis) -> tuple[str, ...]:
@@ -59,7 +51,7 @@ def _of_model(analysis: Analysis) -> Iterator[str]:
         yield f"{held_out.out_of_range:.0%} of the unseen data lie outside the range that '{name}' was fitted to"
     yield from objections_to(best.fit, data)
     step_dph = step_error_dph(best.fit.bound, best.fit.beta, data)
-    if step_dph > MOST_STEP * held_out.rms_dph:
+    if step_dph > MOST_STEP_SHARE * held_out.rms_dph:
         yield (
             f"the temperature sensor has steps of {number(data.temperature_step)} degC: {number(step_dph)} of the "
             f"{number(held_out.rms_dph)} deg/h come from them"
@@ -72,7 +64,7 @@ def _branches(analysis: Analysis, best: Score) -> Iterator[str]:
     if data is None or not np.isfinite(floor_dph):
         return
     whole, left = branch_gap(data), branch_gap(data, analysis.residual())
-    if whole and left and abs(left[0]) > max(MOST_GAP * floor_dph, 0.5 * abs(whole[0])):
+    if whole and left and abs(left[0]) > max(MOST_LOOP_RATIO * floor_dph, 0.5 * abs(whole[0])):
         yield (
             f"'{best.model.name}' leaves a gap of {number(abs(left[0]))} deg/h between heating and cooling at "
             f"{left[1]:.0f} degC, {number(abs(left[0]) / floor_dph, 2)} x the noise floor: it lacks an effect "

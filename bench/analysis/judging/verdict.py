@@ -10,10 +10,8 @@ import numpy as np
 from bench.analysis.diagnosis.compare import Score
 from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.diagnosed import Diagnosed
+from bench.analysis.thresholds import ADEQUATE_RATIO
 from bench.base import clock, listed, number
-
-ADEQUATE_RATIO = 1.5
-"""Held-out error over noise floor up to which nothing worth the effort is left to model."""
 
 Word = Literal["adequate", "missing_effect", "unknown_effect", "model_error", "unproven", "partial", "no_data"]
 """Words of the diagnosis; `model_error` where nobody diagnosed; the others where nothing is proven."""

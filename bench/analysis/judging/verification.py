@@ -17,11 +17,10 @@ import numpy as np
 from bench.analysis.diagnosis.compare import HeldOut, error_of
 from bench.analysis.judging.limits import Limits, Quantity, Verdict, judge_limits
 from bench.analysis.noise.floor import Floor, noise_floor
+from bench.analysis.thresholds import VERIFIED_RATIO
 from bench.base import InputError, finite
 from bench.record import VERIFICATION_JSON, Dataset, RunFolder, load, sha256, write_json
 
-FLOOR_RATIO = 1.2
-"""Without limits the error must stay below this times the noise floor, its 95 % interval taken into account."""
 _MEASURED = {
     "residual_rms_dph",
     "residual_peak_dph",
@@ -153,14 +152,14 @@ def _before(calibration: Path | None) -> tuple[float, Figures | None]:
 
 
 def _by_floor(error: HeldOut, floor: Floor, refusals: tuple[str, ...]) -> tuple[Verdict, dict[str, Any]]:
-    """Without limits: the error must not be above `FLOOR_RATIO` times the floor for sure."""
-    rule = f"RMS of the corrected rate at most {FLOOR_RATIO:g} times the noise floor"
+    """Without limits: the error must not be above `VERIFIED_RATIO` times the floor for sure."""
+    rule = f"RMS of the corrected rate at most {VERIFIED_RATIO:g} times the noise floor"
     rule += "; MARGINAL where only its 95 % interval reaches below"
     judged: dict[str, Any] = {"rule": rule, "refusals": list(refusals)}
     if refusals or not np.isfinite(floor.floor_dph):
         judged["refusals"] = [*refusals, *([floor.reason] if not refusals else [])]
         return Verdict.INVALID, judged
-    most = FLOOR_RATIO * floor.floor_dph
+    most = VERIFIED_RATIO * floor.floor_dph
     low = error.interval_dph[0]
     if error.rms_dph <= most:
         return Verdict.PASS, judged

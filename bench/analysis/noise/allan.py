@@ -1,4 +1,4 @@
-"""The Allan deviation of a rate record, with gaps, and the three noise coefficients read off the curve.
+"""The Allan deviation of a rate record, with gaps.
 
 Overlapping estimator of IEEE Std 952-1997 annex C; a term counts only if every sample it spans is present.
 The degrees of freedom are those of S. Stein, "Frequency and time: their measurement and characterization" (1985),
@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 from scipy.stats import chi2
 
 from bench.base import FloatArray, InputError, IntArray
@@ -68,21 +67,6 @@ def allan_pyramid(rate_dph: FloatArray, interval_s: float) -> AllanCurve:
         thinned = round(m / stride)
         terms.append((thinned * stride, *_mean_square(phase, missing, thinned)))
     return _curve(terms, interval_s, samples)
-
-
-def coefficients_from_curve(curve: AllanCurve) -> tuple[float, float, float]:
-    """N [deg/sqrt(h)], B [deg/h] and K [deg/h/sqrt(h)] by weighted non-negative least squares on the variance.
-
-    sigma^2(tau) = N^2/tau + (2 ln 2/pi) B^2 + K^2 tau/3, tau in hours (IEEE Std 952-1997, C.1).
-    """
-    tau_h = curve.tau_s / SECONDS_PER_HOUR
-    design = np.column_stack([1.0 / tau_h, np.full_like(tau_h, FLICKER_FLOOR**2), tau_h / 3.0])
-    variance = curve.deviation_dph**2
-    weight = 1.0 / np.maximum((curve.high_dph**2 - curve.low_dph**2) / 4.0, 1e-300)
-    scale = np.linalg.norm(design * weight[:, None], axis=0)
-    solution, _ = nnls(design * weight[:, None] / scale, variance * weight)
-    white, flicker, walk = np.sqrt(solution / scale)
-    return float(white), float(flicker), float(walk)
 
 
 def _phase(rate_dph: FloatArray) -> tuple[FloatArray, IntArray | None]:

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.noise import AllanCurve, Noise, allan_deviation, estimate_noise
+from bench.analysis.thresholds import LEAST_STRETCH_S, SETTLED_DEGC_PER_MIN, TURNING_DPS
 from bench.base import FloatArray, InputError, IntArray
-from bench.record import STILL_DEGC_PER_MIN, Dataset
+from bench.record import Dataset
 
-_SETTLED_DEGC_PER_MIN = 2 * STILL_DEGC_PER_MIN
-_LEAST_S = 300.0
 _AHEAD_S = 60.0
-_STANDS_DPS = 0.1
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ def noise_floor(runs: Sequence[Dataset], interval_s: float, static: Dataset | No
     found = [(source, name, rows) for source in sources for name, rows in _stretches(source)]
     of = "" if static is None else static.name
     if not found:
-        still = f"isothermal stretch of at least {_LEAST_S / 60:g} minutes to read the noise from"
+        still = f"isothermal stretch of at least {LEAST_STRETCH_S / 60:g} minutes to read the noise from"
         empty = not any(len(source) for source in sources)
         return Floor(reason="nothing was captured" if empty else f"no {still}", static=of)
     blocks = [_on_grid(source, rows) for source, _, rows in found]
@@ -64,23 +62,23 @@ def _stretches(base: Dataset) -> list[tuple[str, IntArray]]:
         pieces = [(s.name, np.flatnonzero(base.segment == s.index)) for s in soaks]
         tails = [(name, _settled(base, rows)) for name, rows in pieces if rows.size]
     else:
-        still = np.abs(np.nan_to_num(base.dT_dt, nan=np.inf)) < _SETTLED_DEGC_PER_MIN
+        still = np.abs(np.nan_to_num(base.dT_dt, nan=np.inf)) < SETTLED_DEGC_PER_MIN
         edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
         runs = [np.arange(a, b) for a, b in edges.reshape(-1, 2).tolist()]
         tails = [(f"still at {np.nanmean(base.channel('temperature')[rows]):.0f} °C", rows) for rows in runs]
-    long = [(name, rows) for name, rows in tails if rows.size and np.ptp(base.time[rows]) >= _LEAST_S]
+    long = [(name, rows) for name, rows in tails if rows.size and np.ptp(base.time[rows]) >= LEAST_STRETCH_S]
     return [(name, rows) for name, rows in long if not _turns(base, rows)] or long
 
 
 def _turns(base: Dataset, rows: IntArray) -> bool:
     """Whether a rate table turns: then the scale factor makes every change of temperature part of the noise."""
     applied = base.channels.get("applied_rate")
-    return applied is not None and bool(np.nanmax(np.abs(applied[rows]), initial=0.0) > _STANDS_DPS)
+    return applied is not None and bool(np.nanmax(np.abs(applied[rows]), initial=0.0) > TURNING_DPS)
 
 
 def _settled(base: Dataset, rows: IntArray) -> IntArray:
     """Rows after the last fast change of temperature, at least the last half (a chamber may cycle for ever)."""
-    fast = np.flatnonzero(np.abs(np.nan_to_num(base.dT_dt[rows])) > _SETTLED_DEGC_PER_MIN)
+    fast = np.flatnonzero(np.abs(np.nan_to_num(base.dT_dt[rows])) > SETTLED_DEGC_PER_MIN)
     # The slope looks half a window ahead: the last rows of a soak may already see the next ramp.
     inner = fast[fast < rows.size - max(round(_AHEAD_S / base.interval_s), rows.size // 20)]
     begin = int(inner[-1]) + 1 if inner.size else 0

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import (
+    MOST_EXTRAPOLATED,
     WIDEST_HOLE,
     HeldOut,
     Judgement,
@@ -32,8 +33,6 @@ from bench.deliver.certificate.laboratory import Instrument, refuse_overdue
 from bench.deliver.export.delivering import calibration_id
 from bench.record import VERIFICATION_JSON, Dataset, Manifest, RunFolder, load, sha256
 
-MOST_EXTRAPOLATED = 0.05
-"""Share of the verification's means that may lie outside the fitted range."""
 LEAST_COVERED = 0.5
 """Share of the fitted range of temperature that the verification must go through."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from bench.analysis import Analysis, Fit, Score, refusals
+from bench.analysis import Analysis, Fit, Score, refused_models
 from bench.base import CHANNELS, FloatArray, finite, in_print, number, with_uncertainty
 from bench.deliver.report import figures_model
 from bench.deliver.report.markup import Row, Section, figure, glossary, heading, paragraph, table
@@ -41,7 +41,7 @@ def ladder(analysis: Analysis) -> Section | None:
     comparison, best = analysis.comparison, analysis.best
     if comparison is None:
         return None
-    refused = refusals(comparison)
+    refused = refused_models(comparison)
     lost = table("Models that this data cannot determine", ("model", "why"), refused) if refused else Markup()
     if best is None:
         return Section("ladder", "Ladder of models", paragraph("No model could be fitted.") + lost)

@@ -1,0 +1,65 @@
+"""Every number above or below which analysis decides otherwise: what a calibration, a fit or a verdict must keep to.
+
+Tuning of an algorithm (grid points, blocks, tolerances of a search) stands beside the algorithm.
+"""
+
+from __future__ import annotations
+
+from bench.record import STILL_DEGC_PER_MIN
+
+# Which rows count as standing still
+SETTLED_DEGC_PER_MIN = 2 * STILL_DEGC_PER_MIN
+"""Slope below which the temperature stands still, seen over the noise of a slope."""
+TURNING_DPS = 0.1
+"""Rate above which a rate table turns: the scale factor is then part of the output."""
+
+# What a fit needs
+LEAST_RANGE_DEGC = 1.0
+"""A temperature that moves by less carries no temperature effect."""
+LEAST_INTERVAL_ROWS = 3
+"""Rows in every interval of a spline."""
+MOST_CONDITION = 1e12
+"""Condition of the scaled columns above which their coefficients have lost all meaning."""
+ON_BOUND = 1e-3
+"""Share of a parameter's range at either end in which the data do not determine it."""
+
+# What a diagnosis needs
+TIE = 6.0
+"""Candidates within this evidence of the best are not told apart by the data."""
+WRONGLY_NAMED = 0.015
+"""Share of simulated runs in which chance may name an effect; of real clean runs it is to be below 2 %."""
+FURTHER_EVIDENCE = 10.0
+"""Evidence that a second effect needs: the first one's equation is never the whole truth, and its rest resembles
+something."""
+WEAK_EVIDENCE = 15.0
+"""Evidence below which no experiment is designed for the fitted effects."""
+PAYS = 1e-3
+"""Least relative fall of the held-out error that pays for an effect."""
+LEAST_PRESENT = 0.9
+"""Share of the rows in which an effect's channel needs a value."""
+LEAST_STATIC_ROWS = 40
+"""Means of an isothermal run with the temperature standing still."""
+LEAST_STRETCH_S = 300.0
+"""Length of an isothermal stretch that the noise floor is read from."""
+
+# What a calibration must keep to
+ADEQUATE_RATIO = 1.5
+"""Held-out error over the noise floor up to which nothing worth the effort is left to model."""
+OVERFIT_RATIO = 2.0
+"""Held-out error over the error in the fitted rows above which the model fits noise."""
+MOST_EXTRAPOLATED = 0.05
+"""Share of the unseen rows outside the fitted range; above it the held-out error is one of extrapolation."""
+LEAST_BRANCH_S = 600.0
+"""Time spent heating, and cooling, below which a difference between the two cannot be seen."""
+MOST_STEP_SHARE = 0.5
+"""Error from the steps of the temperature sensor over the held-out error: a quarter of its square."""
+MOST_LOOP_RATIO = 6.0
+"""Loop that the model leaves over the noise floor, where it is also more than half of the loop that was there."""
+MOST_DELIVERED_CONDITION = 1e9
+"""Condition of the scaled columns above which the coefficients depend on the last digits of the data."""
+LEAST_COVERED_DEGC = 10.0
+"""Range of temperature of a calibration, and of a scale factor that is fitted over temperature."""
+WIDEST_HOLE = 0.35
+"""Share of a channel's range that may lack data: between the points of a table, not beyond what a curve can bridge."""
+VERIFIED_RATIO = 1.2
+"""Without limits the error of a corrected unit must stay below this times the noise floor."""
