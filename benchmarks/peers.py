@@ -15,7 +15,7 @@ from bench.analysis.diagnosis.candidates import orthonormal
 from bench.analysis.diagnosis.suspects import Layout, catalogued, offer
 from bench.analysis.diagnosis.verdict import effect_name
 from bench.analysis.effects.model import Model
-from bench.analysis.fit.design import assemble
+from bench.analysis.fit.design import fit_rows
 from bench.base.channels import FloatArray
 from bench.record.dataset import Dataset
 
@@ -44,7 +44,7 @@ class Shelf:
 
 def shelf(run: Dataset, model: Model) -> Shelf:
     """The bench's candidates for this run as plain columns."""
-    layout, offered = offer(Layout(assemble(model, (run,)), np.zeros(0)), catalogued(model, (run,)))
+    layout, offered = offer(Layout(fit_rows(model, (run,)), np.zeros(0)), catalogued(model, (run,)))
     base = layout.problem.base
     basis = orthonormal(base)
     beta = np.linalg.lstsq(base, layout.problem.y, rcond=None)[0]

@@ -37,7 +37,7 @@ from .effects.registry import effect_names as effect_names
 from .effects.registry import load_effect as load_effect
 from .effects.registry import make as make
 from .effects.signature import signature as signature
-from .fit.every_sample import Record as Record
+from .fit.every_sample import SampledRun as SampledRun
 from .fit.fitting import Coefficient as Coefficient
 from .fit.fitting import Fit as Fit
 from .fit.fitting import Prediction as Prediction

@@ -128,7 +128,7 @@ def compare_every_sample(
     runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], static: Path | None = None
 ) -> Answer:
     """`bench compare --every-sample`: the same fitted to all samples of the runs in one pass over each."""
-    from bench.analysis import Record, Samples, load_model, of_seconds
+    from bench.analysis import SampledRun, Samples, load_model, of_seconds
     from bench.analysis import compare_every_sample as compare_models
     from bench.base import finite
     from bench.record import load
@@ -137,7 +137,7 @@ def compare_every_sample(
         raise InputError("--every-sample scores blocks and segments left out; a check run is scored on means", check[0])
     chosen = [load_model(model) for model in models or DEFAULT_MODELS]
     folders = [recover(path) for path in runs]
-    records = [Record(Samples(folder.data), load(folder.path, 1.0), load(folder.path)) for folder in folders]
+    records = [SampledRun(Samples(folder.data), load(folder.path, 1.0), load(folder.path)) for folder in folders]
     floor_dph = floor_of(runs, 1.0, static)
     comparison = compare_models(records, chosen, floor_dph, strict=bool(models))
     seconds = [record.seconds for record in records]

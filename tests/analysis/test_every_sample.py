@@ -17,7 +17,7 @@ from bench.analysis.effects.spline import Spline
 from bench.analysis.effects.thermal_lag import ThermalLag
 from bench.analysis.fit import fit_model
 from bench.analysis.fit.cells import STRETCH, Cells
-from bench.analysis.fit.every_sample import Record, read
+from bench.analysis.fit.every_sample import SampledRun, read
 from bench.analysis.fit.samples import BATCH_ROWS, REACH_S, Samples, between
 from bench.analysis.fit.so_far import SoFar
 from bench.analysis.fit.state import State
@@ -54,7 +54,7 @@ def run(tmp_path_factory):
 
 
 def as_record(folder):
-    return Record(Samples(folder.data), load(folder.path, 1.0), load(folder.path))
+    return SampledRun(Samples(folder.data), load(folder.path, 1.0), load(folder.path))
 
 
 def test_every_sample_is_read_once_however_many_models_there_are(run, monkeypatch):

@@ -9,12 +9,12 @@ from bench.acquisition.profile import profile
 from bench.analysis import effects
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.evidence import weigh
-from bench.analysis.diagnosis.experiment import Design, Noise, Rival, next_experiment, propose
+from bench.analysis.diagnosis.experiment import Design, NoiseLevel, Rival, next_experiment, propose
 from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans
 from bench.analysis.diagnosis.prediction import chamber_model, predicted_record
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.model import Model
-from bench.analysis.fit.design import assemble
+from bench.analysis.fit.design import fit_rows
 from bench.mystery import virtual
 from bench.record.dataset import Dataset
 from drivers.sim.resonator import UnitSettings
@@ -61,11 +61,11 @@ def runs():
 
 
 def judged(*runs):
-    layout = Layout(assemble(MODEL, runs), np.zeros(0))
+    layout = Layout(fit_rows(MODEL, runs), np.zeros(0))
     offered = {name: effects.make(name).suited(runs) for name in HIDDEN}
     found = weigh(layout.problem, [layout.candidate(effect, name) for name, effect in offered.items()], nulls=0)
     rivals = [Rival(s.name, offered[s.name], s.theta, s.evidence) for s in found.suspects]
-    return layout, rivals, Noise(found.suspects[0].point, found.suspects[0].sigma2)
+    return layout, rivals, NoiseLevel(found.suspects[0].point, found.suspects[0].sigma2)
 
 
 def strengthened(rivals):

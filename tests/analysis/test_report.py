@@ -18,7 +18,7 @@ from bench.analysis.judging.calibration import calibration
 from bench.analysis.judging.cautions import cautions
 from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.judge import analyse
-from bench.analysis.judging.verdict import Verdict, judge, with_diagnosis
+from bench.analysis.judging.verdict import RunVerdict, judge, with_diagnosis
 from bench.base.errors import InputError
 from bench.deliver.report.sections_run import losses
 from bench.record.dataset import Dataset, load
@@ -292,7 +292,7 @@ def test_a_diagnosis_that_cannot_be_made_is_a_warning(tmp_path: Path, error: Exc
 
 
 def test_a_partial_run_stays_partial_whatever_it_lacks(whole: Analysis) -> None:
-    partial = Verdict("partial", "Aborted after 1:00:00.")
+    partial = RunVerdict("partial", "Aborted after 1:00:00.")
     judged = with_diagnosis(partial, whole.diagnosed, whole.floor.floor_dph)
     assert judged.word == "partial"
     assert "lacks hysteresis" in judged.sentence

@@ -26,12 +26,13 @@ class Candidate:
 
     `columns(theta)` are the columns (n, k) that it adds to the base, or for an "abscissa" the columns (n, p) that
     replace the base's, one by one. `change_point` costs one count more; `count` replaces the number of parameters that
-    is paid for (shapes of one effect pay the same, or the one with more parameters would never be named).
+    is paid for (shapes of one effect pay the same, or the one with more parameters would never be named). `effect` is
+    the effect that the candidate is a shape of, by default its own name.
     """
 
     name: str
     columns: Callable[[Theta], FloatArray]
-    family: str = ""
+    effect: str = ""
     kind: Literal["term", "abscissa"] = "term"
     parameters: tuple[Parameter, ...] = ()
     change_point: bool = False

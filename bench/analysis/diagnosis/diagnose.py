@@ -21,12 +21,12 @@ from bench.analysis.diagnosis.probes import despike
 from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.diagnosis.suspects import Layout, Offer, catalogued, isothermal, offer
-from bench.analysis.diagnosis.verdict import Explanation, Search, effect_name
+from bench.analysis.diagnosis.verdict import Explanation, Search
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.spline import Spline
 from bench.analysis.fit import Fit, fit_model
-from bench.analysis.fit.design import assemble
+from bench.analysis.fit.design import fit_rows
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice
@@ -101,7 +101,7 @@ class _Case:
                 "unit's own noise"
             )
         statics = () if static is None else (isothermal(static, runs[0].interval_s),)
-        rows = assemble(found.model, runs, kept)
+        rows = fit_rows(found.model, runs, kept)
         layout = Layout(rows, np.array(list(found.theta.values())), statics)
         layout, offered = offer(layout, catalogued(found.model, runs) if wanted is None else wanted)
         layout, noise = levelled(layout)
@@ -152,8 +152,8 @@ class _Case:
         return self.layout.stacked(scored.residuals or self.fit.residuals)
 
     def _not_excited(self, found: Explanation) -> dict[str, str]:
-        hidden = {effect_name(s.name): _UNMOVED for s in found.first.suspects if not s.excited}
-        shown = {effect_name(s.name) for s in found.first.suspects if s.excited}
+        hidden = {s.effect: _UNMOVED for s in found.first.suspects if not s.excited}
+        shown = {s.effect for s in found.first.suspects if s.excited}
         return dict(self.offer.refused) | {name: why for name, why in hidden.items() if name not in shown}
 
     def _detectable(self, found: Explanation, lattice: NoiseLattice) -> tuple[Detectable, ...]:
@@ -161,7 +161,7 @@ class _Case:
         listed = []
         for candidate in self.offer.candidates(self.layout):
             effect = self.offer.effects[candidate.name]
-            if candidate.name != effect.name:
+            if candidate.name != candidate.effect:
                 continue
             theta = tuple(p.start for p in candidate.parameters)
             limit = smallest(self.layout.problem, candidate, theta, lattice, found.first.point, found.first.sigma2)

@@ -13,7 +13,7 @@ import numpy as np
 from bench.analysis.diagnosis.compare import Comparison, HeldOut, Score, SegmentScore, interval_of, segment_name
 from bench.analysis.effects.model import Model
 from bench.analysis.fit import refuse_corrected
-from bench.analysis.fit.every_sample import FOLDS, Pass, Record, read
+from bench.analysis.fit.every_sample import FOLDS, Pass, SampledRun, read
 from bench.analysis.fit.normal import left_out
 from bench.analysis.fit.solve import one_blas_thread
 from bench.base import BoolArray, FloatArray, InputError, IntArray
@@ -21,7 +21,7 @@ from bench.record import Dataset
 
 
 def compare_every_sample(
-    records: Sequence[Record], models: Sequence[Model], floor_dph: float, *, strict: bool = True
+    records: Sequence[SampledRun], models: Sequence[Model], floor_dph: float, *, strict: bool = True
 ) -> Comparison:
     """Score models on all samples of runs of one unit; `floor_dph` is the floor of their 1 s means [deg/h].
 
@@ -65,7 +65,7 @@ def _inside(seconds: Sequence[Dataset]) -> float:
     return float(np.sum(variance[present] * (count[present] - 1)) / np.sum(count[present]))
 
 
-def _score(one: Pass, records: Sequence[Record], floor_dph: float) -> Score:
+def _score(one: Pass, records: Sequence[SampledRun], floor_dph: float) -> Score:
     found, done = one.fit(records), one.solved()
     state = one.state
     inner = done.inner
@@ -104,7 +104,7 @@ def _branch(one: Pass, label: IntArray, keep: BoolArray) -> FloatArray:
     return sums
 
 
-def _segments(one: Pass, records: Sequence[Record], inner: FloatArray, floor_dph: float) -> list[SegmentScore]:
+def _segments(one: Pass, records: Sequence[SampledRun], inner: FloatArray, floor_dph: float) -> list[SegmentScore]:
     found = []
     for run, record in enumerate(records):
         for index in np.unique(one.state.segment[one.state.run == run]).tolist():

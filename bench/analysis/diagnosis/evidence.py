@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -34,13 +34,14 @@ class Suspect:
     """One candidate after refinement.
 
     `amplitudes` and `deviations` (k,) belong to its own columns (empty for an abscissa), the uncertainty of the
-    parameters included; `parameters` carry 95 % intervals at the noise found. `effect` (n,) is what the candidate adds
-    to the fitted bias [deg/h]. `cumulative` (n,) is the gain in 2 ln L up to each row, whitening being causal.
+    parameters included; `parameters` carry 95 % intervals at the noise found. `contribution` (n,) is what the candidate
+    adds to the fitted bias [deg/h]. `cumulative` (n,) is the gain in 2 ln L up to each row, whitening being causal.
     `excited` is False where the run cannot show it.
     """
 
     name: str
-    family: str
+    effect: str
+    """The effect that the candidate is a shape of."""
     evidence: float
     weight: float
     theta: Theta
@@ -51,7 +52,7 @@ class Suspect:
     point: Point
     ratios: Ratios
     sigma2: float
-    effect: FloatArray
+    contribution: FloatArray
     cumulative: FloatArray
 
 
@@ -92,46 +93,96 @@ def weigh(
     surface = Surface.of(problem.records(), lattice, restricted=False)
     columns = Aside(lambda: Library(problem, candidates), workers)
     best = surface.search()
-    shelf = columns.answer()
-    statics = [record.y[:, None] for record in problem.statics]
-    points = _points_for_candidates(best)
-    scanned = shelf.scan(lattice, points, problem.y[:, None], statics, workers)
-    refiner = Refiner(problem, lattice)
-    height, sigma2 = surface.known[best]
-    paid = shelf.paid(candidates)
-    rough = scanned.base[0] - scanned.values[:, 0] - paid
-    entries = [
-        [i for i, (which, _) in enumerate(scanned.entries) if which == index] for index in range(len(candidates))
-    ]
-    hopes = [float(np.max(_GROWS * (rough[own] + paid[own]) - paid[own])) for own in entries]
-
-    def judged(index: int, closely: bool) -> Suspect:
-        own, candidate = entries[index], candidates[index]
-        grid = [Start(scanned.entries[i][1], points[scanned.where[i, 0]], float(scanned.values[i, 0])) for i in own]
-        excited = bool(max(scanned.excited[i] for i in own) >= DEPENDENT)
-        theta, point, reached = refiner.refine(candidate, grid, best, closely=closely)
-        return _suspect(refiner, candidate, theta, point, (height - reached - paid[own[0]], excited))
-
-    found: list[Suspect] = []
-    order = sorted(range(len(candidates)), key=lambda index: -max(rough[entries[index]]))
-    for part in [order[:workers], order[workers:]] if workers > 1 else [[index] for index in order]:
-        least = _least(found)
-        tasks = [partial(judged, index, hopes[index] >= least) for index in part]
-        for index, suspect in zip(part, shared(tasks, workers), strict=True):
-            # One worker would have known of all before it: the answer is the same for any number.
-            needless = least <= hopes[index] < _least(found)
-            found.append(judged(index, False) if needless else suspect)
-    doubt = 0.0 < max((s.evidence for s in found), default=0.0) < _BEYOND_DOUBT
-    draw = (nulls if doubt else nulls // 5, seed)
-    chance = _nulls(candidates, shelf, surface, best, draw, workers) if nulls else np.empty(0)
+    weighing = _Weighing(candidates, columns.answer(), surface, best, workers)
+    suspects = weighing.suspects()
+    doubt = 0.0 < max((s.evidence for s in suspects), default=0.0) < _BEYOND_DOUBT
+    chance = weighing.chance(nulls if doubt else nulls // 5, seed) if nulls else np.empty(0)
     threshold = float(np.quantile(chance, 1.0 - WRONGLY_NAMED)) if nulls else 0.0
-    suspects = tuple(sorted(_weighted(found), key=lambda s: -s.evidence))
-    return Evidence(height, best, lattice.ratios(best), sigma2, suspects, threshold, chance, lattice)
+    ranked = tuple(sorted(_weighted(suspects), key=lambda s: -s.evidence))
+    height, sigma2 = surface.known[best]
+    return Evidence(height, best, lattice.ratios(best), sigma2, ranked, threshold, chance, lattice)
 
 
-def _least(found: Sequence[Suspect]) -> float:
+@dataclass(frozen=True, eq=False)
+class _Scanned:
+    """One candidate on its grid: `rough` is its best evidence there, `hope` what refinement may make of it."""
+
+    candidate: Candidate
+    grid: tuple[Start, ...]
+    paid: float
+    rough: float
+    hope: float
+    excited: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Weighing:
+    """What the steps of `weigh` share; `best` is the noise point of the base."""
+
+    candidates: Sequence[Candidate]
+    library: Library
+    surface: Surface
+    best: Point
+    workers: int
+
+    @cached_property
+    def refiner(self) -> Refiner:
+        """One for all candidates: it keeps what a noise point needs."""
+        return Refiner(self.library.problem, self.surface.lattice)
+
+    def suspects(self) -> list[Suspect]:
+        """Every candidate refined, the most promising first; one that cannot come near the best is refined coarsely."""
+        order = sorted(self._scan(), key=lambda each: -each.rough)
+        several = [order[: self.workers], order[self.workers :]]
+        parts = several if self.workers > 1 else [[each] for each in order]
+        suspects: list[Suspect] = []
+        for part in parts:
+            least = _least(suspects)
+            tasks = [partial(self._refined, each, each.hope >= least) for each in part]
+            for each, suspect in zip(part, shared(tasks, self.workers), strict=True):
+                # One worker would have known of all before it: the answer is the same for any number.
+                needless = least <= each.hope < _least(suspects)
+                suspects.append(self._refined(each, False) if needless else suspect)
+        return suspects
+
+    def _scan(self) -> list[_Scanned]:
+        problem, points = self.library.problem, _points_for_candidates(self.best)
+        statics = [record.y[:, None] for record in problem.statics]
+        scan = self.library.scan(self.surface.lattice, points, problem.y[:, None], statics, self.workers)
+        paid = self.library.paid(self.candidates)
+        rough = scan.base[0] - scan.values[:, 0] - paid
+        scanned = []
+        for index, candidate in enumerate(self.candidates):
+            own = [i for i, (which, _) in enumerate(scan.entries) if which == index]
+            grid = tuple(Start(scan.entries[i][1], points[scan.where[i, 0]], float(scan.values[i, 0])) for i in own)
+            hope = float(np.max(_GROWS * (rough[own] + paid[own]) - paid[own]))
+            excited = bool(scan.excited[own].max() >= DEPENDENT)
+            scanned.append(_Scanned(candidate, grid, float(paid[own[0]]), float(rough[own].max()), hope, excited))
+        return scanned
+
+    def _refined(self, scanned: _Scanned, closely: bool) -> Suspect:
+        theta, point, reached = self.refiner.refine(scanned.candidate, scanned.grid, self.best, closely=closely)
+        evidence = self.surface.height(self.best) - reached - scanned.paid
+        return _suspect(self.refiner, scanned, theta, point, evidence)
+
+    def chance(self, runs: int, seed: int) -> FloatArray:
+        """Best evidence of any candidate in runs simulated from the fitted base and its noise alone (runs,)."""
+        problem, lattice = self.library.problem, self.surface.lattice
+        region = self.surface.region(self.best, _NULL_REACH, step=_DECADE // 2)
+        near = sorted(region, key=self.surface.height)[:_NULL_POINTS]
+        # Less noise than the base has, as far as a candidate may get.
+        less = [point for point in _points_for_candidates(self.best) if point not in near]
+        mean = problem.base @ gls(problem.base, problem.y, lattice.at([self.best])[0][0]).beta
+        restricted = Surface.of(problem.records(), lattice, restricted=True)
+        run, *statics = drawn(restricted, near, np.random.default_rng(seed), runs)
+        scan = self.library.scan(lattice, [*near, *less], mean[:, None] + run, statics, self.workers)
+        evidence = scan.base - scan.values - self.library.paid(self.candidates)[:, None]
+        return np.asarray(evidence.max(axis=0))
+
+
+def _least(suspects: Sequence[Suspect]) -> float:
     """Evidence that a candidate has to come near to, beside those judged so far."""
-    return max([0.0, *(s.evidence for s in found)]) - TIE
+    return max([0.0, *(s.evidence for s in suspects)]) - TIE
 
 
 def _points_for_candidates(best: Point) -> list[Point]:
@@ -139,9 +190,9 @@ def _points_for_candidates(best: Point) -> list[Point]:
     return [p for p in NoiseLattice.coarse(_DECADE) if all(i <= b + _DECADE for i, b in zip(p, best, strict=True))]
 
 
-def _suspect(refiner: Refiner, candidate: Candidate, theta: Theta, point: Point, scored: tuple[float, bool]) -> Suspect:
+def _suspect(refiner: Refiner, scanned: _Scanned, theta: Theta, point: Point, evidence: float) -> Suspect:
     """Everything there is to say about one candidate at its best."""
-    problem = refiner.problem
+    problem, candidate = refiner.problem, scanned.candidate
     way = refiner.lattice.at([point])[0][0]
     sigma2 = refiner.sigma2(candidate, theta, point)
     columns = joint(problem, candidate, theta)
@@ -151,50 +202,28 @@ def _suspect(refiner: Refiner, candidate: Candidate, theta: Theta, point: Point,
     before = gls(problem.base, problem.y, way, sigma2)
     return Suspect(
         name=candidate.name,
-        family=candidate.family or candidate.name,
-        evidence=scored[0],
+        effect=candidate.effect or candidate.name,
+        evidence=evidence,
         weight=0.0,
         theta=theta,
         parameters=refiner.intervals(candidate, theta, point),
         amplitudes=fit.beta[first:],
         deviations=refiner.deviations(candidate, theta, fit.beta, point)[first : columns.shape[1]],
-        excited=scored[1],
+        excited=scanned.excited,
         point=point,
         ratios=refiner.lattice.ratios(point),
         sigma2=sigma2,
-        effect=moved @ (fit.beta if candidate.kind == "abscissa" else fit.beta[first:]),
+        contribution=moved @ (fit.beta if candidate.kind == "abscissa" else fit.beta[first:]),
         cumulative=np.cumsum(before.residual**2 - fit.residual**2) / sigma2,
     )
 
 
-def _weighted(found: Sequence[Suspect]) -> list[Suspect]:
+def _weighted(suspects: Sequence[Suspect]) -> list[Suspect]:
     """Posterior weights e^(E/2) with equal priors, "nothing missing" (E = 0) being one of the answers."""
-    top = max([0.0, *(s.evidence for s in found)])
-    share = [float(np.exp((s.evidence - top) / 2.0)) for s in found]
+    top = max([0.0, *(s.evidence for s in suspects)])
+    share = [float(np.exp((s.evidence - top) / 2.0)) for s in suspects]
     total = sum(share) + float(np.exp(-top / 2.0))
-    return [replace(s, weight=w / total) for s, w in zip(found, share, strict=True)]
-
-
-def _nulls(
-    candidates: Sequence[Candidate],
-    shelf: Library,
-    surface: Surface,
-    best: Point,
-    draw: tuple[int, int],
-    workers: int,
-) -> FloatArray:
-    """Best evidence of any candidate in runs simulated from the fitted base and its noise alone (runs,)."""
-    runs, seed = draw
-    rng = np.random.default_rng(seed)
-    problem = shelf.problem
-    lattice = surface.lattice
-    near = sorted(surface.region(best, _NULL_REACH, step=_DECADE // 2), key=surface.height)[:_NULL_POINTS]
-    less = [point for point in _points_for_candidates(best) if point not in near]  # as far as a candidate may get
-    mean = problem.base @ gls(problem.base, problem.y, lattice.at([best])[0][0]).beta
-    run, *statics = drawn(Surface.of(problem.records(), lattice, restricted=True), near, rng, runs)
-    scanned = shelf.scan(lattice, [*near, *less], mean[:, None] + run, statics, workers)
-    evidence = scanned.base - scanned.values - shelf.paid(candidates)[:, None]
-    return np.asarray(evidence.max(axis=0))
+    return [replace(s, weight=w / total) for s, w in zip(suspects, share, strict=True)]
 
 
 def drawn(surface: Surface, points: Sequence[Point], rng: np.random.Generator, runs: int) -> list[FloatArray]:

@@ -24,7 +24,6 @@ from bench.analysis.diagnosis.limits import expected_gap, probability
 from bench.analysis.diagnosis.plan import ChamberLimits, Plan, chamber_limits, exciting, minor_loops, plans
 from bench.analysis.diagnosis.prediction import predicted_record
 from bench.analysis.diagnosis.suspects import Layout, isothermal, offer
-from bench.analysis.diagnosis.verdict import effect_name
 from bench.analysis.effects.base import Effect
 from bench.analysis.fit import design, fit_model
 from bench.analysis.fit.solve import one_blas_thread
@@ -50,8 +49,8 @@ class Rival:
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Noise that the runs showed: lattice point, and the white variance of one mean [(deg/h)^2]."""
+class NoiseLevel:
+    """NoiseLevel that the runs showed: lattice point, and the white variance of one mean [(deg/h)^2]."""
 
     point: Point
     sigma2: float
@@ -113,19 +112,19 @@ def next_experiment(
     base = replace(open_.model, effects=open_.model.effects[:-1])
     with one_blas_thread():
         fitted = fit_model(base, runs, covariance="none")
-        rows = design.assemble(fitted.model, tuple(runs), [np.isfinite(r) for r in fitted.residuals])
+        rows = design.fit_rows(fitted.model, tuple(runs), [np.isfinite(r) for r in fitted.residuals])
         statics = () if static is None else (isothermal(static, runs[0].interval_s),)
         layout = Layout(rows, np.array(list(fitted.theta.values())), statics)
         layout, offered = offer(layout, [effects.make(name) for name in tied])
         evidence = weigh(layout.problem, offered.candidates(layout), nulls=0)
-        best = {name: next((s for s in evidence.suspects if effect_name(s.name) == name), None) for name in tied}
+        best = {name: next((s for s in evidence.suspects if s.effect == name), None) for name in tied}
         rivals = [Rival(name, offered.effects[s.name], s.theta, s.evidence) for name, s in best.items() if s]
-        noise = Noise(evidence.suspects[0].point, evidence.suspects[0].sigma2)
+        noise = NoiseLevel(evidence.suspects[0].point, evidence.suspects[0].sigma2)
         return propose(layout, rivals, noise, limits)
 
 
 def propose(
-    layout: Layout, rivals: Sequence[Rival], noise: Noise, limits: ChamberLimits | None = None
+    layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits: ChamberLimits | None = None
 ) -> Proposal | None:
     """The run that tells these rivals apart, best first in `rivals`; None where all are one family.
 
@@ -144,13 +143,13 @@ def propose(
     if max(rival.evidence for rival in rivals) < WEAK_EVIDENCE:
         why = (
             f"the evidence is too weak (at most {max(r.evidence for r in rivals):.0f}, {WEAK_EVIDENCE:.0f} wanted) to "
-            "design a run for what was fitted; minor loops with reversals decide most thermal ties whatever the cause is"
+            "design a run for it; minor loops with reversals decide most thermal ties whatever the cause is"
         )
         return _proposal(minor_loops(limits), limits, names, why, (np.nan, np.nan))
     return _designed(layout, rivals, noise, limits)
 
 
-def _designed(layout: Layout, rivals: Sequence[Rival], noise: Noise, limits: ChamberLimits) -> Proposal:
+def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits: ChamberLimits) -> Proposal:
     rated = Design(layout, rivals, noise)
     before = rated.worst(None)
     scored = [(rated.worst(plan), plan) for plan in plans(limits)]
@@ -178,7 +177,7 @@ def _proposal(
 class Design:
     """Rivals as fitted to the runs so far, and their predictions for any plan."""
 
-    def __init__(self, layout: Layout, rivals: Sequence[Rival], noise: Noise) -> None:
+    def __init__(self, layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel) -> None:
         self._layout, self._rivals, self._noise = layout, rivals, noise
         self._base = layout.rows.bind(layout.theta, trial=True)[0]
         self._beta = gls_of(layout.problem, layout.problem.base, noise.point)
@@ -211,7 +210,7 @@ class Design:
         planned = predicted_record(records, plan.setpoint(), records[0].interval_s)
         bias = self._base.columns(planned) @ self._beta[: self._base.columns(planned).shape[1]]
         planned = planned.with_channel("rate", bias)
-        rows = design.Problem(
+        rows = design.FitRows(
             self._layout.rows.model, (*records, planned), (*self._layout.rows.masks, np.ones(len(planned), dtype=bool))
         )
         return replace(self._layout, rows=rows)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.fit.design import Bound, Problem
+from bench.analysis.fit.design import Bound, FitRows
 from bench.analysis.fit.solve import left_out_rms, solve
 from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import FloatArray, InputError
@@ -28,7 +28,7 @@ class Unseen:
     reason: str = ""
 
 
-def unseen(rows: Problem, theta: FloatArray, check: Sequence[Dataset]) -> Unseen:
+def unseen(rows: FitRows, theta: FloatArray, check: Sequence[Dataset]) -> Unseen:
     """Score a model on the check runs or, without, on 20 contiguous blocks, each predicted from all others."""
     try:
         bound, columns = rows.bind(theta)

@@ -22,7 +22,7 @@ Action = Literal["added", "refused", "stopped"]
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class Decision:
     """One decision: an effect added or refused, or the end of the walk; errors on unseen data [deg/h]."""
 
     action: Action
@@ -52,7 +52,7 @@ class Step:
 class Improvement:
     """All steps of a walk; the last one says why it ended."""
 
-    steps: tuple[Step, ...]
+    steps: tuple[Decision, ...]
 
     @property
     def model(self) -> Model:
@@ -98,7 +98,7 @@ def improve(
     An effect is added if the evidence names it and the error falls on the check runs (without, on blocks left out);
     one that does not pay is refused, and what the data cannot tell from it is tried in its place.
     """
-    steps: list[Step] = []
+    steps: list[Decision] = []
     while True:
         lacking = None if candidates is None else [c for c in candidates if c.name not in _names(model)]
         answer = diagnose(runs, model, check=check, static=static, candidates=lacking, floor_dph=floor_dph)
@@ -114,13 +114,13 @@ def _names(model: Model) -> set[str]:
     return {effect.name for effect in model.effects}
 
 
-def _tried(answer: Diagnosis) -> list[Step]:
+def _tried(answer: Diagnosis) -> list[Decision]:
     """The strongest effect found, or the first of its look-alikes that pays; every refusal is a step."""
     if answer.verdict != "missing_effect":
         return []
     strongest = answer.found[0]
     wanted = [strongest, *(s for s in answer.suspects if s.effect in strongest.look_alikes)]
-    steps: list[Step] = []
+    steps: list[Decision] = []
     for suspect in wanted:
         steps.append(_step(answer, suspect))
         if steps[-1].action == "added":
@@ -128,7 +128,7 @@ def _tried(answer: Diagnosis) -> list[Step]:
     return steps
 
 
-def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Step:
+def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Decision:
     before, after = suspect.held_out_before_dph, suspect.held_out_rms_dph
     pays = after < before * (1.0 - PAYS)
     floor = f" (noise floor {answer.floor_dph:.4f})" if isfinite(answer.floor_dph) else ""
@@ -143,10 +143,10 @@ def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Step:
         text = f"{suspect.effect} refused although its evidence is {suspect.evidence:.0f}: it does not pay, {fall}"
     effect = suspect.model.effects[-1]
     model = answer.model.adding(effect) if pays else answer.model
-    return Step("added" if pays else "refused", suspect.effect, model, before, after, text, answer)
+    return Decision("added" if pays else "refused", suspect.effect, model, before, after, text, answer)
 
 
-def _end(answer: Diagnosis, refused: bool) -> Step:
+def _end(answer: Diagnosis, refused: bool) -> Decision:
     """Why the walk ends here."""
     if answer.verdict == "missing_effect":
         text = "Nothing that pays on unseen data is left to add." if refused else f"{MOST_STEPS} steps are enough."
@@ -154,4 +154,4 @@ def _end(answer: Diagnosis, refused: bool) -> Step:
     else:
         text = answer.sentence
     held_out = answer.held_out_rms_dph
-    return Step("stopped", "", answer.model, held_out, held_out, text, answer)
+    return Decision("stopped", "", answer.model, held_out, held_out, text, answer)

@@ -21,7 +21,7 @@ FOUND = 20.0
 
 
 @dataclass(frozen=True)
-class Limit:
+class Smallest:
     """The smallest effect that the run would have shown.
 
     `rms_dph` [deg/h] is the RMS of the whole effect over the run, `share` the part of its variance that the base does
@@ -38,7 +38,7 @@ class Limit:
 
 def smallest(
     problem: Problem, candidate: Candidate, theta: Theta, lattice: NoiseLattice, point: Point, sigma2: float
-) -> Limit:
+) -> Smallest:
     """Smallest amplitude of a candidate with parameters `theta` that this run finds, at a noise of the lattice."""
     way = lattice.at([point])[0][0]
     q = orthonormal(way.apply(problem.base))
@@ -53,14 +53,14 @@ def smallest(
     left = column - basis @ (basis.T @ column)
     share = float(left @ left) / max(float(centred @ centred), 1e-300)
     if seen <= 1e-9 * float(white @ white):
-        return Limit(candidate.name, theta, np.inf, np.inf, share)
+        return Smallest(candidate.name, theta, np.inf, np.inf, share)
     amplitude = float(np.sqrt(FOUND * sigma2 / seen))
-    return Limit(candidate.name, theta, amplitude, amplitude * float(np.std(column)), share)
+    return Smallest(candidate.name, theta, amplitude, amplitude * float(np.std(column)), share)
 
 
 def _smallest_abscissa(
     problem: Problem, candidate: Candidate, lattice: NoiseLattice, point: Point, sigma2: float
-) -> Limit:
+) -> Smallest:
     """The first parameter of the grid, from its lower bound up, whose effect on the fitted base would show."""
     way = lattice.at([point])[0][0]
     beta = gls(problem.base, problem.y, way).beta
@@ -73,8 +73,8 @@ def _smallest_abscissa(
         if float(outside @ outside) / sigma2 >= FOUND:
             left = moved - basis @ (basis.T @ moved)
             share = float(left @ left) / max(float(np.var(moved)) * len(moved), 1e-300)
-            return Limit(candidate.name, theta, 1.0, float(np.std(moved)), share)
-    return Limit(candidate.name, (), np.inf, np.inf, 0.0)
+            return Smallest(candidate.name, theta, 1.0, float(np.std(moved)), share)
+    return Smallest(candidate.name, (), np.inf, np.inf, 0.0)
 
 
 def expected_gap(

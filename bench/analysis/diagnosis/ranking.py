@@ -11,7 +11,7 @@ from bench.analysis.diagnosis.answer import SuspectedEffect, Value
 from bench.analysis.diagnosis.evidence import Evidence, Suspect
 from bench.analysis.diagnosis.held_out import Unseen, removed, unseen
 from bench.analysis.diagnosis.suspects import Layout, Offer
-from bench.analysis.diagnosis.verdict import Explanation, effect_name
+from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.base import Effect, options_of
 from bench.analysis.thresholds import TIE
 from bench.base import FloatArray
@@ -38,7 +38,7 @@ class Ranking:
         named = {step.name for step in steps}
         listed = [self._scored(step.layout, step.evidence, step.suspect, True) for step in steps]
         layout, evidence = (steps[0].layout, steps[0].evidence) if steps else (self.found.layout, self.found.first)
-        rivals = [s for s in _each_once(evidence) if effect_name(s.name) not in named]
+        rivals = [s for s in _each_once(evidence) if s.effect not in named]
         listed += [self._scored(layout, evidence, s, False) for s in rivals[:_RIVALS]]
         return tuple(listed)
 
@@ -60,7 +60,7 @@ class Ranking:
             legs=tuple(_legs(layout, suspect.cumulative)),
             model=after.rows.model,
             theta=suspect.theta,
-            shape=layout.rows.scatter(suspect.effect),
+            shape=layout.rows.scatter(suspect.contribution),
             reason=scored.reason,
         )
 
@@ -72,8 +72,8 @@ class Ranking:
         ranked = _each_once(evidence)
         if not ranked or ranked[0].evidence <= self.found.threshold:
             return ()
-        tied = [effect_name(s.name) for s in ranked if s.evidence >= ranked[0].evidence - TIE]
-        own = effect_name(suspect.name)
+        tied = [s.effect for s in ranked if s.evidence >= ranked[0].evidence - TIE]
+        own = suspect.effect
         return tuple(name for name in tied if name != own) if own in tied else ()
 
 
@@ -82,7 +82,7 @@ def _each_once(evidence: Evidence) -> list[Suspect]:
     first: dict[str, Suspect] = {}
     for suspect in evidence.suspects:
         if suspect.excited:
-            first.setdefault(effect_name(suspect.name), suspect)
+            first.setdefault(suspect.effect, suspect)
     return list(first.values())
 
 

@@ -34,7 +34,7 @@ _CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chambe
 class Layout:
     """A model over the rows of its runs at fixed nonlinear parameters `theta` (in the order of its effects)."""
 
-    rows: design.Problem
+    rows: design.FitRows
     theta: FloatArray
     statics: tuple[Record, ...] = ()
     white: FloatArray | None = None
@@ -70,7 +70,7 @@ class Layout:
         return Candidate(
             name=name,
             columns=_Moved(self, effect) if effect.moves_abscissa else _Terms(self, effect),
-            family=effect.family,
+            effect=effect.name,
             kind="abscissa" if effect.moves_abscissa else "term",
             parameters=effect.parameters,
             change_point=moving,
@@ -104,7 +104,7 @@ class Layout:
         return self.stacked([record.channel("temperature") for record in self.rows.records])
 
     def beyond(self, values: FloatArray) -> FloatArray:
-        """What the model's columns do not take of values (n,)."""
+        """The part of values (n,) that the model's columns cannot follow."""
         basis = orthonormal(self.problem.base)
         left: FloatArray = values - basis @ (basis.T @ values)
         return left

@@ -25,7 +25,7 @@ _NOISE = "noise"
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class FoundEffect:
     """One effect found: the layout without it, the evidence of all candidates there, and its own."""
 
     layout: Layout
@@ -47,7 +47,7 @@ class Explanation:
 
     first: Evidence
     before: Examination
-    steps: tuple[Step, ...]
+    steps: tuple[FoundEffect, ...]
     layout: Layout
     last: Evidence
     after: Examination
@@ -71,11 +71,6 @@ class Explanation:
         explained = sum(step.suspect.evidence for step in self.steps)
         rest = max((f.statistic - f.rank for f in self.after.alarms if f.name != _NOISE or self.drifts), default=0.0)
         return "missing_effect" if self.steps and rest < _MINOR * explained else "unknown_effect"
-
-
-def effect_name(candidate: str) -> str:
-    """Name of the effect that a candidate is a shape of."""
-    return candidate.split(" ", 1)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +114,14 @@ class Search:
         surface.visit([evidence.point])
         return examine(layout.problem, seen.probes(), self.lattice, surface.descend(evidence.point))
 
-    def forward(self, layout: Layout, evidence: Evidence) -> tuple[Step, ...]:
+    def forward(self, layout: Layout, evidence: Evidence) -> tuple[FoundEffect, ...]:
         """The best effect, the best beside it, and so on while it beats chance."""
-        steps: list[Step] = []
+        steps: list[FoundEffect] = []
         while len(steps) < MOST_EFFECTS:
             best = _best(evidence)
             if best is None or best.evidence <= self._bar(len(steps)):
                 break
-            steps.append(Step(layout, evidence, best, self.offer.effects[best.name]))
+            steps.append(FoundEffect(layout, evidence, best, self.offer.effects[best.name]))
             layout = _with(layout, steps[-1:])
             evidence = self.weigh(layout)
         return tuple(steps)
@@ -135,7 +130,7 @@ class Search:
         """Evidence needed beside so many other effects."""
         return max(self.threshold, FURTHER_EVIDENCE) if others else self.threshold
 
-    def again(self, layout: Layout, steps: tuple[Step, ...]) -> tuple[Step, ...]:
+    def again(self, layout: Layout, steps: tuple[FoundEffect, ...]) -> tuple[FoundEffect, ...]:
         """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice."""
         current = list(steps)
         for step in steps:
@@ -145,11 +140,11 @@ class Search:
             best = _best(evidence)
             current = others
             if best is not None and best.evidence > self._bar(len(others)):
-                current.append(Step(without, evidence, best, self.offer.effects[best.name]))
+                current.append(FoundEffect(without, evidence, best, self.offer.effects[best.name]))
         return tuple(sorted(current, key=lambda s: -s.suspect.evidence))
 
 
-def _with(layout: Layout, steps: Sequence[Step]) -> Layout:
+def _with(layout: Layout, steps: Sequence[FoundEffect]) -> Layout:
     for step in steps:
         layout = layout.adding(step.effect, step.suspect.theta)
     return layout

@@ -56,7 +56,7 @@ class Bound:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class FitRows:
     """Rows to fit, fixed for all trial parameters; `masks` (n,) a record."""
 
     model: Model
@@ -95,7 +95,7 @@ class Problem:
         """Start values of the nonlinear parameters (m,)."""
         return np.array([parameter.start for parameter in self.parameters])
 
-    def using(self, index: int, effect: Effect) -> Problem:
+    def using(self, index: int, effect: Effect) -> FitRows:
         """The same rows with one effect replaced."""
         effects = (*self.model.effects[:index], effect, *self.model.effects[index + 1 :])
         return replace(self, model=replace(self.model, effects=effects))
@@ -155,8 +155,8 @@ class Problem:
         return tuple(out)
 
 
-def assemble(model: Model, records: tuple[Dataset, ...], rows: Sequence[BoolArray] | None = None) -> Problem:
-    """Problem of a model and its runs: finite rows of `rows` that belong to the model's branch.
+def fit_rows(model: Model, records: tuple[Dataset, ...], rows: Sequence[BoolArray] | None = None) -> FitRows:
+    """Rows of a model and its runs: finite rows of `rows` that belong to the model's branch.
 
     Raises InputError: no run, zero rows, a channel that is missing, no soaks for the fixed-temperature method.
     """
@@ -174,7 +174,7 @@ def assemble(model: Model, records: tuple[Dataset, ...], rows: Sequence[BoolArra
         names = ", ".join(record.name for record in records)
         raise InputError(f"zero rows to fit for model '{model.name}' ({model.rows} rows of {names})")
     within = replace(model, effects=tuple(effect.suited(records) for effect in model.effects))
-    return Problem(within, records, masks)
+    return FitRows(within, records, masks)
 
 
 def _usable(model: Model, record: Dataset) -> BoolArray:

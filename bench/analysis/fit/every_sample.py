@@ -38,7 +38,7 @@ FOLDS = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class SampledRun:
     """A run in three resolutions: its samples, its 1 s means, and the means that an ordinary fit takes."""
 
     samples: Samples
@@ -79,7 +79,7 @@ class Pass:
         except InputError as error:
             raise InputError(f"model '{self.model.name}': {error}") from None
 
-    def fit(self, records: Sequence[Record]) -> Fit:
+    def fit(self, records: Sequence[SampledRun]) -> Fit:
         """The fit as an ordinary one, its covariance from the scores of the blocks (they may correlate inside)."""
         done = self.solved()
         groups = self.normal(self.state.grouped(np.arange(len(self.rows)), self.rows))
@@ -101,7 +101,7 @@ class Pass:
         )
 
 
-def read(models: Sequence[Model], records: Sequence[Record]) -> list[Pass | InputError]:
+def read(models: Sequence[Model], records: Sequence[SampledRun]) -> list[Pass | InputError]:
     """Read every sample of the runs once, for all models; one that cannot be laid out is its InputError."""
     duration_s = max(float(np.ptp(record.seconds.time)) for record in records)
     block_s = float(np.clip(duration_s / (2 * FOLDS), 1.0, BLOCK_S))
@@ -123,12 +123,12 @@ def _attempt(work: Callable[[], Pass]) -> Pass | InputError:
         return error
 
 
-def _interval(records: Sequence[Record]) -> float:
+def _interval(records: Sequence[SampledRun]) -> float:
     time = records[0].seconds
     return float(np.ptp(time.time) / max(records[0].samples.rows - 1, 1))
 
 
-def _lay_out(model: Model, records: Sequence[Record], block_s: float) -> Pass:
+def _lay_out(model: Model, records: Sequence[SampledRun], block_s: float) -> Pass:
     if model.rows not in {"all", "heating", "cooling"}:
         raise InputError(f"model '{model.name}': rows: {model.rows} is a fit to means; leave --every-sample out")
     effect = model.effects[0]
@@ -199,13 +199,13 @@ def _bound(model: Model, effect: Effect) -> Bound:
     return Bound(model.keys, (effect,), {key: {}}, {key: slice(1, 1 + width)})
 
 
-def _scale(records: Sequence[Record], channel: str) -> Scale:
+def _scale(records: Sequence[SampledRun], channel: str) -> Scale:
     ends = np.array([record.samples.range(channel) for record in records])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     return Scale.spanning(channel, low, high, least_range(channel))
 
 
-def _sample(records: Sequence[Record], needs: Sequence[str]) -> tuple[dict[str, FloatArray], FloatArray]:
+def _sample(records: Sequence[SampledRun], needs: Sequence[str]) -> tuple[dict[str, FloatArray], FloatArray]:
     """Rows without gaps of the 1 s means, to see which columns depend on each other."""
     y = np.concatenate([record.seconds.bias for record in records])
     columns = {name: np.concatenate([record.seconds.channel(name) for record in records]) for name in needs}
@@ -215,7 +215,7 @@ def _sample(records: Sequence[Record], needs: Sequence[str]) -> tuple[dict[str, 
     return {name: column[rows] for name, column in columns.items()}, y[rows]
 
 
-def _general(model: Model, records: Sequence[Record], block_s: float) -> Pass:
+def _general(model: Model, records: Sequence[SampledRun], block_s: float) -> Pass:
     """Any model, laid out by its fit to the means."""
     found = fit_model(model, tuple(record.means for record in records), covariance="none")
     bound = found.bound
@@ -259,7 +259,7 @@ def _rows(columns: Columns, needs: Sequence[str]) -> Dataset:
     return Dataset("samples", np.arange(size, dtype=np.float64), own, np.zeros(size, dtype=np.int64))
 
 
-def _with_memory(one: Pass, run: int, record: Record, columns: Columns) -> Columns:
+def _with_memory(one: Pass, run: int, record: SampledRun, columns: Columns) -> Columns:
     names = [name for name in one.state.sums.needs if name.startswith("column.")]
     if not names:
         return columns

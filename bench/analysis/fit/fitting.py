@@ -17,7 +17,7 @@ import numpy as np
 
 from bench.analysis.effects.base import Parameter, options_of
 from bench.analysis.effects.model import Model
-from bench.analysis.fit.design import Bound, Problem, assemble
+from bench.analysis.fit.design import Bound, FitRows, fit_rows
 from bench.analysis.fit.quantisation import coarse_temperature
 from bench.analysis.fit.solve import (
     Solution,
@@ -169,7 +169,7 @@ def fit_model(
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
     refuse_corrected(records)
     with one_blas_thread():
-        problem = assemble(model, records, rows)
+        problem = fit_rows(model, records, rows)
         problem = _choose(problem)
         theta = _theta(problem, start)
         bound, columns = problem.bind(theta)
@@ -190,7 +190,7 @@ def refuse_corrected(records: Iterable[Dataset]) -> None:
             raise InputError(f"{text}: nothing is fitted to it and no model checked on it; take runs of the raw rate")
 
 
-def _choose(problem: Problem) -> Problem:
+def _choose(problem: FitRows) -> FitRows:
     """Settle automatic options: the variant with the least RMS on left-out blocks."""
     for i, effect in enumerate(problem.model.effects):
         choices = effect.choices()
@@ -203,7 +203,7 @@ def _choose(problem: Problem) -> Problem:
     return problem
 
 
-def _left_out(problem: Problem) -> float:
+def _left_out(problem: FitRows) -> float:
     try:
         _, columns = problem.bind(problem.start())
     except InputError:
@@ -211,7 +211,7 @@ def _left_out(problem: Problem) -> float:
     return left_out_rms(solve(columns, problem.y, problem.weights), problem.weights, problem.blocks())
 
 
-def _theta(problem: Problem, start: Mapping[str, float] | None) -> FloatArray:
+def _theta(problem: FitRows, start: Mapping[str, float] | None) -> FloatArray:
     parameters: Sequence[Parameter] = problem.parameters
     if not parameters:
         return np.zeros(0)
@@ -227,7 +227,7 @@ def _theta(problem: Problem, start: Mapping[str, float] | None) -> FloatArray:
     return search(residual, parameters, given)
 
 
-def _refuse(problem: Problem, bound: Bound, columns: FloatArray, solution: Solution) -> None:
+def _refuse(problem: FitRows, bound: Bound, columns: FloatArray, solution: Solution) -> None:
     n, p = columns.shape
     if n < p:
         raise InputError(f"{n} rows for {p} coefficients of model '{problem.model.name}': record more, or fit less")
@@ -242,7 +242,7 @@ def _refuse(problem: Problem, bound: Bound, columns: FloatArray, solution: Solut
         )
 
 
-def _result(problem: Problem, bound: Bound, solution: Solution, cov: FloatArray, noise: Noise | None) -> Fit:
+def _result(problem: FitRows, bound: Bound, solution: Solution, cov: FloatArray, noise: Noise | None) -> Fit:
     return Fit(
         model=problem.model,
         bound=bound,

@@ -23,7 +23,7 @@ from bench.base import FloatArray, InputError
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class SolvedMoments:
     """A model solved from moments: as the fields of `bench.analysis.fit.Fit` of the same names."""
 
     bound: Bound
@@ -53,7 +53,7 @@ def check(model: Model) -> StaticEffect:
     return effect
 
 
-def solve_moments(model: Model, moments: Moments) -> Solved:
+def solve_moments(model: Model, moments: Moments) -> SolvedMoments:
     """The fit of the model to the rows behind the moments; InputError as `fit` has it, or where `check` refuses."""
     effect = check(model)
     ranges = {channel: (float(a), float(b)) for channel, (a, b) in zip(CHANNELS, moments.ranges, strict=True)}
@@ -74,7 +74,7 @@ def solve_moments(model: Model, moments: Moments) -> Solved:
     bound = Bound(model.keys, (prepared,), {model.keys[0]: {}}, {model.keys[0]: slice(1, beta.size)})
     rms_dph = float(np.sqrt(max(rss, 0.0) / moments.weight[part]))
     validity = {channel: ranges[channel] for channel in effect.needs}
-    return Solved(bound, beta, rms_dph, condition, int(moments.rows[part]), validity)
+    return SolvedMoments(bound, beta, rms_dph, condition, int(moments.rows[part]), validity)
 
 
 def _solve_triangle(effect: Polynomial | Regression, moments: Moments) -> tuple[FloatArray, float, float]:

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from bench.analysis.fit.design import Bound, Problem
+from bench.analysis.fit.design import Bound, FitRows
 from bench.analysis.fit.solve import Solution, sandwich, solve
 from bench.analysis.noise import Noise, Record, profile_noise
 from bench.analysis.noise.whitening import covariance as noise_covariance
@@ -19,7 +19,7 @@ _STEP = 1e-4  # of a parameter's range
 
 
 def estimate_covariance(
-    problem: Problem, bound: Bound, columns: FloatArray, solution: Solution, kind: CovarianceKind
+    problem: FitRows, bound: Bound, columns: FloatArray, solution: Solution, kind: CovarianceKind
 ) -> tuple[FloatArray, Noise | None]:
     """Covariance (1 + k + m, ..) of amplitudes and nonlinear parameters jointly, and the noise behind it.
 
@@ -41,7 +41,7 @@ def estimate_covariance(
     return _under_noise(problem, jacobian, inverse)
 
 
-def _slopes(problem: Problem, bound: Bound, solution: Solution) -> FloatArray:
+def _slopes(problem: FitRows, bound: Bound, solution: Solution) -> FloatArray:
     """Derivative of the model with respect to each nonlinear parameter (rows, m), central or one-sided at a bound."""
     values = np.array([value for own in bound.theta.values() for value in own.values()])
     out = np.zeros((problem.y.size, values.size))
@@ -53,7 +53,7 @@ def _slopes(problem: Problem, bound: Bound, solution: Solution) -> FloatArray:
     return out
 
 
-def _model(problem: Problem, bound: Bound, solution: Solution, values: FloatArray) -> FloatArray:
+def _model(problem: FitRows, bound: Bound, solution: Solution, values: FloatArray) -> FloatArray:
     given = iter(values.tolist())
     theta = {key: {name: next(given) for name in own} for key, own in bound.theta.items()}
     moved = Bound(bound.keys, bound.effects, theta, bound.slices)
@@ -61,7 +61,7 @@ def _model(problem: Problem, bound: Bound, solution: Solution, values: FloatArra
     return np.concatenate(parts) @ solution.beta
 
 
-def _time_blocks(problem: Problem, size: int) -> IntArray:
+def _time_blocks(problem: FitRows, size: int) -> IntArray:
     """Contiguous blocks as long as the rows allow: at least 300 s, and more blocks than coefficients."""
     duration = sum(float(np.ptp(time)) for time in problem.time)
     length = max(_LEAST_BLOCK_S, duration / max(2 * size, 40))
@@ -73,7 +73,7 @@ def _time_blocks(problem: Problem, size: int) -> IntArray:
     return np.concatenate(labels)
 
 
-def _under_noise(problem: Problem, jacobian: FloatArray, inverse: FloatArray) -> tuple[FloatArray, Noise]:
+def _under_noise(problem: FitRows, jacobian: FloatArray, inverse: FloatArray) -> tuple[FloatArray, Noise]:
     interval_s = problem.records[0].interval_s
     ends = np.cumsum([time.size for time in problem.time])[:-1]
     parts = [np.split(array, ends) for array in (problem.y, jacobian, 1.0 / problem.weights)]

@@ -12,7 +12,7 @@ from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.diagnosed import Diagnosed
 from bench.analysis.judging.joints import Joint
 from bench.analysis.judging.limits import Judgement
-from bench.analysis.judging.verdict import Verdict
+from bench.analysis.judging.verdict import RunVerdict
 from bench.analysis.noise.floor import Floor
 from bench.base import FloatArray, InputError, finite
 from bench.record import Dataset, Manifest, RunFolder
@@ -32,7 +32,7 @@ class Analysis:
     interval_s: float
     done: Completeness
     floor: Floor
-    verdict: Verdict
+    verdict: RunVerdict
     dataset: Dataset | None = None
     comparison: Comparison | None = None
     best: Score | None = None

@@ -15,7 +15,7 @@ from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.held_out import unseen
 from bench.analysis.effects.model import Model
 from bench.analysis.fit import fit_model
-from bench.analysis.fit.design import Problem, assemble
+from bench.analysis.fit.design import FitRows, fit_rows
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
 
@@ -79,7 +79,7 @@ def improvement_rungs(answer: Diagnosis, runs: Sequence[Dataset], check: Sequenc
     rungs = [Rung(answer.model.name, answer.rms_dph, answer.held_out_rms_dph)]
     if answer.found:
         base = fit_model(answer.model, runs, covariance="none")
-        rows = assemble(base.model, tuple(runs), [np.isfinite(residual) for residual in base.residuals])
+        rows = fit_rows(base.model, tuple(runs), [np.isfinite(residual) for residual in base.residuals])
         theta = np.array(list(base.theta.values()), dtype=np.float64)
         for suspect in answer.found:
             rows = replace(rows, model=rows.model.adding(suspect.model.effects[-1]))
@@ -103,7 +103,7 @@ def rivals(answer: Diagnosis, suspect: SuspectedEffect) -> list[SuspectedEffect]
     return sorted(others, key=lambda s: (s.effect not in suspect.look_alikes, -s.evidence))
 
 
-def _rung(name: str, rows: Problem, theta: FloatArray, check: tuple[Dataset, ...]) -> Rung:
+def _rung(name: str, rows: FitRows, theta: FloatArray, check: tuple[Dataset, ...]) -> Rung:
     scored = unseen(rows, theta, check)
     if not scored.residuals:
         return Rung(name, np.nan, scored.rms_dph)

@@ -28,7 +28,7 @@ _DEGREES = ((40.0, 5), (15.0, 3), (0.0, 1))
 
 
 @dataclass(frozen=True)
-class Step:
+class BiasStep:
     """Bias after a gap less bias before it, at the same temperatures [deg/h], and its standard error."""
 
     dph: float
@@ -42,7 +42,7 @@ class Joint:
     """One gap: what is known of it, and whether both sides may stand behind one calibration."""
 
     gap: Mapping[str, Any]
-    step: Step | None
+    step: BiasStep | None
     admissible: bool
     sentence: str
 
@@ -64,7 +64,7 @@ def joints(manifest: Mapping[str, Any], data: Dataset | None, floor_dph: float) 
     return tuple(found)
 
 
-def _judge(gap: Mapping[str, Any], step: Step | None, floor_dph: float) -> Joint:
+def _judge(gap: Mapping[str, Any], step: BiasStep | None, floor_dph: float) -> Joint:
     power, text = gap.get("unit_power", "unknown"), str(gap["text"])
     if power == "kept":
         why = "the unit kept its power; what it remembers of the temperature in the gap is not on record"
@@ -84,7 +84,7 @@ def _judge(gap: Mapping[str, Any], step: Step | None, floor_dph: float) -> Joint
     return Joint(gap, step, True, f"{text}; {off}, but its parts agree ({size})")
 
 
-def _step(data: Dataset, before_s: float, at_s: float, after_s: float, floor_dph: float) -> Step | None:
+def _step(data: Dataset, before_s: float, at_s: float, after_s: float, floor_dph: float) -> BiasStep | None:
     """The step at `at_s` between the part from `before_s` and the one up to `after_s`; None where it does not show."""
     temperature, bias = data.channel("temperature"), data.bias
     known = np.isfinite(temperature) & np.isfinite(bias) & (data.time >= before_s) & (data.time < after_s)
@@ -102,13 +102,13 @@ def _step(data: Dataset, before_s: float, at_s: float, after_s: float, floor_dph
         return None
     noise_dph = floor_dph * float(np.sqrt(sum(1.0 / count for count in counts)))
     error = max(fitted[1], noise_dph) if np.isfinite(noise_dph) else fitted[1]
-    return Step(fitted[0], error, low, high)
+    return BiasStep(fitted[0], error, low, high)
 
 
 def _fit(
     temperature: FloatArray, direction: FloatArray, after: BoolArray, bias: FloatArray
 ) -> tuple[float, float] | None:
-    """Step and its error (sandwich over bins of temperature) beside a common curve; None where they cannot be told."""
+    """The step and its error (sandwich over bins of temperature) beside a common curve; None where they cannot be told."""
     width = float(np.ptp(temperature))
     degree = next(degree for least, degree in _DEGREES if width >= least)
     x = 2.0 * (temperature - temperature.min()) / width - 1.0

@@ -20,7 +20,7 @@ from bench.analysis.judging.joints import joints
 from bench.analysis.judging.limits import Limits, judge_limits
 from bench.analysis.judging.quantities import quantities
 from bench.analysis.judging.validity import refusals
-from bench.analysis.judging.verdict import Verdict, judge, with_diagnosis
+from bench.analysis.judging.verdict import RunVerdict, judge, with_diagnosis
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.base import InputError
 from bench.record import DEFAULT_INTERVAL_S, Dataset, Manifest, RunFolder, load, write_atomically, write_json
@@ -28,7 +28,7 @@ from bench.record import DEFAULT_INTERVAL_S, Dataset, Manifest, RunFolder, load,
 BASELINES = 3
 """Models at the start of the ladder that every comparison shows: what is common practice."""
 _FREE = frozenset({"spline", "surface"})
-_PENDING = Verdict("unproven", "not judged yet")
+_PENDING = RunVerdict("unproven", "not judged yet")
 
 
 def analyse(

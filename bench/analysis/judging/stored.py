@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.analysis.effects.model import Model, load_model, model_from
 from bench.analysis.fit import Fit, fit_model
-from bench.analysis.fit.design import Problem, assemble
+from bench.analysis.fit.design import FitRows, fit_rows
 from bench.analysis.fit.rate_surface import binned_record
 from bench.analysis.thresholds import LEAST_COVERED_DEGC, MOST_DELIVERED_CONDITION, WIDEST_HOLE
 from bench.base import CHANNELS, InputError
@@ -77,7 +77,7 @@ def _stored(content: Mapping[str, Any], dataset: Dataset, path: Path) -> tuple[F
         effects = [{e["effect"]: e["options"]} for e in described["effects"]]
         model = model_from({"name": described["name"], "rows": described["rows"], "effects": effects})
         dataset, model = _rows(dataset, model)
-        problem = assemble(model, (dataset,))
+        problem = fit_rows(model, (dataset,))
         values = np.array(content["scaled"]["values"], dtype=np.float64)
         size = values.size - len(problem.parameters)
         bound, columns = problem.bind(values[size:])
@@ -99,7 +99,7 @@ def _covariance(content: Mapping[str, Any], size: int) -> Any:
     return np.array([[np.nan if value is None else value for value in row] for row in rows], dtype=np.float64)
 
 
-def _check_same(problem: Problem, residual: Any, rms_dph: float, path: Path) -> None:
+def _check_same(problem: FitRows, residual: Any, rms_dph: float, path: Path) -> None:
     found = float(np.sqrt(np.sum(problem.weights * residual**2) / np.sum(problem.weights)))
     if not abs(found - rms_dph) <= _SAME * max(rms_dph, 1e-9):
         raise InputError(

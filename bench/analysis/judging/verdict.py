@@ -37,7 +37,7 @@ _TONES: dict[Word, str] = {
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RunVerdict:
     """`word` for programs; `headline`, `sentence` and `tone` (good, warn, bad) for people."""
 
     word: Word
@@ -58,18 +58,18 @@ class Verdict:
         return _TONES[self.word]
 
 
-def judge(done: Completeness, best: Score | None, floor_dph: float, reason: str) -> Verdict:
-    """Verdict of a run; `reason` says why there is no model, where there is none."""
+def judge(done: Completeness, best: Score | None, floor_dph: float, reason: str) -> RunVerdict:
+    """RunVerdict of a run; `reason` says why there is no model, where there is none."""
     if done.samples == 0:
-        return Verdict("no_data", f"{_state(done)}: {reason or 'nothing was captured'}.")
+        return RunVerdict("no_data", f"{_state(done)}: {reason or 'nothing was captured'}.")
     if best is None:
         word: Word = "unproven" if done.ended else "partial"
-        return Verdict(word, f"{_state(done)}, {_losses(done)}; no model could be fitted: {reason}.")
+        return RunVerdict(word, f"{_state(done)}, {_losses(done)}; no model could be fitted: {reason}.")
     model, word = _model(best, floor_dph)
-    return Verdict(word if done.ended else "partial", f"{_state(done)}, {_losses(done)}; {model}.")
+    return RunVerdict(word if done.ended else "partial", f"{_state(done)}, {_losses(done)}; {model}.")
 
 
-def with_diagnosis(verdict: Verdict, found: Diagnosed, floor_dph: float) -> Verdict:
+def with_diagnosis(verdict: RunVerdict, found: Diagnosed, floor_dph: float) -> RunVerdict:
     """The verdict of a run with the diagnosis' own word, where the run allows one.
 
     A run that is not whole stays partial; "adequate" needs a proof on unseen data and a floor to compare it with.
