@@ -243,7 +243,7 @@ def test_the_diagnosis_names_the_loop_that_was_put_in_and_becomes_the_verdict(wh
     assert answer.found[0].parameters["width_degc"].value == pytest.approx(5.0, abs=0.5)
     assert whole.verdict.word == "missing_effect"
     assert whole.verdict.headline == "Missing: hysteresis"
-    assert "spline lacks hysteresis, with it 1.1 × would be left" in whole.verdict.sentence
+    assert "spline lacks hysteresis; adding it would leave 1.1 ×" in whole.verdict.sentence
     said = whole.to_json()
     assert said["verdict"] == said["diagnosis"]["verdict"] == "missing_effect"
     assert said["diagnosis"]["sentence"] == answer.sentence
@@ -268,7 +268,7 @@ def test_the_error_falls_to_the_floor_with_the_effect_and_not_with_its_rival(who
 def test_a_run_that_nothing_is_missing_from_is_adequate(tmp_path_factory: pytest.TempPathFactory) -> None:
     analysis = clean(tmp_path_factory.getbasetemp())
     assert analysis.verdict.word == "adequate"
-    assert "spline lacks nothing that this run could show" in analysis.verdict.sentence
+    assert "spline lacks no effect that this run could show" in analysis.verdict.sentence
     assert len(analysis.diagnosed.rungs) == 1
 
 

@@ -189,7 +189,7 @@ def changed(made, tmp_path, file="manifest.json", **changes):
         ("manifest.json", {"state": "aborted", "cause": "operator"}, "the run is 'aborted'"),
         ("manifest.json", {"state": "imported"}, "the run is 'imported'"),
         ("manifest.json", {"created": "yesterday"}, "has no date"),
-        ("calibration.json", {"verdict": {"verdict": "unproven"}}, "nothing proves the model on unseen data"),
+        ("calibration.json", {"verdict": {"verdict": "unproven"}}, "no unseen data proves the model"),
         ("calibration.json", {"verdict": {"verdict": "adequate", "admissible": False}}, "do not fit together"),
         ("calibration.json", {"refusals": ["only 0:01:00 of cooling"]}, "only 0:01:00 of cooling"),
         ("calibration.json", {"calibration": None}, "no model could be fitted"),

@@ -136,7 +136,7 @@ def edit_amplitude(content):
     ("name", "edit", "why"),
     [
         ("manifest.json", edit_state, "the run is 'aborted' \\(guard: door"),
-        ("calibration.json", lambda c: c["verdict"].update(verdict="unproven"), "nothing proves the model"),
+        ("calibration.json", lambda c: c["verdict"].update(verdict="unproven"), "no unseen data proves the model"),
         ("calibration.json", lambda c: c["verdict"].update(admissible=False), "do not fit together"),
         ("calibration.json", edit_condition, "condition is 1e\\+11, limit 1e\\+09"),
     ],
@@ -173,7 +173,7 @@ def test_a_run_with_a_hole_in_its_temperatures_is_refused(tmp_path):
     [
         ("calibration.json", edit_amplitude, "it is not of this data"),
         ("calibration.json", lambda c: c.update(calibration=None), "holds no calibration"),
-        ("calibration.json", lambda c: c["calibration"].pop("scaled"), "is no calibration of this bench"),
+        ("calibration.json", lambda c: c["calibration"].pop("scaled"), "is not a calibration of this bench"),
         ("manifest.json", lambda c: c.update(unit="unit"), "give one with --serial"),
     ],
 )

@@ -132,27 +132,27 @@ def compare(
 
 
 def _score(model: Model, records: tuple[Dataset, ...], checks: tuple[Dataset, ...], floor_dph: float) -> Score:
-    found = fit_model(model, records)
-    residuals = tuple(record.bias - found.predict(record).bias for record in records)
+    fit = fit_model(model, records)
+    residuals = tuple(record.bias - fit.predict(record).bias for record in records)
     # Automatic options stay as all rows settled them; parameters are searched again from where all rows put them.
-    settled = replace(found.model, name=model.name)
-    by_blocks = _left_out(settled, found, records, "blocks", [_blocks(len(record), BLOCKS) for record in records])
-    by_segments = _left_out(settled, found, records, "segments", [record.segment for record in records])
+    settled = replace(fit.model, name=model.name)
+    by_blocks = _left_out(settled, fit, records, "blocks", [_blocks(len(record), BLOCKS) for record in records])
+    by_segments = _left_out(settled, fit, records, "segments", [record.segment for record in records])
     return Score(
         model=settled,
-        fit=found,
+        fit=fit,
         rms_dph=_rms(records, residuals),
         interval_dph=_interval(records, residuals),
-        held_out=_checked(found, checks) if checks else by_blocks,
+        held_out=_checked(fit, checks) if checks else by_blocks,
         by_blocks=by_blocks,
         by_segments=by_segments,
         segments=tuple(_segments(records, residuals, floor_dph)),
     )
 
 
-def _checked(found: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
+def _checked(fit: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
     try:
-        predictions = [found.predict(check) for check in checks]
+        predictions = [fit.predict(check) for check in checks]
     except InputError as error:
         return HeldOut("check", reason=str(error))
     residuals = tuple(check.bias - p.bias for check, p in zip(checks, predictions, strict=True))
@@ -168,7 +168,7 @@ def error_of(
     return HeldOut(by, rms, interval, peak, out_of_range)
 
 
-def _left_out(model: Model, found: Fit, records: tuple[Dataset, ...], by: str, pieces: Sequence[IntArray]) -> HeldOut:
+def _left_out(model: Model, whole: Fit, records: tuple[Dataset, ...], by: str, pieces: Sequence[IntArray]) -> HeldOut:
     """Refit without each piece in turn and predict it; a fold that cannot be fitted leaves only its reason."""
     folds = [(i, piece) for i, own in enumerate(pieces) for piece in np.unique(own).tolist()]
     if len(folds) < 2:
@@ -179,7 +179,7 @@ def _left_out(model: Model, found: Fit, records: tuple[Dataset, ...], by: str, p
         out = pieces[i] == piece
         rows = [~out if j == i else np.ones(len(record), dtype=bool) for j, record in enumerate(records)]
         try:
-            part = fit_model(model, records, rows, covariance="none", start=found.theta)
+            part = fit_model(model, records, rows, covariance="none", start=whole.theta)
         except InputError as error:
             return HeldOut(by, reason=f"without {_named(records[i], by, piece)}: {error}")
         predicted = part.predict(records[i])

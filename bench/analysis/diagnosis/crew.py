@@ -1,8 +1,8 @@
-"""Work shared with copies of this process: what was made so far is there already, only answers travel.
+"""Work shared with copies of this process: a copy has all data already, only answers are sent back.
 
 A copy (fork) needs neither a pool nor inputs that can be sent, inherits priority and limits, and works in a niced or
-daemonic process, too. What a lost copy had taken is done here again, so that it costs time and no answer. With one
-worker, beside other threads (a copy would inherit their locks) or where there is no fork, all is done here, in order.
+daemonic process, too. Work of a copy that was lost is done here again: it costs time, not the answer. With one
+worker, beside other threads (a copy would inherit their locks) or without fork, everything is done here, in order.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Aside(Generic[T]):
     """One piece of work begun in a copy of this process; without workers to spare it is done when it is asked for."""
 
     def __init__(self, work: Callable[[], T], workers: int) -> None:
-        """Begins."""
+        """Begin the work."""
         self._work = work
         self._pid = self._pipe = 0
         if workers > 1 and sys.platform != "win32" and threading.active_count() == 1:
@@ -48,7 +48,7 @@ class Aside(Generic[T]):
         return answers[0] if answers else self._work()
 
     def close(self) -> None:
-        """Ends the copy, whatever it does."""
+        """End the copy at once."""
         if self._pid:
             os.close(self._pipe)
             with contextlib.suppress(ProcessLookupError):
@@ -107,11 +107,11 @@ def shared(tasks: Sequence[Callable[[], T]], workers: int) -> list[T]:
 
     others = [Aside(taken, workers) for _ in range(min(workers, len(tasks)) - 1)]
     try:
-        found = taken()
+        answers = taken()
         for other in others:
-            found |= other.answer()
+            answers |= other.answer()
     finally:
         for other in others:
             other.close()
         os.close(queue)
-    return [found[number] if number in found else task() for number, task in enumerate(tasks)]
+    return [answers[number] if number in answers else task() for number, task in enumerate(tasks)]

@@ -1,7 +1,7 @@
 """Where a model fails, which physical effect is missing, and what this run could not have shown.
 
-Evidence names, unseen data proves, and the probes are asked again after each effect: see `evidence`, `probes` and
-`verdict` for the method.
+The evidence names an effect, unseen data proves it, and the probes run again after each effect. The modules `evidence`,
+`probes` and `verdict` describe the method.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from bench.base import FloatArray, InputError
 from bench.record import Dataset
 
 _LEAST_INTERVALS = 12
-"""A spline of fewer, chosen by itself on a one-rate ramp, misses parts of the curve that then look like an effect."""
-_DRIFTS = "the run drifts more than the isothermal run: a cause that no channel records"
-_UNMOVED = "the run does not move what it acts on: its terms cannot be told from the model's"
+"""Automatic splines get at least these: with fewer, the misfit of the curve looks like an effect."""
+_DRIFTS = "the run drifts more than the isothermal run, for a reason that no channel records"
+_UNMOVED = "the run does not change what this effect acts on: its terms look like those of the model"
 
 
 def diagnose(  # noqa: PLR0913 - options of one command, by keyword
@@ -53,7 +53,7 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     """Diagnose a model on runs of one unit; `candidates` replace the effects of the catalogue that the model lacks.
 
     `check` are runs that no fit sees; `static` is a run at constant temperature that tells the noise. `floor_dph` is
-    the noise floor of these means, read from finer rows (NaN: there is none); None reads it from the rows given.
+    the noise floor of these means, read from finer rows (NaN: not known); None reads it from these rows.
     `workers` processes share the work, by default those of `crew.usual_workers`; the answer is the same for any number.
     Raises InputError: no run, or the model cannot be fitted.
     """
@@ -86,38 +86,38 @@ class _Case:
     ) -> _Case:
         notes = []
         if model.rows != "all":
-            notes.append(f"the model is fitted to '{model.rows}' rows by itself; here it was fitted to all rows")
+            notes.append(f"the model is meant for '{model.rows}' rows; for the diagnosis it was fitted to all rows")
         if len({round(run.interval_s, 6) for run in runs}) > 1:
             raise InputError("the runs are averaged over different intervals; load them with the same one")
-        found, finer = _fitted(replace(model, rows="all"), runs)
+        fit, finer = _fitted(replace(model, rows="all"), runs)
         notes += finer
-        kept = [despike(np.nan_to_num(r)) & np.isfinite(r) for r in found.residuals]
-        spikes = sum(int((np.isfinite(r) & ~k).sum()) for r, k in zip(found.residuals, kept, strict=True))
+        kept = [despike(np.nan_to_num(r)) & np.isfinite(r) for r in fit.residuals]
+        spikes = sum(int((np.isfinite(r) & ~k).sum()) for r, k in zip(fit.residuals, kept, strict=True))
         if spikes:
             notes.append(f"{spikes} rows with spikes were left out")
         if static is None:
             notes.append(
-                "without an isothermal run (--static) a slow cause that no channel records cannot be told from the "
-                "unit's own noise"
+                "without an isothermal run (--static) slow changes that no channel records look like the unit's own "
+                "noise"
             )
         statics = () if static is None else (isothermal(static, runs[0].interval_s),)
-        rows = fit_rows(found.model, runs, kept)
-        layout = Layout(rows, np.array(list(found.theta.values())), statics)
-        layout, offered = offer(layout, catalogued(found.model, runs) if wanted is None else wanted)
+        rows = fit_rows(fit.model, runs, kept)
+        layout = Layout(rows, np.array(list(fit.theta.values())), statics)
+        layout, offered = offer(layout, catalogued(fit.model, runs) if wanted is None else wanted)
         layout, noise = levelled(layout)
         floor = noise_floor(runs, runs[0].interval_s, static).floor_dph if floor_dph is None else floor_dph
-        return cls(found, layout, offered, floor, noise, tuple(notes), "" if static is None else static.name)
+        return cls(fit, layout, offered, floor, noise, tuple(notes), "" if static is None else static.name)
 
     def diagnosis(self, check: tuple[Dataset, ...], seed: int, workers: int = 1) -> Diagnosis:
         """The answer."""
         lattice = NoiseLattice(self.layout.problem.records(), self.layout.problem.interval_s)
-        found = Search(self.offer, lattice, seed, workers).explain(self.layout)
+        explained = Search(self.offer, lattice, seed, workers).explain(self.layout)
         runs = self.layout.rows.records
         base = unseen(self.layout.rows, self.layout.theta, check)
-        ranking = Ranking(found, self.offer, check, self.floor_dph)
-        improved = unseen(found.layout.rows, found.layout.theta, check) if found.steps else base
+        ranking = Ranking(explained, self.offer, check, self.floor_dph)
+        improved = unseen(explained.layout.rows, explained.layout.theta, check) if explained.steps else base
         answer = Diagnosis(
-            verdict=found.word,
+            verdict=explained.word,
             sentence="",
             runs=tuple(run.name for run in runs),
             check=tuple(run.name for run in check),
@@ -125,38 +125,38 @@ class _Case:
             rms_dph=self.fit.rms_dph,
             held_out_rms_dph=base.rms_dph,
             held_out_by="check" if check else "blocks",
-            where=self._where(found, base),
+            where=self._where(explained, base),
             suspects=ranking.suspects(),
-            unexplained=self._unexplained(found, improved),
-            threshold=found.threshold,
-            not_excited=self._not_excited(found),
-            smallest_detectable=self._detectable(found, lattice),
-            noise_finding=_DRIFTS if found.drifts else self.noise,
+            unexplained=self._unexplained(explained, improved),
+            threshold=explained.threshold,
+            not_excited=self._not_excited(explained),
+            smallest_detectable=self._detectable(explained, lattice),
+            noise_finding=_DRIFTS if explained.drifts else self.noise,
             notes=self.notes,
             model=self.fit.model,
-            improved=found.layout.rows.model,
+            improved=explained.layout.rows.model,
             residuals=base.residuals,
             unexplained_residuals=improved.residuals,
             static=self.static,
         )
-        return replace(answer, sentence=sentence(answer, found.drifts))
+        return replace(answer, sentence=sentence(answer, explained.drifts))
 
-    def _where(self, found: Explanation, base: Unseen) -> tuple[Place, ...]:
-        alarms = [f for f in found.before.alarms if f.name != "noise"]
+    def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
+        alarms = [f for f in explained.before.alarms if f.name != "noise"]
         return places(self.layout, alarms, self._stacked(base), self.floor_dph)
 
-    def _unexplained(self, found: Explanation, improved: Unseen) -> tuple[Place, ...]:
-        return places(self.layout, found.left, self._stacked(improved), self.floor_dph)
+    def _unexplained(self, explained: Explanation, improved: Unseen) -> tuple[Place, ...]:
+        return places(self.layout, explained.left, self._stacked(improved), self.floor_dph)
 
     def _stacked(self, scored: Unseen) -> FloatArray:
         return self.layout.stacked(scored.residuals or self.fit.residuals)
 
-    def _not_excited(self, found: Explanation) -> dict[str, str]:
-        hidden = {s.effect: _UNMOVED for s in found.first.suspects if not s.excited}
-        shown = {s.effect for s in found.first.suspects if s.excited}
+    def _not_excited(self, explained: Explanation) -> dict[str, str]:
+        hidden = {s.effect: _UNMOVED for s in explained.first.suspects if not s.excited}
+        shown = {s.effect for s in explained.first.suspects if s.excited}
         return dict(self.offer.refused) | {name: why for name, why in hidden.items() if name not in shown}
 
-    def _detectable(self, found: Explanation, lattice: NoiseLattice) -> tuple[Detectable, ...]:
+    def _detectable(self, explained: Explanation, lattice: NoiseLattice) -> tuple[Detectable, ...]:
         """The smallest size of each effect, of its first shape at usual parameters, that this run would have shown."""
         listed = []
         for candidate in self.offer.candidates(self.layout):
@@ -164,7 +164,8 @@ class _Case:
             if candidate.name != candidate.effect:
                 continue
             theta = tuple(p.start for p in candidate.parameters)
-            limit = smallest(self.layout.problem, candidate, theta, lattice, found.first.point, found.first.sigma2)
+            first = explained.first
+            limit = smallest(self.layout.problem, candidate, theta, lattice, first.point, first.sigma2)
             names = [p.name for p in candidate.parameters]
             moved = candidate.kind == "abscissa"
             unit = candidate.parameters[0].unit if moved else self.layout.prepared(effect).physical().units[0]
@@ -175,19 +176,20 @@ class _Case:
 
 
 def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:
-    """The fit that is diagnosed, a spline that may choose its intervals never with few; what to say of that."""
-    found = fit_model(model, runs, covariance="none")
-    finer = tuple(map(_finer, model.effects, found.model.effects))
+    """The fit to diagnose, with enough intervals in an automatic spline, and the note that says so."""
+    fit = fit_model(model, runs, covariance="none")
+    finer = tuple(map(_finer, model.effects, fit.model.effects))
     if finer == model.effects:
-        return found, []
+        return fit, []
     try:
-        found = fit_model(replace(model, effects=finer), runs, covariance="none")
+        fit = fit_model(replace(model, effects=finer), runs, covariance="none")
     except InputError:  # too few rows in one of the intervals
-        return found, []
+        return fit, []
     text = (
-        f"the spline would have chosen fewer intervals; diagnosed with {_LEAST_INTERVALS}, or the misfit of the curve"
+        f"the automatic spline chose fewer than {_LEAST_INTERVALS} intervals; the diagnosis used {_LEAST_INTERVALS}, "
+        "because the misfit of a coarse curve looks like an effect"
     )
-    return found, [f"{text} would be taken for an effect"]
+    return fit, [text]
 
 
 def _finer(asked: Effect, chosen: Effect) -> Effect:

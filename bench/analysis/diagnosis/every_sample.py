@@ -66,7 +66,7 @@ def _inside(seconds: Sequence[Dataset]) -> float:
 
 
 def _score(one: Pass, records: Sequence[SampledRun], floor_dph: float) -> Score:
-    found, done = one.fit(records), one.solved()
+    fit, done = one.fit(records), one.solved()
     state = one.state
     inner = done.inner
     # Of all blocks, also those of the branch that was not fitted.
@@ -75,7 +75,7 @@ def _score(one: Pass, records: Sequence[SampledRun], floor_dph: float) -> Score:
     by_blocks = _left_out(one, state.folds(FOLDS), "blocks")
     return Score(
         model=one.model,
-        fit=found,
+        fit=fit,
         rms_dph=_rms(squares, folds.rows),
         interval_dph=interval_of(squares, folds.rows),
         held_out=by_blocks,
@@ -105,14 +105,14 @@ def _branch(one: Pass, label: IntArray, keep: BoolArray) -> FloatArray:
 
 
 def _segments(one: Pass, records: Sequence[SampledRun], inner: FloatArray, floor_dph: float) -> list[SegmentScore]:
-    found = []
+    scores = []
     for run, record in enumerate(records):
         for index in np.unique(one.state.segment[one.state.run == run]).tolist():
             chosen = (one.state.run == run) & (one.state.segment == index)
             form = one.normal(one.state.table[chosen].sum(axis=0))
             rms = _rms(form.error(inner), form.rows)
-            found.append(SegmentScore(record.means.name, segment_name(record.means, index), rms, rms / floor_dph))
-    return found
+            scores.append(SegmentScore(record.means.name, segment_name(record.means, index), rms, rms / floor_dph))
+    return scores
 
 
 def _rms(squares: FloatArray, rows: FloatArray) -> float:

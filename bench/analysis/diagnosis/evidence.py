@@ -23,7 +23,7 @@ from bench.analysis.thresholds import TIE, WRONGLY_NAMED
 from bench.base import FloatArray
 
 _GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
-_BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls will do, as where there is none
+_BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls is enough, as without any evidence
 _DECADE = 16
 _NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
 _NULL_POINTS = 20

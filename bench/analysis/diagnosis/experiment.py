@@ -1,10 +1,9 @@
 """The next experiment: the profile that best tells apart the effects that the runs so far cannot.
 
-Each rival, as fitted, is taken for the truth in turn; D is the gap in 2 ln L by which it would then beat another rival,
-with everything that is free fitted again, over all runs so far and the run proposed. The profile of a
-library that gives the worst pair most wins, unless the minor loops give it plenty: they decide most thermal ties even
-if the truth is none of the rivals. From weak evidence nothing is designed, because what was fitted is not yet
-trustworthy: then it is the minor loops, too.
+Each rival, as fitted, is assumed to be the truth in turn. D is the gap in 2 ln L by which it would then beat another
+rival, with all free parameters fitted again, over all runs so far and the proposed run. The profile with the largest D
+for the worst pair wins. Minor loops win where their D is large enough, because they decide most thermal ties even if
+none of the rivals is the truth. They are also proposed where the evidence is too weak to trust the fitted effects.
 """
 
 from __future__ import annotations
@@ -88,13 +87,13 @@ class Proposal:
             "probability_before": self.probability_before,
             "probability_after": self.probability_after,
         }
-        found = {key: float(value) if np.isfinite(value) else None for key, value in numbers.items()}
+        known = {key: float(value) if np.isfinite(value) else None for key, value in numbers.items()}
         return {"profile": profile, "separates": list(self.separates), "why": self.why,
-                "duration_min": self.duration_min, **found}  # fmt: skip
+                "duration_min": self.duration_min, **known}  # fmt: skip
 
 
 def next_experiment(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     runs: Sequence[Dataset],
     *,
     static: Dataset | None = None,
@@ -105,7 +104,7 @@ def next_experiment(
     Of several effects found it takes the first that has look-alikes. The rivals are fitted here again, beside
     everything else that was found.
     """
-    open_ = next((suspect for suspect in found.found if suspect.look_alikes), None)
+    open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes), None)
     if open_ is None:
         return None
     tied = (open_.effect, *open_.look_alikes)
@@ -143,7 +142,7 @@ def propose(
     if max(rival.evidence for rival in rivals) < WEAK_EVIDENCE:
         why = (
             f"the evidence is too weak (at most {max(r.evidence for r in rivals):.0f}, {WEAK_EVIDENCE:.0f} wanted) to "
-            "design a run for it; minor loops with reversals decide most thermal ties whatever the cause is"
+            "design a run for it; minor loops with reversals decide most thermal ties for any cause"
         )
         return _proposal(minor_loops(limits), limits, names, why, (np.nan, np.nan))
     return _designed(layout, rivals, noise, limits)
@@ -158,7 +157,7 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits
     best = standard[0] if standard else max(scored, key=lambda pair: pair[0])
     after, plan = best
     names = tuple(rival.name for rival in rivals)
-    choice = "the usual one, which will do" if standard else "the one that tells most"
+    choice = "the usual one, and sufficient" if standard else "the best"
     why = (
         f"{plan.reason}. Of {len(scored)} profiles tried on the fitted effects it is {choice}: the expected gap "
         f"of the two that are hardest to tell apart rises from {before:.0f} to {after:.0f}, and the probability of a "

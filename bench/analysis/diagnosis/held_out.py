@@ -18,8 +18,8 @@ from bench.record import Dataset
 class Unseen:
     """Least squares at given nonlinear parameters, scored.
 
-    `rms_dph` is on unseen rows, `shape_dph` about each check run's own mean (a turn-on bias is nobody's merit);
-    `residuals` (n,) of each fitted run [deg/h]. `reason` says why there is nothing.
+    `rms_dph` is on unseen rows, `shape_dph` about each check run's own mean (the turn-on bias is not part of the
+    model); `residuals` (n,) of each fitted run [deg/h]. `reason` says why there is nothing.
     """
 
     rms_dph: float = np.nan

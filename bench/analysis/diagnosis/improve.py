@@ -1,4 +1,4 @@
-"""The whole walk unattended: diagnose, add what is missing, prove it on unseen data, until nothing more pays."""
+"""Improve a model unattended: diagnose, add the missing effect, prove it on unseen data, until no effect pays."""
 
 from __future__ import annotations
 
@@ -132,15 +132,17 @@ def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Decision:
     before, after = suspect.held_out_before_dph, suspect.held_out_rms_dph
     pays = after < before * (1.0 - PAYS)
     floor = f" (noise floor {answer.floor_dph:.4f})" if isfinite(answer.floor_dph) else ""
-    fall = f"the error on unseen data goes from {before:.4f} to {after:.4f} deg/h{floor}"
+    fall = f"the error on unseen data changes from {before:.4f} to {after:.4f} deg/h{floor}"
     if suspect.reason:
         text = f"{suspect.effect} refused: {suspect.reason}"
     elif not suspect.scored:
-        text = f"{suspect.effect} refused: no data is left to prove it on, record a second run and give it as --check"
+        text = (
+            f"{suspect.effect} refused: no unseen data is left to prove it; record a second run and give it as --check"
+        )
     elif pays:
         text = f"{suspect.effect} added: evidence {suspect.evidence:.0f}, {fall}"
     else:
-        text = f"{suspect.effect} refused although its evidence is {suspect.evidence:.0f}: it does not pay, {fall}"
+        text = f"{suspect.effect} refused, although its evidence is {suspect.evidence:.0f}: {fall}"
     effect = suspect.model.effects[-1]
     model = answer.model.adding(effect) if pays else answer.model
     return Decision("added" if pays else "refused", suspect.effect, model, before, after, text, answer)
@@ -149,7 +151,11 @@ def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Decision:
 def _end(answer: Diagnosis, refused: bool) -> Decision:
     """Why the walk ends here."""
     if answer.verdict == "missing_effect":
-        text = "Nothing that pays on unseen data is left to add." if refused else f"{MOST_STEPS} steps are enough."
+        text = (
+            "No further effect lowers the error on unseen data."
+            if refused
+            else f"The limit of {MOST_STEPS} steps is reached."
+        )
         text = f"{text} {answer.sentence}"
     else:
         text = answer.sentence

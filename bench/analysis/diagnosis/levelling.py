@@ -1,8 +1,8 @@
-"""White noise of a run beside that of its isothermal record: it may grow with temperature and is then no drift.
+"""White noise of a run beside that of its isothermal record: where it grows with temperature, that is not drift.
 
-Neighbouring rows differ by white noise almost alone, whatever the model lacks. Where their differences are not those of
-the isothermal record, the run's white variance is taken from them, by temperature; what the noise test still sees after
-that is slow.
+Neighbouring rows differ almost only by white noise, even where the model lacks an effect. Where their differences are
+not those of the isothermal record, the run's white variance is taken from them, by temperature; what the noise test
+still finds after that is slow.
 """
 
 from __future__ import annotations

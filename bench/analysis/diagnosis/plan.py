@@ -122,21 +122,21 @@ def _faster(seen: float, factor: float) -> float:
 
 
 _SHARES = (0.83, 0.54, 0.96, 0.37, 0.54, 0.08, 0.33, 0.21, 0.5)
-_LOOPS = "standing still ends what follows dT/dt, reversing shows what remembers"
-_CYCLE = "another rate: what follows dT/dt changes with it, a hysteresis does not"
-_STEPS = "a rest after each step lets what follows dT/dt die and leaves what remembers"
-_SOAKS = "long soaks: what needs hours goes on, all else stands still"
+_LOOPS = "soaks end effects that follow dT/dt, reversals show effects with memory"
+_CYCLE = "another rate changes effects that follow dT/dt, and does not change a hysteresis"
+_STEPS = "a soak after each step ends effects that follow dT/dt and leaves effects with memory"
+_SOAKS = "in long soaks only effects that take hours continue"
 
 
 def minor_loops(limits: ChamberLimits) -> Plan:
-    """Reversals of many sizes all over the range: the default, whatever the rivals are."""
+    """Reversals of many sizes over the whole range: the default for any rivals."""
     rests = (0.0, 0.0, 15.0, 0.0, 0.0, 15.0, 0.0, 0.0, 15.0)
     return _through(limits, ("minor_loops", _LOOPS), _SHARES, rests)
 
 
 def plans(limits: ChamberLimits) -> list[Plan]:
-    """The library, tuned to the chamber; those that fit into the time, or the shortest where none does."""
-    found = [
+    """The library, tuned to the chamber: all plans within the time budget, or the shortest if none is."""
+    library = [
         minor_loops(limits),
         _through(limits, ("slow_minor_loops", _LOOPS), _SHARES, (15.0,), 0.6),
         _through(limits, ("minor_loops_with_rests", _LOOPS), (0.8, 0.5, 0.95, 0.4, 0.6, 0.08, 0.3, 0.5), (20.0,)),
@@ -151,9 +151,9 @@ def plans(limits: ChamberLimits) -> list[Plan]:
     for centre in (0.3, 0.5, 0.7):
         for half in (0.1, 0.2):
             called = f"loops_of_{2 * half:.0%}_at_{limits.at(centre):g}_degC".replace("%", "_percent")
-            found.append(_through(limits, (called, _LOOPS), (*(centre + half, centre - half) * 4, 0.5), (12.0,)))
-    affordable = [plan for plan in found if plan.duration_s <= 60.0 * limits.budget_min]
-    return affordable or [min(found, key=lambda plan: plan.duration_s)]
+            library.append(_through(limits, (called, _LOOPS), (*(centre + half, centre - half) * 4, 0.5), (12.0,)))
+    affordable = [plan for plan in library if plan.duration_s <= 60.0 * limits.budget_min]
+    return affordable or [min(library, key=lambda plan: plan.duration_s)]
 
 
 def _through(
@@ -187,7 +187,7 @@ def exciting(limits: ChamberLimits, channels: Sequence[str], names: Sequence[str
     what = "; ".join(filter(None, [what, f"move {', '.join(other)} on purpose" if other else ""]))
     units = ", ".join(f"{c} [{CHANNELS[c].unit}]" if c in CHANNELS else c for c in channels)
     why = (
-        f"{' and '.join(names)} differ in what {units} does, which the chamber does not move by itself: during each "
+        f"{' and '.join(names)} differ in how they follow {units}, which the chamber does not change: during each "
         f"rest, {what}"
     )
     called = ("excite_channels", "channels moved at rest")

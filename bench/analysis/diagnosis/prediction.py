@@ -1,7 +1,7 @@
-"""What a unit will see in a run that has not been made: its temperature, and channels as the temperature makes them.
+"""Prediction of a run that has not been made: the unit's temperature, and the channels that follow it.
 
 The chamber is learnt from the runs at hand: the unit's thermometer follows the set point through two lags in series,
-T = offset + L(tau_1) L(tau_2) set point, whatever the chamber, fixture and unit are.
+T = offset + L(tau_1) L(tau_2) set point, for any chamber, fixture and unit.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ def chamber_model(records: Sequence[Dataset]) -> ChamberModel:
 
     start = np.array([*np.log(_TYPICAL_S), 0.0])
     bounds = ([0.0, 0.0, -50.0], [np.log(_LONGEST_S), np.log(_LONGEST_S), 50.0])
-    # Robust: the way from the room's temperature and a chamber that cannot follow are no part of the lag.
-    found = least_squares(misfit, start, bounds=bounds, loss="soft_l1", f_scale=0.3)
-    slow, fast = sorted(np.exp(found.x[:2]).tolist(), reverse=True)
-    rms = float(np.sqrt(np.median(misfit(found.x) ** 2)) / 0.6745)
-    return ChamberModel(slow, fast, float(found.x[2]), rms)
+    # Robust: the start from room temperature and a chamber that cannot follow are not part of the lag.
+    solved = least_squares(misfit, start, bounds=bounds, loss="soft_l1", f_scale=0.3)
+    slow, fast = sorted(np.exp(solved.x[:2]).tolist(), reverse=True)
+    rms = float(np.sqrt(np.median(misfit(solved.x) ** 2)) / 0.6745)
+    return ChamberModel(slow, fast, float(solved.x[2]), rms)
 
 
 def predicted_record(records: Sequence[Dataset], setpoint: FloatArray, interval_s: float) -> Dataset:

@@ -1,4 +1,4 @@
-"""Where a model fails, without asking why: significance of structure in what it leaves, noise taken for what it is.
+"""Where a model fails: the significance of structure in its residual, beside noise that is not white.
 
 A probe is a set of columns Z. S = |U' r|^2 / sigma^2 with U a basis of (I - QQ') W Z and r = (I - QQ') W y, Q a basis
 of the whitened model; chi-squared with rank U degrees of freedom if nothing is missing. Cells are shown one by one with
@@ -134,7 +134,7 @@ def periodogram(whitened: FloatArray, time_s: FloatArray, interval_s: float) -> 
 
 
 def noise_test(problem: Problem, X: FloatArray, lattice: NoiseLattice, point: Point) -> Finding:
-    """Is the noise of the run that of the isothermal records? Likelihood ratio, chi-squared with three."""
+    """Test whether the run has the noise of the isothermal records: likelihood ratio, chi-squared with three."""
     together = Surface.of(problem.records(X), lattice, restricted=True)
     together.visit([point])
     joint = together.height(together.descend(point))
@@ -147,7 +147,7 @@ def noise_test(problem: Problem, X: FloatArray, lattice: NoiseLattice, point: Po
         sizes.append(surface.known[best][1])
     statistic = max(0.0, joint - sum(alone))
     ratio = float(np.sqrt(sizes[0] / sizes[1]))
-    note = f"white noise of the run is {ratio:.2f} of the isothermal"
+    note = f"white noise of the run is {ratio:.2f} times that of the isothermal run"
     return Finding("noise", float(chi2.sf(statistic, 3)), statistic, 3, np.zeros(len(problem.y)), note=note)
 
 
@@ -194,7 +194,7 @@ def despike(residual: FloatArray, limit: float = 6.0) -> BoolArray:
     """Rows (n,) to keep: those within `limit` robust standard deviations of the median of five neighbours.
 
     For the residual of the present model, before anything else: a few spikes make a run look noisier than it is. A step
-    or a slow error is no spike.
+    or a slow error is not a spike.
     """
     padded = np.pad(residual, 2, mode="reflect")
     around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)

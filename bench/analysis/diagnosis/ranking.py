@@ -27,17 +27,19 @@ _WITHIN = 3.92  # standard deviations in a 95 % interval
 class Ranking:
     """Scores suspects of one explanation."""
 
-    found: Explanation
+    explained: Explanation
     offer: Offer
     check: tuple[Dataset, ...]
     floor_dph: float
 
     def suspects(self) -> tuple[SuspectedEffect, ...]:
         """What was found, strongest first, then what comes next in evidence."""
-        steps = self.found.steps
+        steps = self.explained.steps
         named = {step.name for step in steps}
         listed = [self._scored(step.layout, step.evidence, step.suspect, True) for step in steps]
-        layout, evidence = (steps[0].layout, steps[0].evidence) if steps else (self.found.layout, self.found.first)
+        layout, evidence = (
+            (steps[0].layout, steps[0].evidence) if steps else (self.explained.layout, self.explained.first)
+        )
         rivals = [s for s in _each_once(evidence) if s.effect not in named]
         listed += [self._scored(layout, evidence, s, False) for s in rivals[:_RIVALS]]
         return tuple(listed)
@@ -51,7 +53,7 @@ class Ranking:
             options=options_of(effect),
             found=found,
             evidence=suspect.evidence,
-            chance=self.found.first.chance(suspect.evidence),
+            chance=self.explained.first.chance(suspect.evidence),
             held_out_before_dph=before.rms_dph,
             held_out_rms_dph=scored.rms_dph,
             removes=removed(before, scored, self.floor_dph),
@@ -70,7 +72,7 @@ class Ranking:
     def _look_alikes(self, evidence: Evidence, suspect: Suspect) -> tuple[str, ...]:
         """Names within the tie of the best, if the suspect is within it, too, and the best beats chance."""
         ranked = _each_once(evidence)
-        if not ranked or ranked[0].evidence <= self.found.threshold:
+        if not ranked or ranked[0].evidence <= self.explained.threshold:
             return ()
         tied = [s.effect for s in ranked if s.evidence >= ranked[0].evidence - TIE]
         own = suspect.effect

@@ -134,13 +134,13 @@ class Refiner:
         if len(at) == 1:
             step = 1.0 / max(1, len(candidate.grid()) - 1)
             bounds = (max(0.0, at[0] - step), min(1.0, at[0] + step))
-            found = minimize_scalar(
+            least = minimize_scalar(
                 lambda u: function(np.array([u])),
                 bounds=bounds,
                 method="bounded",
                 options={"xatol": step / 200.0, "maxiter": 18},
             )
-            unit, height = np.array([float(found.x)]), float(found.fun)
+            unit, height = np.array([float(least.x)]), float(least.fun)
         else:
             simplex = minimize(
                 function,
@@ -160,7 +160,7 @@ class Refiner:
 
     def intervals(self, candidate: Candidate, theta: Theta, point: Point) -> dict[str, Interval]:
         """95 % intervals of the parameters at this noise; of several parameters, each with the others held."""
-        found = {}
+        by_name = {}
         best = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, theta, strict=True)])
         function = self._of_unit(candidate, point, self.height)
         lowest = function(best)
@@ -168,8 +168,8 @@ class Refiner:
             rise = partial(_rise, function, best, number, lowest)
             ends = np.array([_crossing(rise, float(best[number]), end) for end in (0.0, 1.0)])
             low, high = from_unit(parameter, ends).tolist()
-            found[parameter.name] = Interval(theta[number], low, high, parameter.unit)
-        return found
+            by_name[parameter.name] = Interval(theta[number], low, high, parameter.unit)
+        return by_name
 
     def deviations(self, candidate: Candidate, theta: Theta, beta: FloatArray, point: Point) -> FloatArray:
         """Standard deviations of the linear coefficients, the parameters being fitted too (linearised)."""

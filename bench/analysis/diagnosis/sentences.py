@@ -12,45 +12,47 @@ def sentence(answer: Diagnosis, drifts: bool) -> str:
     """What an engineer reads first."""
     if answer.verdict == "adequate":
         noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
-        return f"Nothing is missing that this data could show: what remains {_remains(answer)}.{noise}"
+        return f"This data shows no missing effect: the residual {_remains(answer)}.{noise}"
     if answer.verdict == "missing_effect":
         return _missing(answer)
     return _unknown(answer, drifts)
 
 
 def made_from(answer: Diagnosis) -> str:
-    """Which runs a diagnosis knew: the same run may look different beside others."""
+    """The runs that a diagnosis was made from: together with other runs the answer may differ."""
     static = f"the isothermal run {answer.static}" if answer.static else "no isothermal run"
     proof = f"checked on {listed(answer.check)}" if answer.check else "checked on blocks left out"
     return f"made from {listed(answer.runs)} with {static}, {proof}"
 
 
 def _missing(answer: Diagnosis) -> str:
-    found = answer.found
-    parts = [f"Missing: {listed([_named(suspect) for suspect in found])}."]
-    bare = [suspect.effect for suspect in found if not suspect.reason and not suspect.scored]
-    for suspect in found:
+    missing = answer.found
+    parts = [f"Missing: {listed([_named(suspect) for suspect in missing])}."]
+    bare = [suspect.effect for suspect in missing if not suspect.reason and not suspect.scored]
+    for suspect in missing:
         parts += [] if suspect.effect in bare else [_proof(suspect, answer)]
         if suspect.look_alikes:
             parts.append(f"This data cannot tell {suspect.effect} from {' or '.join(suspect.look_alikes)}.")
     if bare:
-        parts.append(f"No data is left to prove {listed(bare)} on: record a second run and give it as --check.")
-    if len(found) > 1:
-        parts.append("More than one effect at once is found reliably in about four cases of five: prove each.")
+        parts.append(f"No unseen data is left to prove {listed(bare)}: record a second run and give it as --check.")
+    if len(missing) > 1:
+        parts.append(
+            "Where several effects are missing, about four of five diagnoses name all of them: prove each one."
+        )
     if answer.unexplained:
-        parts.append(f"A little remains {_where(answer.unexplained[0])}.")
+        parts.append(f"A small misfit remains {_where(answer.unexplained[0])}.")
     return " ".join(parts)
 
 
 def _proof(suspect: SuspectedEffect, answer: Diagnosis) -> str:
-    """What adding it does on data that the fit did not see."""
+    """How the error changes on data that the fit did not see."""
     before, after = suspect.held_out_before_dph, suspect.held_out_rms_dph
     if suspect.reason:
         return f"Adding {suspect.effect} was not possible: {suspect.reason}."
     unseen = "the check run" if answer.held_out_by == "check" else "blocks left out"
     if after >= before:
         return (
-            f"It is not proved: with {suspect.effect} the error on {unseen} goes from {number(before)} to "
+            f"This is not proved: with {suspect.effect} the error on {unseen} changes from {number(before)} to "
             f"{number(after)} deg/h; record another run before adding it."
         )
     share = f", {100 * suspect.removes:.0f} % of the excess variance" if np.isfinite(suspect.removes) else ""
@@ -62,12 +64,12 @@ def _proof(suspect: SuspectedEffect, answer: Diagnosis) -> str:
 def _unknown(answer: Diagnosis, drifts: bool) -> str:
     rest = answer.unexplained
     if drifts and not rest:
-        return f"Something is missing that the catalogue does not explain: {answer.noise_finding}."
-    text = f"Something is missing that no effect of the catalogue explains: a misfit {_where(rest[0])}."
+        return f"The model lacks something that the catalogue does not explain: {answer.noise_finding}."
+    text = f"The model lacks something that no effect of the catalogue explains: a misfit {_where(rest[0])}."
     if answer.found:
-        text += f" It behaves in part like {answer.found[0].effect}, which leaves that."
+        text += f" {answer.found[0].effect} explains a part of it."
     elif answer.suspects:
-        text += f" The nearest entry of the catalogue is {answer.suspects[0].effect}, no better than chance."
+        text += f" The nearest effect of the catalogue is {answer.suspects[0].effect}, no better than chance."
     return text
 
 
@@ -96,8 +98,8 @@ def _remains(answer: Diagnosis) -> str:
     if np.isfinite(answer.floor_dph):
         return f"{rms}, noise floor {number(answer.floor_dph)}) is noise"
     return (
-        f"{rms}) behaves like noise, but nothing stands still here to say how large the unit's own noise is: record an "
-        "isothermal run and give it as --static"
+        f"{rms}) looks like noise, but no soak shows how large the unit's own noise is: record an isothermal run and "
+        "give it as --static"
     )
 
 

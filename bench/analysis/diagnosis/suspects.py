@@ -1,7 +1,7 @@
 """Runs and a model laid out for the evidence engine, and every effect that the model lacks as a candidate for it.
 
-Several runs are stacked a month apart, each with a constant of its own (a turn-on bias is no effect of temperature).
-The model's own nonlinear parameters take part through the slopes of the fitted curve.
+Several runs are stacked a month apart, each with a constant of its own: the turn-on bias is not a function of
+temperature. The model's own nonlinear parameters take part through the slopes of the fitted curve.
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ class Offer:
 
 
 def catalogued(model: Model, records: Sequence[Dataset]) -> tuple[Effect, ...]:
-    """Every effect of the catalogue that the model lacks; a spline where it has a lesser static curve."""
+    """Every effect of the catalogue that the model lacks, and a spline where its static curve is stiffer."""
     have = {effect.name for effect in model.effects}
     lacking = [entry.name for entry in effects.catalogue() if entry.suspect and entry.name not in have]
     curves = () if have & {"spline", "surface"} else _spline(records)
@@ -186,7 +186,7 @@ def _spline(records: Sequence[Dataset]) -> tuple[Effect, ...]:
 
 
 def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
-    """Candidates for these effects, in all their shapes, and the layout without the rows where their channels gap.
+    """Candidates for these effects, in all their shapes, and the layout without rows in which their channels have gaps.
 
     An effect whose channel is missing, constant or mostly gaps is refused with the reason.
     """
@@ -222,7 +222,7 @@ def _absent(layout: Layout, effect: Effect) -> str:
                 return f"{record.name} has no channel '{channel}'"
             present = float(np.mean(np.isfinite(record.channels[channel][mask])))
             if present < LEAST_PRESENT:
-                return f"{record.name}: channel '{channel}' has values in {100 * present:.0f} % of the rows only"
+                return f"{record.name}: channel '{channel}' has values in only {100 * present:.0f} % of the rows"
     return ""
 
 
@@ -245,7 +245,7 @@ def isothermal(static: Dataset, interval_s: float) -> Record:
 
 
 class _Terms:
-    """Columns of an effect that adds terms, at the temperature that the model's own effects leave to it."""
+    """Columns of an effect that adds terms, at the temperature that all terms of the model see."""
 
     def __init__(self, layout: Layout, effect: Effect) -> None:
         self._layout = layout

@@ -1,7 +1,7 @@
 """From evidence to a verdict: effects one after the other, judged again together, and what remains after them.
 
 The threshold is what chance reaches in runs simulated from the model and its noise alone. After each effect the probes
-are asked again: what they still see is not explained, whatever the name.
+run again: what they still find is not explained.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Search:
         return tuple(steps)
 
     def _bar(self, others: int) -> float:
-        """Evidence needed beside so many other effects."""
+        """Evidence that an effect needs when `others` were found before it."""
         return max(self.threshold, FURTHER_EVIDENCE) if others else self.threshold
 
     def again(self, layout: Layout, steps: tuple[FoundEffect, ...]) -> tuple[FoundEffect, ...]:

@@ -59,12 +59,12 @@ def entry(name: str) -> Entry:
 def sections(name: str) -> dict[str, str]:
     """The documentation of an effect by heading, each one paragraph."""
     text = doc(name)
-    found: dict[str, str] = {}
+    paragraphs: dict[str, str] = {}
     marks = list(re.finditer(rf"^({'|'.join(SECTIONS)}): ", text, re.MULTILINE))
     for mark, after in zip(marks, [*marks[1:], None], strict=True):
         body = text[mark.end() : after.start() if after else len(text)]
-        found[mark.group(1)] = " ".join(body.split())
-    return found
+        paragraphs[mark.group(1)] = " ".join(body.split())
+    return paragraphs
 
 
 def _options(name: str, effect: Effect) -> dict[str, Any]:
@@ -88,9 +88,9 @@ def markdown() -> str:
         "|---|---|---|---|---|",
     ]
     for one in entries:
-        found = ", ".join(f"`{p.name}`" for p in one.parameters) or "-"
+        parameters = ", ".join(f"`{p.name}`" for p in one.parameters) or "-"
         needs = ", ".join(one.needs) or "time"
-        lines.append(f"| [{one.name}](#{one.name}) | {one.summary} | {one.family} | {needs} | {found} |")
+        lines.append(f"| [{one.name}](#{one.name}) | {one.summary} | {one.family} | {needs} | {parameters} |")
     for one in entries:
         lines += ["", f"## {one.name}", "", f"{one.summary}.", ""]
         lines += [f"- **{heading}:** {text}" for heading, text in one.sections.items()]

@@ -6,7 +6,7 @@ abs, exp, log, sqrt, sin, cos, tanh, sign are functions; every other name is a p
 an amplitude and solved exactly; one inside a function needs bounds.
 Units: B [deg/h], channels as in the vocabulary, time [s], dT_dt [degC/min], direction +1 heating, -1 cooling, 0 else.
 Source: the user's.
-When left out: what the formula draws.
+When left out: the residual follows the formula.
 Look-alikes: the built-in effects that the formula resembles.
 Separated by: an experiment that moves what the formula uses and nothing else.
 """

@@ -203,7 +203,7 @@ def _hint(names: Collection[str]) -> str:
     """A likely slip of the pen: a parameter that nearly is a channel."""
     known = (*variables(), *FUNCTIONS)
     close = {name: difflib.get_close_matches(name, known, n=1, cutoff=0.8) for name in sorted(names)}
-    return "".join(f"; did you mean '{found[0]}' by '{name}'?" for name, found in close.items() if found)
+    return "".join(f"; did you mean '{near[0]}' by '{name}'?" for name, near in close.items() if near)
 
 
 def _names(node: ast.AST) -> set[str]:

@@ -87,7 +87,7 @@ def _try(effect: Effect, source: str) -> None:
     if not np.all(np.isfinite(columns)):
         raise InputError(f"{source}: columns() gives values that are not finite in an example run without gaps")
     if columns.shape[1] == 0 and not ready.moves_abscissa:
-        raise InputError(f"{source}: columns() has no column and there is no abscissa(): it would do nothing")
+        raise InputError(f"{source}: the effect would do nothing: it has neither columns() nor abscissa()")
     form, wide = ready.physical(), 1 + columns.shape[1]
     sizes = {len(form.labels), len(form.units), len(form.matrix)} if isinstance(form, Physical) else set()
     if len(sizes) != 1 or form.matrix.shape[1] != wide:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import sys
 from collections.abc import Mapping
 from dataclasses import fields
@@ -33,6 +32,7 @@ from bench.analysis.effects.surface import Surface
 from bench.analysis.effects.temperature_rate import TemperatureRate
 from bench.analysis.effects.thermal_lag import ThermalLag
 from bench.analysis.effects.warm_up import WarmUp
+from bench import base
 from bench.base import InputError
 
 _BUILT_IN = (
@@ -126,5 +126,4 @@ def doc(name: str) -> str:
 
 def nearest(word: str, known: tuple[str, ...]) -> str:
     """Ending of an error message: the nearest known word, or all of them."""
-    close = difflib.get_close_matches(word, known, n=1)
-    return f"; did you mean '{close[0]}'?" if close else f"; known are {', '.join(known) or 'none'}"
+    return base.nearest(word, known) or f"; known are {', '.join(known) or 'none'}"

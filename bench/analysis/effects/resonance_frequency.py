@@ -75,7 +75,9 @@ class ResonanceFrequency(Effect):
             raise InputError("resonance_frequency: fewer than 3 rows with frequency and temperature")
         gains = np.polynomial.polynomial.polyfit(unit[both], sensor[both], 2)
         if abs(gains[1]) <= 2.0 * abs(gains[2]):
-            raise InputError("resonance_frequency: f turns back over temperature here, so it is no thermometer")
+            raise InputError(
+                "resonance_frequency: f turns back over temperature here, so it cannot serve as a thermometer"
+            )
         return tuple(gains.tolist())
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:

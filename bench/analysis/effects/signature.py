@@ -1,4 +1,4 @@
-"""What an effect draws on the example run, for `bench effects show` and the documentation."""
+"""The contribution of an effect to the example run, for `bench effects show` and the documentation."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Signature:
 
 
 def signature(name: str, options: Mapping[str, Any] | None = None) -> Signature:
-    """What an effect with these options, its nonlinear parameters at their start values, draws on the example run.
+    """Contribution of an effect with these options to the example run, nonlinear parameters at their start values.
 
-    All amplitudes are alike in size; for an effect that moves the abscissa it is what a bent bias curve gains by it.
+    All amplitudes are alike in size; an effect that moves the abscissa is shown on a bent bias curve.
     """
     record = example()
     effect = make(name, options)

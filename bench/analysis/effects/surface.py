@@ -3,7 +3,7 @@
 Equation: B = sum_ij c_ij x^i T^j, i + j <= `order`: 21 coefficients C0 ... C20 at order 5 with the constant, by total
 degree, then falling power of x: c00, c10, c01, c20, c11, c02, ... x is the table's rate (`over: applied_rate`) or the
 unit's raw output (`over: rate`, what a unit without a table can evaluate: the paper's Rate(NR, T) is NR - B; it needs a
-fit over many rates, or the output explains itself).
+fit over many rates; otherwise the output would explain itself).
 Units: B [deg/h], x [deg/s] of the table or [deg/h] of the output, T [degC], c_ij [deg/h per unit of x^i T^j].
 Source: second source paper, fifth-order surface over rate and temperature.
 When left out: the residual has the sign of the rate, or its square, and changes with temperature.

@@ -192,17 +192,17 @@ def _soak_means(
     """One row a soak, its last half averaged: the coldest, the warmest and, for three, the one nearest the middle."""
     wanted = int(model.rows.removeprefix("soaks_"))
     points = tuple(_tails(record, mask) for record, mask in zip(records, masks, strict=True))
-    found = np.concatenate([p.channel("temperature") if len(p) else np.zeros(0) for p in points])
-    if found.size == 0:
+    soaks_degc = np.concatenate([p.channel("temperature") if len(p) else np.zeros(0) for p in points])
+    if soaks_degc.size == 0:
         raise InputError(f"model '{model.name}' needs {wanted} soaks; {records[0].name} has none")
-    low, high = float(np.nanmin(found)), float(np.nanmax(found))
-    middle = float(found[np.nanargmin(np.abs(found - 0.5 * (low + high)))])
+    low, high = float(np.nanmin(soaks_degc)), float(np.nanmax(soaks_degc))
+    middle = float(soaks_degc[np.nanargmin(np.abs(soaks_degc - 0.5 * (low + high)))])
     chosen = [low, high] if wanted == 2 else [low, middle, high]
     if min(np.diff(sorted(chosen)), default=0.0) < 1.0:
-        raise InputError(f"model '{model.name}' needs {wanted} soaks more than 1 degC apart; found {found.round(1)}")
+        raise InputError(f"model '{model.name}' needs {wanted} soaks more than 1 degC apart, not {soaks_degc.round(1)}")
     # Each temperature once, at its first visit: the method measures every point once.
-    first = [int(np.flatnonzero(found == value)[0]) for value in chosen]
-    keep = np.isin(np.arange(found.size), first)
+    first = [int(np.flatnonzero(soaks_degc == value)[0]) for value in chosen]
+    keep = np.isin(np.arange(soaks_degc.size), first)
     ends = np.cumsum([len(point) for point in points])[:-1]
     return points, tuple(np.split(keep, ends))
 

@@ -217,8 +217,8 @@ def _sample(records: Sequence[SampledRun], needs: Sequence[str]) -> tuple[dict[s
 
 def _general(model: Model, records: Sequence[SampledRun], block_s: float) -> Pass:
     """Any model, laid out by its fit to the means."""
-    found = fit_model(model, tuple(record.means for record in records), covariance="none")
-    bound = found.bound
+    fit = fit_model(model, tuple(record.means for record in records), covariance="none")
+    bound = fit.bound
     moves = any(effect.moves_abscissa for effect in bound.effects)
     direct = [isinstance(effect, StaticEffect) and not moves for effect in bound.effects]
     memory = [bound.columns(record.seconds) for record in records]
@@ -246,10 +246,10 @@ def _general(model: Model, records: Sequence[SampledRun], block_s: float) -> Pas
     rows = np.flatnonzero(np.isfinite(y) & np.all(np.isfinite(table), axis=1))
     gram = Gram.mixed(needs, write, table[rows].T, y[rows])
     kept = tuple(part[:, places] for part in memory)
-    settled = replace(found.model, name=model.name)
+    settled = replace(fit.model, name=model.name)
     if gram.width != width:
         raise RuntimeError("the columns of a model changed their number")
-    return Pass(settled, State(gram, block_s), bound, gram.normal, kept, found.validity)
+    return Pass(settled, State(gram, block_s), bound, gram.normal, kept, fit.validity)
 
 
 def _rows(columns: Columns, needs: Sequence[str]) -> Dataset:

@@ -90,8 +90,8 @@ class Fit:
     def on_bound(self) -> tuple[str, ...]:
         """Nonlinear parameters that ended on an end of their range: the rows do not determine them."""
         pairs = zip(self.model.keys, self.model.effects, strict=True)
-        found = [(f"{key}.{p.name}", p) for key, effect in pairs for p in effect.parameters]
-        return tuple(key for key, parameter in found if parameter.on_bound(self.theta[key]))
+        searched = [(f"{key}.{p.name}", p) for key, effect in pairs for p in effect.parameters]
+        return tuple(key for key, parameter in searched if parameter.on_bound(self.theta[key]))
 
     @cached_property
     def coefficients(self) -> tuple[Coefficient, ...]:
@@ -183,11 +183,11 @@ def fit_model(
 
 
 def refuse_corrected(records: Iterable[Dataset]) -> None:
-    """InputError where a unit corrected its rate itself: what it left is no bias of the unit."""
+    """InputError where a unit corrected its rate itself: the rest is not the unit's bias."""
     for record in records:
         if record.corrected:
-            text = f"{record.name}: the unit corrected its rate itself during this run, which is a verification"
-            raise InputError(f"{text}: nothing is fitted to it and no model checked on it; take runs of the raw rate")
+            text = f"{record.name}: the unit corrected its rate itself during this run: it is a verification"
+            raise InputError(f"{text} and cannot be fitted or checked against; use runs of the raw rate")
 
 
 def _choose(problem: FitRows) -> FitRows:
@@ -198,7 +198,7 @@ def _choose(problem: FitRows) -> FitRows:
             continue
         scored = [(score, variant) for variant in choices if np.isfinite(score := _left_out(problem.using(i, variant)))]
         if not scored:
-            raise InputError(f"{effect.name}: the rows determine none of its variants; record a longer or wider run")
+            raise InputError(f"{effect.name}: these rows determine none of its variants; record a longer or wider run")
         problem = problem.using(i, min(scored, key=lambda pair: pair[0])[1])
     return problem
 

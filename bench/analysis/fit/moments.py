@@ -1,4 +1,4 @@
-"""What a fit needs to know of a record, in some six kilobytes: linear models are solved from it as from the rows.
+"""A summary of a record in some six kilobytes, from which linear models are solved as from its rows.
 
 Two summaries of the same weighted rows:
 
@@ -208,15 +208,15 @@ def _joint_rows(record: Dataset) -> BoolArray:
 def _ranges(records: Sequence[Dataset], usable: Sequence[BoolArray], whole: Sequence[BoolArray]) -> Ranges:
     """Ranges over the rows; without those of `regression` where a channel is missing or stands still."""
     scale = Scale.of([r.select(m) for r, m in zip(records, usable, strict=True)], "temperature", LEAST_RANGE_DEGC)
-    found = {"temperature": (scale.low, scale.high)}
+    ranges = {"temperature": (scale.low, scale.high)}
     selected = [r.select(m) for r, m in zip(records, whole, strict=True) if m.any()]
     for channel in CHANNELS[1:]:
         try:
             scale = Scale.of(selected, channel)
         except (InputError, ValueError):  # it has no value, or only one
             continue
-        found[channel] = (scale.low, scale.high)
-    return found
+        ranges[channel] = (scale.low, scale.high)
+    return ranges
 
 
 def _empty(ranges: FloatArray, full: float) -> Moments:

@@ -104,9 +104,9 @@ class Smoother:
 
     def gcv(self, smoothing: float) -> float:
         """Generalised cross-validation n RSS / (n - freedom)^2 [deg^2/h^2]."""
-        found = self.at(smoothing)
+        smoothed = self.at(smoothing)
         n = float(self.form.rows)
-        return n * found.solved.rss / (n - found.freedom) ** 2
+        return n * smoothed.solved.rss / (n - smoothed.freedom) ** 2
 
     def reml(self, smoothing: float) -> float:
         """Restricted likelihood, -2 log of it less constants, with the variance profiled out."""
@@ -130,8 +130,8 @@ class Smoother:
         values = [score(float(np.exp(at))) for at in grid]
         best = int(np.argmin(values))
         bounds = grid[max(best - 1, 0)], grid[min(best + 1, 32)]
-        found = optimize.minimize_scalar(lambda at: score(float(np.exp(at))), bounds=bounds, method="bounded")
-        return self.at(float(np.exp(found.x)), float(found.fun))
+        least = optimize.minimize_scalar(lambda at: score(float(np.exp(at))), bounds=bounds, method="bounded")
+        return self.at(float(np.exp(least.x)), float(least.fun))
 
     def _by_blocks(self, groups: Normal, low: float, high: float) -> Smoothed:
         def score(at: float) -> float:

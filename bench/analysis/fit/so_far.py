@@ -1,4 +1,4 @@
-"""How well simple models describe a run that is still going on: fed every second, answered at any moment.
+"""How well simple models describe a live run: one mean is added every second, and the answer is ready at any time.
 
 Only sums in cells of temperature are kept (`bench.analysis.fit.state`), so that an hour or a day costs the same: some
 microseconds a tick, a millisecond an answer.
@@ -42,7 +42,7 @@ class SoFar:
         self._visited = [np.inf, -np.inf]
 
     def add(self, t_s: float, temperature_degc: float, rate_dph: float) -> None:
-        """Take in the mean of a second; NaN is none."""
+        """Take in the mean of a second; NaN means that it has no value."""
         if not (np.isfinite(temperature_degc) and np.isfinite(rate_dph)):
             return
         with self._lock:

@@ -166,8 +166,8 @@ def _refined(inner: Objective, height: Callable[[FloatArray], float], seed: Floa
     if np.all(np.isfinite(inner(seed))):
         inside, step = np.clip(seed, 1e-6, 1 - 1e-6), np.full(seed.size, 1e-4)
         try:
-            found = optimize.least_squares(inner, inside, bounds=(0.0, 1.0), x_scale=0.1, diff_step=step, max_nfev=60)
-            best = min((seed, found.x), key=height)
+            solved = optimize.least_squares(inner, inside, bounds=(0.0, 1.0), x_scale=0.1, diff_step=step, max_nfev=60)
+            best = min((seed, solved.x), key=height)
         except ValueError:  # a step to where the linear part is singular
             best = seed
     options: Any = {

@@ -1,9 +1,9 @@
-"""What one pass over a record leaves: sums a block of time, which add up to any selection of blocks.
+"""The result of one pass over a record: sums for each block of time, which add up to any selection of blocks.
 
-A pass cuts the rows where a block of time ends (200 s) and where the segment changes. Each piece leaves one vector of
-sums, some kilobytes, and everything else follows from those: the fit to all of it, to the blocks that are left when
-some are held out, to heating or cooling alone, to two runs together, to a record that is still growing. No row is
-looked at twice, and none is kept.
+A pass cuts the rows where a block of time ends (200 s) and where the segment changes. Each piece gives one vector of
+sums, of some kilobytes. These are enough for the fit to all blocks, to those that remain when some are held out, to
+heating or cooling alone, to two runs together, and to a record that still grows. No row is read twice, and none is
+kept.
 """
 
 from __future__ import annotations

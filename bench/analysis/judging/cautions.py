@@ -17,7 +17,7 @@ _SHOWN_GAPS = 3
 
 
 _COMMON = frozenset(model.name for model in ladder()[:3])
-"""Baselines: nobody asked for them, so their absence is no warning."""
+"""Baselines: the user did not ask for them, so no warning is due where one could not be fitted."""
 
 
 def refused_models(comparison: Comparison) -> tuple[tuple[str, str], ...]:

@@ -1,4 +1,4 @@
-"""Did the run go to its end, and is all of its data there? Answered from manifest and tables, before any model."""
+"""Whether the run reached its end and its data are complete, from manifest and tables, before any model."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Completeness:
 
     @property
     def lost(self) -> int | None:
-        """Frames that were lost or damaged; None where nobody counted."""
+        """Frames that were lost or damaged; None where they were not counted."""
         if not self.losses:
             return None
         count = {key: int(self.losses.get(key) or 0) for key in LOST}

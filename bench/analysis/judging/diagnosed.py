@@ -58,8 +58,8 @@ def diagnosed(
 ) -> Diagnosed:
     """Diagnose `model` on a run, its check runs and its isothermal run.
 
-    A diagnosis that cannot be made is a reason, never an error. `floor_dph` is NaN where the floor is not known; `plan`
-    is where the next experiment's profile will be.
+    Where no diagnosis is possible, the answer is a reason, never an error. `floor_dph` is NaN where the floor is not
+    known; `plan` is where the next experiment's profile will be.
     """
     try:
         answer = diagnose([data], model, check=check, static=static, floor_dph=floor_dph)
@@ -69,7 +69,7 @@ def diagnosed(
         rungs = improvement_rungs(answer, [data], check)
         return Diagnosed(replace(answer, next_experiment=proposed or None), rungs, profile_yaml=yaml)
     except (InputError, ArithmeticError, ValueError) as error:
-        # Numerics on data that nobody foresaw must not cost the operator the report of hours in the chamber.
+        # A numerical failure on unexpected data must not cost the operator the report of hours in the chamber.
         known = isinstance(error, InputError)
         return Diagnosed(reason=str(error) if known else f"the diagnosis failed ({type(error).__name__}: {error})")
 
@@ -98,7 +98,7 @@ def _rivals(answer: Diagnosis) -> list[Rung]:
 
 
 def rivals(answer: Diagnosis, suspect: SuspectedEffect) -> list[SuspectedEffect]:
-    """What else could be in place of a suspect: its look-alikes, then the next in evidence."""
+    """Other effects that could stand in place of a suspect: its look-alikes, then the next in evidence."""
     others = [s for s in answer.suspects if not s.found]
     return sorted(others, key=lambda s: (s.effect not in suspect.look_alikes, -s.evidence))
 

@@ -1,4 +1,4 @@
-"""The diagnosis that a run folder holds already: one that was made with more runs is not lost to one made with less."""
+"""The diagnosis that a run folder holds already: a new one made from fewer runs does not overwrite it."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def set_aside(folder: Path, answer: Diagnosis | None) -> str:
         return ""
     (folder / SAVED).replace(folder / BEFORE)
     if answer is None:
-        return f"the diagnosis of before is kept as {BEFORE}"
+        return f"the earlier diagnosis is kept as {BEFORE}"
     return (
-        f"the diagnosis of before was also made with {' and '.join(sorted(lost))}, this one is not; it is kept as "
-        f"{BEFORE}, and --static or --check take the run again"
+        f"the earlier diagnosis was also made with {' and '.join(sorted(lost))}, the new one was not; the former is "
+        f"kept as {BEFORE}; give the run again with --static or --check"
     )
 
 

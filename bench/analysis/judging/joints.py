@@ -3,7 +3,7 @@
 A unit that kept its power over the gap is the same as before: only what it remembers of the temperature in the gap is
 not on record. A unit that was switched off has a new turn-on bias. Its parts are one record only if, over temperatures
 that both parts passed, they are shown to agree: the step between them is compared with its own uncertainty, over one
-curve in temperature and direction. What cannot be shown is not assumed (docs/decisions/0005-parts-of-a-run.md).
+curve in temperature and direction. Agreement that is not shown is not assumed (docs/decisions/0005-parts-of-a-run.md).
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ def joints(manifest: Mapping[str, Any], data: Dataset | None, floor_dph: float) 
     """The gaps of a run in parts, judged; none for a run of one piece."""
     parts = [part for part in manifest.get("parts") or () if part.get("from_s") is not None]
     bounds = [float(part["from_s"]) for part in parts] + [np.inf]
-    found = []
+    judged = []
     for i, part in enumerate(parts):
         if gap := part.get("gap"):
             step = None if data is None else _step(data, bounds[max(i - 1, 0)], bounds[i], bounds[i + 1], floor_dph)
-            found.append(_judge(gap, step, floor_dph))
-    return tuple(found)
+            judged.append(_judge(gap, step, floor_dph))
+    return tuple(judged)
 
 
 def _judge(gap: Mapping[str, Any], step: BiasStep | None, floor_dph: float) -> Joint:
@@ -108,7 +108,7 @@ def _step(data: Dataset, before_s: float, at_s: float, after_s: float, floor_dph
 def _fit(
     temperature: FloatArray, direction: FloatArray, after: BoolArray, bias: FloatArray
 ) -> tuple[float, float] | None:
-    """The step and its error (sandwich over bins of temperature) beside a common curve; None where they cannot be told."""
+    """The step and its error (sandwich over bins of temperature) beside a common curve; None if not determined."""
     width = float(np.ptp(temperature))
     degree = next(degree for least, degree in _DEGREES if width >= least)
     x = 2.0 * (temperature - temperature.min()) / width - 1.0

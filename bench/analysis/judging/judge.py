@@ -43,8 +43,8 @@ def analyse(
     """Analyse a run with `models` (default: those of the source papers) beside the baselines.
 
     With `check` runs of the same unit the held-out error is measured on them; an isothermal run `static` of it tells
-    the noise. A run that was aborted or holds nothing is no error: the analysis says so. Raises InputError when the
-    folder is no run or one of the other runs cannot be read.
+    the noise. An aborted or empty run raises no error: the analysis says so. Raises InputError when the folder is
+    not a run or one of the other runs cannot be read.
     `diagnose` asks which effect the best model lacks, in some ten seconds. Writes compare.json, calibration.json and,
     with a diagnosis, diagnosis.json into the run folder; one that knew more runs is kept under another name.
     """
@@ -121,9 +121,9 @@ def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Seq
 
 
 def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset], static: Dataset | None) -> Analysis:
-    """Diagnose the best model of those fitted to all rows: what one of a branch lacks is the other branch.
+    """Diagnose the best model of those fitted to all rows: a model of one branch lacks only the other one.
 
-    One with a free curve of temperature goes first: a stiffer one only lacks the curve.
+    A model with a free curve over temperature is preferred: a stiffer one lacks only the curve.
     """
     scores = known.comparison.scores if known.comparison else ()
     whole = [score for score in scores if score.model.rows == "all"]
@@ -131,13 +131,13 @@ def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset], static
     best = _best(free or whole)
     if best is None:
         return known
-    found = diagnosed(data, best.model, checks, static, known.floor.floor_dph, known.run.path / NEXT_PROFILE)
+    outcome = diagnosed(data, best.model, checks, static, known.floor.floor_dph, known.run.path / NEXT_PROFILE)
     reasons = (
-        f"not diagnosed: {found.reason}" if found.answer is None else "",
-        set_aside(known.run.path, found.answer),
+        f"not diagnosed: {outcome.reason}" if outcome.answer is None else "",
+        set_aside(known.run.path, outcome.answer),
     )
-    known = replace(known, diagnosed=found, warnings=(*known.warnings, *filter(None, reasons)))
-    return replace(known, verdict=with_diagnosis(known.verdict, found, known.floor.floor_dph))
+    known = replace(known, diagnosed=outcome, warnings=(*known.warnings, *filter(None, reasons)))
+    return replace(known, verdict=with_diagnosis(known.verdict, outcome, known.floor.floor_dph))
 
 
 def _best(scores: Sequence[Score]) -> Score | None:

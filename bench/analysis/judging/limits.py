@@ -129,8 +129,8 @@ class Quantity:
     @classmethod
     def positive(cls, name: str, value: float, standard_uncertainty: float) -> Quantity:
         """An absolute value: its interval ends at zero."""
-        found = cls.expanded(name, value, standard_uncertainty)
-        return cls(name, value, max(0.0, found.low), found.high)
+        symmetric = cls.expanded(name, value, standard_uncertainty)
+        return cls(name, value, max(0.0, symmetric.low), symmetric.high)
 
     @classmethod
     def exact(cls, name: str, value: float) -> Quantity:
@@ -151,8 +151,8 @@ class Quantity:
     def to_json(self) -> dict[str, Any]:
         """All of it; null where there is no number."""
         numbers = {"value": self.value, "low": self.low, "high": self.high}
-        found = {key: float(value) if np.isfinite(value) else None for key, value in numbers.items()}
-        return {"name": self.name, "unit": self.unit, "meaning": MEANING[self.name][1], **found, "reason": self.reason}
+        known = {key: float(value) if np.isfinite(value) else None for key, value in numbers.items()}
+        return {"name": self.name, "unit": self.unit, "meaning": MEANING[self.name][1], **known, "reason": self.reason}
 
 
 class Limit(BaseModel):

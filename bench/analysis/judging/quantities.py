@@ -38,15 +38,15 @@ _NOISE = (
 
 
 def quantities(analysis: Analysis) -> tuple[Quantity, ...]:
-    """All quantities of a run; those that it cannot tell have no value and a reason."""
+    """All quantities of a run; those that it does not show have a reason instead of a value."""
     noise = analysis.floor.noise
     white_dph = float(np.sqrt(noise.white_variance(analysis.interval_s))) if noise else analysis.floor.floor_dph
-    found = [*_of_noise(analysis), *_of_data(analysis)]
+    listed = [*_of_noise(analysis), *_of_data(analysis)]
     if analysis.dataset is not None:
-        found += [*_of_bias(analysis.dataset, white_dph), *_of_scale(analysis.dataset, white_dph)]
+        listed += [*_of_bias(analysis.dataset, white_dph), *_of_scale(analysis.dataset, white_dph)]
     if analysis.best is not None:
-        found += _of_model(analysis, analysis.best, white_dph)
-    return tuple(found)
+        listed += _of_model(analysis, analysis.best, white_dph)
+    return tuple(listed)
 
 
 def _of_bias(whole: Dataset, white_dph: float) -> Iterator[Quantity]:
@@ -130,7 +130,7 @@ def _of_model(analysis: Analysis, best: Score, white_dph: float) -> Iterator[Qua
 def _of_data(analysis: Analysis) -> Iterator[Quantity]:
     done = analysis.done
     if done.lost is None:
-        yield Quantity("samples_lost", reason="nobody counted the frames of this record")
+        yield Quantity("samples_lost", reason="the frames of this record were not counted")
     else:
         yield Quantity.exact("samples_lost", float(done.lost))
     if done.missing is None or not done.samples:
@@ -183,11 +183,11 @@ def _line(data: Dataset, applied: FloatArray) -> tuple[list[Quantity], FloatArra
 def _line_over_temperature(data: Dataset) -> tuple[list[Quantity], FloatArray]:
     """The same with a slope that changes with temperature, beside a cubic bias."""
     cubic = effects.make("polynomial", {"order": 3})
-    found = fit_model(Model("scale", (cubic, effects.make("scale_factor_temperature"))), data)
-    known = {c.key.rsplit(".", 1)[-1]: c for c in found.coefficients}
+    fit = fit_model(Model("scale", (cubic, effects.make("scale_factor_temperature"))), data)
+    known = {c.key.rsplit(".", 1)[-1]: c for c in fit.coefficients}
     pairs = (("scale_factor_error_ppm", "s0"), ("scale_factor_temperature_ppm_per_degc", "s1"))
     line = [Quantity.expanded(name, known[key].value, known[key].std) for name, key in pairs]
-    return line, data.bias - found.predict(data).bias
+    return line, data.bias - fit.predict(data).bias
 
 
 def _present(data: Dataset) -> FloatArray:

@@ -53,14 +53,14 @@ def source_of(folder: Path, model: str | None = None) -> Source:
         dataset = load(folder, float(stored.get("averaging_s") or 30.0))
         named = load_model(model)
         dataset, wanted = _rows(dataset, named)
-        found = fit_model(wanted, dataset, covariance="sandwich" if named.rows == "bins" else "noise")
+        fit = fit_model(wanted, dataset, covariance="sandwich" if named.rows == "bins" else "noise")
     elif not isinstance(content, Mapping):
         raise InputError("holds no calibration: no model could be fitted to this run", folder / "calibration.json")
     else:
         dataset = load(folder, float(stored["averaging_s"]))
-        found, dataset = _stored(content, dataset, folder / "calibration.json")
-    objections = (*_of_run(manifest, stored), *objections_to(found, dataset))
-    return Source(found, dataset, str(manifest.get("unit") or ""), objections)
+        fit, dataset = _stored(content, dataset, folder / "calibration.json")
+    objections = (*_of_run(manifest, stored), *objections_to(fit, dataset))
+    return Source(fit, dataset, str(manifest.get("unit") or ""), objections)
 
 
 def _rows(dataset: Dataset, model: Model) -> tuple[Dataset, Model]:
@@ -84,14 +84,14 @@ def _stored(content: Mapping[str, Any], dataset: Dataset, path: Path) -> tuple[F
         residual = problem.y - columns @ values[:size]
         condition, rms_dph = float(content["condition"]), float(content["rms_dph"])
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"is no calibration of this bench ({error!r})", path) from error
+        raise InputError(f"is not a calibration of this bench ({error!r})", path) from error
     _check_same(problem, residual, rms_dph, path)
-    found = Fit(
+    fit = Fit(
         model=problem.model, bound=bound, beta=values[:size], covariance=_covariance(content, values.size), noise=None,
         rms_dph=rms_dph, condition=condition, rows=problem.y.size, interval_s=dataset.interval_s,
         runs=(dataset.name,), validity=problem.validity(), residuals=problem.scatter(residual),
     )  # fmt: skip
-    return found, dataset
+    return fit, dataset
 
 
 def _covariance(content: Mapping[str, Any], size: int) -> Any:
@@ -100,38 +100,38 @@ def _covariance(content: Mapping[str, Any], size: int) -> Any:
 
 
 def _check_same(problem: FitRows, residual: Any, rms_dph: float, path: Path) -> None:
-    found = float(np.sqrt(np.sum(problem.weights * residual**2) / np.sum(problem.weights)))
-    if not abs(found - rms_dph) <= _SAME * max(rms_dph, 1e-9):
+    actual_dph = float(np.sqrt(np.sum(problem.weights * residual**2) / np.sum(problem.weights)))
+    if not abs(actual_dph - rms_dph) <= _SAME * max(rms_dph, 1e-9):
         raise InputError(
-            f"says a residual of {rms_dph:.6g} deg/h, this run's data give {found:.6g}: it is not of this data; "
-            "make it anew with `bench report`",
+            f"says a residual of {rms_dph:.6g} deg/h, this run's data give {actual_dph:.6g}: it belongs to other data; "
+            "make a new one with `bench report`",
             path,
         )
 
 
 def _of_run(manifest: Mapping[str, Any], stored: Mapping[str, Any]) -> Iterator[str]:
     if manifest.get("state", "done") != "done":
-        yield f"the run is '{manifest['state']}' ({manifest.get('cause') or 'no cause given'}), only a whole run counts"
+        yield f"the run is '{manifest['state']}' ({manifest.get('cause') or 'no cause given'}), not complete"
     verdict = stored.get("verdict") or {}
     if verdict.get("verdict") not in _PROVEN:
-        yield f"the run's verdict is '{verdict.get('verdict')}', nothing proves the model on unseen data"
+        yield f"the run's verdict is '{verdict.get('verdict')}', no unseen data proves the model"
     if verdict.get("admissible") is False:
         yield "the parts of the run do not fit together at their joints"
 
 
-def objections_to(found: Fit, dataset: Dataset) -> Iterator[str]:
+def objections_to(fit: Fit, dataset: Dataset) -> Iterator[str]:
     """Why a fit to this record determines nothing that may be delivered: conditioning, coverage."""
-    if found.condition > MOST_DELIVERED_CONDITION:
+    if fit.condition > MOST_DELIVERED_CONDITION:
         yield (
-            f"the fit's condition is {found.condition:.2g}, limit {MOST_DELIVERED_CONDITION:.0e}: two terms cannot be "
+            f"the fit's condition is {fit.condition:.2g}, limit {MOST_DELIVERED_CONDITION:.0e}: two terms cannot be "
             "told apart; leave one out"
         )
-    for key in found.on_bound:
-        yield f"{key} = {found.theta[key]:g} is on its bound: the run does not determine it"
-    rows = np.isfinite(found.residuals[0])
+    for key in fit.on_bound:
+        yield f"{key} = {fit.theta[key]:g} is on its bound: the run does not determine it"
+    rows = np.isfinite(fit.residuals[0])
     if rows.size != len(dataset):  # fitted to means of these rows: bins, soaks
         rows = np.isfinite(dataset.bias)
-    for channel, (low, high) in found.validity.items():
+    for channel, (low, high) in fit.validity.items():
         if channel == "temperature" and high - low < LEAST_COVERED_DEGC:
             yield f"the run covers {low:.1f} to {high:.1f} degC only, at least {LEAST_COVERED_DEGC:g} degC are needed"
         values = dataset.channel(channel)[rows]

@@ -1,4 +1,4 @@
-"""Why a run must not be judged at all, whatever its numbers: principle 7, "refuse bad calibrations"."""
+"""Reasons why a run must not be judged at all, even if its numbers are within the limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verdict in plain words: is the data complete, how far above the noise is the best model, and what is missing?"""
+"""The verdict in plain words: is the data complete, how far is the best model above the noise, what does it lack?"""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bench.analysis.thresholds import ADEQUATE_RATIO
 from bench.base import clock, listed, number
 
 Word = Literal["adequate", "missing_effect", "unknown_effect", "model_error", "unproven", "partial", "no_data"]
-"""Words of the diagnosis; `model_error` where nobody diagnosed; the others where nothing is proven."""
+"""Words of the diagnosis; `model_error` without a diagnosis; the others where nothing is proven."""
 
 _HEADLINES: dict[Word, str] = {
     "adequate": "Adequate",
@@ -59,7 +59,7 @@ class RunVerdict:
 
 
 def judge(done: Completeness, best: Score | None, floor_dph: float, reason: str) -> RunVerdict:
-    """RunVerdict of a run; `reason` says why there is no model, where there is none."""
+    """Verdict of a run; `reason` says why it has no model."""
     if done.samples == 0:
         return RunVerdict("no_data", f"{_state(done)}: {reason or 'nothing was captured'}.")
     if best is None:
@@ -69,24 +69,24 @@ def judge(done: Completeness, best: Score | None, floor_dph: float, reason: str)
     return RunVerdict(word if done.ended else "partial", f"{_state(done)}, {_losses(done)}; {model}.")
 
 
-def with_diagnosis(verdict: RunVerdict, found: Diagnosed, floor_dph: float) -> RunVerdict:
+def with_diagnosis(verdict: RunVerdict, diagnosed: Diagnosed, floor_dph: float) -> RunVerdict:
     """The verdict of a run with the diagnosis' own word, where the run allows one.
 
     A run that is not whole stays partial; "adequate" needs a proof on unseen data and a floor to compare it with.
     """
-    answer = found.answer
+    answer = diagnosed.answer
     if answer is None:
         return verdict
     missing = tuple(suspect.effect for suspect in answer.found)
     name = answer.model.name
     if answer.verdict == "adequate":
-        finding = f"{name} lacks nothing that this run could show"
+        finding = f"{name} lacks no effect that this run could show"
     elif answer.verdict == "unknown_effect":
         finding = f"{name} lacks something that no effect of the catalogue explains"
     else:
-        ratio = [rung for rung in found.rungs if not rung.rival][-1].held_out_dph / floor_dph
+        ratio = [rung for rung in diagnosed.rungs if not rung.rival][-1].held_out_dph / floor_dph
         them = "it" if len(missing) == 1 else "them"
-        leaves = f", with {them} {number(ratio, 2)} × would be left" if np.isfinite(ratio) else ""
+        leaves = f"; adding {them} would leave {number(ratio, 2)} ×" if np.isfinite(ratio) else ""
         finding = f"{name} lacks {listed(missing)}{leaves}"
     kept = verdict.word in {"partial", "no_data"} or (verdict.word == "unproven" and answer.verdict == "adequate")
     sentence = f"{verdict.sentence.removesuffix('.')}; {finding}."
@@ -96,17 +96,17 @@ def with_diagnosis(verdict: RunVerdict, found: Diagnosed, floor_dph: float) -> R
 def _model(best: Score, floor_dph: float) -> tuple[str, Word]:
     name, rms = best.model.name, best.held_out.rms_dph
     if not np.isfinite(rms):
-        why = best.held_out.reason or "too little of it"
+        why = best.held_out.reason or "there is too little of it"
         return (
-            f"{name} leaves {number(best.rms_dph)} deg/h on the data it was fitted to, unseen data: {why}",
+            f"{name} leaves {number(best.rms_dph)} deg/h on the data it was fitted to, no error on unseen data: {why}",
             "unproven",
         )
     if not np.isfinite(floor_dph):
-        text = f"{name} leaves {number(rms)} deg/h on data it has not seen; the noise floor is not known"
+        text = f"{name} leaves {number(rms)} deg/h on unseen data; the noise floor is not known"
         return text, "unproven"
     ratio = rms / floor_dph
     word: Word = "adequate" if ratio <= ADEQUATE_RATIO else "model_error"
-    return f"{name} leaves {number(ratio, 2)} × the noise floor on data it has not seen", word
+    return f"{name} leaves {number(ratio, 2)} × the noise floor on unseen data", word
 
 
 def _state(done: Completeness) -> str:

@@ -1,4 +1,4 @@
-"""A verification run judged: what a unit that corrects itself leaves, against limits or its own noise floor.
+"""A verification run judged: the remaining error of a unit that corrects itself, against limits or its noise floor.
 
 Nothing is fitted. The record is another one than the calibration's, of another profile, and its unit computed what it
 sent: this is the error that its user will see.
@@ -111,11 +111,11 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
     """Judge a verification run and leave verification.json in its folder.
 
     `calibration` is the run that the unit's calibration was fitted to, for the figures before; `serials` goes into the
-    file: what is in the unit. InputError for a run that is none.
+    file: what is in the unit. InputError for a run that is not a verification.
     """
     manifest = run.manifest()
     if manifest.get("purpose") != "verification":
-        raise InputError("is no verification: its unit sent the raw rate; make one with `bench verify`", run.path)
+        raise InputError("is not a verification: its unit sent the raw rate; make one with `bench verify`", run.path)
     interval_s, before = _before(calibration)
     data = load(run.path, interval_s)
     after = Figures.of(data)
@@ -131,10 +131,10 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
         own = tuple(limit for limit in limits.limits if limit.quantity in _MEASURED)
         if not own:
             raise InputError(
-                f"limits {limits.name}: none is on what a verification measures: {', '.join(sorted(_MEASURED))}"
+                f"limits {limits.name}: none is for a quantity of a verification: {', '.join(sorted(_MEASURED))}"
             )
-        found = judge_limits(limits.model_copy(update={"limits": own}), quantities, refusals)
-        verdict, judged = found.verdict, {"limits": found.to_json()}
+        judgement = judge_limits(limits.model_copy(update={"limits": own}), quantities, refusals)
+        verdict, judged = judgement.verdict, {"limits": judgement.to_json()}
     content = {**judged, "in_unit": dict(serials), "calibration_run": None if calibration is None else str(calibration)}
     content["quantities"] = [quantity.to_json() for quantity in quantities]
     verification = Verification(run, after, error, floor, before, verdict, content)
@@ -152,7 +152,7 @@ def _before(calibration: Path | None) -> tuple[float, Figures | None]:
 
 
 def _by_floor(error: HeldOut, floor: Floor, refusals: tuple[str, ...]) -> tuple[Verdict, dict[str, Any]]:
-    """Without limits: the error must not be above `VERIFIED_RATIO` times the floor for sure."""
+    """Without limits: the error must not be above `VERIFIED_RATIO` times the floor with certainty."""
     rule = f"RMS of the corrected rate at most {VERIFIED_RATIO:g} times the noise floor"
     rule += "; MARGINAL where only its 95 % interval reaches below"
     judged: dict[str, Any] = {"rule": rule, "refusals": list(refusals)}

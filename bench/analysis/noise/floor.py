@@ -1,4 +1,4 @@
-"""The noise floor of runs, from where the temperature stands still: what the best possible model would leave."""
+"""The noise floor of runs, read where the temperature stands still: the error that the best model would leave."""
 
 from __future__ import annotations
 
@@ -26,32 +26,32 @@ class Floor:
     """Name, from and to [s] of the stretches that were used."""
     reason: str = ""
     static: str = ""
-    """Name of the isothermal run that it was read from; empty where the runs tell it themselves."""
+    """Name of the isothermal run that it was read from; empty where it was read from the runs themselves."""
 
 
 def noise_floor(runs: Sequence[Dataset], interval_s: float, static: Dataset | None = None) -> Floor:
-    """Floor of means over `interval_s` of a run as long as the first, read from the isothermal run, if there is one.
+    """Floor of means over `interval_s` of a run as long as the first, read from the isothermal run if one is given.
 
     All are given in rows as fine as there are (1 s means). The floor is the expected RMS about their mean of such means
     under the noise found in the soaks (N, B, K).
     """
     sources = tuple(runs) if static is None else (static,)
-    found = [(source, name, rows) for source in sources for name, rows in _stretches(source)]
+    stretches = [(source, name, rows) for source in sources for name, rows in _stretches(source)]
     of = "" if static is None else static.name
-    if not found:
+    if not stretches:
         still = f"isothermal stretch of at least {LEAST_STRETCH_S / 60:g} minutes to read the noise from"
         empty = not any(len(source) for source in sources)
         return Floor(reason="nothing was captured" if empty else f"no {still}", static=of)
-    blocks = [_on_grid(source, rows) for source, _, rows in found]
-    base_s = found[0][0].interval_s
+    blocks = [_on_grid(source, rows) for source, _, rows in stretches]
+    base_s = stretches[0][0].interval_s
     try:
         noise = estimate_noise(blocks, base_s)
         floor_dph = noise.std_of_means(interval_s, float(np.ptp(runs[0].time)))
-        pairs = zip(found, blocks, strict=True)
+        pairs = zip(stretches, blocks, strict=True)
         curves = tuple((name, allan_deviation(block, base_s)) for (_, name, _), block in pairs)
     except InputError as error:
         return Floor(reason=str(error), static=of)
-    spans = tuple((name, float(source.time[rows[0]]), float(source.time[rows[-1]])) for source, name, rows in found)
+    spans = tuple((name, float(source.time[rows[0]]), float(source.time[rows[-1]])) for source, name, rows in stretches)
     return Floor(floor_dph, noise, curves, spans, static=of)
 
 
@@ -77,7 +77,7 @@ def _turns(base: Dataset, rows: IntArray) -> bool:
 
 
 def _settled(base: Dataset, rows: IntArray) -> IntArray:
-    """Rows after the last fast change of temperature, at least the last half (a chamber may cycle for ever)."""
+    """Rows after the last fast change of temperature, at least the last half (some chambers never stop cycling)."""
     fast = np.flatnonzero(np.abs(np.nan_to_num(base.dT_dt[rows])) > SETTLED_DEGC_PER_MIN)
     # The slope looks half a window ahead: the last rows of a soak may already see the next ramp.
     inner = fast[fast < rows.size - max(round(_AHEAD_S / base.interval_s), rows.size // 20)]
