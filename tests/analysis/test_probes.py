@@ -54,7 +54,7 @@ def test_a_loop_shows_in_the_cells_of_either_direction():
     found = {f.name: f for f in examined(0.12 * np.sign(RATE)).findings}["temperature x direction"]
     z = found.estimates / found.deviations
     signs = {
-        word: np.nanmean([v for v, label in zip(z, found.labels, strict=True) if word in label])
+        word: np.nanmean([v for v, cell in zip(z, found.cells, strict=True) if cell.direction == word])
         for word in ("heating", "cooling")
     }
     assert signs["heating"] > 0.5

@@ -114,6 +114,12 @@ def orthonormal(columns: FloatArray, least: float = 1e-10) -> FloatArray:
     return basis
 
 
+def outside(basis: FloatArray, values: FloatArray) -> FloatArray:
+    """The part of values (n,) or (n, m) that a basis (n, r) does not span."""
+    left: FloatArray = values - basis @ (basis.T @ values)
+    return left
+
+
 def library(candidates: Sequence[Candidate]) -> list[tuple[int, Theta, FloatArray]]:
     """Every candidate at every point of its grid: (candidate, parameters, columns)."""
     return [(i, theta, c.columns(theta)) for i, c in enumerate(candidates) for theta in c.grid()]

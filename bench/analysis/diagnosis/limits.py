@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
 from bench.analysis.diagnosis.refine import Refiner, Start
 from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
 from bench.base import FloatArray
@@ -22,18 +22,15 @@ FOUND = 20.0
 
 @dataclass(frozen=True)
 class Smallest:
-    """The smallest effect that the run would have shown.
+    """The smallest effect that the run would have shown, infinite where no value in the range would.
 
-    `rms_dph` [deg/h] is the RMS of the whole effect over the run, `share` the part of its variance that the base does
-    not absorb. For a term `amplitude` is that of its first column; for an abscissa the first parameter is the amplitude
-    and `theta` holds the least that would show. Infinite where no value in the range would.
+    `rms_dph` [deg/h] is the RMS of the whole effect over the run. Of a term `amplitude` is that of its first column; of
+    an abscissa the first parameter is the amplitude and `theta` holds the least that would show.
     """
 
-    name: str
     theta: Theta
-    amplitude: float
-    rms_dph: float
-    share: float
+    amplitude: float = np.inf
+    rms_dph: float = np.inf
 
 
 def smallest(
@@ -41,40 +38,24 @@ def smallest(
 ) -> Smallest:
     """Smallest amplitude of a candidate with parameters `theta` that this run finds, at a noise of the lattice."""
     way = lattice.at([point])[0][0]
-    q = orthonormal(way.apply(problem.base))
+    base = orthonormal(way.apply(problem.base))
     if candidate.kind == "abscissa":
-        return _smallest_abscissa(problem, candidate, lattice, point, sigma2)
+        # The first parameter of the grid, from its lower bound up, whose effect on the fitted base would show.
+        beta = gls(problem.base, problem.y, way).beta
+        for tried in candidate.grid():
+            moved = (candidate.columns(tried) - problem.base) @ beta
+            left = outside(base, way.apply(moved))
+            if float(left @ left) / sigma2 >= FOUND:
+                return Smallest(tried, 1.0, float(np.std(moved)))
+        return Smallest(())
     column = candidate.columns(theta)[:, 0]
     white = way.apply(column)
-    outside = white - q @ (q.T @ white)
-    seen = float(outside @ outside)
-    basis = orthonormal(problem.base)
-    centred = column - column.mean()
-    left = column - basis @ (basis.T @ column)
-    share = float(left @ left) / max(float(centred @ centred), 1e-300)
+    left = outside(base, white)
+    seen = float(left @ left)
     if seen <= 1e-9 * float(white @ white):
-        return Smallest(candidate.name, theta, np.inf, np.inf, share)
+        return Smallest(theta)
     amplitude = float(np.sqrt(FOUND * sigma2 / seen))
-    return Smallest(candidate.name, theta, amplitude, amplitude * float(np.std(column)), share)
-
-
-def _smallest_abscissa(
-    problem: Problem, candidate: Candidate, lattice: NoiseLattice, point: Point, sigma2: float
-) -> Smallest:
-    """The first parameter of the grid, from its lower bound up, whose effect on the fitted base would show."""
-    way = lattice.at([point])[0][0]
-    beta = gls(problem.base, problem.y, way).beta
-    q = orthonormal(way.apply(problem.base))
-    basis = orthonormal(problem.base)
-    for theta in candidate.grid():
-        moved = (candidate.columns(theta) - problem.base) @ beta
-        white = way.apply(moved)
-        outside = white - q @ (q.T @ white)
-        if float(outside @ outside) / sigma2 >= FOUND:
-            left = moved - basis @ (basis.T @ moved)
-            share = float(left @ left) / max(float(np.var(moved)) * len(moved), 1e-300)
-            return Smallest(candidate.name, theta, 1.0, float(np.std(moved)), share)
-    return Smallest(candidate.name, (), np.inf, np.inf, 0.0)
+    return Smallest(theta, amplitude, amplitude * float(np.std(column)))
 
 
 def expected_gap(

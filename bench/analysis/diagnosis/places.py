@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Place
-from bench.analysis.diagnosis.probes import Finding
+from bench.analysis.diagnosis.probes import SIGNS, Finding
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
 from bench.base import BoolArray, FloatArray
@@ -25,7 +24,7 @@ def places(layout: Layout, findings: Iterable[Finding], residual: FloatArray, fl
 def _place(layout: Layout, finding: Finding, residual: FloatArray, floor_dph: float) -> Place:
     channel, values = _values(layout, finding.name)
     note = finding.note
-    if finding.labels and finding.estimates is not None and finding.deviations is not None:
+    if finding.cells and finding.estimates is not None and finding.deviations is not None:
         rows, note, size = _cell(finding, values, layout.slope)
     elif finding.name == "periodic":
         rows, size = np.ones(len(values), dtype=bool), _periodic(finding, residual)
@@ -54,20 +53,11 @@ def _cell(finding: Finding, temperature: FloatArray, slope: FloatArray) -> tuple
     estimates, deviations = np.asarray(finding.estimates), np.asarray(finding.deviations)
     score = np.abs(estimates / deviations)
     worst = int(np.nanargmax(score))
-    direction, low, high = _label(finding.labels[worst])
-    sign = {"heating": 1, "cooling": -1, "constant": 0}[direction]
-    turning = np.where(np.abs(slope) < SETTLED_DEGC_PER_MIN, 0, np.sign(slope)) == sign
+    direction, low, high = finding.cells[worst]
+    turning = np.where(np.abs(slope) < SETTLED_DEGC_PER_MIN, 0, np.sign(slope)) == SIGNS[direction]
     rows = turning & (temperature >= low) & (temperature <= high)
     note = f"{direction}: {estimates[worst]:+.3f} +- {deviations[worst]:.3f} deg/h"
     return (rows if rows.any() else turning), note, abs(float(estimates[worst]))
-
-
-def _label(label: str) -> tuple[str, float, float]:
-    """'heating 12..28' in parts; the ends are rounded to three digits there."""
-    match = re.fullmatch(r"(\w+) (\S+)\.\.(\S+)", label)
-    if match is None:
-        raise RuntimeError(f"not a label of a cell: {label}")
-    return match.group(1), float(match.group(2)), float(match.group(3))
 
 
 def _periodic(finding: Finding, residual: FloatArray) -> float:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.stats import chi2
 
-from bench.analysis.diagnosis.candidates import Problem, orthonormal
+from bench.analysis.diagnosis.candidates import Problem, orthonormal, outside
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
 from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
 from bench.base import BoolArray, FloatArray
@@ -24,20 +25,32 @@ _LONGEST_GAP = 100  # rows: longer ones, as between runs, are closed up
 _DEPENDENT = 1e-4  # of a column's length outside the model, whitened: less is the model's own
 
 
+Direction = Literal["heating", "cooling", "constant"]
+SIGNS: dict[Direction, int] = {"heating": 1, "cooling": -1, "constant": 0}
+
+
+class Cell(NamedTuple):
+    """A range of temperature [degC] in one direction; the ends to three digits."""
+
+    direction: Direction
+    low: float
+    high: float
+
+
 @dataclass(frozen=True)
 class Probe:
-    """Columns (n, m) that show one kind of misfit; `labels` (m,) name them where they stand for themselves (cells)."""
+    """Columns (n, m) that show one kind of misfit; `cells` (m,) where each column is a cell of its own."""
 
     name: str
     columns: FloatArray
-    labels: tuple[str, ...] = ()
+    cells: tuple[Cell, ...] = ()
 
 
 @dataclass(frozen=True)
 class Finding:
     """What one probe says: p-value, statistic and its degrees of freedom.
 
-    `shape` (n,) is the fitted misfit [deg/h]; `estimates` and `deviations` (m,) [deg/h] belong to the probe's labels.
+    `shape` (n,) is the fitted misfit [deg/h]; `estimates` and `deviations` (m,) [deg/h] belong to the probe's columns.
     """
 
     name: str
@@ -45,7 +58,7 @@ class Finding:
     statistic: float
     rank: int
     shape: FloatArray
-    labels: tuple[str, ...] = ()
+    cells: tuple[Cell, ...] = ()
     estimates: FloatArray | None = None
     deviations: FloatArray | None = None
     note: str = ""
@@ -74,14 +87,13 @@ def examine(
     X = problem.base if model is None else model
     ways = lattice.at([point])[0]
     q = orthonormal(ways[0].apply(X))
-    white = ways[0].apply(problem.y)
-    residual = white - q @ (q.T @ white)
+    residual = outside(q, ways[0].apply(problem.y))
     sigma2 = float(residual @ residual) / max(1, len(residual) - q.shape[1])
     findings = []
     for probe in probes:
         moved = ways[0].apply(probe.columns)
         before = np.linalg.norm(moved, axis=0)
-        moved -= q @ (q.T @ moved)
+        moved = outside(q, moved)
         moved[:, np.linalg.norm(moved, axis=0) < _DEPENDENT * before] = 0.0
         findings.append(_finding(probe, moved, residual, sigma2))
     findings.append(periodogram(residual, problem.time_s, problem.interval_s))
@@ -106,7 +118,7 @@ def _finding(probe: Probe, moved: FloatArray, residual: FloatArray, sigma2: floa
         statistic,
         rank,
         probe.columns @ fitted,
-        probe.labels,
+        probe.cells,
         np.where(norm > 0.0, singly, np.nan),
         np.where(norm > 0.0, np.sqrt(sigma2) / scale, np.nan),
     )
@@ -155,14 +167,15 @@ def cells(temperature: FloatArray, direction: FloatArray, bins: int = 8) -> Prob
     """Temperature bins by direction (-1 cooling, 0 constant, 1 heating), each one column."""
     edges = np.linspace(np.min(temperature), np.max(temperature), bins + 1)
     which = np.clip(np.digitize(temperature, edges) - 1, 0, bins - 1)
-    columns, labels = [], []
-    for sign, word in ((1, "heating"), (-1, "cooling"), (0, "constant")):
+    columns, made = [], []
+    for word, sign in SIGNS.items():
         for number in range(bins):
             inside = (which == number) & (np.sign(direction) == sign)
             if inside.sum() >= 3:
                 columns.append(inside.astype(np.float64))
-                labels.append(f"{word} {edges[number]:.3g}..{edges[number + 1]:.3g}")
-    return Probe("temperature x direction", np.column_stack(columns), tuple(labels))
+                low, high = (float(f"{edge:.3g}") for edge in edges[number : number + 2])
+                made.append(Cell(word, low, high))
+    return Probe("temperature x direction", np.column_stack(columns), tuple(made))
 
 
 def spline(name: str, value: FloatArray, freedom: int = 6) -> Probe:

@@ -11,7 +11,16 @@ import numpy as np
 from scipy.optimize import brentq, minimize, minimize_scalar
 from scipy.stats import chi2
 
-from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, from_unit, joint, orthonormal, to_unit
+from bench.analysis.diagnosis.candidates import (
+    Candidate,
+    Problem,
+    Theta,
+    from_unit,
+    joint,
+    orthonormal,
+    outside,
+    to_unit,
+)
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
 from bench.base import FloatArray
 
@@ -75,9 +84,9 @@ class Refiner:
         columns, response = self.lattice.at([point])[0][0].apply(candidate.columns(theta)), at.white
         if candidate.kind == "term":
             before = np.linalg.norm(columns, axis=0)
-            columns -= at.basis @ (at.basis.T @ columns)
+            columns = outside(at.basis, columns)
             columns, response = columns[:, np.linalg.norm(columns, axis=0) > 3e-5 * before], at.residual
-        return max(_outside(columns, response), 1e-300)
+        return max(_rss(columns, response), 1e-300)
 
     def _at(self, point: Point) -> _Whitened:
         if point not in self._kept:
@@ -87,9 +96,9 @@ class Refiner:
             still = 0.0
             for record, other in zip(self.problem.statics, ways, strict=True):
                 both = other.apply(np.column_stack([record.X, record.y]))
-                still += _outside(both[:, :-1], both[:, -1])
+                still += _rss(both[:, :-1], both[:, -1])
             log_det = sum(each.log_det for each in (way, *ways))
-            self._kept[point] = _Whitened(basis, white, white - basis @ (basis.T @ white), still, log_det)
+            self._kept[point] = _Whitened(basis, white, outside(basis, white), still, log_det)
         return self._kept[point]
 
     def refine(
@@ -185,10 +194,9 @@ class Refiner:
         return np.sqrt(np.diag(fit.covariance))
 
 
-def _outside(columns: FloatArray, response: FloatArray) -> float:
-    """Square sum of what columns (n, k) leave of a response (n,)."""
-    basis = orthonormal(columns)
-    left = response - basis @ (basis.T @ response)
+def _rss(columns: FloatArray, response: FloatArray) -> float:
+    """Residual square sum of a response (n,) beside columns (n, k)."""
+    left = outside(orthonormal(columns), response)
     return float(left @ left)
 
 

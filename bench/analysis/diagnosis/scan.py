@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, library, orthonormal
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, library, orthonormal, outside
 from bench.analysis.diagnosis.crew import shared
 from bench.analysis.noise.likelihood import NoiseLattice, Point
 from bench.analysis.noise.whitening import Whitener
@@ -107,7 +107,7 @@ class Library:
         """Residual square sums of the run under one noise: base (m,), entries (entries, m)."""
         white = way.apply(run)
         q = orthonormal(way.apply(self.problem.base))
-        residual = white - q @ (q.T @ white)
+        residual = outside(q, white)
         rss0 = np.einsum("ij,ij->j", residual, residual)
         power = np.einsum("ij,ij->j", white, white)
         rss = np.empty((len(self.entries), run.shape[1]))
@@ -119,7 +119,7 @@ class Library:
                 excited[which] = 1.0
                 continue
             before = np.einsum("ij,ij->j", columns, columns)
-            columns -= q @ (q.T @ columns)
+            columns = outside(q, columns)
             share = np.einsum("ij,ij->j", columns, columns) / np.maximum(before, 1e-300)
             columns[:, share < DEPENDENT] = 0.0
             excited[which] = np.maximum(excited[which], share.reshape(-1, width).max(axis=1))
@@ -144,5 +144,5 @@ def _explained(columns: FloatArray, width: int, response: FloatArray) -> FloatAr
 
 def _left(basis: FloatArray, response: FloatArray) -> FloatArray:
     """Square sum (m,) of the responses outside a basis."""
-    residual = response - basis @ (basis.T @ response)
+    residual = outside(basis, response)
     return np.asarray(np.einsum("ij,ij->j", residual, residual))

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis import effects
-from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
 from bench.analysis.diagnosis.probes import Probe, usual
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
@@ -105,9 +105,7 @@ class Layout:
 
     def beyond(self, values: FloatArray) -> FloatArray:
         """The part of values (n,) that the model's columns cannot follow."""
-        basis = orthonormal(self.problem.base)
-        left: FloatArray = values - basis @ (basis.T @ values)
-        return left
+        return outside(orthonormal(self.problem.base), values)
 
     def stacked(self, columns: Sequence[FloatArray]) -> FloatArray:
         """Values of whole records at the rows of the problem."""

@@ -9,6 +9,7 @@ from functools import lru_cache
 from importlib.metadata import entry_points
 from typing import Any, cast
 
+from bench import base
 from bench.analysis.effects.aging import Aging
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.bias_jump import BiasJump
@@ -32,7 +33,6 @@ from bench.analysis.effects.surface import Surface
 from bench.analysis.effects.temperature_rate import TemperatureRate
 from bench.analysis.effects.thermal_lag import ThermalLag
 from bench.analysis.effects.warm_up import WarmUp
-from bench import base
 from bench.base import InputError
 
 _BUILT_IN = (

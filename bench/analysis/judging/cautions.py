@@ -36,9 +36,30 @@ def cautions(
     return (*(gap.sentence for gap in gaps), *_of_data(done), *_of_floor(floor), *_of_models(comparison, best))
 
 
-def _of_data(done: Completeness) -> Iterator[str]:
+def altered(done: Completeness) -> Iterator[str]:
+    """One line for each file that is not the recorded one."""
     for name in done.altered:
         yield f"{name} is not the file that was recorded: its SHA-256 differs from the manifest's"
+
+
+def short_branches(done: Completeness) -> Iterator[str]:
+    """One line for each direction that is too short to compare the two."""
+    for name, seconds in (("heating", done.heating_s), ("cooling", done.cooling_s)):
+        if done.samples and seconds < LEAST_BRANCH_S:
+            yield f"only {clock(seconds)} of {name}: a difference between heating and cooling cannot be seen"
+
+
+def unproven(best: Score) -> Iterator[str]:
+    """Why the error of a model on unseen data is missing or does not count."""
+    name, held_out = best.model.name, best.held_out
+    if not np.isfinite(held_out.rms_dph):
+        yield f"'{name}' has no error on unseen data: {held_out.reason}"
+    if held_out.out_of_range > MOST_EXTRAPOLATED:
+        yield f"{held_out.out_of_range:.0%} of the unseen data lie outside the range that '{name}' was fitted to"
+
+
+def _of_data(done: Completeness) -> Iterator[str]:
+    yield from altered(done)
     for segment in done.failed:
         why = segment.get("reason") or segment.get("outcome", "not settled")
         yield f"segment '{segment.get('name')}' failed: {why}"
@@ -53,10 +74,7 @@ def _of_data(done: Completeness) -> Iterator[str]:
         shown = ", ".join(f"{clock(a)} to {clock(b)}" for a, b in done.gaps_s[:_SHOWN_GAPS])
         more = f" and {len(done.gaps_s) - _SHOWN_GAPS} more" if len(done.gaps_s) > _SHOWN_GAPS else ""
         yield f"no sample at {shown}{more}; nothing was filled in"
-    if done.samples:
-        for name, seconds in (("heating", done.heating_s), ("cooling", done.cooling_s)):
-            if seconds < LEAST_BRANCH_S:
-                yield f"only {clock(seconds)} of {name}: a difference between the branches cannot be seen"
+    yield from short_branches(done)
 
 
 def _of_floor(floor: Floor | None) -> Iterator[str]:
@@ -71,13 +89,8 @@ def _of_models(comparison: Comparison | None, best: Score | None) -> Iterator[st
                 yield f"model '{model}' was refused: {reason}"
     if best is None:
         return
-    held_out = best.held_out
-    if not np.isfinite(held_out.rms_dph):
-        yield f"'{best.model.name}' has no error on unseen data: {held_out.reason}"
-    elif held_out.rms_dph > OVERFIT_RATIO * best.rms_dph:
-        ratio = number(held_out.rms_dph / best.rms_dph, 2)
-        yield f"'{best.model.name}' errs {ratio} × more on unseen data than on its own"
-    if held_out.out_of_range > MOST_EXTRAPOLATED:
-        share = f"{held_out.out_of_range:.0%} of the unseen data"
-        yield f"{share} lie outside the range that '{best.model.name}' was fitted to"
+    yield from unproven(best)
+    if best.held_out.rms_dph > OVERFIT_RATIO * best.rms_dph:
+        ratio = number(best.held_out.rms_dph / best.rms_dph, 2)
+        yield f"the error of '{best.model.name}' is {ratio} × larger on unseen data than on the data it was fitted to"
     yield from best.fit.warnings

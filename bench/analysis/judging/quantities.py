@@ -184,9 +184,9 @@ def _line_over_temperature(data: Dataset) -> tuple[list[Quantity], FloatArray]:
     """The same with a slope that changes with temperature, beside a cubic bias."""
     cubic = effects.make("polynomial", {"order": 3})
     fit = fit_model(Model("scale", (cubic, effects.make("scale_factor_temperature"))), data)
-    known = {c.key.rsplit(".", 1)[-1]: c for c in fit.coefficients}
+    known = {c.key: (c.value, c.std) for c in fit.coefficients}
     pairs = (("scale_factor_error_ppm", "s0"), ("scale_factor_temperature_ppm_per_degc", "s1"))
-    line = [Quantity.expanded(name, known[key].value, known[key].std) for name, key in pairs]
+    line = [Quantity.expanded(name, *known[f"scale_factor_temperature.{key}"]) for name, key in pairs]
     return line, data.bias - fit.predict(data).bias
 
 

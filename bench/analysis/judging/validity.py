@@ -10,9 +10,10 @@ import numpy as np
 from bench.analysis.diagnosis.compare import Score
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
+from bench.analysis.judging.cautions import altered, short_branches, unproven
 from bench.analysis.judging.stored import objections_to
-from bench.analysis.thresholds import LEAST_BRANCH_S, MOST_EXTRAPOLATED, MOST_LOOP_RATIO, MOST_STEP_SHARE
-from bench.base import clock, number
+from bench.analysis.thresholds import MOST_LOOP_RATIO, MOST_STEP_SHARE
+from bench.base import number
 
 if TYPE_CHECKING:
     from bench.analysis.judging.analysis import Analysis
@@ -28,13 +29,10 @@ def _of_run(analysis: Analysis) -> Iterator[str]:
     if not done.ended:
         failed = f", {len(done.failed)} of its segments failed" if done.failed else ""
         yield f"the run is not complete: {done.state}{f' ({done.cause})' if done.cause else ''}{failed}"
-    for name in done.altered:
-        yield f"{name} is not the file that was recorded"
+    yield from altered(done)
     if not analysis.admissible:
-        yield "its parts must not stand behind one calibration: the gap between them is not bridged"
-    for direction, seconds in (("heating", done.heating_s), ("cooling", done.cooling_s)):
-        if done.samples and seconds < LEAST_BRANCH_S:
-            yield f"only {clock(seconds)} of {direction}: a gap between the branches cannot be seen"
+        yield "its parts must not be used for one calibration: nothing shows that they agree"
+    yield from short_branches(done)
 
 
 def _of_model(analysis: Analysis) -> Iterator[str]:
@@ -42,19 +40,15 @@ def _of_model(analysis: Analysis) -> Iterator[str]:
     if best is None or data is None:
         yield f"no model could be fitted: {analysis.verdict.sentence}"
         return
-    name, held_out = best.model.name, best.held_out
-    if not np.isfinite(held_out.rms_dph):
-        yield f"'{name}' has no error on unseen data: {held_out.reason}"
+    yield from unproven(best)
     if best.model.rows not in {"all", "bins"}:
-        yield f"'{name}' was fitted to a part of the rows ({best.model.rows}): the other branch is not covered"
-    if held_out.out_of_range > MOST_EXTRAPOLATED:
-        yield f"{held_out.out_of_range:.0%} of the unseen data lie outside the range that '{name}' was fitted to"
+        yield f"'{best.model.name}' was fitted to only a part of the rows ({best.model.rows})"
     yield from objections_to(best.fit, data)
     step_dph = step_error_dph(best.fit.bound, best.fit.beta, data)
-    if step_dph > MOST_STEP_SHARE * held_out.rms_dph:
+    if step_dph > MOST_STEP_SHARE * best.held_out.rms_dph:
         yield (
             f"the temperature sensor has steps of {number(data.temperature_step)} degC: {number(step_dph)} of the "
-            f"{number(held_out.rms_dph)} deg/h come from them"
+            f"{number(best.held_out.rms_dph)} deg/h come from them"
         )
     yield from _branches(analysis, best)
 

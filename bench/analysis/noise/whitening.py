@@ -15,7 +15,7 @@ blocks so that whitening a matrix is a few small matrix products; whitened row i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,6 +88,27 @@ class Whitener:
 
     def apply(self, matrix: FloatArray) -> FloatArray:
         """W @ matrix for columns (n, k) or one vector (n,)."""
+
+        def whiten(transfer: FloatArray, work: FloatArray, states: int) -> FloatArray:
+            result: FloatArray = transfer @ work
+            work[:states] = result[:states]
+            return result[states:]
+
+        return self._through(matrix, whiten)
+
+    def colour(self, matrix: FloatArray) -> FloatArray:
+        """W^-1 @ matrix for columns (n, k): turns independent normal numbers into this noise with white variance 1."""
+
+        def colour(transfer: FloatArray, work: FloatArray, states: int) -> FloatArray:
+            known = transfer[states:, :states] @ work[:states]
+            work[states:] = np.linalg.solve(transfer[states:, states:], work[states:] - known)
+            work[:states] = transfer[:states] @ work
+            return work[states:]
+
+        return self._through(matrix, colour)
+
+    def _through(self, matrix: FloatArray, step: Callable[[FloatArray, FloatArray, int], FloatArray]) -> FloatArray:
+        """Rows of a matrix block by block; `step` turns a block's rows and takes the states in `work` past it."""
         columns = matrix.reshape(self.rows, -1)
         blocks, width, _ = self.transfer.shape
         states = width - _BLOCK
@@ -97,26 +118,8 @@ class Whitener:
         for block, transfer in enumerate(self.transfer):
             rows = slice(block * _BLOCK, (block + 1) * _BLOCK)
             work[states:] = stacked[rows]
-            result = transfer @ work
-            work[:states] = result[:states]
-            stacked[rows] = result[states:]
+            stacked[rows] = step(transfer, work, states)
         return stacked[: self.rows].reshape(matrix.shape)
-
-    def colour(self, matrix: FloatArray) -> FloatArray:
-        """W^-1 @ matrix for columns (n, k): turns independent normal numbers into this noise with white variance 1."""
-        columns = matrix.reshape(self.rows, -1)
-        blocks, width, _ = self.transfer.shape
-        states = width - _BLOCK
-        coloured = np.zeros((blocks * _BLOCK, columns.shape[1]))
-        coloured[: self.rows] = columns
-        work = np.zeros((width, columns.shape[1]))
-        for block, transfer in enumerate(self.transfer):
-            rows = slice(block * _BLOCK, (block + 1) * _BLOCK)
-            known = transfer[states:, :states] @ work[:states]
-            work[states:] = np.linalg.solve(transfer[states:, states:], coloured[rows] - known)
-            work[:states] = transfer[:states] @ work
-            coloured[rows] = work[states:]
-        return coloured[: self.rows].reshape(matrix.shape)
 
 
 def whiteners(
