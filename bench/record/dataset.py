@@ -38,6 +38,11 @@ class Segment:
     target: float | None = None
     rate: float | None = None
 
+    @property
+    def settles(self) -> bool:
+        """Whether the temperature comes to stand still in it: a soak, or a step and its rest."""
+        return self.direction == "constant" or self.kind in {"soak", "step"}
+
 
 @dataclass(frozen=True, eq=False)
 class Dataset:

@@ -25,9 +25,8 @@ class Candidate:
     """One effect that may be missing.
 
     `columns(theta)` are the columns (n, k) that it adds to the base, or for an "abscissa" the columns (n, p) that
-    replace the base's, one by one. `change_point` costs one count more; `count` replaces the number of parameters that
-    is paid for (shapes of one effect pay the same, or the one with more parameters would never be named). `effect` is
-    the effect that the candidate is a shape of, by default its own name.
+    replace the base's, one by one. `change_point` costs one count more. `effect` is the effect that the candidate is a
+    shape of, by default its own name.
     """
 
     name: str
@@ -36,7 +35,6 @@ class Candidate:
     kind: Literal["term", "abscissa"] = "term"
     parameters: tuple[Parameter, ...] = ()
     change_point: bool = False
-    count: int | None = None
     points: int | None = None
 
     def grid(self) -> list[Theta]:
@@ -49,8 +47,6 @@ class Candidate:
 
     def paid(self, base_columns: int, columns: int) -> int:
         """Parameters counted by the evidence for this many base columns and columns of its own."""
-        if self.count is not None:
-            return self.count
         linear = columns - base_columns if self.kind == "abscissa" else columns
         return linear + len(self.parameters) + int(self.change_point)
 
@@ -86,10 +82,9 @@ class Problem:
     statics: tuple[Record, ...] = ()
     white: FloatArray | None = field(default=None, repr=False)
 
-    def records(self, columns: FloatArray | None = None) -> tuple[Record, ...]:
-        """The run with these columns (the base by default), then the isothermal records."""
-        X = self.base if columns is None else columns
-        return (Record(self.time_s, self.y, X, self.white), *self.statics)
+    def records(self) -> tuple[Record, ...]:
+        """The run with its base, then the isothermal records."""
+        return (Record(self.time_s, self.y, self.base, self.white), *self.statics)
 
     @property
     def rows(self) -> int:

@@ -28,7 +28,7 @@ from bench.analysis.fit import design, fit_model
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
 from bench.analysis.thresholds import WEAK_EVIDENCE
-from bench.base import FloatArray
+from bench.base import FloatArray, finite
 from bench.record import Dataset
 
 _PREDICTABLE = {"time", "temperature", "chamber_temperature", "chamber_setpoint"}
@@ -87,7 +87,7 @@ class Proposal:
             "probability_before": self.probability_before,
             "probability_after": self.probability_after,
         }
-        known = {key: float(value) if np.isfinite(value) else None for key, value in numbers.items()}
+        known = {key: finite(value) for key, value in numbers.items()}
         return {"profile": profile, "separates": list(self.separates), "why": self.why,
                 "duration_min": self.duration_min, **known}  # fmt: skip
 

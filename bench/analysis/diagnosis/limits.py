@@ -14,6 +14,7 @@ from scipy.stats import norm
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
 from bench.analysis.diagnosis.refine import Refiner, Start
 from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
+from bench.analysis.thresholds import TIE
 from bench.base import FloatArray
 
 FOUND = 20.0
@@ -71,6 +72,6 @@ def expected_gap(
     return refiner.lowest_rss(rival, grid) / sigma2
 
 
-def probability(gap: float, least: float = 6.0) -> float:
-    """Probability that a realised gap exceeds `least` when D is expected: Phi((D - least) / (2 sqrt(D)))."""
-    return float(norm.cdf((gap - least) / (2.0 * np.sqrt(gap)))) if gap > 0.0 else 0.0
+def probability(gap: float) -> float:
+    """Probability that a realised gap exceeds a tie when D is expected: Phi((D - tie) / (2 sqrt(D)))."""
+    return float(norm.cdf((gap - TIE) / (2.0 * np.sqrt(gap)))) if gap > 0.0 else 0.0

@@ -77,16 +77,10 @@ class Examination:
         return tuple(f for f in self.findings if f.p < self.level)
 
 
-def examine(
-    problem: Problem, probes: Sequence[Probe], lattice: NoiseLattice, point: Point, model: FloatArray | None = None
-) -> Examination:
-    """Every probe, the periodogram and, with isothermal records, the noise test, at the noise of a lattice point.
-
-    `model` are the columns of the present model (n, p), the problem's base by default.
-    """
-    X = problem.base if model is None else model
+def examine(problem: Problem, probes: Sequence[Probe], lattice: NoiseLattice, point: Point) -> Examination:
+    """Every probe, the periodogram and, with isothermal records, the noise test, at the noise of a lattice point."""
     ways = lattice.at([point])[0]
-    q = orthonormal(ways[0].apply(X))
+    q = orthonormal(ways[0].apply(problem.base))
     residual = outside(q, ways[0].apply(problem.y))
     sigma2 = float(residual @ residual) / max(1, len(residual) - q.shape[1])
     findings = []
@@ -98,7 +92,7 @@ def examine(
         findings.append(_finding(probe, moved, residual, sigma2))
     findings.append(periodogram(residual, problem.time_s, problem.interval_s))
     if problem.statics:
-        findings.append(noise_test(problem, X, lattice, point))
+        findings.append(noise_test(problem, lattice, point))
     findings = [f for f in findings if f.rank > 0]
     return Examination(tuple(sorted(findings, key=lambda f: f.p)), _LEVEL / max(1, len(findings)))
 
@@ -145,13 +139,13 @@ def periodogram(whitened: FloatArray, time_s: FloatArray, interval_s: float) -> 
     )
 
 
-def noise_test(problem: Problem, X: FloatArray, lattice: NoiseLattice, point: Point) -> Finding:
+def noise_test(problem: Problem, lattice: NoiseLattice, point: Point) -> Finding:
     """Test whether the run has the noise of the isothermal records: likelihood ratio, chi-squared with three."""
-    together = Surface.of(problem.records(X), lattice, restricted=True)
+    together = Surface.of(problem.records(), lattice, restricted=True)
     together.visit([point])
     joint = together.height(together.descend(point))
     alone, sizes = [], []
-    for records, offset in ((problem.records(X)[:1], 0), (problem.statics, 1)):
+    for records, offset in ((problem.records()[:1], 0), (problem.statics, 1)):
         surface = Surface.of(records, lattice.part(offset, len(records)), restricted=True)
         surface.visit([point])
         best = surface.descend(point)

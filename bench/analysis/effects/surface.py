@@ -27,6 +27,11 @@ LEAST_STEP = 0.01
 """Rates closer than this share of half their range count as one."""
 
 
+def surface_powers(order: int) -> tuple[tuple[int, int], ...]:
+    """(i, j) of the terms of total degree up to `order`: by total degree, then falling power of the first variable."""
+    return tuple((total - j, j) for total in range(order + 1) for j in range(total + 1))
+
+
 @dataclass(frozen=True)
 class Surface(StaticEffect):
     """Polynomial in rate and temperature; `order` 1 to 7, `over` applied_rate or rate."""
@@ -65,7 +70,7 @@ class Surface(StaticEffect):
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Products T_i(x) T_j(T) (n, k), i + j from 1 to `order`, without the constant."""
         rate, temperature = (np.column_stack([np.ones(len(record)), s.columns(record)]) for s in self._pair)
-        return np.column_stack([rate[:, i] * temperature[:, j] for i, j in self._powers])
+        return np.column_stack([rate[:, i] * temperature[:, j] for i, j in self.terms[1:]])
 
     def physical(self) -> Physical:
         """Coefficients c_ij of x^i T^j, c00 the constant."""
@@ -81,11 +86,7 @@ class Surface(StaticEffect):
     @property
     def terms(self) -> tuple[tuple[int, int], ...]:
         """Degrees (i, j) of the constant and of each column."""
-        return ((0, 0), *self._powers)
-
-    @property
-    def _powers(self) -> list[tuple[int, int]]:
-        return [(total - j, j) for total in range(1, self.order + 1) for j in range(total + 1)]
+        return surface_powers(self.order)
 
     @property
     def _pair(self) -> tuple[Series, Series]:

@@ -219,7 +219,7 @@ def _bins(
 
 
 def _tails(record: Dataset, mask: BoolArray) -> Dataset:
-    still = [s for s in record.segments if s.direction == "constant" or s.kind in {"soak", "step"}]
+    still = [segment for segment in record.segments if segment.settles]
     tail = np.zeros(len(record), dtype=bool)
     for segment in still:
         own = np.flatnonzero((record.segment == segment.index) & mask)

@@ -31,7 +31,7 @@ from bench.analysis.fit.solve import (
 from bench.analysis.fit.uncertainty import CovarianceKind, estimate_covariance
 from bench.analysis.noise import Noise
 from bench.analysis.thresholds import MOST_CONDITION
-from bench.base import CHANNELS, BoolArray, FloatArray, InputError
+from bench.base import CHANNELS, BoolArray, FloatArray, InputError, finite
 from bench.record import Dataset
 
 
@@ -129,11 +129,11 @@ class Fit:
         return {
             "model": {"name": self.model.name, "rows": self.model.rows, "effects": self._effects_json()},
             "coefficients": [
-                {"key": c.key, "unit": c.unit, "value": _number(c.value), "std": _number(c.std)}
+                {"key": c.key, "unit": c.unit, "value": finite(c.value), "std": finite(c.std)}
                 for c in self.coefficients
             ],
             "parameters": [
-                {"key": key, "value": value, "std": _number(std), "at_bound": key in self.on_bound}
+                {"key": key, "value": value, "std": finite(std), "at_bound": key in self.on_bound}
                 for (key, value), std in zip(self.theta.items(), self.theta_std.values(), strict=True)
             ],
             "scaled": self.beta.tolist(),
@@ -257,7 +257,3 @@ def _result(problem: FitRows, bound: Bound, solution: Solution, cov: FloatArray,
         validity=problem.validity(),
         residuals=problem.scatter(solution.residual),
     )
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

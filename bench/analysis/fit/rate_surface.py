@@ -19,6 +19,7 @@ from math import comb
 import numpy as np
 
 from bench.analysis.effects.base import Scale
+from bench.analysis.effects.surface import surface_powers
 from bench.analysis.fit.solve import one_blas_thread, solve
 from bench.analysis.thresholds import LEAST_RANGE_DEGC, MOST_CONDITION
 from bench.base import DPH_PER_DPS, BoolArray, FloatArray, InputError, IntArray
@@ -58,7 +59,7 @@ class RateSurface:
     """Greatest difference to the surface by orthogonal polynomials, over the points, relative to the reference."""
 
     @property
-    def powers(self) -> list[tuple[int, int]]:
+    def powers(self) -> tuple[tuple[int, int], ...]:
         """(i, j) of C0, C1, ..."""
         return surface_powers(self.order)
 
@@ -79,11 +80,6 @@ class RateSurface:
         inside = np.clip(u, -1.0, 1.0), np.clip(v, -1.0, 1.0)
         outside = (np.abs(u) > 1.0 + 1e-12) | (np.abs(v) > 1.0 + 1e-12)
         return monomials(*inside, self.order) @ self.normalised, outside
-
-
-def surface_powers(order: int) -> list[tuple[int, int]]:
-    """(i, j) of C0, C1, ...: by total degree, then falling power of the raw output."""
-    return [(total - j, j) for total in range(order + 1) for j in range(total + 1)]
 
 
 def monomials(u: FloatArray, v: FloatArray, order: int) -> FloatArray:

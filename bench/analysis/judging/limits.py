@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, Field, field_validator, model_validator
 
-from bench.base import STRICT, PlacedError, load_config
+from bench.base import STRICT, PlacedError, finite, load_config
 
 COVERAGE = 2.0
 """Coverage factor k of every expanded uncertainty."""
@@ -151,7 +151,7 @@ class Quantity:
     def to_json(self) -> dict[str, Any]:
         """All of it; null where there is no number."""
         numbers = {"value": self.value, "low": self.low, "high": self.high}
-        known = {key: float(value) if np.isfinite(value) else None for key, value in numbers.items()}
+        known = {key: finite(value) for key, value in numbers.items()}
         return {"name": self.name, "unit": self.unit, "meaning": MEANING[self.name][1], **known, "reason": self.reason}
 
 

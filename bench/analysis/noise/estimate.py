@@ -105,7 +105,6 @@ def profile_noise(
     time_s: FloatArray,
     extra_static: Sequence[Record] = (),
     interval_s: float | None = None,
-    restricted: bool = True,
 ) -> NoiseFit:
     """The most likely noise of y (n,) beside the columns X (n, p), and the coefficients under it.
 
@@ -114,7 +113,7 @@ def profile_noise(
     """
     interval = float(np.median(np.diff(time_s))) if interval_s is None else interval_s
     records = (Record(time_s, y, X), *extra_static)
-    surface = Surface.of(records, NoiseLattice(records, interval), restricted)
+    surface = Surface.of(records, NoiseLattice(records, interval), restricted=True)
     return _noise_fit(records[0], surface, surface.search())
 
 

@@ -57,7 +57,7 @@ def noise_floor(runs: Sequence[Dataset], interval_s: float, static: Dataset | No
 
 def _stretches(base: Dataset) -> list[tuple[str, IntArray]]:
     """Rows of each isothermal stretch: each soak after its settling, or any stand-still where there are no segments."""
-    soaks = [s for s in base.segments if s.direction == "constant" or s.kind in {"soak", "step"}]
+    soaks = [segment for segment in base.segments if segment.settles]
     if soaks:
         pieces = [(s.name, np.flatnonzero(base.segment == s.index)) for s in soaks]
         tails = [(name, _settled(base, rows)) for name, rows in pieces if rows.size]
