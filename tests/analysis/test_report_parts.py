@@ -43,7 +43,7 @@ def test_a_unit_that_kept_its_power_is_the_same_unit(tmp_path):
     found = joint(parted(tmp_path / "r", power="kept"))
     assert found.admissible
     assert "the unit kept its power" in found.sentence
-    assert "not on record" in found.sentence
+    assert "is not recorded" in found.sentence
 
 
 @pytest.mark.parametrize("power", ["lost", "unknown"])

@@ -120,7 +120,7 @@ class SuspectedEffect:
 
 @dataclass(frozen=True)
 class Detectable:
-    """The smallest effect that the run would have shown; infinite (JSON null) where no size would."""
+    """The smallest effect that the run would have shown; infinite (JSON null) where no size would show."""
 
     effect: str
     rms_dph: float

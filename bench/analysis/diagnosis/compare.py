@@ -1,7 +1,7 @@
 """Models side by side: error in the fitted rows, on data left out, and a segment at a time, beside the noise floor.
 
-Held out are whole contiguous pieces, never random rows: neighbours would give the answer away. Effects see the whole
-record, rows are masked afterwards. In-sample error alone proves nothing: a spline with more intervals always lowers it.
+Held out are whole contiguous pieces, never random rows: their neighbours are nearly equal to them. Effects see the
+whole record, rows are masked afterwards. In-sample error alone proves nothing: more intervals always lower it.
 """
 
 from __future__ import annotations

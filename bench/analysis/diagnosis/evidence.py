@@ -227,7 +227,7 @@ def _weighted(suspects: Sequence[Suspect]) -> list[Suspect]:
 
 
 def drawn(surface: Surface, points: Sequence[Point], rng: np.random.Generator, runs: int) -> list[FloatArray]:
-    """Noise of every record (n, runs), each run's level by lot as the data allow: one level would be too sure of it."""
+    """Noise of every record (n, runs); each run draws a level that the data allow, by its likelihood."""
     surface.visit(points)
     heights = np.array([surface.height(point) for point in points])
     share = np.exp(0.5 * (heights.min() - heights))

@@ -19,7 +19,7 @@ from bench.record import Dataset
 
 _RIVALS = 4
 _ALL_TERMS = 3
-"""Coefficients of an effect that are listed; a spline has no few."""
+"""Coefficients of an effect that are listed; an effect with more of them, such as a spline, lists none."""
 _WITHIN = 3.92  # standard deviations in a 95 % interval
 
 

@@ -19,7 +19,7 @@ from bench.analysis.noise.whitening import Whitener
 from bench.base import FloatArray, IntArray
 
 DEPENDENT = 1e-9
-"""A column of which less than this share (in variance) lies outside the base cannot be told from the base."""
+"""A column with less than this share of its variance outside the base counts as part of the base."""
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ class FoundEffect:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What was found and what is left. `first` judges all candidates beside the model as it is, `last` beside all that
+    """What was found and what remains. `first` judges all candidates beside the model as it is, `last` beside all that
     was found.
     """
 

@@ -1,4 +1,4 @@
-"""A temperature sensor with coarse steps: found in the data, judged by the error that the steps cause."""
+"""Coarse steps of a temperature sensor: detected in the data, judged by the error that they cause."""
 
 from __future__ import annotations
 

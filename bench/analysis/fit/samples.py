@@ -38,13 +38,13 @@ class Batch:
 
 @dataclass(frozen=True)
 class Samples:
-    """The samples of one run; InputError where the file is missing or is not such a table."""
+    """The samples of one run; InputError where the file is missing or holds no samples."""
 
     path: Path
 
     @cached_property
     def metadata(self) -> pq.FileMetaData:
-        """What the file says of itself."""
+        """Metadata of the file."""
         try:
             return pq.read_metadata(self.path)
         except (OSError, pa.ArrowException) as error:

@@ -49,7 +49,7 @@ class Completeness:
 
     @property
     def failed(self) -> tuple[Mapping[str, Any], ...]:
-        """Segments that did not get where they should."""
+        """Segments that did not reach their goal."""
         return tuple(
             s
             for i, s in enumerate(self.segments)
@@ -65,7 +65,7 @@ class Completeness:
 
     @property
     def ended(self) -> bool:
-        """The run, or the import, went to its end and every segment got where it should."""
+        """Whether the run or the import reached its end and every segment its goal."""
         return self.state in {"done", "imported"} and not self.failed
 
     @property
@@ -80,7 +80,7 @@ class Completeness:
 
 
 def completeness(run: RunFolder, manifest: Mapping[str, Any], base: Dataset | None) -> Completeness:
-    """Completeness of a run folder; `base` are its 1 s means, None where there are none."""
+    """Completeness of a run folder; `base` are its 1 s means, None without them."""
     known = Completeness(
         state=str(manifest.get("state", "unknown")),
         cause=str(manifest.get("cause") or ""),

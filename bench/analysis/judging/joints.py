@@ -1,9 +1,9 @@
-"""May parts of a run, with a gap between them, stand behind one calibration?
+"""Whether parts of a run, with a gap between them, may be used for one calibration.
 
-A unit that kept its power over the gap is the same as before: only what it remembers of the temperature in the gap is
-not on record. A unit that was switched off has a new turn-on bias. Its parts are one record only if, over temperatures
-that both parts passed, they are shown to agree: the step between them is compared with its own uncertainty, over one
-curve in temperature and direction. Agreement that is not shown is not assumed (docs/decisions/0005-parts-of-a-run.md).
+A unit that kept its power over the gap is the same as before: only the temperature during the gap, which it may depend
+on, is not recorded. A unit that was switched off has a new turn-on bias. Its parts are one record only if they agree
+over temperatures that both passed: the step between them is compared with its own uncertainty, beside one curve in
+temperature and direction. Agreement that is not shown is not assumed (docs/decisions/0005-parts-of-a-run.md).
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def joints(manifest: Mapping[str, Any], data: Dataset | None, floor_dph: float) 
 def _judge(gap: Mapping[str, Any], step: BiasStep | None, floor_dph: float) -> Joint:
     power, text = gap.get("unit_power", "unknown"), str(gap["text"])
     if power == "kept":
-        why = "the unit kept its power; what it remembers of the temperature in the gap is not on record"
+        why = "the unit kept its power; the temperature during the gap, which it may depend on, is not recorded"
         return Joint(gap, step, True, f"{text}; {why}")
     off = "the unit was without power" if power == "lost" else "whether the unit kept its power is not known"
     if step is None:

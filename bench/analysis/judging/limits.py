@@ -287,7 +287,7 @@ def _word(limit: Limit, quantity: Quantity) -> Verdict | None:
     upper = np.inf if limit.upper is None else limit.upper
     if not lower <= quantity.value <= upper:
         return Verdict.FAIL
-    # An end that is not known is no proof; the number itself keeps the marginal band, its interval the limits.
+    # An unknown end proves nothing. The number must keep the marginal band, and its interval the limits.
     low, high = (np.nan_to_num(end, nan=sign * np.inf) for end, sign in ((quantity.low, -1), (quantity.high, 1)))
     sure = lower <= low and high <= upper
     clear = lower + limit.marginal <= quantity.value <= upper - limit.marginal

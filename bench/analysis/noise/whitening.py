@@ -126,7 +126,9 @@ def whiteners(
     ratios: Sequence[Ratios], time_s: FloatArray, interval_s: float, white: FloatArray | None = None
 ) -> list[Whitener]:
     """One Whitener for each of the ratios: the recursion over rows runs once for all of them."""
-    if len(ratios) == 1:  # numpy sums a lone column in another order: the digits would depend on the company
+    if (
+        len(ratios) == 1
+    ):  # numpy sums a single column in another order: the digits would depend on the number of columns
         return whiteners([*ratios, *ratios], time_s, interval_s, white)[:1]
     shape = _Shape.of(interval_s)
     rows, many = len(time_s), len(ratios)
