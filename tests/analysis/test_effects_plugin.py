@@ -23,7 +23,7 @@ Look-alikes: spline, thermal_lag.
 """
 from dataclasses import dataclass
 import numpy as np
-from bench.analysis import Effect, Parameter
+from bench import Effect, Parameter
 
 @dataclass(frozen=True)
 class Etalon(Effect):
@@ -87,7 +87,7 @@ def test_loading_the_same_effect_again_replaces_it(write):
     ("change", "message"),
     [
         (("frozen=True", "frozen=False"), r"decorated with @dataclass\(frozen=True\)"),
-        (("class Etalon(Effect)", "class Etalon"), r"derives from bench\.analysis\.Effect"),
+        (("class Etalon(Effect)", "class Etalon"), r"derives from bench\.Effect"),
         (('    name = "etalon"\n', ""), "name is None, it must be a word"),
         (('= "etalon"\n    needs', '= "spline"\n    needs'), "the name 'spline' is a built-in effect's"),
         (('= "etalon"\n    needs', '= "my etalon"\n    needs'), "it must be a word such as 'my_effect'"),

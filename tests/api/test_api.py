@@ -5,7 +5,6 @@ import importlib
 import subprocess
 import sys
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -191,26 +190,17 @@ def test_another_run_is_the_check_that_the_held_out_error_is_of(run):
 
 def test_an_effect_of_ones_own_is_like_the_built_in_ones(run):
     @dataclass(frozen=True)
-    class Ripple:
+    class Ripple(bench.Effect):
         """A sine over temperature."""
 
-        name: ClassVar[str] = "ripple"
-        family: ClassVar[str] = "ripple"
-        needs: ClassVar[tuple[str, ...]] = ("temperature",)
-        parameters: ClassVar[tuple[bench.Parameter, ...]] = (bench.Parameter("period", "degC", 5.0, 20.0, 10.0),)
-
-        def prepare(self, records):
-            return self
+        name = "ripple"
+        needs = ("temperature",)
+        parameters = (bench.Parameter("period", "degC", 5.0, 20.0, 10.0),)
+        amplitudes = (("s", "deg/h"), ("c", "deg/h"))
 
         def columns(self, record, theta):
             phase = 2 * np.pi * record.channel("temperature") / theta["period"]
             return np.column_stack([np.sin(phase), np.cos(phase)])
-
-        def physical(self):
-            return bench.Physical(("s", "c"), ("deg/h", "deg/h"), np.eye(2, 3, 1))
-
-        def state(self):
-            return {}
 
     fit = run.fit(bench.add(Ripple(), "polynomial"))
     assert {"ripple.s", "ripple.c", "ripple.period"} <= set(fit.coefficients)

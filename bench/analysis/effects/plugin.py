@@ -56,7 +56,7 @@ def _module(place: str) -> ModuleType:
 def check(kind: object, source: str) -> type[Effect]:
     """The class, if it is an `Effect` that works on an example run; InputError that says what is wrong with it."""
     if not isinstance(kind, type) or not issubclass(kind, Effect):
-        raise InputError(f"{source}: an effect derives from bench.analysis.Effect; docs/howto.md has an example")
+        raise InputError(f"{source}: an effect derives from bench.Effect; docs/howto.md has an example")
     if not is_dataclass(kind) or not cast(Any, kind).__dataclass_params__.frozen:
         raise InputError(f"{source}: an effect is a class decorated with @dataclass(frozen=True)")
     required = [item.name for item in fields(kind) if not _has_default(item)]
@@ -111,6 +111,6 @@ def _check_words(effect: Effect, source: str) -> None:
 def _check_parameters(effect: Effect, source: str) -> None:
     for parameter in effect.parameters:
         if not isinstance(parameter, Parameter) or not parameter.low <= parameter.start <= parameter.high:
-            raise InputError(f"{source}: parameters are bench.analysis.Parameter with low <= start <= high")
+            raise InputError(f"{source}: parameters are bench.Parameter with low <= start <= high")
         if parameter.log and parameter.low <= 0:
             raise InputError(f"{source}: parameter '{parameter.name}' is logarithmic, its low must be above 0")
