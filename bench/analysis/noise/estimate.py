@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Record, Surface, gls, zeros
-from bench.analysis.noise.whitening import Ratios, Whitener, covariance
+from bench.analysis.noise.whitening import Ratios, covariance
 from bench.base import FloatArray, InputError
 
 _NAMES = ("white", "flicker", "walk")
@@ -71,16 +71,14 @@ class Noise:
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """Most likely noise of a set of records, its -2 ln L, and the generalised least squares of the first record.
+    """Most likely noise of a set of records, and the generalised least squares of the first record.
 
     `sigma2` is the white variance of one mean [(deg/h)^2].
     """
 
     ratios: Ratios
     sigma2: float
-    minus2logl: float
     noise: Noise
-    whiteners: tuple[Whitener, ...]
     fit: Gls
 
 
@@ -118,10 +116,9 @@ def profile_noise(
 
 
 def _noise_fit(first: Record, surface: Surface, best: Point) -> NoiseFit:
-    value, sigma2 = surface.known[best]
-    (ways,) = surface.lattice.at([best])
+    sigma2, way = surface.known[best][1], surface.lattice.at([best])[0][0]
     noise = Noise(*_coefficients(surface, best))
-    return NoiseFit(ways[0].ratios, sigma2, value, noise, ways, gls(first.X, first.y, ways[0], sigma2))
+    return NoiseFit(way.ratios, sigma2, noise, gls(first.X, first.y, way, sigma2))
 
 
 def _coefficients(surface: Surface, point: Point) -> tuple[float, float, float]:
