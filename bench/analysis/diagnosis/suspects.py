@@ -25,7 +25,6 @@ from bench.base import BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
 _APART_S = 30 * 86400.0
-_STEP = 1e-4  # of a parameter's range, for slopes
 _POINTS_OF_TWO = 14  # grid points of each parameter of a change point with a width
 _CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate")
 
@@ -138,15 +137,7 @@ class Layout:
             return []
         _, columns = self.rows.bind(self.theta, trial=True)
         beta = solve(columns, self.rows.y, self.rows.weights).beta
-        slopes = []
-        for i, parameter in enumerate(self.rows.parameters):
-            step = _STEP * (self.theta[i] if parameter.log else parameter.high - parameter.low)
-            ends = np.clip(self.theta[i] + np.array([-step, step]), parameter.low, parameter.high)
-            curves = []
-            for end in ends:
-                moved = np.where(np.arange(self.theta.size) == i, end, self.theta)
-                curves.append(self.rows.bind(moved, trial=True)[1] @ beta)
-            slopes.append((curves[1] - curves[0]) / (ends[1] - ends[0]))
+        slopes = self.rows.slopes(self.theta, lambda moved: self.rows.bind(moved, trial=True)[1] @ beta)
         return [slope for slope in slopes if np.all(np.isfinite(slope)) and np.any(slope)]
 
 

@@ -6,6 +6,8 @@ import importlib
 import importlib.util
 import keyword
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import ModuleType
@@ -33,7 +35,7 @@ def load_class(spec: str) -> object:
 
 def _module(place: str) -> ModuleType:
     path = Path(place)
-    try:
+    with _one_line(f"{place} cannot be loaded"):
         if path.suffix != ".py":
             return importlib.import_module(place)
         if not path.is_file():
@@ -45,12 +47,18 @@ def _module(place: str) -> ModuleType:
         module = importlib.util.module_from_spec(spec)
         sys.modules[key] = module  # dataclasses look their module up there
         spec.loader.exec_module(module)
+    return module
+
+
+@contextmanager
+def _one_line(what: str) -> Iterator[None]:
+    """Whatever a user's code may raise as an InputError of one line."""
+    try:
+        yield
     except InputError:
         raise
-    except Exception as error:  # whatever a user's file may raise
-        text = " ".join(str(error).split())
-        raise InputError(f"{place} cannot be loaded: {type(error).__name__}: {text}") from error
-    return module
+    except Exception as error:
+        raise InputError(f"{what}: {type(error).__name__}: {' '.join(str(error).split())}") from error
 
 
 def check(kind: object, source: str) -> type[Effect]:
@@ -62,13 +70,8 @@ def check(kind: object, source: str) -> type[Effect]:
     required = [item.name for item in fields(kind) if not _has_default(item)]
     if required:
         raise InputError(f"{source}: option '{required[0]}' needs a default value")
-    try:
+    with _one_line(f"{source}: fails on an example run"):
         _try(kind(), source)
-    except InputError:
-        raise
-    except Exception as error:  # whatever a user's class may raise
-        text = " ".join(str(error).split())
-        raise InputError(f"{source}: fails on an example run: {type(error).__name__}: {text}") from error
     return kind
 
 

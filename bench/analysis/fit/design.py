@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,6 +15,7 @@ from bench.base import BoolArray, FloatArray, InputError, IntArray
 from bench.record import Dataset
 
 LEAST_BLOCKS = 20
+_STEP = 1e-4  # of a parameter's range, for slopes
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +122,16 @@ class FitRows:
             slices[key] = slice(at, at := at + parts[-1].shape[1])
         bound = Bound(self.model.keys, tuple(prepared[key] for key in self.model.keys), theta, slices)
         return bound, np.hstack(parts)
+
+    def slopes(self, values: FloatArray, curve: Callable[[FloatArray], FloatArray]) -> list[FloatArray]:
+        """Derivatives of a `curve` (rows,) of parameters (m,) at these values; one-sided at a bound."""
+        slopes = []
+        for i, parameter in enumerate(self.parameters):
+            step = _STEP * (values[i] if parameter.log else parameter.high - parameter.low)
+            ends = np.clip(values[i] + np.array([-step, step]), parameter.low, parameter.high)
+            low, high = (curve(np.where(np.arange(values.size) == i, end, values)) for end in ends)
+            slopes.append((high - low) / (ends[1] - ends[0]))
+        return slopes
 
     def _split(self, values: FloatArray) -> dict[str, Theta]:
         given = iter(values.tolist())

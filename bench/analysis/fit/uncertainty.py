@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -15,7 +16,6 @@ from bench.base import FloatArray, IntArray
 CovarianceKind = Literal["noise", "sandwich", "none"]
 _LEAST_BLOCK_S = 300.0
 _MOST_DENSE_ROWS = 4000
-_STEP = 1e-4  # of a parameter's range
 
 
 def estimate_covariance(
@@ -42,14 +42,11 @@ def estimate_covariance(
 
 
 def _slopes(problem: FitRows, bound: Bound, solution: Solution) -> FloatArray:
-    """Derivative of the model with respect to each nonlinear parameter (rows, m), central or one-sided at a bound."""
+    """Derivative of the model with respect to each nonlinear parameter (rows, m)."""
     values = np.array([value for own in bound.theta.values() for value in own.values()])
     out = np.zeros((problem.y.size, values.size))
-    for i, parameter in enumerate(problem.parameters):
-        step = _STEP * (values[i] if parameter.log else parameter.high - parameter.low)
-        ends = np.clip([values[i] - step, values[i] + step], parameter.low, parameter.high)
-        moved = [_model(problem, bound, solution, np.where(np.arange(values.size) == i, end, values)) for end in ends]
-        out[:, i] = (moved[1] - moved[0]) / (ends[1] - ends[0])
+    for i, slope in enumerate(problem.slopes(values, partial(_model, problem, bound, solution))):
+        out[:, i] = slope
     return out
 
 
