@@ -124,4 +124,4 @@ def test_a_spline_that_chooses_few_intervals_is_diagnosed_with_more_so_that_its_
     answer = diagnose([run], bare, static=still, candidates=FEW)
     assert answer.model.effects[0].intervals >= 12
     assert answer.verdict == "adequate"
-    assert any("fewer intervals" in note for note in answer.notes)
+    assert any("chose fewer than 12 intervals" in note for note in answer.notes)

@@ -94,7 +94,7 @@ def test_loading_the_same_effect_again_replaces_it(write):
         (('("temperature",)', '("temperatur",)'), "needs 'temperatur', which is not a channel"),
         (("[:, None]", ""), r"columns\(\) must give an array"),
         (("np.sin(", "np.nan * np.sin("), "values that are not finite"),
-        (("[:, None]", "[:, None][:, :0]"), "it would do nothing"),
+        (("[:, None]", "[:, None][:, :0]"), "the effect would do nothing"),
         (('(("a", "deg/h"),)', '(("a", "deg/h"), ("b", "deg/h"))'), "a name and a unit for each of the 1 columns"),
         (('    amplitudes = (("a", "deg/h"),)\n', ""), "`amplitudes` must hold a name and a unit"),
         (("1.0, 3.0, 2.0", "1.0, 3.0, 5.0"), "low <= start <= high"),

@@ -1,7 +1,6 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import mpmath
 import numpy as np
@@ -11,7 +10,7 @@ from scipy.interpolate import make_lsq_spline
 from scipy.optimize import curve_fit
 
 from bench.analysis import effects
-from bench.analysis.effects.base import Parameter, Physical
+from bench.analysis.effects.base import Effect, Parameter
 from bench.analysis.effects.model import Model, load_model
 from bench.analysis.fit import fit_model
 from bench.base.errors import InputError
@@ -243,50 +242,27 @@ def test_json_is_plain_and_complete():
 
 
 @dataclass(frozen=True)
-class Warming:
+class Warming(Effect):
     """A exp(-t / tau): the smallest effect with a nonlinear parameter, for tests."""
 
-    name: ClassVar[str] = "warming"
-    family: ClassVar[str] = "time"
-    needs: ClassVar[tuple[str, ...]] = ()
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("tau_s", "s", 60.0, 20000.0, 600.0, log=True),)
-
-    def prepare(self, records):
-        return self
+    name = "warming"
+    parameters = (Parameter("tau_s", "s", 60.0, 20000.0, 600.0, log=True),)
+    amplitudes = (("amplitude", "deg/h"),)
 
     def columns(self, record, theta):
         return np.exp(-record.time / theta["tau_s"])[:, None]
 
-    def physical(self):
-        return Physical(("amplitude",), ("deg/h",), np.array([[0.0, 1.0]]))
-
-    def state(self):
-        return {}
-
 
 @dataclass(frozen=True)
-class Delayed:
+class Delayed(Effect):
     """The temperature of tau seconds ago: an effect that moves the abscissa, for tests."""
 
-    name: ClassVar[str] = "delayed"
-    family: ClassVar[str] = "thermal"
-    needs: ClassVar[tuple[str, ...]] = ("temperature",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("delay_s", "s", 0.0, 1200.0, 100.0),)
-
-    def prepare(self, records):
-        return self
+    name = "delayed"
+    needs = ("temperature",)
+    parameters = (Parameter("delay_s", "s", 0.0, 1200.0, 100.0),)
 
     def abscissa(self, record, theta):
         return np.interp(record.time - theta["delay_s"], record.time, record.channels["temperature"])
-
-    def columns(self, record, theta):
-        return np.empty((len(record), 0))
-
-    def physical(self):
-        return Physical((), (), np.zeros((0, 1)))
-
-    def state(self):
-        return {}
 
 
 def test_a_time_constant_and_its_uncertainty_agree_with_scipy():

@@ -151,7 +151,7 @@ def test_a_check_run_is_what_the_model_is_judged_by(whole: Analysis, tmp_path: P
     shorter = [(name, kind, 60.0 if target == 85.0 else target, amount) for name, kind, target, amount in CYCLE]
     run = make_run(tmp_path / "run", **ramp_run())
     check = make_run(tmp_path / "check", **ramp_run(shorter, seed=2))
-    with patch("bench.analysis.judging.analysis.noise_floor", return_value=whole.floor):
+    with patch("bench.analysis.judging.judge.noise_floor", return_value=whole.floor):
         judged = analyse(run, [load_model("polynomial")], [check], diagnose=False)
     assert judged.best is not None
     assert judged.best.held_out.by == "check"

@@ -63,8 +63,10 @@ def solve_moments(model: Model, moments: Moments) -> SolvedMoments:
     prepared = effect.scaled({channel: Scale(*ranges[channel]) for channel in effect.needs})
     if isinstance(prepared, Spline):
         beta, rss, condition = _solve_spline(prepared, moments)
-    else:
+    elif isinstance(prepared, Polynomial | Regression):
         beta, rss, condition = _solve_triangle(prepared, moments)
+    else:
+        raise RuntimeError(f"{effect.name} was not checked")
     if not condition <= MOST_CONDITION:
         raise InputError(
             f"model '{model.name}' is not determined by these rows (condition {condition:.1g}, limit "
