@@ -142,7 +142,7 @@ def propose(
     if max(rival.evidence for rival in rivals) < WEAK_EVIDENCE:
         why = (
             f"the evidence is too weak (at most {max(r.evidence for r in rivals):.0f}, {WEAK_EVIDENCE:.0f} wanted) to "
-            "design a run for it; minor loops with reversals decide most thermal ties for any cause"
+            "design a run for these effects; minor loops with reversals decide most thermal ties for any cause"
         )
         return _proposal(minor_loops(limits), limits, names, why, (np.nan, np.nan))
     return _designed(layout, rivals, noise, limits)

@@ -142,7 +142,8 @@ def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Decision:
     elif pays:
         text = f"{suspect.effect} added: evidence {suspect.evidence:.0f}, {fall}"
     else:
-        text = f"{suspect.effect} refused, although its evidence is {suspect.evidence:.0f}: {fall}"
+        text = f"{suspect.effect} refused: it does not lower the error enough ({fall}), "
+        text += f"although its evidence is {suspect.evidence:.0f}"
     effect = suspect.model.effects[-1]
     model = answer.model.adding(effect) if pays else answer.model
     return Decision("added" if pays else "refused", suspect.effect, model, before, after, text, answer)
