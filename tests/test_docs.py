@@ -60,6 +60,13 @@ def test_the_readme_names_every_command_and_no_other():
     assert named == set(main.commands)
 
 
+def test_the_version_is_that_of_the_newest_release_in_the_changelog():
+    from bench import __version__
+
+    changelog = (ROOT / "CHANGELOG.md").read_text()
+    assert re.findall(r"^## (\d\S+) - \d{4}-\d\d-\d\d$", changelog, re.MULTILINE)[0] == __version__
+
+
 def test_ci_runs_the_commands_that_the_readme_shows():
     readme = (ROOT / "README.md").read_text()
     for name in ("run", "test"):
