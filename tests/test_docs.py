@@ -60,6 +60,18 @@ def test_the_readme_names_every_command_and_no_other():
     assert named == set(main.commands)
 
 
+def test_the_files_page_lists_every_channel_with_its_unit_and_meaning():
+    from bench.channels import CHANNELS
+
+    rows = {
+        name: (unit, meaning)
+        for name, unit, meaning in re.findall(
+            r"^\| `(\w+)` \| (\S+) \| (.*) \|$", (ROOT / "docs" / "reference" / "files.md").read_text(), re.MULTILINE
+        )
+    }
+    assert rows == {name: (channel.unit, channel.meaning) for name, channel in CHANNELS.items()}
+
+
 def test_the_version_is_that_of_the_newest_release_in_the_changelog():
     from bench import __version__
 
