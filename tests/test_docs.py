@@ -61,7 +61,7 @@ def test_the_readme_names_every_command_and_no_other():
 
 
 def test_the_files_page_lists_every_channel_with_its_unit_and_meaning():
-    from bench.channels import CHANNELS
+    from bench.base import CHANNELS
 
     rows = {
         name: (unit, meaning)
@@ -70,6 +70,17 @@ def test_the_files_page_lists_every_channel_with_its_unit_and_meaning():
         )
     }
     assert rows == {name: (channel.unit, channel.meaning) for name, channel in CHANNELS.items()}
+
+
+def test_every_path_in_the_architecture_exists_and_every_room_of_the_bench_is_in_its_tree():
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    paths = set(re.findall(r"`((?:bench|drivers|profiles|tests|benchmarks|docs|reports)/[^` ]*)`", page))
+    assert not [path for path in sorted(paths) if not (ROOT / path).exists()]
+    packages = [file.parent for file in (ROOT / "bench").rglob("__init__.py")]
+    rooms = {
+        f"{folder.relative_to(ROOT)}/" for folder in packages if not any(folder in room.parents for room in packages)
+    }
+    assert rooms <= paths
 
 
 def test_the_version_is_that_of_the_newest_release_in_the_changelog():

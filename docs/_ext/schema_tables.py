@@ -66,7 +66,12 @@ def section(heading: str, kind: str, schema: Schema) -> Iterator[str]:
         yield typed(kind, schema)
         return
     keys = schema["properties"]
-    titles = ("key", "type", "default", *(["meaning"] if any("description" in value for value in keys.values()) else []))
+    titles = (
+        "key",
+        "type",
+        "default",
+        *(["meaning"] if any("description" in value for value in keys.values()) else []),
+    )
     yield from (row(titles), row(["---"] * len(titles)))
     for key, value in keys.items():
         cells = f"`{key}`", typed(kind, value), default_of(key, schema), value.get("description", "")
