@@ -72,15 +72,22 @@ def test_the_files_page_lists_every_channel_with_its_unit_and_meaning():
     assert rows == {name: (channel.unit, channel.meaning) for name, channel in CHANNELS.items()}
 
 
-def test_every_path_in_the_architecture_exists_and_every_room_of_the_bench_is_in_its_tree():
-    page = (ROOT / "docs" / "architecture.md").read_text()
-    paths = set(re.findall(r"`((?:bench|drivers|profiles|tests|benchmarks|docs|reports)/[^` ]*)`", page))
-    assert not [path for path in sorted(paths) if not (ROOT / path).exists()]
+PATH = re.compile(r"(?<![\w/.-])(?:bench|drivers|profiles|tests|benchmarks|docs)/[\w./-]*[\w/]")
+"""A file or folder of the repository, as a page names it."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_path_that_a_page_names_exists(page):
+    assert not [path for path in PATH.findall(page.read_text()) if not (ROOT / path).exists()]
+
+
+def test_every_room_of_the_bench_is_in_the_tree_of_the_architecture():
+    paths = PATH.findall((ROOT / "docs" / "architecture.md").read_text())
     packages = [file.parent for file in (ROOT / "bench").rglob("__init__.py")]
     rooms = {
         f"{folder.relative_to(ROOT)}/" for folder in packages if not any(folder in room.parents for room in packages)
     }
-    assert rooms <= paths
+    assert rooms <= set(paths)
 
 
 def test_the_version_is_that_of_the_newest_release_in_the_changelog():
