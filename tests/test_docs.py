@@ -31,6 +31,8 @@ def bash(script, folder):
     return done.stdout
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
     said = "".join(bash(block, tmp_path) for block in blocks(ROOT / "docs" / "tutorial.md"))
     assert "Missing: aging" in said
@@ -39,6 +41,8 @@ def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
     assert list(tmp_path.glob("reports/MINE/*/data.parquet"))
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_the_commands_about_the_page_run_in_one_shell(tmp_path):
     said = bash("\n".join(blocks(ROOT / "docs" / "web.md")), tmp_path)
     assert re.search(r'"request".*"who": ?"\S+ \(engineer\) from 127.0.0.1"', said)
