@@ -31,6 +31,8 @@ def bash(script, folder):
     return done.stdout
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
     said = "".join(bash(block, tmp_path) for block in blocks(ROOT / "docs" / "tutorial.md"))
     assert "Missing: aging" in said
@@ -39,6 +41,8 @@ def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
     assert list(tmp_path.glob("reports/MINE/*/data.parquet"))
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_the_commands_about_the_page_run_in_one_shell(tmp_path):
     said = bash("\n".join(blocks(ROOT / "docs" / "web.md")), tmp_path)
     assert re.search(r'"request".*"who": ?"\S+ \(engineer\) from 127.0.0.1"', said)
@@ -58,6 +62,43 @@ def test_the_readme_names_every_command_and_no_other():
 
     named = set(re.findall(r"^\| `bench ([a-z]+)", (ROOT / "README.md").read_text(), re.MULTILINE))
     assert named == set(main.commands)
+
+
+def test_the_files_page_lists_every_channel_with_its_unit_and_meaning():
+    from bench.base import CHANNELS
+
+    rows = {
+        name: (unit, meaning)
+        for name, unit, meaning in re.findall(
+            r"^\| `(\w+)` \| (\S+) \| (.*) \|$", (ROOT / "docs" / "reference" / "files.md").read_text(), re.MULTILINE
+        )
+    }
+    assert rows == {name: (channel.unit, channel.meaning) for name, channel in CHANNELS.items()}
+
+
+PATH = re.compile(r"(?<![\w/.-])(?:bench|drivers|profiles|tests|benchmarks|docs)/[\w./-]*[\w/]")
+"""A file or folder of the repository, as a page names it."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_path_that_a_page_names_exists(page):
+    assert not [path for path in PATH.findall(page.read_text()) if not (ROOT / path).exists()]
+
+
+def test_every_room_of_the_bench_is_in_the_tree_of_the_architecture():
+    paths = PATH.findall((ROOT / "docs" / "architecture.md").read_text())
+    packages = [file.parent for file in (ROOT / "bench").rglob("__init__.py")]
+    rooms = {
+        f"{folder.relative_to(ROOT)}/" for folder in packages if not any(folder in room.parents for room in packages)
+    }
+    assert rooms <= set(paths)
+
+
+def test_the_version_is_that_of_the_newest_release_in_the_changelog():
+    from bench import __version__
+
+    changelog = (ROOT / "CHANGELOG.md").read_text()
+    assert re.findall(r"^## (\d\S+) - \d{4}-\d\d-\d\d$", changelog, re.MULTILINE)[0] == __version__
 
 
 def test_ci_runs_the_commands_that_the_readme_shows():

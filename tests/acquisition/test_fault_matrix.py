@@ -438,7 +438,7 @@ def test_fault(lab, case):
 
 
 def test_the_page_is_current():
-    assert PAGE.read_text(encoding="utf-8") == markdown(), "run `python -m tests.fault_matrix`"
+    assert PAGE.read_text(encoding="utf-8") == markdown(), "run `python -m tests.support.fault_matrix`"
 
 
 def test_the_names_of_the_cases_are_their_own():

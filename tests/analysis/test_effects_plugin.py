@@ -165,6 +165,6 @@ def test_every_command_that_reads_a_model_takes_effects_of_the_user(tmp_path):
 
 
 def test_the_class_in_the_documentation_is_an_effect(write):
-    text = (Path(__file__).parents[2] / "docs" / "howto.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "howto" / "effects.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n# etalon\.py\n(.*?)```", text, re.DOTALL)
     assert effects.load_effect(f"{write(code)}:Etalon") == "etalon"

@@ -206,7 +206,7 @@ def test_no_run_is_refused(tmp_path):
 
 
 def test_the_commands_of_the_how_to_run_as_they_stand(run_folder, tmp_path):
-    page = (Path(__file__).parents[2] / "docs" / "howto.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "delivery.md").read_text()
     lines = re.findall(r"^bench export RUN (.*?)(?: +#.*)?$", page, re.MULTILINE)
     assert len(lines) >= 6
     for line in lines:

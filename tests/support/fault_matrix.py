@@ -1,8 +1,8 @@
-"""The fault matrix as data: each fault, and what the bench makes of it. `python -m tests.fault_matrix` writes its page.
+"""The fault matrix as data: each fault and its outcome. `python -m tests.support.fault_matrix` writes its page.
 
-`tests/test_fault_matrix.py` runs every line of it and asserts what stands here. Most faults are rehearsed by the clock
-of a simulated run (`faults` of a station file); what concerns processes, signals and disks has a procedure of its own
-there, named by `how`.
+`tests/acquisition/test_fault_matrix.py` runs every line and asserts the outcome. Most faults are shown by a simulated
+station at given times (`faults` of a station file); faults of processes, signals and disks have a procedure of their
+own there, named by `how`.
 """
 
 from __future__ import annotations
@@ -231,16 +231,17 @@ BENCH = (
 MATRIX = (*CHAMBER, *CAN, *UNITS, *TABLE, *BENCH)
 
 INTRODUCTION = """\
-# Faults and what the bench makes of them
+# Faults and their outcomes
 
-Generated from `tests/fault_matrix.py` by `python -m tests.fault_matrix`; `tests/test_fault_matrix.py` runs every line
-and asserts state, exit code, event, the state of the chamber (read from the simulated controller itself, past the wire
-and the driver), and the data: every sample is there or counted as lost, no time stamp comes twice, each block that was
-recovered has the right CRC. Where frames were struck, the losses are exactly those.
+This page is generated from `tests/support/fault_matrix.py` by `python -m tests.support.fault_matrix`.
+`tests/acquisition/test_fault_matrix.py` runs every line and asserts state, exit code, event, the state of the chamber
+(read from the simulated controller itself, without the wire and the driver), and the data: every sample is there or
+counted as lost, no time stamp occurs twice, and each recovered block has the right CRC. Where a fault struck frames,
+the losses are exactly these frames.
 
-Exit codes: 0 the run went to its end, 3 aborted by operator or guard, 4 equipment failed, 2 bad input. *safe*: the
-chamber itself is at ambient and off; *left*: nothing had been commanded, it is as it was found; *not reached*: it
-could not be reached, and the bench said so loudly. What cannot be verified is never called safe. –: a simulated
+Exit codes: 0 the run was completed, 3 aborted by operator or guard, 4 equipment failed, 2 bad input. *safe*: the
+chamber itself is at ambient and off; *left*: nothing had been commanded, and it is as it was before; *not reached*: it
+could not be reached, and the bench reported this on stderr. An unverified state is never called safe. –: a simulated
 chamber ends with its process.
 """
 MEASURED = """\

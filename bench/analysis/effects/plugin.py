@@ -64,7 +64,7 @@ def _one_line(what: str) -> Iterator[None]:
 def check(kind: object, source: str) -> type[Effect]:
     """The class, if it is an `Effect` that works on an example run; InputError that says what is wrong with it."""
     if not isinstance(kind, type) or not issubclass(kind, Effect):
-        raise InputError(f"{source}: an effect derives from bench.Effect; docs/howto.md has an example")
+        raise InputError(f"{source}: an effect derives from bench.Effect; docs/howto/effects.md has an example")
     if not is_dataclass(kind) or not cast(Any, kind).__dataclass_params__.frozen:
         raise InputError(f"{source}: an effect is a class decorated with @dataclass(frozen=True)")
     required = [item.name for item in fields(kind) if not _has_default(item)]
