@@ -1,4 +1,5 @@
 from .importer.columns import ColumnMap as ColumnMap
+from .importer.columns import UnclearColumnError as UnclearColumnError
 from .importer.columns import column_map as column_map
 from .importer.columns import guess as guess
 from .importer.columns import split_header as split_header

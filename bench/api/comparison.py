@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 _HEAD = ("model", "in-sample", "held-out", "over floor")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
     """Scores of several models on the same runs; `comparison["spline"]` is the fit of one of them."""
 
-    scores: Scores = field(repr=False)
+    scores: Scores
     """Everything that was found: intervals, errors by block and by segment, reasons."""
     runs: tuple[Run, ...]
     check: tuple[Run, ...]
@@ -82,6 +82,9 @@ class Comparison:
         by = self.scores.scores[0].held_out.by
         unit = f"RMS in deg/h of means over {self.scores.interval_s:g} s, held out by {by}"
         return "\n".join([*text_table(_HEAD, self._rows()), "", unit, floor_text(self.floor), *self._notes()])
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {', '.join(self)}>"
 
     def _repr_html_(self) -> str:
         title = f"RMS in deg/h of means over {self.scores.interval_s:g} s"

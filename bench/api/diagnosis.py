@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 _HEAD = ("suspect", "evidence", "held-out", "removes", "look-alikes")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis:
     """What a diagnosis found; `bench.diagnose` makes it."""
 
-    answer: Answer = field(repr=False)
+    answer: Answer
     """Everything that was found: residuals, limits of detection, what the runs could not excite."""
     runs: tuple[Run, ...]
     check: tuple[Run, ...]
@@ -113,6 +113,9 @@ class Diagnosis:
         if self.suspects:
             lines += ["", *text_table(_HEAD, self._rows()), "* belongs to the explanation"]
         return "\n".join([*lines, *self._notes()])
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.verdict}: {self.sentence}>"
 
     def _repr_html_(self) -> str:
         return html(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -29,16 +29,16 @@ _MOST = 24
 """Coefficients that a summary shows."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """A model fitted to one run or several of one unit; `Run.fit` and `bench.fit` make it."""
 
-    estimate: Estimate = field(repr=False)
+    estimate: Estimate
     """Everything that the fit found: scaled amplitudes, covariance, noise, condition, residuals."""
     runs: tuple[Run, ...]
     check: tuple[Run, ...] = ()
     static: Run | None = None
-    _scored: Score | None = field(default=None, repr=False)
+    _scored: Score | None = None
 
     @property
     def model(self) -> Model:
@@ -160,6 +160,9 @@ class Fit:
         lines = [self._headline(), self._errors(), ""]
         lines += text_table(("coefficient", "value", "std", "unit"), self._rows())
         return "\n".join([*lines, "", *self._notes()])
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self._headline()}>"
 
     def _repr_html_(self) -> str:
         rows = [(key, value, std, in_print(unit)) for key, value, std, unit in self._rows()]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Over: TypeAlias = Literal["temperature", "time"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
     """One record of one unit; `bench.open` and `bench.run` make it.
 
@@ -38,9 +38,9 @@ class Run:
     """Length of the means [s]: 30, or the distance of the rows where a table has them further apart."""
     folder: Path | None
     """Run folder; None for a table or a DataFrame."""
-    finest_s: float = field(repr=False)
+    finest_s: float
     """Length of the shortest means that the noise is read from [s]: 1, or the distance of the rows of a slow table."""
-    _read: Callable[[float], Dataset] = field(repr=False)
+    _read: Callable[[float], Dataset]
 
     @cached_property
     def dataset(self) -> Dataset:
@@ -137,6 +137,9 @@ class Run:
         lines = [self._headline(), ""]
         lines += [f"  {name:<20} {low:>10} to {high} {unit}" for name, low, high, unit in self._ranges()]
         return "\n".join([*lines, "", self._noise()])
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self._headline()}>"
 
     def _repr_html_(self) -> str:
         rows = [(name, f"{low} to {high}", unit) for name, low, high, unit in self._ranges()]

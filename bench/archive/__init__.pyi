@@ -26,6 +26,7 @@ from .fleet.statistics import statistics as statistics
 from .fleet.statistics import to_csv as to_csv
 from .fleet.trends import figure as figure
 from .fleet.trends import trends as trends
+from .fleet.units import NoUnitError as NoUnitError
 from .fleet.units import fleet_of as fleet_of
 from .registry.asking import equipment as equipment
 from .registry.asking import plain as plain

@@ -111,7 +111,7 @@ def _given(wishes: RunOptions, out: Path) -> tuple[Limits | None, dict[str, str]
     The day is today's, as the run's is.
     """
     from bench.analysis import load_limits
-    from bench.deliver import load_equipment, refuse_overdue
+    from bench.deliver import load_instruments, refuse_overdue
 
     found: Limits | None = None
     texts: dict[str, str] = {}
@@ -119,7 +119,7 @@ def _given(wishes: RunOptions, out: Path) -> tuple[Limits | None, dict[str, str]
         found = load_limits(wishes.limits)
         texts["limits.yaml"] = read_text(wishes.limits)
     if wishes.equipment is not None:
-        tools = load_equipment(wishes.equipment)
+        tools = load_instruments(wishes.equipment)
         texts["equipment.yaml"] = read_text(wishes.equipment)
         if wishes.production:
             refuse_overdue(tools, datetime.now(UTC).date(), wishes.equipment)
@@ -132,7 +132,7 @@ def _registered(out: Path, where: str | None) -> str:
     """The registry's equipment as an equipment file; InputError where it has none, or one is not calibrated today."""
     from bench.archive import FILE, equipment
     from bench.commands.registering import open_in
-    from bench.deliver import equipment_yaml, instrument_of_registry, refuse_overdue
+    from bench.deliver import instrument_of_registry, instruments_yaml, refuse_overdue
 
     tools, url = [], where or str(out / FILE)
     if where is not None or (out / FILE).is_file():
@@ -145,7 +145,7 @@ def _registered(out: Path, where: str | None) -> str:
             url,
         )
     refuse_overdue(tools, datetime.now(UTC).date(), url)
-    return equipment_yaml(tools)
+    return instruments_yaml(tools)
 
 
 def _model_file(order: int) -> str:

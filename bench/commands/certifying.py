@@ -11,7 +11,7 @@ from typing import Any
 from bench.analysis import Limits, load_limits
 from bench.base import InputError
 from bench.commands.answer import Answer
-from bench.deliver import load_equipment, load_laboratory
+from bench.deliver import load_instruments, load_laboratory
 from bench.record import write_atomically
 
 
@@ -33,7 +33,7 @@ def certificate(folder: Path, wishes: CertificateOptions, out: Path | None) -> A
     require_typst()
     lab = None if wishes.laboratory is None else load_laboratory(wishes.laboratory)
     tools_file = wishes.equipment or _of_run(folder, "equipment.yaml")
-    tools = () if tools_file is None else load_equipment(tools_file)
+    tools = () if tools_file is None else load_instruments(tools_file)
     evidence = gather(folder, wishes.verification, _limits(folder, wishes), tools)
     issued = _issued(wishes.issued)
     total = budget(evidence)
@@ -71,7 +71,7 @@ def _told_verification(known: Mapping[str, Any] | None) -> list[str]:
         return []
     (low, high), (first, last) = known["covered_degc"], known["validity_degc"]
     covers = f"{known['covered_percent']:.0f} % of {first:.1f} to {last:.1f} degC ({low:.1f} to {high:.1f} degC)"
-    return [f"verification: {known['verdict'] or 'not judged by itself'}, goes through {covers}"]
+    return [f"verification: {known['verdict'] or 'not judged by itself'}, covers {covers}"]
 
 
 def _limits(folder: Path, wishes: CertificateOptions) -> Limits | None:

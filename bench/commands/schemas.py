@@ -10,14 +10,14 @@ from bench.acquisition import ColumnMap, Profile, StationSettings
 from bench.analysis import Limits
 from bench.base import export_schema
 from bench.commands.calibration.plan import Plan
-from bench.deliver import EquipmentFile, Laboratory
+from bench.deliver import InstrumentsFile, Laboratory
 
 SCHEMAS: dict[str, type[BaseModel]] = {
     "profile": Profile,
     "station": StationSettings,
     "columns": ColumnMap,
     "limits": Limits,
-    "equipment": EquipmentFile,
+    "equipment": InstrumentsFile,
     "laboratory": Laboratory,
     "plan": Plan,
 }

@@ -2,11 +2,11 @@ from .certificate.budget import budget as budget
 from .certificate.certificate import facts as facts
 from .certificate.evidence import gather as gather
 from .certificate.figures import figures as figures
-from .certificate.laboratory import EquipmentFile as EquipmentFile
+from .certificate.laboratory import InstrumentsFile as InstrumentsFile
 from .certificate.laboratory import Laboratory as Laboratory
-from .certificate.laboratory import equipment_yaml as equipment_yaml
 from .certificate.laboratory import instrument_of_registry as instrument_of_registry
-from .certificate.laboratory import load_equipment as load_equipment
+from .certificate.laboratory import instruments_yaml as instruments_yaml
+from .certificate.laboratory import load_instruments as load_instruments
 from .certificate.laboratory import load_laboratory as load_laboratory
 from .certificate.laboratory import refuse_overdue as refuse_overdue
 from .certificate.typeset import facts_text as facts_text
@@ -25,6 +25,7 @@ from .report.described import columns as columns
 from .report.described import described as described
 from .report.described import floor_words as floor_words
 from .report.described import ladder_words as ladder_words
+from .report.described import summary_of as summary_of
 from .report.figures_diagnosis import coordinate as coordinate
 from .report.figures_diagnosis import drawable_coordinates as drawable_coordinates
 from .report.figures_diagnosis import improvement_ladder as improvement_ladder
@@ -45,6 +46,7 @@ from .report.figures_workbench import over_temperature as over_temperature
 from .report.figures_workbench import residuals_figure as residuals_figure
 from .report.figures_workbench import side_by_side as side_by_side
 from .report.html import Headline as Headline
+from .report.html import html_page as html_page
 from .report.html import write_report as write_report
 from .report.markup import Row as Row
 from .report.markup import Section as Section

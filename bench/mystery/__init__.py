@@ -1,4 +1,4 @@
-"""Simulated units with something hidden, to practise the diagnosis on."""
+"""Simulated units with a hidden effect, for practice with the diagnosis."""
 
 import lazy_loader
 

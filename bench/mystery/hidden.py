@@ -1,7 +1,7 @@
-"""Units drawn by lot: a smooth curve over temperature and mechanisms of the truth with amplitudes of a given strength.
+"""Random units: a smooth curve over temperature and mechanisms of the truth with amplitudes of a given strength.
 
-The catalogue of the truth is larger than the library of effects. What no run can tell from a constant or from a smooth
-curve (turn-on, a knee) is never drawn.
+The catalogue of the truth is larger than the library of effects. Mechanisms that no run can tell from a constant or
+from a smooth curve (turn-on, a knee) are never drawn.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Entry = dict[str, Any]
 
 NOISE = {"angle_random_walk": 0.01, "bias_instability": 0.03, "rate_random_walk": 0.03}
 CHANNELS: Entry = {
-    # Channels wander enough on their own to be told from the temperature, as those of a real unit do.
+    # Channels also wander by themselves, as those of a real unit do, so that they differ from the temperature.
     "frequency": {"wander_ppm": 20.0},
     "drive": {"wander_ppm": 1000.0},
     "quadrature": {"offset_dps": 0.5, "slope_dps_per_degc": 0.004, "wander_dps": 0.05},
@@ -28,10 +28,10 @@ CHANNELS: Entry = {
 
 @dataclass(frozen=True)
 class Hidden:
-    """A mechanism that may be hidden: parameters that its contribution is proportional to, and groups.
+    """A mechanism that may be hidden, with the parameters to which its contribution is proportional.
 
-    Of one `group` only one is drawn for a unit. `turns`: shows only while a rate table turns. `one_run`: belongs to the
-    run in which it happened, not to the unit.
+    A unit gets at most one mechanism of a `group`. `turns`: it shows only while a rate table turns. `one_run`: it
+    belongs to the run in which it happened, not to the unit.
     """
 
     mechanism: str
@@ -42,12 +42,12 @@ class Hidden:
 
     @property
     def effect(self) -> str | None:
-        """What the bench should call it; None where its library has nothing for it."""
+        """The effect that the bench should name; None where its library has none for it."""
         return MECHANISMS[self.mechanism].effect
 
     @property
     def thermal(self) -> bool:
-        """Moves the resonator's temperature: its amplitudes are time constants, and act in proportion only nearly."""
+        """Whether it moves the resonator's temperature: its amplitudes are time constants, proportional only nearly."""
         return MECHANISMS[self.mechanism].kind == "thermal"
 
 
@@ -83,7 +83,7 @@ HIDDEN: dict[str, Hidden] = {
 
 
 def draw(mechanism: str, rng: np.random.Generator, hours: float) -> Entry:
-    """The mechanism with shape parameters by lot; `hours` is the length of the run."""
+    """The mechanism with random shape parameters; `hours` is the length of the run."""
 
     def log(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))

@@ -1,8 +1,8 @@
-"""A unit with hidden effects: recorded, sealed, and revealed after somebody has named them.
+"""A unit with hidden effects: recorded, sealed, and revealed when a user has named them.
 
 `make_mystery` draws mechanisms from the truth's catalogue, which is larger than the library of effects, and records
-three runs of the unit through the simulated physics: a calibration run, a check run and an isothermal one. The truth
-lies in an envelope that is unreadable at a glance, no more. `reveal` scores a model against it.
+three runs of the unit in the simulated physics: a calibration run, a check run and an isothermal one. The envelope
+holds the truth, encoded but not encrypted. `reveal` scores a model against it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _STRENGTHS = (1.0, 4.0)
 _RUNS = ("run", "check", "static")
 _SILENT = dict.fromkeys(NOISE, 0.0)
 _CURVE_ORDER = 12
-_CURVES = "static"  # family of the effects that are curves over temperature, and no answer to the mystery
+_CURVES = "static"  # family of effects that are curves over temperature; naming one is not an answer to the mystery
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Mystery:
 
 @dataclass(frozen=True)
 class Score:
-    """A model against the truth. Errors [deg/h] are RMS on the check run, `floor_dph` that of perfect knowledge."""
+    """Score of a model against the truth. Errors [deg/h] are RMS on the check run; `floor_dph` is that of the truth."""
 
     hidden: tuple[dict[str, Any], ...]
     """mechanism, effect (None: outside the library) and strength of each."""
@@ -63,7 +63,7 @@ class Score:
     wrong: tuple[str, ...]
     missed: tuple[str, ...]
     outside: tuple[str, ...]
-    """Mechanisms that no effect of the library covers: nothing to name, `unknown` was the right answer."""
+    """Mechanisms that no effect of the library covers; the right answer to them is `unknown`."""
     held_out_rms_dph: float
     true_model_rms_dph: float
     floor_dph: float
@@ -76,14 +76,14 @@ class Score:
 def make_mystery(seed: int, effects_count: int, out: Path, calibration: Path, check: Path) -> Mystery:
     """Record a unit with `effects_count` hidden mechanisms on two profiles into `out`; same seed, same unit.
 
-    Raises InputError: a count that the catalogue does not have, a folder that holds a mystery already, a bad profile.
+    Raises InputError: too many effects for the catalogue, a folder that already holds a mystery, a bad profile.
     """
     drawable = [h for h in HIDDEN.values() if not h.turns]
     if not 1 <= effects_count <= len(drawable) // 4:
         raise InputError(f"--effects is {effects_count}; between 1 and {len(drawable) // 4} can be hidden at once")
     envelope = out / ENVELOPE
     if envelope.exists():
-        raise InputError("holds a mystery already; reveal it, or choose another place with --out", out)
+        raise InputError("holds a mystery already; reveal it, or choose another folder with --out", out)
     texts = dict(zip(_RUNS, (read_text(calibration), read_text(check), _STATIC), strict=True))
     files = dict(zip(_RUNS, (str(calibration), str(check), "isothermal"), strict=True))
     traces = {n: virtual.chamber(profile_from_text(texts[n], files[n]), seed=seed + i) for i, n in enumerate(_RUNS)}
@@ -129,7 +129,7 @@ def _seed(seed: int, number: int) -> int:
 
 
 def _settings(truth: list[Entry], run: str, noise: Mapping[str, float]) -> UnitSettings:
-    """The unit on the day of a run: what happened once happens in the calibration run only."""
+    """The unit during a run; mechanisms of one run act in the calibration run only."""
     own = [e for e in truth if run == "run" or e["mechanism"] not in HIDDEN or not HIDDEN[e["mechanism"]].one_run]
     return UnitSettings.parse({"truth": own, "noise": dict(noise), "channels": CHANNELS})
 
@@ -137,7 +137,7 @@ def _settings(truth: list[Entry], run: str, noise: Mapping[str, float]) -> UnitS
 def _temperature_and_rate(
     truth: list[Entry], noise: Mapping[str, float], trace: virtual.Trace, seed: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Means over 30 s."""
+    """Means over 30 s of temperature [degC] and rate [deg/h]."""
     channels = virtual.unit(_settings(truth, "run", noise), trace, seed).channels
     temperature = channels["temperature"][np.isfinite(channels["temperature"])]
     rows = trace.seconds // 30
@@ -146,7 +146,7 @@ def _temperature_and_rate(
 
 
 def _beyond_curve(temperature: FloatArray, rate: FloatArray) -> float:
-    """RMS of what no smooth curve over temperature takes [deg/h]."""
+    """RMS of the rate beyond a smooth curve over temperature [deg/h]."""
     ends = [float(temperature.min()), float(temperature.max())]
     basis = np.polynomial.chebyshev.chebvander(np.interp(temperature, ends, [-1.0, 1.0]), _CURVE_ORDER)
     left = rate - basis @ np.linalg.lstsq(basis, rate, rcond=None)[0]
@@ -199,7 +199,7 @@ def _open(folder: Path) -> dict[str, Any]:
 
 
 def reveal(folder: Path, model: Model) -> Score:
-    """Open the envelope of a mystery and score a model; InputError without an envelope, or if it cannot be fitted."""
+    """Open the envelope of a mystery and score a model; InputError without an envelope or without a fit."""
     content = _open(folder)
     truth, seed = content["truth"], int(content["seed"])
     mechanisms = [entry["mechanism"] for entry in truth[1:]]
@@ -231,7 +231,7 @@ def reveal(folder: Path, model: Model) -> Score:
 
 
 def _without_noise(run: Path, truth: list[Entry], seed: int) -> Dataset:
-    """The check run as it would be without noise: what perfect knowledge of the unit predicts."""
+    """The check run without noise: the prediction of a perfect model."""
     trace = virtual.chamber(profile_from_text(read_text(run / "profile.yaml")), seed=seed + 1)
     samples = virtual.unit(_settings(truth, "check", _SILENT), trace, _seed(seed, 1))
     with tempfile.TemporaryDirectory() as folder:

@@ -1,8 +1,7 @@
-"""A profile lived through by simulated physics alone: no wires, no frames, no journal, a hundred times faster.
+"""A profile run by simulated physics alone, without buses, frames or a journal: a hundred times faster.
 
-For what needs many runs and no equipment: mysteries and the benchmark of the diagnosis. The chamber is stepped once a
-second and follows the legs as the sequencer would make it; the unit is sampled at 10 Hz, which carries everything that
-means over a second can show.
+Mysteries and the benchmark of the diagnosis need many runs and no equipment. The chamber is stepped once a second and
+follows the legs by the rules of the sequencer; the unit is sampled at 10 Hz, which is enough for means over a second.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ _NODES_PER_S = RATE_HZ / DIVIDER
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """What a chamber did, second by second (n + 1,) from 0 to n, and the segments as a manifest lists them."""
+    """State of a chamber every second (n + 1,) from 0 to n, and the segments in the form of a manifest."""
 
     case: FloatArray
     air: FloatArray
@@ -44,12 +43,12 @@ class Trace:
 
 
 def chamber(profile: Profile, seed: int, plant: Plant | None = None) -> Trace:
-    """The chamber through all legs of a profile, cut to whole steps; EquipmentError where a leg does not end."""
+    """Run a chamber through all legs of a profile, cut to whole steps; EquipmentError where a leg does not end."""
     plant = plant or Plant(seed=seed)
     states, index, segments = [plant.state], [0], []
     for leg in profile.legs():
         begin = len(states) - 1
-        _live(leg, plant, states)
+        _run_leg(leg, plant, states)
         index += [leg.index] * (len(states) - 1 - begin)
         segments.append(_segment(leg, begin, len(states) - 1))
     whole = (len(states) - 1) // STEP_S * STEP_S + 1
@@ -70,8 +69,8 @@ def chamber(profile: Profile, seed: int, plant: Plant | None = None) -> Trace:
     )
 
 
-def _live(leg: Leg, plant: Plant, states: list[PlantState]) -> None:
-    """Step the plant until the leg has ended, as the sequencer would decide it."""
+def _run_leg(leg: Leg, plant: Plant, states: list[PlantState]) -> None:
+    """Step the plant until the leg ends by the rules of the sequencer."""
     rate = leg.rate_degc_per_min if leg.kind == "ramp" else None
     for passed in range(1, int(leg.timeout_s) + 2):
         states.append(plant.step(1.0, leg.target_degc, ramp_degc_per_min=rate))
@@ -120,7 +119,7 @@ class Samples:
 
 
 def unit(settings: UnitSettings, trace: Trace, seed: int, applied_rate_dps: FloatArray | None = None) -> Samples:
-    """A unit in that chamber from power-on at the start; `applied_rate_dps` (seconds + 1,) is what truly turns it."""
+    """A unit in that chamber, powered on at the start; `applied_rate_dps` (seconds + 1,) is the table's true rate."""
     resonator = Resonator(settings, seed, RATE_HZ)
     applied = np.zeros(trace.seconds + 1) if applied_rate_dps is None else applied_rate_dps
     edges = range(0, trace.seconds, STEP_S)

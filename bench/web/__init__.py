@@ -1,7 +1,7 @@
-"""The bench in a browser: one page application and the HTTP API behind it.
+"""The bench in a browser: a single-page application and the HTTP API behind it.
 
-The server reads run folders and the files of live runs, and starts runs as processes of their own; no run depends
-on it.
+The server reads run folders and the files of live runs, and starts each run in a separate process; no run depends on
+the server.
 """
 
 import lazy_loader

@@ -327,7 +327,7 @@ def test_a_host_that_was_overloaded_is_a_warning_and_the_clock_of_the_unit_is_to
         done, None, None, None
     )
     html = str(losses(replace(whole, done=done)).html)
-    assert "its clock runs 12.5 ppm faster than the host's says (± 0.1 ppm, k = 2)" in html.replace("&#39;", "'")
+    assert "its clock runs 12.5 ppm faster than the host's clock (± 0.1 ppm, k = 2)" in html.replace("&#39;", "'")
     assert "the fastest frames lie within 1.2 ms of that line" in html
     assert "No frame waited longer than 3.200 s for the capture." in html
     assert "its clock runs" not in str(losses(whole).html)

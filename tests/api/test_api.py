@@ -338,3 +338,10 @@ def test_a_long_list_of_coefficients_is_cut_in_print_only(run):
 
 def test_tables_line_up():
     assert words.text_table(("a", "b"), [("x", "1.0"), ("long", "10.0")]) == ["a        b", "x      1.0", "long  10.0"]
+
+
+def test_at_a_prompt_every_object_says_what_it_is(run):
+    fit = run.fit("polynomial")
+    assert repr(run).startswith("<Run DataFrame: 480 means over 30 s")
+    assert repr(fit) == "<Fit polynomial: 480 means over 30 s of DataFrame>"
+    assert repr(run.compare([fit])) == "<Comparison of polynomial>"

@@ -145,7 +145,7 @@ def test_a_rebuild_says_every_row_that_differed_and_puts_it_right(where, root):
         again = rebuild(registry, ledger)
     assert compared.differences
     assert 'verdict is "forged", on disk "adequate"' in said
-    assert f"runs {ledger.id}/U-9/{gone.path.name}: in the registry, but nothing on disk says so" in said
+    assert f"runs {ledger.id}/U-9/{gone.path.name}: in the registry, but not on disk" in said
     assert f"runs {ledger.id}/U-2/{forgotten.path.name}: missing in the registry" in said
     assert again.differences == ()
     assert again.counts["runs"] == 2

@@ -16,7 +16,7 @@ from bench.analysis.judging.judge import analyse
 from bench.base.errors import InputError
 from bench.cli import main
 from bench.deliver.certificate.certificate import number_of
-from bench.deliver.certificate.laboratory import Instrument, load_equipment, refuse_overdue
+from bench.deliver.certificate.laboratory import Instrument, load_instruments, refuse_overdue
 from tests.support.run_folders import CYCLE, make_run, ramp_run
 
 typst = pytest.importorskip("typst")
@@ -251,8 +251,8 @@ def judged(made, tmp_path, content, run="check"):
         ({"verdict": "INVALID", "refusals": ["the run is 'aborted'"]}, "is INVALID: the run is 'aborted'; verify"),
         ({"verdict": "INVALID", "limits": {"refusals": ["no floor"]}}, "is INVALID: no floor; verify"),
         ({"verdict": "INVALID"}, "is INVALID: a required value does not exist"),
-        ({"verdict": "GOOD"}, "says no verdict"),
-        ("{", "says no verdict"),
+        ({"verdict": "GOOD"}, "holds no verdict"),
+        ("{", "holds no verdict"),
     ],
 )
 def test_an_invalid_verification_makes_no_certificate(made, tmp_path, content, said):
@@ -357,7 +357,7 @@ def test_a_production_run_without_a_file_takes_the_registrys_equipment(tmp_path,
     said, kept = production_run(tmp_path / "out", monkeypatch, valid, ("time base",))
     assert "of no interest" in said
     (tmp_path / "equipment.yaml").write_text(kept["equipment.yaml"])
-    tools = load_equipment(tmp_path / "equipment.yaml")
+    tools = load_instruments(tmp_path / "equipment.yaml")
     assert [(tool.name, tool.serial, tool.model, str(tool.due)) for tool in tools] == [
         ("time base", "S-1", "sensor", "None"),
         ("Pt100", "S-1", "sensor", "2999-03-01"),
@@ -379,7 +379,7 @@ def test_a_registry_without_equipment_is_none_for_production(tmp_path, monkeypat
 
 
 def test_equipment_that_was_calibrated_later_was_not_calibrated_then(made):
-    sensor, *_ = load_equipment(made / "equipment.yaml")
+    sensor, *_ = load_instruments(made / "equipment.yaml")
     refuse_overdue([sensor], sensor.due)
     early = Instrument(name="clock", serial="1", calibrated=sensor.due)
     with pytest.raises(Exception, match="calibrated later"):

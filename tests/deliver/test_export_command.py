@@ -171,7 +171,7 @@ def test_a_run_with_a_hole_in_its_temperatures_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("name", "edit", "why"),
     [
-        ("calibration.json", edit_amplitude, "it is not of this data"),
+        ("calibration.json", edit_amplitude, "it belongs to other data"),
         ("calibration.json", lambda c: c.update(calibration=None), "holds no calibration"),
         ("calibration.json", lambda c: c["calibration"].pop("scaled"), "is not a calibration of this bench"),
         ("manifest.json", lambda c: c.update(unit="unit"), "give one with --serial"),
@@ -189,7 +189,7 @@ def test_what_cannot_be_read_as_a_calibration_is_refused_even_if_forced(altered,
     [
         (("--format", "xls"), "allowed are json, csv, c, hex, srec, eeprom, a2l"),
         (("--format", "hex", "--form", "float16"), "allowed are float32"),
-        (("--format", "c", "--name", "My Unit"), "no name for C"),
+        (("--format", "c", "--name", "My Unit"), "not a name for C"),
         (("--format", "c", "--model", "nonesuch"), "unknown model"),
     ],
 )

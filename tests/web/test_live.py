@@ -173,17 +173,17 @@ def test_an_analysis_that_dies_is_told_with_why_and_what_to_do(desk, folder, rec
     watcher.turn(30.0)
     last = heard.ends[-1]
     assert (last["state"], last["analysing"], last["units"][0]["analysed"]) == ("done", False, False)
-    assert last["units"][0]["sentence"] == f"not analysed: no disk; `bench report {folder}` makes up for it"
+    assert last["units"][0]["sentence"] == f"not analysed: no disk; `bench report {folder}` analyses it"
     assert watcher.ended("G-1/run") is None
 
 
 @pytest.mark.parametrize(
     ("start", "words"),
     [
-        (None, "why is not known"),
+        (None, "the reason is not known"),
         (
             {"state": "ended", "exit_code": None, "message": "killed; `bench report` …"},
-            "its process was ended from outside",
+            "something ended its process",
         ),
         ({"state": "ended", "exit_code": 4, "message": "no memory"}, "no memory"),
     ],
@@ -195,7 +195,7 @@ def test_a_run_without_report_is_not_analysed_whatever_server_tells_it(folder, o
         monkeypatch.setattr(Starts, "of_run", lambda self, run: {**about, **start} if start else None)
         end = client.get("/api/v1/live/G-1/run").json()["ended"]
         assert (end["state"], end["analysing"], end["units"][0]["analysed"]) == ("done", False, False)
-        assert end["units"][0]["sentence"] == f"not analysed: {words}; `bench report {folder}` makes up for it"
+        assert end["units"][0]["sentence"] == f"not analysed: {words}; `bench report {folder}` analyses it"
         monkeypatch.setattr(Starts, "of_run", lambda self, run: {**about, "state": "running", "exit_code": None})
         assert client.get("/api/v1/live/G-1/run").json()["ended"]["analysing"]
         (folder / "report.html").write_text("")

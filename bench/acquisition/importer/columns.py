@@ -128,6 +128,14 @@ class Mapped:
     """map, header, or assumed: where the unit comes from."""
 
 
+class UnclearColumnError(InputError):
+    """Neither the column map nor a header says which column or unit is meant; `problem` says so without the advice."""
+
+    def __init__(self, problem: str, advice: str, table: Table) -> None:
+        super().__init__(f"{problem}; {advice}", table.path)
+        self.problem = problem
+
+
 def split_header(name: str, stated: str | None = None) -> tuple[str, str | None]:
     """Name and unit of a header such as `rate [deg/h]`, `gx_dph`, `T (°C)`; the unit is None where it has none."""
     if stated:
@@ -154,14 +162,14 @@ def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
         if len(candidates) > 1:
             if CHANNELS[channel].required:
                 names = ", ".join(candidates)
-                raise InputError(f"several columns could be {channel}: {names}; choose one in a column map, "
-                                 f"`{channel}: {{column: {candidates[0]}}}`", table.path)  # fmt: skip
+                advice = f"choose one in a column map, `{channel}: {{column: {candidates[0]}}}`"
+                raise UnclearColumnError(f"several columns could be {channel}: {names}", advice, table)
             continue
         found[channel] = _mapped(table, channel, ChannelSource(column=candidates[0]))
     for channel in ("rate", "temperature"):
         if channel not in found:
-            raise InputError(f"no column is {channel}; it has {', '.join(table.columns)}; name it in a column map, "
-                             f"`{channel}: {{column: …, unit: {examples(channel)[0]}}}`", table.path)  # fmt: skip
+            advice = f"name it in a column map, `{channel}: {{column: …, unit: {examples(channel)[0]}}}`"
+            raise UnclearColumnError(f"no column is {channel}; the table has {', '.join(table.columns)}", advice, table)
     return {channel: found[channel] for channel in CHANNELS if channel in found}
 
 
@@ -175,14 +183,14 @@ def find_time(table: Table, columns: ColumnMap) -> TimeSource:
     if len(candidates) == 1:
         return TimeSource(column=candidates[0])
     if candidates:
-        raise InputError(f"several columns could be time: {', '.join(candidates)}; choose one in a column map, "
-                         f"`time: {{column: {candidates[0]}}}`", table.path)  # fmt: skip
+        advice = f"choose one in a column map, `time: {{column: {candidates[0]}}}`"
+        raise UnclearColumnError(f"several columns could be time: {', '.join(candidates)}", advice, table)
     counters = [name for name in table.columns if _word(name) in _COUNTERS]
     if counters:
-        raise InputError(f"'{counters[0]}' counts samples, and nothing says how long one takes; in a column map, "
-                         f"`time: {{column: {counters[0]}, interval_s: …}}`", table.path)  # fmt: skip
-    raise InputError("no column is time; in a column map, `time: {column: …, unit: s}` or `time: {rate_hz: …}`",
-                     table.path)  # fmt: skip
+        advice = f"say it in a column map, `time: {{column: {counters[0]}, interval_s: …}}`"
+        raise UnclearColumnError(f"'{counters[0]}' counts samples, and nothing says how long one takes", advice, table)
+    advice = "name it in a column map, `time: {column: …, unit: s}` or `time: {rate_hz: …}`"
+    raise UnclearColumnError("no column is time", advice, table)
 
 
 def time_conversion(table: Table, source: TimeSource) -> Conversion:
@@ -228,8 +236,9 @@ def _mapped(table: Table, channel: str, source: ChannelSource) -> Mapped:
     unit, how = source.unit or header, "column map" if source.unit else "header"
     if unit is None:
         if channel == "rate" and source.column != "rate":
-            wanted = f"`rate: {{column: {source.column}, unit: …}}` with one of {', '.join(examples(channel))}"
-            raise InputError(f"'{source.column}' does not say its unit; in a column map, {wanted}", table.path)
+            problem = f"'{source.column}' does not say its unit, which may be {', '.join(examples(channel))}"
+            advice = f"say it in a column map, `rate: {{column: {source.column}, unit: …}}`"
+            raise UnclearColumnError(problem, advice, table)
         unit, how = CHANNELS[channel].unit, "assumed"
     return Mapped(channel, source.column, unit, _convert(table, unit, channel), how)
 

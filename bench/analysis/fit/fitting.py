@@ -169,14 +169,14 @@ def fit_model(
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
     refuse_corrected(records)
     with one_blas_thread():
-        problem = fit_rows(model, records, rows)
-        problem = _choose(problem)
-        theta = _theta(problem, start)
-        bound, columns = problem.bind(theta)
-        solution = solve(columns, problem.y, problem.weights)
-        _refuse(problem, bound, columns, solution)
-        cov, noise = estimate_covariance(problem, bound, columns, solution, covariance)
-        result = _result(problem, bound, solution, cov, noise)
+        laid_out = fit_rows(model, records, rows)
+        laid_out = _choose(laid_out)
+        theta = _theta(laid_out, start)
+        bound, columns = laid_out.bind(theta)
+        solution = solve(columns, laid_out.y, laid_out.weights)
+        _refuse(laid_out, bound, columns, solution)
+        cov, noise = estimate_covariance(laid_out, bound, columns, solution, covariance)
+        result = _result(laid_out, bound, solution, cov, noise)
         steps = coarse_temperature(bound, solution.beta, result.rms_dph, records, quantisation_limit_dph)
         stuck = (f"{key} = {result.theta[key]:g} is on its bound: not determined" for key in result.on_bound)
         return replace(result, warnings=(*steps, *stuck))
@@ -190,70 +190,70 @@ def refuse_corrected(records: Iterable[Dataset]) -> None:
             raise InputError(f"{text} and cannot be fitted or checked against; use runs of the raw rate")
 
 
-def _choose(problem: FitRows) -> FitRows:
+def _choose(rows: FitRows) -> FitRows:
     """Settle automatic options: the variant with the least RMS on left-out blocks."""
-    for i, effect in enumerate(problem.model.effects):
+    for i, effect in enumerate(rows.model.effects):
         choices = effect.choices()
         if not choices:
             continue
-        scored = [(score, variant) for variant in choices if np.isfinite(score := _left_out(problem.using(i, variant)))]
+        scored = [(score, variant) for variant in choices if np.isfinite(score := _left_out(rows.using(i, variant)))]
         if not scored:
             raise InputError(f"{effect.name}: these rows determine none of its variants; record a longer or wider run")
-        problem = problem.using(i, min(scored, key=lambda pair: pair[0])[1])
-    return problem
+        rows = rows.using(i, min(scored, key=lambda pair: pair[0])[1])
+    return rows
 
 
-def _left_out(problem: FitRows) -> float:
+def _left_out(rows: FitRows) -> float:
     try:
-        _, columns = problem.bind(problem.start())
+        _, columns = rows.bind(rows.start())
     except InputError:
         return np.inf
-    return left_out_rms(solve(columns, problem.y, problem.weights), problem.weights, problem.blocks())
+    return left_out_rms(solve(columns, rows.y, rows.weights), rows.weights, rows.blocks())
 
 
-def _theta(problem: FitRows, start: Mapping[str, float] | None) -> FloatArray:
-    parameters: Sequence[Parameter] = problem.parameters
+def _theta(rows: FitRows, start: Mapping[str, float] | None) -> FloatArray:
+    parameters: Sequence[Parameter] = rows.parameters
     if not parameters:
         return np.zeros(0)
-    given = None if start is None else np.array([start[key] for key in problem.parameter_keys])
+    given = None if start is None else np.array([start[key] for key in rows.parameter_keys])
 
     def residual(theta: FloatArray) -> FloatArray:
         try:
-            _, columns = problem.bind(theta, trial=True)
+            _, columns = rows.bind(theta, trial=True)
         except InputError:  # a lag so long that the shifted temperature stands still
-            return np.full(problem.y.size, np.inf)
-        return projected(columns, problem.y, problem.weights)
+            return np.full(rows.y.size, np.inf)
+        return projected(columns, rows.y, rows.weights)
 
     return search(residual, parameters, given)
 
 
-def _refuse(problem: FitRows, bound: Bound, columns: FloatArray, solution: Solution) -> None:
+def _refuse(rows: FitRows, bound: Bound, columns: FloatArray, solution: Solution) -> None:
     n, p = columns.shape
     if n < p:
-        raise InputError(f"{n} rows for {p} coefficients of model '{problem.model.name}': record more, or fit less")
+        raise InputError(f"{n} rows for {p} coefficients of model '{rows.model.name}': record more, or fit less")
     if not np.all(np.isfinite(columns)):
-        raise InputError(f"model '{problem.model.name}' has columns that are not finite in rows without a gap")
+        raise InputError(f"model '{rows.model.name}' has columns that are not finite in rows without a gap")
     if solution.condition > MOST_CONDITION:
-        culprit = dependent_column(columns, problem.weights)
+        culprit = dependent_column(columns, rows.weights)
         key = next((k for k, own in bound.slices.items() if own.start <= culprit < own.stop), "constant")
         raise InputError(
-            f"model '{problem.model.name}' is not determined by these rows (condition {solution.condition:.1g}, limit "
+            f"model '{rows.model.name}' is not determined by these rows (condition {solution.condition:.1g}, limit "
             f"{MOST_CONDITION:.0e}): '{key}' repeats what the other terms contain; leave it out or vary its channel"
         )
 
 
-def _result(problem: FitRows, bound: Bound, solution: Solution, cov: FloatArray, noise: Noise | None) -> Fit:
+def _result(rows: FitRows, bound: Bound, solution: Solution, cov: FloatArray, noise: Noise | None) -> Fit:
     return Fit(
-        model=problem.model,
+        model=rows.model,
         bound=bound,
         beta=solution.beta,
         covariance=cov,
         noise=noise,
-        rms_dph=float(np.sqrt(solution.rss / np.sum(problem.weights))),
+        rms_dph=float(np.sqrt(solution.rss / np.sum(rows.weights))),
         condition=solution.condition,
-        rows=problem.y.size,
-        interval_s=problem.records[0].interval_s,
-        runs=tuple(record.name for record in problem.records),
-        validity=problem.validity(),
-        residuals=problem.scatter(solution.residual),
+        rows=rows.y.size,
+        interval_s=rows.records[0].interval_s,
+        runs=tuple(record.name for record in rows.records),
+        validity=rows.validity(),
+        residuals=rows.scatter(solution.residual),
     )

@@ -77,19 +77,19 @@ def _stored(content: Mapping[str, Any], dataset: Dataset, path: Path) -> tuple[F
         effects = [{e["effect"]: e["options"]} for e in described["effects"]]
         model = model_from({"name": described["name"], "rows": described["rows"], "effects": effects})
         dataset, model = _rows(dataset, model)
-        problem = fit_rows(model, (dataset,))
+        rows = fit_rows(model, (dataset,))
         values = np.array(content["scaled"]["values"], dtype=np.float64)
-        size = values.size - len(problem.parameters)
-        bound, columns = problem.bind(values[size:])
-        residual = problem.y - columns @ values[:size]
+        size = values.size - len(rows.parameters)
+        bound, columns = rows.bind(values[size:])
+        residual = rows.y - columns @ values[:size]
         condition, rms_dph = float(content["condition"]), float(content["rms_dph"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"is not a calibration of this bench ({error!r})", path) from error
-    _check_same(problem, residual, rms_dph, path)
+    _check_same(rows, residual, rms_dph, path)
     fit = Fit(
-        model=problem.model, bound=bound, beta=values[:size], covariance=_covariance(content, values.size), noise=None,
-        rms_dph=rms_dph, condition=condition, rows=problem.y.size, interval_s=dataset.interval_s,
-        runs=(dataset.name,), validity=problem.validity(), residuals=problem.scatter(residual),
+        model=rows.model, bound=bound, beta=values[:size], covariance=_covariance(content, values.size), noise=None,
+        rms_dph=rms_dph, condition=condition, rows=rows.y.size, interval_s=dataset.interval_s,
+        runs=(dataset.name,), validity=rows.validity(), residuals=rows.scatter(residual),
     )  # fmt: skip
     return fit, dataset
 
@@ -99,8 +99,8 @@ def _covariance(content: Mapping[str, Any], size: int) -> Any:
     return np.array([[np.nan if value is None else value for value in row] for row in rows], dtype=np.float64)
 
 
-def _check_same(problem: FitRows, residual: Any, rms_dph: float, path: Path) -> None:
-    actual_dph = float(np.sqrt(np.sum(problem.weights * residual**2) / np.sum(problem.weights)))
+def _check_same(rows: FitRows, residual: Any, rms_dph: float, path: Path) -> None:
+    actual_dph = float(np.sqrt(np.sum(rows.weights * residual**2) / np.sum(rows.weights)))
     if not abs(actual_dph - rms_dph) <= _SAME * max(rms_dph, 1e-9):
         raise InputError(
             f"says a residual of {rms_dph:.6g} deg/h, this run's data give {actual_dph:.6g}: it belongs to other data; "

@@ -14,7 +14,7 @@ _MOST = 12
 
 
 def difference_of(a: Path, b: Path) -> dict[str, Any]:
-    """All that differs; InputError where one is no run folder."""
+    """All differences; InputError where a path is not a run folder."""
     runs = open_run(a), open_run(b)
     manifests = [run.manifest() for run in runs]
     known = [_calibration(run) for run in runs]
@@ -50,7 +50,7 @@ def _calibration(run: RunFolder) -> dict[str, Any]:
 
 
 def lines(found: Mapping[str, Any]) -> Iterator[str]:
-    """The answer for a terminal: what was measured first, how it was made after."""
+    """The answer for a terminal: first the results of both runs, then their settings."""
     for side in ("a", "b"):
         run = found[side]
         yield f"{side.upper()}  {run['unit']}, {run['profile']}, {run['created']}: {run['run']}"

@@ -1,4 +1,4 @@
-"""What two runs gave: quantities, coefficients with their uncertainty, and the model curves on the same rows."""
+"""Differences in the results of two runs: quantities, coefficients with their uncertainty, model curves."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from bench.analysis import Source, source_of
 from bench.base import BoolArray, FloatArray, InputError, finite
 
 BEYOND_CHANCE = 3.0
-"""Coefficients differ from here on, in standard deviations of their difference."""
+"""Coefficients count as different beyond this number of standard deviations of their difference."""
 EXACT_SHARE = 0.005
-"""Numbers without an uncertainty differ from this share of the larger on …"""
+"""Numbers without an uncertainty count as different beyond this share of the larger …"""
 _ROUGH = {"condition": 0.5}
-"""… but of these only the size tells …"""
+"""… except these, which must differ more …"""
 _NO_RESULT = {"extrapolated_percent"}
-"""… and these change with every record."""
+"""… and these, which change with every record."""
 BINS = 25
 
 Entry = dict[str, Any]
 
 
 def quantities(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Entry]:
-    """Quantities of calibration.json whose 95 % intervals do not meet, the furthest apart first."""
+    """Quantities of calibration.json whose 95 % intervals do not overlap, the largest difference first."""
     one, other = ({entry["name"]: entry for entry in side.get("quantities") or ()} for side in (a, b))
     found = []
     for name in dict.fromkeys([*one, *other]).keys() - _NO_RESULT:
@@ -58,7 +58,7 @@ def _told(side: Mapping[str, Any] | None) -> Entry | None:
 
 
 def coefficients(a: Mapping[str, Any], b: Mapping[str, Any]) -> Entry:
-    """Coefficients and parameters that differ beyond chance, by their z-score; or why they cannot be compared."""
+    """Coefficients and parameters that differ beyond chance, by z-score, or the reason why they cannot be compared."""
     one, other = a.get("calibration"), b.get("calibration")
     if not one or not other:
         which = " and ".join(name for name, side in (("A", one), ("B", other)) if not side)
@@ -74,14 +74,14 @@ def coefficients(a: Mapping[str, Any], b: Mapping[str, Any]) -> Entry:
 
 
 def _unlike(a: Mapping[str, Any], b: Mapping[str, Any]) -> str | None:
-    """Why the coefficients of two models mean different things."""
+    """The reason why the coefficients of two models are not comparable; None where they are."""
     effects = [[(entry["effect"], entry["options"]) for entry in model["effects"]] for model in (a, b)]
     if effects[0] != effects[1] or a["rows"] != b["rows"]:
         return f"the models differ: {a['name']} and {b['name']}"
     for x, y in zip(a["effects"], b["effects"], strict=True):
         knots = [np.array(side["state"].get("knots", ()), dtype=float) for side in (x, y)]
         if knots[0].shape != knots[1].shape or not np.allclose(knots[0], knots[1], rtol=0.0, atol=1e-9):
-            return f"the pieces of '{x['effect']}' lie between other knots; the curves tell"
+            return f"the pieces of '{x['effect']}' have different knots; compare the curves"
     return None
 
 
@@ -94,7 +94,7 @@ def _coefficient(key: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> Entry:
 
 
 def curves(a: Path, b: Path, floor_dph: float) -> Entry:
-    """Both models on the rows of both runs, over temperature, inside both ranges of validity [deg/h], B less A."""
+    """Difference B less A of both models [deg/h] over temperature, on rows of both runs within both validity ranges."""
     try:
         sources = source_of(a), source_of(b)
         parts = [_on(record, *sources) for record in sources]

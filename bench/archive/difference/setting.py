@@ -1,4 +1,4 @@
-"""How two runs were made: files, versions, segments, losses."""
+"""Differences in the settings of two runs: files, versions, segments, losses."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from bench.base import read_yaml
 from bench.record import Manifest, RunFolder
 
 LEAST_S = 2.0
-"""Segments that differ by less [s], or by less than `LEAST_SHARE` of their length, took the same time."""
+"""Durations that differ by less [s], or by less than `LEAST_SHARE`, count as equal."""
 LEAST_SHARE = 0.01
 _FREE_TEXT = {"description"}
 _FACTS = ("unit", "simulated", "purpose", "state", "cause", "sample_rate_hz", "rate_step_dph", "seeds")
 _TRAFFIC = {"received"}
-"""Counters that grow with the length of a run and tell nothing of its quality."""
+"""Counters that grow with the length of a run, whatever its quality."""
 
 Entry = dict[str, Any]
 
 
 def files(a: RunFolder, b: RunFolder, name: str) -> list[Entry]:
-    """Settings that differ between two YAML files of the runs: where, and both values; comments do not count."""
+    """Settings that differ between two YAML files of the runs: place and both values; comments are ignored."""
     return list(trees(_yaml(a, name), _yaml(b, name)))
 
 
 def facts(a: Manifest, b: Manifest) -> list[Entry]:
-    """What the manifests say of unit, purpose and outcome."""
+    """Differences of the manifests in unit, purpose and outcome."""
     return list(trees({key: a.get(key) for key in _FACTS}, {key: b.get(key) for key in _FACTS}))
 
 
 def trees(a: Any, b: Any, where: str = "") -> Iterator[Entry]:
-    """Leaves of two parsed files that differ; None stands for a key that is not there."""
+    """Leaves of two parsed files that differ; None stands for a missing key."""
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         for key in [*a, *(key for key in b if key not in a)]:
             if key not in _FREE_TEXT:
@@ -45,7 +45,7 @@ def trees(a: Any, b: Any, where: str = "") -> Iterator[Entry]:
 
 
 def segments(a: Manifest, b: Manifest) -> list[Entry]:
-    """Executed segments that only one run has, that ended otherwise, or took another time; the gravest first."""
+    """Executed segments of only one run, or with another outcome or duration; the most important first."""
     found = []
     one, other = list(a.get("segments") or ()), list(b.get("segments") or ())
     names = [[str(segment["name"]) for segment in side] for side in (one, other)]
@@ -60,7 +60,7 @@ def segments(a: Manifest, b: Manifest) -> list[Entry]:
 
 
 def _segment(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> Entry:
-    """One segment in both runs; empty where it is the same."""
+    """The difference of one segment; empty where both are equal."""
     sides = [None if s is None else {"outcome": s["outcome"], "duration_s": s["to_s"] - s["from_s"]} for s in (a, b)]
     entry = {"segment": (a or b or {})["name"], "a": sides[0], "b": sides[1]}
     if sides[0] is None or sides[1] is None:

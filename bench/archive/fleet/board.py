@@ -1,4 +1,4 @@
-"""The fleet for a page that asks piece by piece: an overview without figures, one figure at a time, a safe table."""
+"""The fleet for a web page: an overview without figures, one figure at a time, and a table for spreadsheets."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Found = dict[str, Any]
 
 
 def overview(found: Statistics) -> Found:
-    """All numbers, what asks for attention, and which figures there are."""
+    """All numbers, what needs attention, and which figures exist."""
     newest = found.fleet.newest
     content = found.to_json()
     for one, measured in zip(content["quantities"], found.measured, strict=True):
@@ -45,7 +45,7 @@ def overview(found: Statistics) -> Found:
 
 
 def _attention(found: Statistics) -> Found:
-    """The same that `bench fleet` says in its sentence, as parts."""
+    """The parts of the sentence that `bench fleet` prints."""
     places = {
         kind: list(dict.fromkeys(one.place for one in found.drifts if one.kind == kind and one.significant))
         for kind in ("station", "lot")
@@ -62,7 +62,7 @@ def _attention(found: Statistics) -> Found:
 
 
 def drawn(found: Statistics, name: str) -> Found:
-    """One figure, whose unit each of its places on the x axis is, and the signals; InputError for another name."""
+    """One figure with the unit of each place on its x axis and the signals; InputError for an unknown name."""
     if name == DISTANCES and np.any(np.isfinite(found.distances)):
         newest = found.fleet.newest
         plot = figures.distances(
@@ -72,7 +72,7 @@ def drawn(found: Statistics, name: str) -> Found:
     one = next((one for one in found.measured if one.name == name and one.chart is not None), None)
     if one is None or one.chart is None:
         known = ", ".join([*(one.name for one in found.measured if one.chart), DISTANCES])
-        raise InputError(f"no chart of '{name}'; there are {known}")
+        raise InputError(f"no chart of '{name}'; the charts are {known}")
     units = _units(found, one)
     signals = [{"rule": s.rule, "text": s.text, "unit": units[s.index], "at": s.index + 1} for s in one.chart.signals]
     plot = figures.control(one.chart, one.name, one.unit, (one.lower, one.upper))
@@ -84,7 +84,7 @@ def _units(found: Statistics, one: Measured) -> list[str]:
 
 
 def safe_csv(found: Statistics) -> str:
-    """`to_csv` for a spreadsheet: no cell begins like a formula."""
+    """`to_csv` for a spreadsheet, with no cell that it would take for a formula."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(
         [harmless(cell) for cell in row] for row in csv.reader(io.StringIO(to_csv(found)))
@@ -93,7 +93,7 @@ def safe_csv(found: Statistics) -> str:
 
 
 def harmless(cell: str) -> str:
-    """The cell, behind an apostrophe where a spreadsheet would calculate it; numbers stay numbers."""
+    """The cell, with an apostrophe in front where a spreadsheet would take it for a formula; numbers stay numbers."""
     if not cell or cell[0] not in "=+-@\t\r":
         return cell
     try:

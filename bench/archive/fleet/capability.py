@@ -1,4 +1,4 @@
-"""How well a process keeps its limits: Cpk and Ppk with intervals, and the fraction that was outside."""
+"""Capability of a process against its limits: Cpk and Ppk with intervals, and the number of values outside."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Control charts of individual values and moving ranges, and the runs rules that tell a process from chance.
+"""Control charts of individual values and moving ranges, with the runs rules that separate a change from chance.
 
-sigma is that of neighbours, mean moving range / 1.128, so that a drift does not widen its own limits.
+sigma comes from neighbours, mean moving range / 1.128, so that a drift does not widen its own limits.
 Source: W. A. Shewhart (1931); L. S. Nelson, J. Quality Technology 16 (1984) 237 (the eight rules; 1, 5, 6 and 2 with 8
 in place of 9 are those of Western Electric (1956)).
 """
@@ -17,12 +17,12 @@ from bench.base import BoolArray, FloatArray
 D2, D4 = 1.128, 3.267
 """Mean of the range of two normal values over sigma; upper limit of a moving range over its mean."""
 LEAST = 8
-"""Values below which a chart says nothing."""
+"""Least number of values for a chart."""
 
 
 @dataclass(frozen=True)
 class Signal:
-    """A rule that the values up to `index` break, and what it says."""
+    """A rule, in words too, that the values up to `index` break."""
 
     rule: int
     index: int
@@ -98,11 +98,11 @@ RULES: tuple[tuple[int, str, Callable[[FloatArray], BoolArray]], ...] = (
     (7, "fifteen in a row within one sigma", lambda z: _all(np.abs(z) < 1, 15)),
     (8, "eight in a row beyond one sigma", lambda z: _all(np.abs(z) > 1, 8)),
 )
-"""Number, words, and where it is broken."""
+"""Number of each rule, its words, and a function that marks where values break it."""
 
 
 def signals(z: FloatArray) -> tuple[Signal, ...]:
-    """Breaks of the rules by values (n,) in sigmas; a row that goes on is said once, where it begins to be one."""
+    """Breaks of the rules by values (n,) in sigmas; a break that continues is reported once, at its start."""
     found = []
     for rule, text, broken in RULES:
         at = broken(z)

@@ -18,7 +18,7 @@ from bench.record import load
 
 @dataclass
 class Collected:
-    """What `collect` did: rows in the file, runs read for it, and a line about each that has no moments."""
+    """Result of `collect`: rows in the file, runs that were read, and a line for each run without moments."""
 
     rows: int = 0
     fresh: int = 0
@@ -26,7 +26,7 @@ class Collected:
 
 
 def collect(registry: Registry, ledger: Ledger, path: Path) -> Collected:
-    """Bring the file up to date: rows of runs that are unchanged stay, those of newer or changed runs are made."""
+    """Bring the file up to date: rows of unchanged runs stay, rows of new or changed runs are computed."""
     wanted: dict[str, tuple[str, str, str]] = {}
     for run in runs(registry):
         if run["archive"] == ledger.id and run["state"] == "done":

@@ -1,8 +1,8 @@
-"""Drift of stations and differences of lots, told apart: value = lot + station + slope of the station x time.
+"""Separates drift of stations from differences of lots: value = lot + station + slope of the station x time.
 
 A station that drifts moves the units of one lot against each other; a lot that differs moves all its units at once.
-Slopes are therefore those within lots. Units far from their lot are left out first, so that one bad unit is no drift.
-p values are those of the t distribution after Holm's correction for all that were tested.
+Slopes are therefore taken within lots. Units far from their lot are left out first, so that one bad unit does not
+appear as a drift. p values come from the t distribution, with Holm's correction for the number of tests.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg, stats
 
+from bench.archive.fleet.charts import D2
 from bench.base import BoolArray, FloatArray, IntArray
 
 SIGNIFICANT = 0.01
@@ -36,20 +37,20 @@ class Drift:
     p: float
     count: int
     ewma: float = np.nan
-    """A station's weighted mean of late, in its own sigmas; beyond +-3 of them it left its level."""
+    """Weighted mean of a station's latest units, in units of its limit; beyond +-1 the station has left its level."""
 
     @property
     def significant(self) -> bool:
-        """Whether chance is an unlikely cause, among all that were tested."""
+        """Whether chance is an unlikely cause, given the number of tests."""
         return self.p < SIGNIFICANT
 
 
 def drifts(
     values: FloatArray, time_s: FloatArray, stations: Sequence[str], lots: Sequence[str], quantity: str
 ) -> list[Drift]:
-    """Slope of every station and offset of every lot for one quantity (n,); nothing where they cannot be told.
+    """Slope of every station and offset of every lot for one quantity (n,); none where the data do not determine them.
 
-    `p` is not corrected yet: see `corrected`.
+    `corrected` corrects `p` afterwards.
     """
     lot = np.unique(np.asarray(lots, dtype=str), return_inverse=True)[1]
     keep = _near(values, lot)
@@ -70,7 +71,7 @@ def drifts(
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """Least squares of y on columns (n, k) within lots: what is left for lots and noise, and the covariance."""
+    """Least squares of y on columns (n, k) within lots: the remainder for lots and noise, and the covariance."""
 
     columns: FloatArray
     left: FloatArray
@@ -91,7 +92,7 @@ class _Solved:
 
 
 def _solve(columns: FloatArray, y: FloatArray, lot: IntArray, freedom: int) -> _Solved:
-    """Lots may be hundreds: their means are taken off, which leaves the same coefficients (Frisch, Waugh, Lovell)."""
+    """Subtracts the means of the lots, possibly hundreds: the coefficients stay the same (Frisch, Waugh, Lovell)."""
     inside = columns - _means(columns, lot)[lot]
     scale = np.linalg.norm(inside, axis=0)
     known = scale > 1e-9 * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
@@ -127,7 +128,7 @@ def _of_stations(
 
 
 def _of_lots(solved: _Solved, names: Sequence[str], lot: IntArray, quantity: str) -> Iterator[Drift]:
-    """Each lot against the others; the one that differs most first, and no later one is compared to it."""
+    """Each lot against the others, the most different first; later lots are not compared with it."""
     sizes = np.bincount(lot).astype(np.float64)
     means = _means(np.column_stack([solved.left, solved.columns]), lot)
     waiting = {i for i in range(len(names)) if sizes[i] >= 3}
@@ -158,7 +159,7 @@ def _against(
 
 
 def corrected(found: Sequence[Drift]) -> list[Drift]:
-    """The same with p values after Holm's correction, the least first. Source: S. Holm, Scand. J. Stat. 6 (1979) 65."""
+    """The drifts, least p first, after Holm's correction. Source: S. Holm, Scand. J. Stat. 6 (1979) 65."""
     ordered = sorted(found, key=lambda drift: drift.p)
     highest, out = 0.0, []
     for rank, drift in enumerate(ordered):
@@ -168,11 +169,11 @@ def corrected(found: Sequence[Drift]) -> list[Drift]:
 
 
 def ewma(values: FloatArray) -> float:
-    """Last exponentially weighted mean of values (n,) in order of time, in units of its limit: beyond +-1 it is out.
+    """Last exponentially weighted mean of values (n,) in order of time, in units of its limit.
 
     Source: S. W. Roberts, Technometrics 1 (1959) 239.
     """
-    sigma = float(np.mean(np.abs(np.diff(values)))) / 1.128 if values.size > 1 else 0.0
+    sigma = float(np.mean(np.abs(np.diff(values)))) / D2 if values.size > 1 else 0.0
     if sigma == 0.0:
         return np.nan
     level = 0.0

@@ -1,4 +1,4 @@
-"""Figures of a fleet: control charts, and how far every unit is from its lot."""
+"""Figures of a fleet: control charts, and the distance of every unit from its lot."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def control(drawn: Chart, name: str, unit: str, limits: tuple[float | None, floa
     levels += [level_line(end, text, ORANGE) for end, text in ((low, "−3σ"), (high, "+3σ"))]
     inside = (drawn.values.min(), drawn.values.max(), low, high)
     for end, text in zip(limits, ("lower limit", "upper limit"), strict=True):
-        # A limit far outside would press the values into a line; the table has it.
+        # A limit far outside would flatten the curve; the table shows it.
         if end is not None and min(inside) - np.ptp(inside) < end < max(inside) + np.ptp(inside):
             levels.append(level_line(end, text, VERMILION))
     shapes, labels = [], []
@@ -60,7 +60,7 @@ def control(drawn: Chart, name: str, unit: str, limits: tuple[float | None, floa
 
 
 def distances(values: FloatArray, lots: Sequence[str], odd: Sequence[int], serials: Sequence[str]) -> Plot:
-    """Robust distance of every unit (n,), a colour a lot; odd ones by name."""
+    """Robust distance of every unit (n,), coloured by lot; odd units are named."""
     number = _numbers(values.size)
     names = list(dict.fromkeys(lots))
     traces = []

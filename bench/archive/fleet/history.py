@@ -1,7 +1,7 @@
-"""The history of one unit: its runs, its calibrations and how far each still counts, certificates, what was written.
+"""The history of one unit: its runs, its calibrations with their status, certificates, and writes into its memory.
 
-A calibration is `in_unit` when the newest record of a write names its run, `newest` when it passed and no later one
-did, `not_passed` when it must not be delivered, `superseded` otherwise.
+A calibration is `in_unit` when the newest record of a write names its run, `newest` when it is the latest that passed,
+`not_passed` when it must not be delivered, `superseded` otherwise.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Archive:
     id: str
 
     def folder(self, run: Mapping[str, Any]) -> Path | None:
-        """Folder of a run of the registry; None where it is of another archive, or gone."""
+        """Folder of a run of the registry; None where it belongs to another archive or no longer exists."""
         if run["archive"] != self.id:
             return None
         folder = self.root / str(run["path"])
@@ -45,12 +45,12 @@ class Archive:
 
 
 def unit_history(registry: Registry, archive: Archive, serial: str, now: datetime) -> Found:
-    """All of it, the newest first; InputError where the registry knows no such unit."""
+    """The whole history, newest first; InputError for a unit that is not in the registry."""
     with registry.reading() as connection:
         unit = TABLES["units"]
         known = connection.execute(select(unit).where(unit.c.serial == serial)).mappings().first()
     if known is None:
-        raise InputError(f"no unit '{serial}' in the registry; the list of units shows those that are known")
+        raise InputError(f"no unit '{serial}' in the registry; the list of units shows the known ones")
     found = runs_of(registry, serial)
     memory = writes(archive.root, serial)
     return {
@@ -127,7 +127,7 @@ def _rows(registry: Registry, ids: Sequence[str]) -> tuple[dict[str, Found], dic
 
 
 def printed_certificate(root: Path, serial: str, number: str) -> Path | None:
-    """The PDF of the certificate of that number; it is beside its facts, in the run folder or in that of the job."""
+    """The PDF of the certificate with this number; it lies beside its facts, in the folder of the run or of the job."""
     return dict(_printed(root, slug(serial))).get(number)
 
 
@@ -138,7 +138,7 @@ def _printed(root: Path, unit: str) -> Iterator[tuple[str, Path]]:
 
 
 def writes(root: Path, serial: str) -> list[Found]:
-    """What was written into the unit's memory by this bench, the newest first; failed attempts too."""
+    """Writes of this bench into the unit's memory, newest first, with failed attempts."""
     keys = ("utc", "operator", "protocol", "model", "form", "calibration_id", "bank", "coefficient_set", "crc",
             "state", "error")  # fmt: skip
     records = [_json(path) for path in sorted((root / slug(serial) / "flash").glob("*.json"), reverse=True)]
@@ -158,7 +158,7 @@ def _age_days(created: object, now: datetime) -> float | None:
 
 
 def _json(path: Path) -> Found:
-    """The object in a file, empty where there is none that can be read: one broken file hides no history."""
+    """The object in a file; empty where it is missing or broken, so that one file cannot hide the history."""
     try:
         return read_json(path, "missing")
     except InputError:

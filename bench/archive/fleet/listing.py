@@ -1,4 +1,4 @@
-"""Every unit that the registry knows, a line each: its runs, the last of them, and its newest calibration."""
+"""The list of all units: number of runs, the last run, and the newest calibration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Found = dict[str, Any]
 
 
 def listing(registry: Registry) -> list[Found]:
-    """All units by serial number; `standing` is that of the newest calibration."""
+    """All units by serial number; `standing` comes from the newest calibration."""
     unit, run, calibration, certificate = (
         TABLES[name] for name in ("units", "runs", "calibrations", "certificates")
     )  # fmt: skip

@@ -1,6 +1,6 @@
-"""The moments of a fleet in one file: a Parquet table with a row a run, read and written in groups of 256 rows.
+"""The moments of a fleet in one file: a Parquet table with a row per run, read and written in groups of 256 rows.
 
-Memory is that of a few groups, however many units there are: 100,000 units are some 600 MB on disk.
+Memory holds a few groups, whatever the number of units; 100,000 units take some 600 MB on disk.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bench.analysis import SIZE
 from bench.base import FloatArray, InputError
 
 GROUP = 256
-"""Rows of a group: one task of a refit."""
+"""Rows of a group, which is one task of a refit."""
 
 SCHEMA = pa.schema(
     [
@@ -33,7 +33,7 @@ SCHEMA = pa.schema(
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """Moments of a run: its unit, its id, the hash of the manifest they were made with, the packed numbers (SIZE,)."""
+    """Moments of a run: unit, id, hash of the manifest that they belong to, packed numbers (SIZE,)."""
 
     unit: str
     run: str
@@ -51,7 +51,7 @@ class Group:
 
 
 def write(path: Path, rows: Iterable[Stored]) -> int:
-    """Write a file in place of what is there, in one move at the end; returns the number of rows."""
+    """Write a file, replacing an older one in one move at the end; returns the number of rows."""
     partial = path.with_name(f".{path.name}.part")
     count = 0
     try:
@@ -75,7 +75,7 @@ def _table(group: tuple[Stored, ...]) -> pa.Table:
 
 
 def read(path: Path) -> Iterator[Stored]:
-    """The rows, one after the other; nothing where there is no file."""
+    """The rows, one by one; none without a file."""
     if not path.exists():
         return
     with _open(path) as file:
@@ -88,7 +88,7 @@ def read(path: Path) -> Iterator[Stored]:
 
 
 def known(path: Path) -> dict[str, str]:
-    """Run to hash of the manifest, of all rows: without reading the numbers."""
+    """Hash of the manifest by run, for all rows, without reading the numbers."""
     if not path.exists():
         return {}
     with _open(path) as file:
@@ -118,7 +118,9 @@ def _open(path: Path) -> pq.ParquetFile:
         raise InputError(f"moments cannot be read: {error}".partition("\n")[0], path) from None
     if not file.schema_arrow.equals(SCHEMA):
         file.close()
-        raise InputError("not moments of this bench's format; remove the file, it is made again from the runs", path)
+        raise InputError(
+            "not moments in the format of this bench; remove the file, it is made again from the runs", path
+        )
     return file
 
 

@@ -1,24 +1,24 @@
-"""The page of a fleet: one file, drawn with the pieces of the run's report, that asks no network for anything."""
+"""The page of a fleet: one HTML file, made of the same pieces as the report of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib.resources import files
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from bench.archive.fleet import figures
 from bench.archive.fleet.drift import SIGNIFICANT
 from bench.archive.fleet.statistics import Measured, Statistics
-from bench.base import __version__, in_print, listed, moment, number
-from bench.deliver import Headline, Row, Section, figure, heading, lead, paragraph, table
+from bench.base import in_print, listed, moment, number
+from bench.deliver import Headline, Row, Section, figure, heading, html_page, lead, paragraph, table
 
-_ASSETS = files("bench.deliver.report") / "assets"
 GOOD_CPK = 1.33
 """Four sigma between the mean and the nearer limit: the usual least capability of a process."""
+
+
+_VERBS = {"station": ("drifts", "drift"), "lot": ("differs", "differ")}
 
 
 @dataclass(frozen=True)
@@ -31,25 +31,20 @@ class _Word:
 def render(found: Statistics) -> str:
     """The page as HTML text."""
     sections = [_capability(found), _drift(found), _unlike(found), *_charts(found)]
-    environment = Environment(undefined=StrictUndefined, autoescape=True)
     newest = found.fleet.newest
-    return environment.from_string(_asset("report.html.j2")).render(
+    return html_page(
+        sections,
         title=f"Fleet of {len(newest)} units",
         subtitle=f"{moment(newest[0].created)} to {moment(newest[-1].created)}",
         verdict=_verdict(found),
         numbers=_numbers(found),
         warnings=(),
-        sections=sections,
         source="the registry",
-        version=__version__,
-        css=Markup(_asset("report.css")),
-        plotly=Markup(_asset("plotly-cartesian.min.js")),
-        js=Markup(_asset("report.js")),
     )
 
 
 def sentence(found: Statistics) -> str:
-    """What asks for attention, or that nothing does."""
+    """What needs attention, or that nothing does."""
     parts = []
     bad = found.passes.judged - found.passes.final
     if bad:
@@ -57,8 +52,7 @@ def sentence(found: Statistics) -> str:
     for kind in ("station", "lot"):
         places = dict.fromkeys(one.place for one in found.drifts if one.kind == kind and one.significant)
         if places:
-            verb = {"station": "drifts", "lot": "differs"}[kind] if len(places) == 1 else kind_plural(kind)
-            parts.append(f"{kind} {listed(list(places))} {verb}")
+            parts.append(f"{kind} {listed(list(places))} {_VERBS[kind][len(places) > 1]}")
     if found.odd:
         serials = [found.fleet.newest[one.row].unit for one in found.odd]
         parts.append(f"{listed(serials[:5])}{' and others' if len(serials) > 5 else ''} unlike their lot")
@@ -66,14 +60,9 @@ def sentence(found: Statistics) -> str:
     if beyond:
         parts.append(f"units beyond three sigma in {listed(beyond)}")
     if found.silent:
-        return "Too few units to tell: none was judged against limits, and none of the quantities has a chart."
-    text = "; ".join(parts) or "nothing asks for attention: no drift, no odd unit, no chart beyond three sigma"
+        return "There are too few units: none was judged against limits, and no quantity has a chart."
+    text = "; ".join(parts) or "nothing needs attention: no drift, no odd unit, no value beyond three sigma"
     return f"{text[0].upper()}{text[1:]}."
-
-
-def kind_plural(kind: str) -> str:
-    """The verb for several places."""
-    return {"station": "drift", "lot": "differ"}[kind]
 
 
 def _verdict(found: Statistics) -> _Word:
@@ -105,14 +94,14 @@ def _numbers(found: Statistics) -> Iterable[Headline]:
 def _capability(found: Statistics) -> Section:
     limited = [one for one in found.measured if one.capability is not None]
     if not limited:
-        text = "No limits were given, or too few units: give --limits FILE, and eight units at least."
+        text = "Capability needs limits (--limits FILE) and at least eight units."
         return Section("capability", "Capability", paragraph(text))
     rows = [_capability_row(one) for one in limited]
     head = ("quantity", "unit", "units", "lower", "upper", "mean", "Cpk", "95 %", "Ppk", "95 %", "outside")
     html = table("Capability against the limits", head, rows, range(2, 11))
     note = (
-        "Cpk is judged by the spread of neighbours in time, Ppk by that of all units: where Ppk is much lower, the "
-        f"process moves. Below {GOOD_CPK:g} a line is marked."
+        "Cpk uses the spread of neighbours in time, Ppk the spread of all units: where Ppk is much lower, the process "
+        f"moves. Lines below {GOOD_CPK:g} are marked."
     )
     return Section("capability", "Capability", html + paragraph(note))
 
@@ -129,11 +118,9 @@ def _capability_row(one: Measured) -> Row:
 
 def _drift(found: Statistics) -> Section:
     moved = [one for one in found.drifts if one.significant]
-    tested = f"{len(found.drifts)} changes were tested; shown are those with p < {SIGNIFICANT:g}, corrected by Holm."
+    tested = f"{len(found.drifts)} changes were tested; the table has those with p < {SIGNIFICANT:g} after Holm."
     if not moved:
-        return Section(
-            "drift", "Drift of stations and lots", lead("None that chance does not explain.") + paragraph(tested)
-        )
+        return Section("drift", "Drift of stations and lots", lead("Chance explains all of them.") + paragraph(tested))
     rows = [
         (f"{one.kind} {one.place}", one.quantity, number(one.change), number(one.error, 2),
          in_print(found.fleet.units[one.quantity]) + (" a day" if one.kind == "station" else ""), f"{one.p:.1e}",
@@ -183,7 +170,3 @@ def _charts(found: Statistics) -> Iterable[Section]:
     if html:
         rules = "Individual values and moving ranges; sigma from neighbours; the eight rules of Nelson (1984)."
         yield Section("charts", "Control charts", paragraph(rules) + html)
-
-
-def _asset(name: str) -> str:
-    return (_ASSETS / name).read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Refit of a whole fleet from its moments: the same answer for a unit wherever, and however often, it is computed."""
+"""Refit of a whole fleet from its moments. A unit gets the same answer on every computer and at every repetition."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ SCHEMA = pa.schema(
 class Record:
     """The refit of one unit, or why there is none.
 
-    `beta` are the constant and the scaled amplitudes [deg/h], `ranges` low and high of each channel that the model
-    needs, one after the other: scales and validity.
+    `beta` holds the constant and the scaled amplitudes [deg/h]; `ranges` holds low and high of each channel that the
+    model needs, one after the other, which are its scales and its validity.
     """
 
     unit: str
@@ -47,9 +47,9 @@ class Record:
 
 
 def refit_unit(model: Model, unit: str, run: str, values: FloatArray) -> Record:
-    """Fit the model to the packed moments of one unit; whatever goes wrong is in the record, and only there."""
+    """Fit the model to the packed moments of one unit; any error ends in its record and stops nothing."""
     try:
-        with np.errstate(all="ignore"):  # numbers that are not finite end as an error of their unit below
+        with np.errstate(all="ignore"):  # not finite numbers become an error of their unit below
             solved = solve_moments(model, Moments.unpack(values))
         numbers = (solved.rms_dph, solved.condition, *solved.beta.tolist())
         if not np.all(np.isfinite(numbers)):
@@ -63,13 +63,13 @@ def refit_unit(model: Model, unit: str, run: str, values: FloatArray) -> Record:
 
 
 def refit_group(model: Model, group: Group) -> list[Record]:
-    """Records of a group, in its order; BLAS on one thread, so that the digits do not depend on the machine's load."""
+    """Records of a group, in its order; BLAS uses one thread, so that the load cannot change the digits."""
     with one_blas_thread():
         return [refit_unit(model, *each) for each in zip(group.units, group.runs, group.values, strict=True)]
 
 
 def write_records(path: Path, model: Model, records: Iterable[list[Record]]) -> tuple[int, int]:
-    """Write records as they come, in place of the file at the end; returns how many there are, and how many failed."""
+    """Write records as they come and replace the file at the end; returns their number and that of the failures."""
     partial = path.with_name(f".{path.name}.part")
     count = failed = 0
     try:

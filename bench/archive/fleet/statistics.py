@@ -1,4 +1,4 @@
-"""All statistics of a fleet in one place, for the terminal, CSV, JSON and the page."""
+"""All statistics of a fleet, for the terminal, CSV, JSON and the page."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHARE = 0.9
 
 @dataclass(frozen=True)
 class Yield:
-    """How many units passed at the first attempt, and with their newest run, of those that were judged."""
+    """Number of judged units, and of those that passed at the first attempt and with their newest run."""
 
     judged: int
     first: int
@@ -35,7 +35,7 @@ class Yield:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One quantity over the fleet: rows that have it, limits, capability, chart."""
+    """One quantity over the fleet: the rows with a value, limits, capability, chart."""
 
     name: str
     unit: str
@@ -49,7 +49,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """Everything. `words` are the verdicts of the newest runs, `distances` (n,) from their lots."""
+    """All statistics: `words` are the verdicts of the newest runs, `distances` (n,) those from their lots."""
 
     fleet: Fleet
     limits: str | None
@@ -75,14 +75,14 @@ class Statistics:
 
     @property
     def quiet(self) -> bool:
-        """Nothing asks for attention: every judged unit good, no drift, no odd unit, no chart beyond its limits."""
+        """Whether nothing needs attention: all judged units passed, no drift, no odd unit, no value beyond limits."""
         beyond = any(signal.rule == 1 for one in self.measured if one.chart for signal in one.chart.signals)
         moved = any(one.significant for one in self.drifts)
         return not (beyond or moved or self.odd or self.passes.final < self.passes.judged)
 
     @property
     def silent(self) -> bool:
-        """Nothing could have asked for attention: no unit judged, and too few of them for a chart."""
+        """Whether nothing could be found: no unit was judged, and there are too few for a chart."""
         return not (self.passes.judged or any(one.chart for one in self.measured))
 
 
@@ -146,7 +146,7 @@ def _plain(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def to_csv(found: Statistics) -> str:
-    """A line a unit and quantity."""
+    """One line per unit and quantity."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("unit", "lot", "station", "created", "run", "verdict", "quantity", "value", "unit_of_value",

@@ -1,4 +1,4 @@
-"""How the quantities of one unit go on from run to run, against the limits of its newest judged run."""
+"""The quantities of one unit from run to run, against the limits of its newest judged run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FIRST = (
     "residual_rms_dph", "residual_peak_dph", "noise_floor_dph", "angle_random_walk_dprh", "bias_instability_dph",
     "bias_span_dph", "bias_max_dph", "thermal_hysteresis_dph", "residual_hysteresis_dph",
 )  # fmt: skip
-"""What tells a unit's health, in this order; the rest follows by name."""
+"""The quantities that come first, in this order; the others follow by name."""
 
 Found = dict[str, Any]
 
@@ -49,7 +49,7 @@ def _place(name: str) -> tuple[int, str]:
 def _trend(name: str, unit: str, points: list[Found], limit: Mapping[str, Any]) -> Found:
     points = sorted(points, key=lambda point: str(point["created"]))
     last = points[-1]
-    # Runs of different profiles are not comparable: a change is one between runs of the same.
+    # Runs of different profiles are not comparable: the change is taken between runs of one profile.
     same = [point for point in points if point["profile"] == last["profile"]]
     change = last["value"] - same[0]["value"] if len(same) > 1 else None
     lower, upper = limit.get("lower"), limit.get("upper")
@@ -75,7 +75,7 @@ def figure(trend: Mapping[str, Any]) -> Plot:
     values = [point["value"] for point in trend["points"]]
     most = 6 * max(abs(value) for value in values)
     ends = ((trend["lower"], "lower limit"), (trend["upper"], "upper limit"))
-    # A limit far away would press the values into a line; the table beside the figure has it.
+    # A limit far away would flatten the curve; the table beside the figure shows it.
     near = [(end, text) for end, text in ends if end is not None and abs(end) <= most]
     levels = [level_line(end, text, VERMILION) for end, text in near]
     layout = {
@@ -98,7 +98,7 @@ def _quantities(registry: Registry, ids: Sequence[str]) -> list[Found]:
 
 
 def _limits(archive: Archive, runs: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
-    """Limits by quantity, those of the newest run that was judged."""
+    """Limits by quantity, from the newest run that was judged."""
     for run in sorted(runs, key=lambda run: str(run["created"]), reverse=True):
         folder = archive.folder(run)
         content = _judged(folder / "limits.json") if folder else None

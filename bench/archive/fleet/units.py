@@ -1,4 +1,4 @@
-"""The fleet as the registry has it: for every unit its first and its newest calibrated run, and their numbers."""
+"""The fleet in the registry: for every unit its first and its newest calibrated run with their quantities."""
 
 from __future__ import annotations
 
@@ -16,12 +16,16 @@ from bench.archive.registry.writing import TABLES
 from bench.base import FloatArray, InputError
 
 NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
-"""The lot of a unit of which nobody told it: its serial less the number at the end."""
+"""The lot of a unit without a recorded lot is its serial without the number at the end."""
+
+
+class NoUnitError(InputError):
+    """No unit has a calibration, or none of those whose serial matches."""
 
 
 @dataclass(frozen=True)
 class Calibrated:
-    """A run with a calibration: where and when, what was judged, its quantities by name."""
+    """A run with a calibration: unit, lot, station, time, verdict, and its quantities by name."""
 
     run: str
     unit: str
@@ -44,7 +48,7 @@ class Fleet:
     units: Mapping[str, str]
 
     def column(self, quantity: str) -> FloatArray:
-        """Values (n,) of the newest runs, NaN where there is none."""
+        """Values (n,) of the newest runs, NaN for a missing one."""
         return np.array([one.values.get(quantity, np.nan) for one in self.newest])
 
     @property
@@ -54,7 +58,7 @@ class Fleet:
 
 
 def fleet_of(registry: Registry, pattern: str | None = None) -> Fleet:
-    """All units whose whole serial matches; InputError where the pattern is none, or no unit is calibrated."""
+    """All units whose whole serial matches; NoUnitError where there is none, InputError for a wrong pattern."""
     try:
         wanted = re.compile(pattern or ".*")
     except re.error as error:
@@ -62,7 +66,7 @@ def fleet_of(registry: Registry, pattern: str | None = None) -> Fleet:
     runs, values, units = _rows(registry)
     found = [one for one in runs if wanted.fullmatch(one["unit"])]
     if not found:
-        raise InputError(
+        raise NoUnitError(
             f"no calibrated unit{f' matches {pattern}' if pattern else ''}; `bench registry list`", registry.url
         )
     first: dict[str, Calibrated] = {}
@@ -114,9 +118,9 @@ def _calibrated(row: Mapping[str, str], values: Mapping[str, float]) -> Calibrat
 
 
 def words(runs: Sequence[Calibrated], limits: Limits | None) -> Iterator[str | None]:
-    """Verdict of each run: as its report judged it by the same limits, else its numbers against them; None without.
+    """Verdict of each run: from its report if that used the same limits, else from its numbers; None without limits.
 
-    The registry keeps numbers without their intervals, so that its own verdict knows nothing of their uncertainty.
+    The registry keeps numbers without their intervals, so a verdict from the numbers ignores their uncertainty.
     """
     for run in runs:
         if limits is None or run.limits == limits.name:
@@ -128,5 +132,5 @@ def words(runs: Sequence[Calibrated], limits: Limits | None) -> Iterator[str | N
 
 
 def good(word: str | None) -> bool:
-    """Whether a unit with this verdict may go on."""
+    """Whether a unit with this verdict passed."""
     return word is not None and Verdict(word).within

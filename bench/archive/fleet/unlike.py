@@ -1,6 +1,6 @@
-"""Units unlike their lot: robust distance over all quantities at once, which correlate.
+"""Units unlike their lot, by a robust distance over all quantities, which are correlated.
 
-Each lot is centred by its medians; the scatter within lots is estimated so that a few odd units do not hide themselves.
+Each lot is centred by its medians; a robust estimate of the scatter within lots keeps a few odd units visible.
 Source: R. A. Maronna, R. H. Zamar, Technometrics 44 (2002) 307 (orthogonalised Gnanadesikan-Kettenring estimate).
 """
 
@@ -21,7 +21,7 @@ LEAST = 12
 
 @dataclass(frozen=True)
 class Odd:
-    """A unit (by its row), its robust distance, the probability of one so large in the whole fleet, and what leads."""
+    """A unit (by its row), its robust distance, the chance of such a one in the fleet, and the leading quantity."""
 
     row: int
     distance: float

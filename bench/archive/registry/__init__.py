@@ -1,5 +1,5 @@
-"""The registry: what units, runs, calibrations, equipment and certificates there are, in one database.
+"""The registry: units, runs, calibrations, instruments and certificates in one database.
 
-It is an index and never the truth: run folders and the ledger beside them (`ledger`) make the same rows
-again (`bench registry rebuild`). SQLite beside the run folders, or PostgreSQL where several stations share one.
+It is only an index: `bench registry rebuild` makes the same rows again from the run folders and the ledger beside
+them. It is an SQLite file beside the run folders, or a PostgreSQL database that several stations share.
 """

@@ -1,4 +1,4 @@
-"""What people ask the registry: lists of runs and equipment, and all about one unit or run."""
+"""Queries of the registry: lists of runs and instruments, and everything about one unit or run."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def runs(registry: Registry, unit: str | None = None, most: int | None = None) -
 
 
 def equipment(registry: Registry) -> Found:
-    """All equipment, what is due first on top."""
+    """All instruments, by the day on which their calibration is due."""
     table = TABLES["equipment"]
     return _found(registry, select(table).order_by(table.c.due_on, table.c.name, table.c.serial))
 
 
 def show(registry: Registry, name: str) -> dict[str, Any]:
-    """A unit with its runs, or a run with all that is known of it; InputError where the registry has neither."""
+    """A unit with its runs, or a run with its rows in all tables; InputError where the registry has neither."""
     unit, run = TABLES["units"], TABLES["runs"]
     units = _found(registry, select(unit).where(unit.c.serial == name))
     if units:
@@ -48,7 +48,7 @@ def show(registry: Registry, name: str) -> dict[str, Any]:
     if len(found) != 1:
         several = ", ".join(one["id"] for one in found[:5])
         said = f"several runs are called '{name}': {several}" if found else f"no unit or run '{name}'"
-        raise InputError(f"registry: {said}; `bench registry list` shows what there is", registry.url)
+        raise InputError(f"registry: {said}; `bench registry list` lists the runs", registry.url)
     own = {
         table: _found(registry, select(TABLES[table]).where(TABLES[table].c.run == found[0]["id"])) for table in OF_RUNS
     }
@@ -61,5 +61,5 @@ def _found(registry: Registry, chosen: Any) -> Found:
 
 
 def plain(found: Mapping[str, Any]) -> dict[str, Any]:
-    """A row as JSON has it: days as text."""
+    """A row for JSON, with days as text."""
     return {key: value.isoformat() if isinstance(value, date) else value for key, value in found.items()}

@@ -1,7 +1,7 @@
-"""The ledger of an archive: what people told the registry, one line of JSON each, beside the run folders.
+"""The ledger of an archive: the entries that people made in the registry, one JSON line each, beside the run folders.
 
-`ledger.jsonl` begins with the id of the archive; later lines add equipment, operators and lots, and the last line about
-a thing holds. With it and the run folders the registry can be made again from nothing.
+`ledger.jsonl` begins with the id of the archive; later lines add instruments, operators and lots, and the last line
+about one of them counts. The registry can be made again from the ledger and the run folders alone.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class Ledger:
 
     @property
     def place(self) -> str:
-        """host:folder, to find the archive by."""
+        """host:folder, the location of the archive."""
         return f"{socket.gethostname()}:{self.root.resolve()}"
 
     def append(self, entry: Entry) -> None:
-        """Add a line; lines that two programs add at once both stand."""
+        """Add a line; two programs may do so at the same time."""
         line = json.dumps({**entry}, allow_nan=False) + "\n"
         handle = os.open(self.path, os.O_WRONLY | os.O_APPEND)
         try:
@@ -50,18 +50,18 @@ class Ledger:
             os.close(handle)
 
     def entries(self) -> list[Entry]:
-        """Every line after the first; InputError, with its number, where one is broken."""
+        """Every line after the first; InputError with the line number where one is broken."""
         lines = self.path.read_text(encoding="utf-8").splitlines()
         return [_entry(line, self.path, number) for number, line in enumerate(lines[1:], 2) if line.strip()]
 
 
 def is_archive(root: Path) -> bool:
-    """Whether a folder is an archive already."""
+    """Whether a folder is an archive."""
     return (root / FILE).is_file()
 
 
 def archive(root: Path) -> Ledger:
-    """The ledger of the folder `root`, begun where there is none; InputError where it cannot be."""
+    """The ledger of the folder `root`, which is made if it is missing; InputError where that fails."""
     path = root / FILE
     try:
         if not path.exists():
@@ -69,7 +69,7 @@ def archive(root: Path) -> Ledger:
         with path.open(encoding="utf-8") as file:
             first = _entry(file.readline(), path, 1)
     except OSError as error:
-        raise InputError(f"cannot be read or begun: {error.strerror}", path) from None
+        raise InputError(f"cannot be read or made: {error.strerror}", path) from None
     if first.get("kind") != "archive" or not isinstance(first.get("id"), str):
         raise InputError("does not begin with the id of an archive; restore the file", path, 1)
     return Ledger(root, first["id"])
@@ -80,7 +80,7 @@ def _begin(root: Path) -> None:
     partial = root / f".{FILE}.{secrets.token_hex(4)}"
     partial.write_text(json.dumps({"kind": "archive", "id": secrets.token_hex(6)}) + "\n", encoding="utf-8")
     try:
-        (root / FILE).hardlink_to(partial)  # of two that begin at once, one wins
+        (root / FILE).hardlink_to(partial)  # if two programs make it at once, the first one counts
     except FileExistsError:
         pass
     except OSError:  # no hard links here

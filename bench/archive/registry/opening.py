@@ -1,4 +1,4 @@
-"""Opening a registry: SQLite file or PostgreSQL by URL, its schema brought up to date under a lock."""
+"""Opens a registry, an SQLite file or a PostgreSQL URL, and updates its schema under a lock."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 from bench.base import InputError
 
 FILE = "registry.sqlite"
-"""The embedded registry of a folder of run folders."""
+"""File name of the registry beside the run folders."""
 
 SCHEMA = "0001"
 """Newest migration in `migrations/versions`."""
 
 WAIT_S = 60.0
-"""How long a station waits for another one that is writing."""
+"""How long a station waits while another one writes [s]."""
 
 _MIGRATIONS = Path(__file__).parent / "migrations"
 _LOCK = 0x6779726F
@@ -35,13 +35,13 @@ class Registry:
 
     @contextmanager
     def writing(self) -> Iterator[Connection]:
-        """A transaction that is the only writer of an SQLite file from its start; InputError where it fails."""
+        """A transaction that writes; on SQLite it locks out other writers from its start. InputError where it fails."""
         with self._told(), self._engine.begin() as connection:
             yield connection
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
-        """A transaction that reads and hinders nobody."""
+        """A transaction that only reads and blocks nobody."""
         with self._told(), self._engine.connect().execution_options(reads=True) as connection:
             yield connection
 
@@ -53,7 +53,7 @@ class Registry:
             raise InputError(f"registry: {_first_line(error)}", self.url) from error
 
     def close(self) -> None:
-        """Give the connections back."""
+        """Close the connections."""
         self._engine.dispose()
 
     def __enter__(self) -> Registry:
@@ -64,9 +64,9 @@ class Registry:
 
 
 def open_registry(where: str | Path) -> Registry:
-    """The registry at a file or URL, made or brought to this bench's schema.
+    """The registry at a file or URL, made if missing and updated to the schema of this bench.
 
-    Raises InputError, one line: not reachable, no driver, not a registry, or a schema newer than this bench knows.
+    Raises InputError: not reachable, driver missing, not a registry, or a schema newer than this bench.
     """
     url = _url(where)
     try:
@@ -108,7 +108,7 @@ def _engine(url: URL) -> Engine:
 
     @event.listens_for(engine, "connect")
     def _prepare(connection: Any, _: object) -> None:
-        connection.isolation_level = None  # transactions are begun below, not by the driver's guess
+        connection.isolation_level = None  # `_begin` begins transactions, not the driver
         for pragma in (f"busy_timeout={round(WAIT_S * 1000)}", "foreign_keys=ON", "synchronous=NORMAL"):
             connection.execute(f"PRAGMA {pragma}")
         if connection.execute("PRAGMA journal_mode").fetchone() != ("wal",):
@@ -116,7 +116,7 @@ def _engine(url: URL) -> Engine:
 
     @event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
-        # A transaction that reads first and writes later is refused when another one wrote in between.
+        # SQLite refuses a transaction that reads first and writes later when another one wrote in between.
         reads = connection.get_execution_options().get("reads")
         connection.exec_driver_sql("BEGIN" if reads else "BEGIN IMMEDIATE")
 
@@ -133,7 +133,7 @@ def _bring_up_to_date(registry: Registry) -> None:
     with registry.writing() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
-        if _schema(connection, registry.url) != SCHEMA:  # another station may have done it while this one waited
+        if _schema(connection, registry.url) != SCHEMA:  # another station may have updated it while this one waited
             config = Config()
             config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
             config.attributes["connection"] = connection
@@ -141,7 +141,7 @@ def _bring_up_to_date(registry: Registry) -> None:
 
 
 def _schema(connection: Connection, url: str) -> str | None:
-    """The schema's revision, None for an empty database; InputError where this bench does not know it."""
+    """Revision of the schema, None for an empty database; InputError for a revision that this bench does not know."""
     found = inspect(connection).get_table_names()
     if "alembic_version" not in found:
         if found:

@@ -1,4 +1,4 @@
-"""Making the registry again from run folders and ledger, and proving that both say the same."""
+"""Makes the registry again from run folders and ledger, and proves that both agree."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bench.record import MANIFEST, RunFolder
 
 @dataclass(frozen=True)
 class Rebuilt:
-    """What a rebuild found: `differences` between database and folders, and the `digest` of the rows now."""
+    """Result of a rebuild: `differences` between database and folders, and the `digest` of the rows afterwards."""
 
     archive: str
     counts: dict[str, int]
@@ -29,9 +29,9 @@ class Rebuilt:
 
 
 def rebuild(registry: Registry, ledger: Ledger, *, only_compare: bool = False) -> Rebuilt:
-    """Make the rows of this archive equal to its folders, or only say what differs.
+    """Make the rows of this archive equal to its folders, or only list the differences.
 
-    Runs that another program registers meanwhile stay. InputError where the rows differ afterwards.
+    Runs that another program registers meanwhile are kept. InputError where rows still differ afterwards.
     """
     wanted, unreadable = of_archive(ledger)
     with registry.reading() if only_compare else registry.writing() as connection:
@@ -50,7 +50,7 @@ def rebuild(registry: Registry, ledger: Ledger, *, only_compare: bool = False) -
 
 
 def differences(have: Rows, want: Rows) -> Iterable[str]:
-    """A line for each row that is missing, too many, or says something else."""
+    """A line for each row that is missing, superfluous or different."""
     for name in TABLES:
         for key in sorted({*have[name], *want[name]}, key=str):
             mine, theirs = have[name].get(key), want[name].get(key)
@@ -58,7 +58,7 @@ def differences(have: Rows, want: Rows) -> Iterable[str]:
             if mine is None:
                 yield f"{label}: missing in the registry"
             elif theirs is None:
-                yield f"{label}: in the registry, but nothing on disk says so"
+                yield f"{label}: in the registry, but not on disk"
             elif mine != theirs:
                 yield f"{label}: {', '.join(_changes(mine, theirs))}"
 
@@ -75,13 +75,13 @@ def _short(value: object) -> str:
 
 
 def digest(rows: Rows) -> str:
-    """SHA-256 over all rows, whatever database they came from; equal rows have equal digests."""
+    """SHA-256 over all rows, independent of the kind of database."""
     content = [[name, [row for _, row in sorted(found.items())]] for name, found in rows.items() if name != "archives"]
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def _read_again(wanted: Rows, before: Rows, ledger: Ledger) -> None:
-    """Runs that were registered, or analysed anew, after the folders were read: theirs are read again."""
+    """Read runs again that were registered or analysed after the folders had been read."""
     rows = [(name, key, row) for name in ("runs", *OF_RUNS) for key, row in before[name].items()]
     for run in sorted({str(key[0]) for name, key, row in rows if wanted[name].get(key) != row}):
         path = ledger.root / run.removeprefix(f"{ledger.id}/")
@@ -92,7 +92,7 @@ def _read_again(wanted: Rows, before: Rows, ledger: Ledger) -> None:
 
 
 def _lend(connection: Connection, wanted: Rows, before: Rows, ledger: Ledger) -> None:
-    """Units and operators that another archive owns are there already, and those that its runs need stay."""
+    """Leave out units and operators that another archive owns, and keep those that its runs need."""
     runs = TABLES["runs"]
     for name, column in (("units", runs.c.unit), ("operators", runs.c.operator)):
         table = TABLES[name]

@@ -1,4 +1,4 @@
-"""Rows of the registry read from the truth: run folders and the ledger. Nothing here touches a database."""
+"""Rows of the registry as run folders and ledger define them. Nothing here touches a database."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def empty() -> Rows:
 
 
 def put(rows: Rows, table: str, row: Row) -> None:
-    """Add a row, in place of one with the same key."""
+    """Add a row or replace the one with the same key."""
     rows[table][tuple(row[name] for name in PRIMARY[table])] = row
 
 
 def update(rows: Rows, more: Rows) -> None:
-    """Add the rows of `more`; a unit keeps the lot that it has."""
+    """Add the rows of `more`; known units and operators stay as they are."""
     for table, found in more.items():
         for key, row in found.items():
             if table in {"units", "operators"} and key in rows[table]:
@@ -50,7 +50,7 @@ def update(rows: Rows, more: Rows) -> None:
 
 
 def of_archive(ledger: Ledger) -> tuple[Rows, list[str]]:
-    """Rows of every run folder and of the ledger, and a line about each folder that cannot be read."""
+    """Rows of every run folder and of the ledger, and an error line for each folder that cannot be read."""
     rows, unreadable = of_ledger(ledger), []
     for manifest in sorted(ledger.root.glob(f"*/*/{MANIFEST}")):
         try:
@@ -61,7 +61,7 @@ def of_archive(ledger: Ledger) -> tuple[Rows, list[str]]:
 
 
 def of_ledger(ledger: Ledger) -> Rows:
-    """The archive itself, and the last word on every piece of equipment, operator and lot."""
+    """The archive itself, and the last entry about every instrument, operator and lot."""
     rows = empty()
     put(rows, "archives", {"id": ledger.id, "path": ledger.place})
     for entry in ledger.entries():
@@ -70,7 +70,7 @@ def of_ledger(ledger: Ledger) -> Rows:
 
 
 def update_by(rows: Rows, entry: Mapping[str, Any], ledger: Ledger) -> None:
-    """Add what a line of the ledger says; kinds that this bench does not know are left to a newer one."""
+    """Add the rows of a line of the ledger; unknown kinds, which a newer bench may have written, are ignored."""
     try:
         if entry.get("kind") == "equipment":
             put(rows, "equipment", {
@@ -129,7 +129,7 @@ def of_run(folder: RunFolder, ledger: Ledger) -> Rows:
 
 
 def _json(path: Path) -> dict[str, Any] | None:
-    """The JSON object of a file; None where there is none, InputError where it is broken."""
+    """The JSON object of a file; None without one, InputError where it is broken."""
     try:
         content = json.loads(path.read_bytes())
     except FileNotFoundError:
@@ -174,7 +174,7 @@ _NOISE = {
 def _quantities(
     calibration: Mapping[str, Any], certificate: Mapping[str, Any], judged: Mapping[str, Any]
 ) -> Iterator[tuple[str, str | None, float]]:
-    """Name, unit and value of what tells how good the unit is; the numbers that were judged stand before others."""
+    """Name, unit and value of the numbers that describe the unit; a later one of the same name replaces an earlier."""
     noise, residual = calibration.get("noise") or {}, calibration.get("residual") or {}
     held_out: Mapping[str, Any] = next(iter(residual.get("held_out") or ()), {})
     found: list[tuple[str, str | None, Any]] = [

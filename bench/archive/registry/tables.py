@@ -1,4 +1,4 @@
-"""The tables. Moments are ISO 8601 text in UTC, as in the manifests: equal on every database, and sorted by time."""
+"""The tables. Times are ISO 8601 text in UTC, as in the manifests, so that every database sorts them equally."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ class Table(DeclarativeBase):
 
 
 class Archive(Table):
-    """A folder of run folders, known by the id in its ledger: it may be moved."""
+    """A folder of run folders, identified by the id in its ledger, so that it may be moved."""
 
     __tablename__ = "archives"
     id: Mapped[str] = mapped_column(String(32), primary_key=True)
     path: Mapped[str]
-    """host:folder where it was last seen."""
+    """host:folder of its last use."""
 
 
 class Unit(Table):
-    """A gyro; `archive` is the one that wrote its lot last, or saw it first."""
+    """A gyro; `archive` is the one that recorded its lot last, or registered it first."""
 
     __tablename__ = "units"
     serial: Mapped[str] = mapped_column(primary_key=True)
@@ -52,7 +52,7 @@ class Operator(Table):
 
 
 class Equipment(Table):
-    """A chamber, sensor, rate table or time base, and until when its own calibration holds."""
+    """An instrument (chamber, sensor, rate table, time base) with the dates of its own calibration."""
 
     __tablename__ = "equipment"
     name: Mapped[str] = mapped_column(primary_key=True)
@@ -64,7 +64,7 @@ class Equipment(Table):
 
 
 class Run(Table):
-    """One run folder; `id` is archive/path, and the path is relative to the archive."""
+    """One run folder; `id` is archive/path, with the path relative to the archive."""
 
     __tablename__ = "runs"
     id: Mapped[str] = mapped_column(primary_key=True)
@@ -87,12 +87,12 @@ class Run(Table):
 
 
 class Calibration(Table):
-    """The calibration.json of a run: verdict, model, validity, and a hash that tells equal coefficients."""
+    """The calibration.json of a run: verdict, model, validity, and a hash that is equal for equal coefficients."""
 
     __tablename__ = "calibrations"
     run: Mapped[str] = mapped_column(ForeignKey("runs.id"), primary_key=True)
     verdict: Mapped[str | None]
-    """What the analysis says of the model."""
+    """Verdict of the analysis on the model."""
     judged: Mapped[str | None]
     """PASS, MARGINAL, FAIL or INVALID against the limits of limits.json."""
     limits: Mapped[str | None]
@@ -115,7 +115,7 @@ class Certificate(Table):
 
 
 class Quantity(Table):
-    """A number that says how good a unit is, from limits.json of its run, its certificate, or its calibration."""
+    """A number that describes a unit, from limits.json of its run, its certificate, or its calibration."""
 
     __tablename__ = "quantities"
     run: Mapped[str] = mapped_column(ForeignKey("runs.id"), primary_key=True)
@@ -125,7 +125,7 @@ class Quantity(Table):
 
 
 IN_ORDER: tuple[type[Table], ...] = (Archive, Unit, Operator, Equipment, Run, Calibration, Certificate, Quantity)
-"""All tables, each after those that it refers to."""
+"""All tables, each after the tables to which it refers."""
 
 OF_A_RUN: tuple[type[Table], ...] = (Calibration, Certificate, Quantity)
 """Tables whose rows belong to one run."""

@@ -1,4 +1,4 @@
-"""Rows into the database: each statement may be repeated, and two stations may do it at once."""
+"""Writes rows into the database; every statement may be repeated, and two stations may write at once."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from bench.record import RunFolder
 
 TABLES: dict[str, SqlTable] = {table.__tablename__: cast(SqlTable, table.__table__) for table in IN_ORDER}
 SHARED = ("units", "operators")
-"""Tables whose rows several archives may have: a run only makes sure that they are there."""
+"""Tables whose rows archives share: a run only adds missing ones."""
 
 
 def register(registry: Registry, folder: RunFolder, ledger: Ledger) -> None:
-    """Write the rows of a run folder in one transaction; whatever was known of this run before is replaced."""
+    """Write the rows of a run folder in one transaction, replacing all earlier rows of this run."""
     rows = of_run(folder, ledger)
     with registry.writing() as connection:
         write_runs(connection, rows)
@@ -39,7 +39,7 @@ def tell(registry: Registry, ledger: Ledger, entry: Entry) -> None:
 
 
 def write_runs(connection: Connection, rows: Rows) -> None:
-    """Runs and all that belongs to them in place of what the database has; shared rows only where they are missing."""
+    """Replace runs with all their rows in the database; add shared rows only where they are missing."""
     for name, found in rows.items():
         if name not in OF_RUNS:
             upsert(connection, name, list(found.values()), keep=name in SHARED)
@@ -57,7 +57,7 @@ def drop(connection: Connection, tables: Sequence[str], runs: Sequence[str]) -> 
 
 
 def upsert(connection: Connection, name: str, rows: Sequence[Row], *, keep: bool = False) -> None:
-    """Insert rows; where the key is there already, replace the row, or `keep` the one that is there."""
+    """Insert rows; where the key exists, replace the row, or `keep` the existing one."""
     if not rows:
         return
     statement = _insert(connection, name)
@@ -67,7 +67,7 @@ def upsert(connection: Connection, name: str, rows: Sequence[Row], *, keep: bool
         if keep or not rest
         else statement.on_conflict_do_update(index_elements=list(PRIMARY[name]), set_=rest)
     )
-    # In one order of keys everywhere: two stations never wait for each other crosswise.
+    # The same order of keys everywhere prevents deadlocks between two stations.
     ordered = sorted(rows, key=lambda row: tuple(row[column] for column in PRIMARY[name]))
     connection.execute(chosen, ordered)
 
@@ -80,7 +80,7 @@ def _insert(connection: Connection, name: str) -> Any:
 
 
 def stored(connection: Connection, archive: str) -> Rows:
-    """Every row that the database has of one archive."""
+    """All rows of one archive in the database."""
     rows = empty()
     runs = TABLES["runs"]
     own = select(runs.c.id).where(runs.c.archive == archive)

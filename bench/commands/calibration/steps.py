@@ -25,7 +25,7 @@ from bench.commands.calibration.doubts import decided, doubts, judged, verdict_o
 from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.recording import recorded
-from bench.deliver import load_equipment, load_laboratory, refuse_overdue
+from bench.deliver import load_instruments, load_laboratory, refuse_overdue
 from bench.record import RunFolder, write_atomically
 
 IMPROVED = "model-improved.yaml"
@@ -91,7 +91,7 @@ class Check:
         if plan.equipment is None:
             return ["no equipment in the plan: the results are not metrologically traceable"]
         path = order.file(plan.equipment)
-        refuse_overdue(load_equipment(path), datetime.now(UTC).date(), path)
+        refuse_overdue(load_instruments(path), datetime.now(UTC).date(), path)
         return []
 
 

@@ -1,4 +1,4 @@
-"""The uncertainty of the corrected output, as a budget (JCGM 100; docs/uncertainty.md says why these and no others)."""
+"""The uncertainty budget of the corrected output (JCGM 100); docs/uncertainty.md explains the contributions."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def budget(evidence: Evidence) -> Budget:
     error, floor = known["residual_rms_dph"], known.get("noise_floor_dph", np.nan)
     noise = min(error, floor) if np.isfinite(floor) else 0.0
     how = "verification run" if evidence.verification else "data held out of the fit"
-    known_floor = "noise floor of the means" if np.isfinite(floor) else "noise floor: not known, within the model error"
+    known_floor = "noise floor of the means" if np.isfinite(floor) else "noise floor: not known, part of model error"
     return Budget(
         (
             Contribution(f"model error on {how}", "A", "normal", float(np.sqrt(error**2 - noise**2))),
@@ -73,5 +73,5 @@ def budget(evidence: Evidence) -> Budget:
 
 
 def _resolution(manifest: Mapping[str, Any]) -> float:
-    """Of one sample; a mean of many resolves more, so this is an upper bound."""
+    """Standard uncertainty of one sample [deg/h]: an upper bound, since a mean of many samples resolves more."""
     return float(manifest.get("rate_step_dph") or 0.0) / float(np.sqrt(12.0))

@@ -1,7 +1,7 @@
-"""The facts of a calibration certificate as one JSON object: what the PDF shows, and what is attached to it.
+"""The facts of a calibration certificate as one JSON object, which the PDF shows and carries as an attachment.
 
-The fields follow ISO/IEC 17025 clause 7.8 as far as it is known here from secondary sources; conformity to it is not
-claimed. Terms are those of IEEE 528, 952 and 1431.
+The fields follow ISO/IEC 17025 clause 7.8 as secondary sources describe it; conformity to it is not claimed. Terms
+are those of IEEE 528, 952 and 1431.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ QUALITY = frozenset(
     {"samples_lost", "samples_missing_ppm", "longest_gap_s", "temperature_hole_degc", "condition", "heating_min"}
     | {"cooling_min", "extrapolated_percent", "lowest_temperature_degc", "highest_temperature_degc"}
 )
-"""Quantities of the data and not of the unit."""
+"""Quantities that describe the data, not the unit."""
 _STEP_DEGC = 12.5
 STATEMENTS = (
     "The results relate only to the item calibrated, in the condition in which it was calibrated.",
@@ -37,7 +37,7 @@ STATEMENTS = (
 
 
 def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, issued: date) -> dict[str, Any]:
-    """Everything that the certificate says; its number is made of its contents."""
+    """All facts of the certificate; its number is computed from the others."""
     judgement, verdict = evidence.judgement, evidence.verdict
     known = evidence.manifest
     content: dict[str, Any] = {
@@ -53,7 +53,7 @@ def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, iss
         "verification": _verification(evidence),
         "method": _method(evidence),
         "conditions": _conditions(evidence),
-        "equipment": [tool.model_dump(mode="json") for tool in evidence.equipment],
+        "equipment": [tool.model_dump(mode="json") for tool in evidence.instruments],
         "as_found": _as_found(evidence),
         "as_left": _as_left(evidence, budget),
         "over_temperature": _over_temperature(evidence),
@@ -115,21 +115,19 @@ def _method(evidence: Evidence) -> dict[str, Any]:
         for s in evidence.manifest.get("segments") or ()
         if s.get("outcome", "done") != "done"
     ]
-    verification = evidence.verification
+    theirs = evidence.verification.manifest if evidence.verification else {}
     return {
         "profile": evidence.manifest.get("profile"),
         "revision": files.get("profile.yaml"),
         "deviations": deviations,
         "averaging_s": evidence.source.dataset.interval_s,
-        "verification_profile": verification.manifest.get("profile") if verification else None,
-        "verification_revision": (verification.manifest.get("files") or {}).get("profile.yaml")
-        if verification
-        else None,
+        "verification_profile": theirs.get("profile"),
+        "verification_revision": (theirs.get("files") or {}).get("profile.yaml"),
     }
 
 
 def _verification(evidence: Evidence) -> dict[str, Any] | None:
-    """Its own verdict, and how much of the calibration's range it proves."""
+    """The verdict of the verification, and the share of the calibration's range that it covers."""
     if evidence.verification is None:
         return None
     covered, verdict = evidence.verification.covered, evidence.verification.verdict
@@ -251,7 +249,7 @@ def _calibration(evidence: Evidence) -> dict[str, Any]:
 
 
 def _chain(evidence: Evidence) -> dict[str, Any]:
-    """SHA-256 of everything that the numbers rest on: whoever has the folder can prove that it is this one."""
+    """SHA-256 of every file that the numbers come from, so that a reader can prove which folder it was."""
     runs = [("calibration run", evidence.run, evidence.manifest)]
     if evidence.verification is not None:
         runs.append(("verification run", evidence.verification.run, evidence.verification.manifest))

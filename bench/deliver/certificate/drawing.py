@@ -72,7 +72,7 @@ class Axis:
 
 
 def dots(x: FloatArray, y: FloatArray, axes: tuple[Axis, Axis], colour: str, name: str = "") -> dict[str, Any]:
-    """Points, not joined."""
+    """Separate points."""
     return {"kind": "dots", "colour": colour, "name": name, "points": _points(x, y, axes)}
 
 
@@ -94,7 +94,7 @@ def band(low: float, high: float, axis: Axis, name: str = "") -> dict[str, Any]:
 
 
 def figure(axes: tuple[Axis, Axis], series: Iterable[dict[str, Any]], words: str) -> dict[str, Any]:
-    """A figure, and words for whoever cannot see it."""
+    """A figure with its text alternative."""
     return {"x": axes[0].to_json(), "y": axes[1].to_json(), "series": list(series), "alt": words}
 
 

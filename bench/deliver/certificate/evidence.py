@@ -1,7 +1,7 @@
-"""What a certificate rests on: run, calibration, verification, equipment; refused where it does not hold.
+"""The evidence for a certificate: run, calibration, verification and instruments, each refused where it is not valid.
 
-Nothing is analysed again: the certificate says what calibration.json says, after proving that it is of this data and
-that the data are those that were recorded.
+Nothing is analysed again: the certificate repeats calibration.json, after a check that it was made from this data and
+that the data were not altered.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from bench.deliver.export.delivering import calibration_id
 from bench.record import VERIFICATION_JSON, Dataset, Manifest, RunFolder, load, sha256
 
 LEAST_COVERED = 0.5
-"""Share of the fitted range of temperature that the verification must go through."""
+"""Share of the fitted range of temperature that the verification must cover."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """How much of the calibration's range of validity in temperature a verification goes through."""
+    """How much of the calibration's range of validity in temperature a verification covers."""
 
     share: float
     """Without the holes in its temperatures."""
@@ -61,12 +61,12 @@ class Verification:
     """The unit's own correction was on."""
     covered: Coverage
     verdict: Verdict | None
-    """Of `bench verify`; None for a run that it did not judge."""
+    """Verdict of `bench verify`; None where it has not judged the run."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Everything that stands on a certificate and is not a file of the laboratory's."""
+    """Everything on a certificate that does not come from the laboratory's own files."""
 
     run: RunFolder
     manifest: Manifest
@@ -75,25 +75,25 @@ class Evidence:
     source: Source
     verification: Verification | None
     judgement: Judgement | None
-    equipment: tuple[Instrument, ...]
+    instruments: tuple[Instrument, ...]
     flashed: Mapping[str, Any] | None = None
-    """What `bench flash` wrote down when the coefficients went into the unit."""
+    """The record that `bench flash` wrote when it put the coefficients into the unit."""
 
     @property
     def calibration_id(self) -> str:
-        """As it stands in the unit's image."""
+        """The calibration's id as the unit's image holds it."""
         return f"0x{calibration_id(self.source):08X}"
 
     @property
     def verdict(self) -> Verdict | None:
-        """The worse word of limits and verification; without limits only a FAIL of the verification counts."""
+        """The worse verdict of limits and verification; without limits only a FAIL of the verification counts."""
         verified = None if self.verification is None else self.verification.verdict
         if self.judgement is None:
             return verified if verified is Verdict.FAIL else None
         return max((self.judgement.verdict, verified or Verdict.PASS), key=list(Verdict).index)
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """Of the run; the error on unseen data is that of the verification, where there is one."""
+        """Quantities of the run; where there is a verification, the error on unseen data comes from it."""
         known = {entry["name"]: Quantity.from_json(entry) for entry in self.stored["quantities"]}
         if self.verification is not None:
             known |= {quantity.name: quantity for quantity in _verified(self.verification, known)}
@@ -101,29 +101,31 @@ class Evidence:
 
 
 def gather(
-    folder: Path, verification: Path | None, limits: Limits | None, equipment: tuple[Instrument, ...]
+    folder: Path, verification: Path | None, limits: Limits | None, instruments: tuple[Instrument, ...]
 ) -> Evidence:
-    """The evidence for a certificate; InputError, one line, where there can be none."""
+    """The evidence for a certificate; InputError, one line, where no certificate may be made."""
     run = RunFolder(folder)
     manifest = run.manifest()
     source = source_of(folder)
     stored = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
     if "quantities" not in stored:
-        raise InputError("was written by an older bench: make it anew with `bench report`", folder / "calibration.json")
+        raise InputError(
+            "an older bench wrote this file: make it again with `bench report`", folder / "calibration.json"
+        )
     _refuse(folder, (*stored["refusals"], *source.objections))
     _refuse_lost(run, manifest)
     _refuse_altered(run, manifest)
-    refuse_overdue(equipment, day(manifest), folder)
+    refuse_overdue(instruments, day(manifest), folder)
     verified = None if verification is None else _verify(RunFolder(verification), manifest, source)
     if verified is not None:
-        refuse_overdue(equipment, day(verified.manifest), verified.run.path)
-    found = Evidence(run, manifest, stored, source, verified, None, equipment, _flashed(run))
+        refuse_overdue(instruments, day(verified.manifest), verified.run.path)
+    found = Evidence(run, manifest, stored, source, verified, None, instruments, _flashed(run))
     if verified is not None and verified.in_unit:
         _refuse(folder, _other_coefficients(found, verified))
     if limits is None:
         return found
     judgement = judge_limits(limits, found.quantities())
-    # A number that is required and missing makes the run INVALID: nothing to certify.
+    # A required number that is missing makes the run INVALID, and an INVALID run gets no certificate.
     missing = [r for r in judgement.results if r.verdict == "INVALID"]
     _refuse(folder, [f"{r.quantity.name} is required by the limits: {r.quantity.reason}" for r in missing])
     return replace(found, judgement=judgement)
@@ -135,8 +137,8 @@ def day(manifest: Mapping[str, Any]) -> date:
         return datetime.fromisoformat(str(manifest.get("created"))).date()
     except ValueError:
         raise InputError(
-            f"run '{manifest.get('run')}' has no date ({manifest.get('created')!r}): whether equipment was calibrated "
-            "on it cannot be told"
+            f"run '{manifest.get('run')}' has no date ({manifest.get('created')!r}), so nothing proves that the "
+            "instruments were calibrated on that day"
         ) from None
 
 
@@ -155,12 +157,12 @@ def _flashed(run: RunFolder) -> dict[str, Any] | None:
 
 
 def _other_coefficients(evidence: Evidence, verified: Verification) -> list[str]:
-    """Why a unit that corrected itself may have done so with other coefficients than those of this calibration."""
+    """Why a unit that corrected itself may have used other coefficients than those of this calibration."""
     flashed, own = evidence.flashed, evidence.calibration_id
     if flashed is None:
         return ["the unit corrected itself in the verification, and no flash.json says with which calibration"]
     if flashed.get("calibration_id") != own:
-        return [f"the unit was given calibration {flashed.get('calibration_id')}, this one is {own}: flash it first"]
+        return [f"the unit was given calibration {flashed.get('calibration_id')}, not this one, {own}: flash it first"]
     used = (verified.manifest.get("unit_identity") or {}).get("coefficient_set")
     if used != flashed.get("coefficient_set"):
         return [f"the verification ran with coefficient set {used}, this calibration is {flashed['coefficient_set']}"]
@@ -171,7 +173,10 @@ def _refuse_lost(run: RunFolder, manifest: Mapping[str, Any]) -> None:
     if not (run.path / "data.parquet").is_file():
         _refuse(run.path, ["data.parquet is missing"])
     if manifest.get("state") != "done":
-        _refuse(run.path, [f"the run is '{manifest.get('state')}', only one that the bench itself made whole counts"])
+        _refuse(
+            run.path,
+            [f"the run is '{manifest.get('state')}'; a certificate needs one that the bench completed"],
+        )
 
 
 def _refuse_altered(run: RunFolder, manifest: Mapping[str, Any]) -> None:
@@ -210,7 +215,7 @@ def _verify(run: RunFolder, manifest: Mapping[str, Any], source: Source) -> Veri
         own, whole = (f"{low:.1f} to {high:.1f}" for low, high in (covered.verified_degc, covered.valid_degc))
         what = f"{covered.share:.0%} of the calibration's range of temperature, {own} of {whole} degC"
         least = f"at least {LEAST_COVERED:.0%} are needed: verify with a wider profile"
-        _refuse(run.path, [f"the verification goes through {what}, {least}"])
+        _refuse(run.path, [f"the verification covers only {what}, {least}"])
     in_unit = record.corrected
     left = record.bias if in_unit else record.bias - source.fit.predict(record).bias
     error = error_of("verification", (record,), (left,), outside)
@@ -218,14 +223,14 @@ def _verify(run: RunFolder, manifest: Mapping[str, Any], source: Source) -> Veri
 
 
 def _verdict_of(path: Path) -> Verdict | None:
-    """What `bench verify` said of its run; refused where that is INVALID or cannot be read."""
+    """The verdict of `bench verify` on its run; refused where it is INVALID or cannot be read."""
     if not path.is_file():
         return None
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         verdict = Verdict(content["verdict"])
     except (ValueError, TypeError, KeyError):
-        raise InputError("says no verdict: make it anew with `bench verify`", path) from None
+        raise InputError("holds no verdict: make it again with `bench verify`", path) from None
     if verdict is Verdict.INVALID:
         reasons = content.get("refusals") or (content.get("limits") or {}).get("refusals") or ()
         why = next(iter(reasons), "a required value does not exist")

@@ -1,4 +1,4 @@
-"""Figures of the certificate: bias over temperature with the model, what is left, the ladder, the Allan deviation."""
+"""Figures of the certificate: bias over temperature with the model, the residual, the ladder, the Allan deviation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ def figures(evidence: Evidence, expanded_dph: float) -> dict[str, Any]:
 
 
 def _bias(data: Dataset, left: FloatArray) -> dict[str, Any]:
-    x, y = data.channel("temperature"), np.where(turning(data), np.nan, data.bias)  # turning, it is the scale factor's
+    x, y = (
+        data.channel("temperature"),
+        np.where(turning(data), np.nan, data.bias),
+    )  # while the unit turns, the scale factor adds to it
     axes = Axis.around(TEMPERATURE, x), Axis.around("bias [deg/h]", y)
     series = [dots(*_branch(data, sign, y), axes, colour, name) for sign, colour, name in BRANCHES]
     model = y - left
@@ -43,7 +46,6 @@ def _residual(evidence: Evidence, left: FloatArray, expanded_dph: float) -> dict
     verification = evidence.verification
     data = evidence.source.dataset if verification is None else verification.data
     y = left if verification is None else verification.left
-    x = data.channel("temperature")
     span = np.array([-1.4, 1.4]) * expanded_dph
     axes = (
         Axis.around(TEMPERATURE, evidence.source.dataset.channel("temperature")),
@@ -52,7 +54,6 @@ def _residual(evidence: Evidence, left: FloatArray, expanded_dph: float) -> dict
     series = [band(-expanded_dph, expanded_dph, axes[1], "± U")]
     series += [dots(*_branch(data, sign, y), axes, colour, name) for sign, colour, name in BRANCHES]
     what = "the verification run" if verification else "the calibration run"
-    del x
     return figure(axes, series, f"Bias that is left over temperature in {what}.")
 
 
@@ -113,7 +114,7 @@ def _allan(evidence: Evidence) -> dict[str, Any] | None:
 
 
 def _curves(evidence: Evidence) -> list[AllanCurve]:
-    """Of the stretches that the noise was read from, where they are of this run."""
+    """Allan deviation of each stretch of this run from which the noise was estimated."""
     base = load(evidence.run.path, 1.0)
     own = {segment.name for segment in base.segments}
     found = []

@@ -1,4 +1,4 @@
-"""Who calibrates, for whom, and with what: the files behind the first page of a certificate."""
+"""The files behind the first page of a certificate: the laboratory, its customer, and its instruments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Instrument(BaseModel):
     model_config = STRICT
 
     name: str
-    """What it is: `chamber sensor`, `rate table`, `time base`."""
+    """Kind of instrument: `chamber sensor`, `rate table`, `time base`."""
     model: str = ""
     """Maker and model."""
     serial: str
@@ -37,8 +37,8 @@ class Instrument(BaseModel):
         return self
 
 
-class EquipmentFile(BaseModel):
-    """The reference equipment of a station."""
+class InstrumentsFile(BaseModel):
+    """An `equipment.yaml`: the reference instruments of a station."""
 
     model_config = STRICT
 
@@ -69,7 +69,7 @@ class Signatory(BaseModel):
 
 
 class Item(BaseModel):
-    """What the bench cannot know of the unit."""
+    """Facts about the unit that only its owner knows."""
 
     model_config = STRICT
 
@@ -89,22 +89,22 @@ class Laboratory(BaseModel):
     laboratory: Party
     """Who calibrates."""
     place: str = ""
-    """Where it was done, if not at the laboratory's address."""
+    """Place of the calibration, if it is not the laboratory's address."""
     customer: Party | None = None
-    """For whom."""
+    """The customer."""
     item: Item = Item()
     """The unit."""
     authorised_by: Signatory | None = None
-    """Who answers for the certificate."""
+    """Person responsible for the certificate."""
     recommended_interval: str = ""
     """Only where agreed with the customer (ISO/IEC 17025, 7.8.4.3)."""
     remarks: tuple[str, ...] = ()
-    """What else must be said, such as deviations from the method."""
+    """Further remarks, such as deviations from the method."""
 
 
-def load_equipment(path: Path) -> tuple[Instrument, ...]:
+def load_instruments(path: Path) -> tuple[Instrument, ...]:
     """The instruments of a file; InputError with file and line where something is wrong."""
-    return load_config(path, EquipmentFile).equipment
+    return load_config(path, InstrumentsFile).equipment
 
 
 def instrument_of_registry(row: Mapping[str, Any]) -> Instrument:
@@ -113,9 +113,9 @@ def instrument_of_registry(row: Mapping[str, Any]) -> Instrument:
     return Instrument.model_construct(name=row["name"], serial=row["serial"], model=row["kind"], **days)
 
 
-def equipment_yaml(equipment: Sequence[Instrument]) -> str:
-    """The text of an equipment file."""
-    return dump({"equipment": [tool.model_dump(mode="json", exclude_none=True) for tool in equipment]})
+def instruments_yaml(instruments: Sequence[Instrument]) -> str:
+    """The text of an `equipment.yaml`."""
+    return dump({"equipment": [tool.model_dump(mode="json", exclude_none=True) for tool in instruments]})
 
 
 def load_laboratory(path: Path) -> Laboratory:
@@ -123,15 +123,13 @@ def load_laboratory(path: Path) -> Laboratory:
     return load_config(path, Laboratory)
 
 
-def refuse_overdue(equipment: Sequence[Instrument], on: date, where: Path | str | None = None) -> None:
-    """InputError, one line, where an instrument's calibration is not valid on a day: not yet, or not any more."""
-    late = [f"{tool.name} {tool.serial}, due {tool.due}" for tool in equipment if tool.due and tool.due < on]
+def refuse_overdue(instruments: Sequence[Instrument], on: date, where: Path | str | None = None) -> None:
+    """InputError, one line, where an instrument was not calibrated yet on a day, or its calibration had expired."""
+    late = [f"{tool.name} {tool.serial}, due {tool.due}" for tool in instruments if tool.due and tool.due < on]
     late += [
         f"{tool.name} {tool.serial}, calibrated later, on {tool.calibrated}"
-        for tool in equipment
+        for tool in instruments
         if tool.calibrated and tool.calibrated > on
     ]
     if late:
-        raise InputError(
-            f"not calibrated on {on}: {'; '.join(late)}; have it calibrated, or take other equipment", where
-        )
+        raise InputError(f"not calibrated on {on}: {'; '.join(late)}; calibrate it, or use another instrument", where)

@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[3]
 
 
 def commit() -> str | None:
-    """The git commit of this bench, `-dirty` where files differ from it; None where it is no git checkout."""
+    """The git commit of this bench, `-dirty` where files differ from it; None outside a git checkout."""
     if not (ROOT / ".git").exists():
         return None
     command = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]

@@ -1,6 +1,6 @@
 """PDF of a certificate: facts and figures into the typst template. The same facts give the same bytes.
 
-Fonts are those inside typst, whatever the machine has; nothing is fetched from a network. The facts are attached as
+The fonts are those inside typst; nothing is fetched from a network. The facts are attached as
 certificate.json (PDF/A-3, as typst claims it).
 """
 

@@ -1,1 +1,1 @@
-"""A fit delivered to a unit: embedded forms of a model, and the files that carry them."""
+"""Coefficients for a unit: embedded forms of a fitted model, and the files that carry them."""

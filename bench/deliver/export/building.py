@@ -1,7 +1,7 @@
-"""Fit -> Delivery: which signals and blocks of docs/eeprom.md each effect of a fitted model becomes.
+"""Fit -> Delivery: the signals and blocks of docs/eeprom.md that each effect of a fitted model becomes.
 
-Every part of a model without memory is a polynomial, or a smooth curve, of one or two channels. It is sampled where the
-unit will evaluate it and expanded in Chebyshev polynomials there, so that no formula is written twice.
+Every part of a model without memory is a polynomial or a smooth curve of one or two channels. It is sampled over the
+range in which the unit evaluates it and expanded in Chebyshev polynomials, so that no formula is written twice.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def deliver(fit: Fit, datasets: Sequence[Dataset], sample_hz: float = 500.0) -> 
 
 @dataclass
 class _Builder:
-    """Signals and blocks as they grow; `moved` are the runs with the temperature that the terms see."""
+    """The signals and blocks made so far; `moved` are the runs with the temperature that the terms use."""
 
     fit: Fit
     moved: tuple[Dataset, ...]
@@ -62,7 +62,7 @@ class _Builder:
         return 1.0 / self.sample_hz
 
     def signal(self, channel: str) -> int:
-        """Number of the signal of a channel, made where it is new."""
+        """Number of the signal of a channel; the first call for a channel makes the signal."""
         if channel not in self.named:
             low, high = self._range(channel)
             made = channel_signal(channel, low, high)
@@ -70,7 +70,7 @@ class _Builder:
         return self.named[channel]
 
     def move(self, key: str, effect: Effect) -> None:
-        """The temperature that all terms see from now on."""
+        """Replace the temperature that all later terms use."""
         theta = self.fit.bound.theta[key]
         if effect.name == "thermal_lag":
             source = self.signal("temperature")
@@ -125,7 +125,7 @@ class _Builder:
     def _loops(self, effect: Effect, theta: Theta, amplitudes: FloatArray) -> None:
         if getattr(effect, "shape", "") != "play":
             raise InputError(
-                "hysteresis: shape bouc_wen needs an exponential at each step, which the image has no form for; fit "
+                "hysteresis: shape bouc_wen needs an exponential at each step, which the image cannot hold; fit "
                 "shape play (count 3 to 5 follows a smooth loop)"
             )
         source = self.signal("temperature")
@@ -154,7 +154,7 @@ class _Builder:
         self._block(Shape.SURFACE, [number, source], 2, coefficients)
 
     def add_turning(self, pairs: Sequence[tuple[str, Effect]]) -> None:
-        """One surface over the unit's own output for all effects over the table's rate, which a unit does not know."""
+        """One surface over the unit's own output for all effects over the table's rate, which a unit cannot measure."""
         own, order = self.fit.bound, max(part.n for _, effect in pairs for part in parts_of(effect))
         temperature, output = self.signal("temperature"), self.signal("rate")
 
@@ -204,7 +204,7 @@ class _Builder:
         return len(self.signals) - 1
 
     def _range(self, channel: str) -> tuple[float, float]:
-        """Range of a channel over the fitted rows, as the terms see it."""
+        """Range of a channel over the fitted rows, after `move`."""
         pairs = zip(self.moved, self.fit.residuals, strict=True)
         rows = np.concatenate([r.channel(channel)[np.isfinite(left)] for r, left in pairs])
         return float(np.nanmin(rows)), float(np.nanmax(rows))
@@ -219,7 +219,8 @@ def _behind_of(effect: Effect, theta: Theta) -> tuple[float, float]:
     filter_s = float(getattr(effect, "filter_s", 0.0))
     if not filter_s:
         raise InputError(
-            "temperature_rate: its central slope looks half a minute ahead, which no unit can; fit it with filter_s: 30"
+            "temperature_rate: its central slope needs data of the next half minute, which a unit has not; fit it "
+            "with filter_s: 30"
         )
     return filter_s, -60.0 / filter_s
 
@@ -235,7 +236,7 @@ def record(**channels: FloatArray) -> Dataset:
 
 
 def _value(effect: Effect, theta: Theta, amplitudes: FloatArray, at: Mapping[str, Any]) -> FloatArray:
-    """What the effect adds at these points (n,) [deg/h]."""
+    """Contribution of the effect at these points (n,) [deg/h]."""
     points = record(**{name: np.atleast_1d(np.asarray(values)) for name, values in at.items()})
     added: FloatArray = effect.columns(points, theta) @ amplitudes
     return added

@@ -21,7 +21,7 @@ _TYPES = {"float32": "float", "fixed": "int32_t", "split": "int64_t", "split_fix
 def c_files(image: Image, words: list[int], name: str = "calibration") -> dict[str, str]:
     """Header and source by file name; `name` begins every public identifier."""
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,30}", name):
-        raise InputError(f"'{name}' is no name for C: allowed are up to 31 of a-z, 0-9 and _, a letter first")
+        raise InputError(f"'{name}' is not a name for C: allowed are up to 31 of a-z, 0-9 and _, a letter first")
     environment = Environment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, autoescape=False
     )

@@ -1,4 +1,4 @@
-"""From a run folder to files: the calibration checked, built, measured in each form, written."""
+"""From a run folder to files: checks the calibration, builds the delivery, measures each form, makes the files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from bench.record import Dataset
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What the caller chooses; None: the bench's choice. `force` delivers against all objections."""
+    """Choices of the caller; None leaves the choice to the bench. `force` delivers despite all objections."""
 
     model: str | None = None
     form: str | None = None
@@ -56,7 +56,7 @@ def prepare(folder: Path, wishes: ExportOptions) -> Delivered:
     source = source_of(folder, wishes.model)
     if source.objections and not wishes.force:
         more = f" (and {len(source.objections) - 1} more)" if len(source.objections) > 1 else ""
-        raise InputError(f"not delivered: {source.objections[0]}{more}; --force delivers it all the same", folder)
+        raise InputError(f"not delivered: {source.objections[0]}{more}; --force delivers it anyway", folder)
     serial = wishes.serial if wishes.serial is not None else source.serial
     if serial is None:
         raise InputError(f"unit '{source.unit}' has no number in its serial number; give one with --serial", folder)
@@ -78,7 +78,7 @@ def files_of(package: Package, format_: str) -> Files:
 
 
 def calibration_id(source: Source) -> int:
-    """First 32 bits of the SHA-256 of unit, model and numbers: another calibration has another id."""
+    """First 32 bits of the SHA-256 of unit, model and numbers, so that calibrations differ in their ids."""
     fit = source.fit
     content = [source.unit, fit.model.to_yaml(), fit.beta.tolist(), fit.theta, list(fit.runs)]
     return int(hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8], 16)
@@ -104,7 +104,7 @@ def apart(delivery: Delivery, fit: Fit, dataset: Dataset) -> float:
 
 
 def _created(folder: Path) -> int:
-    """Time of the run's manifest [s since 1970], 0 where it has none: the same run makes the same image."""
+    """Time in the run's manifest [s since 1970], 0 without one, so that the same run makes the same image."""
     created = json.loads((folder / "manifest.json").read_text(encoding="utf-8")).get("created")
     try:
         return int(datetime.fromisoformat(str(created)).timestamp())

@@ -1,7 +1,7 @@
 """A model as a unit evaluates it: integer signals from counts to [-1, 1], and blocks of Chebyshev coefficients.
 
-The format is that of docs/eeprom.md; names and numbers here are the ones there. Coefficients are still in double
-precision; `bench.deliver.export.forms` rounds them to what a form stores.
+docs/eeprom.md describes the format with the same names and numbers. Coefficients are still in double precision;
+`bench.deliver.export.forms` rounds them to the numbers that a form stores.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from bench.base import FloatArray
 ONE = 1 << 30
 """1.0 in the integers of the signals."""
 NO_VALUE = -(1 << 31)
-"""Count that stands for: no value."""
+"""Count that means: no value."""
 MOST_SIGNALS, MOST_BLOCKS, MOST_ORDER = 16, 16, 12
 
 
@@ -95,7 +95,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
-    """What a unit gets, before it is rounded to a form; `gain` is one count of the raw output [output unit]."""
+    """A delivery before it is rounded to a form; `gain` is one count of the raw output [output unit]."""
 
     model: str
     signals: tuple[Signal, ...]

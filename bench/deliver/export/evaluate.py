@@ -1,4 +1,4 @@
-"""An image evaluated as docs/eeprom.md says, bit for bit: the reference of the generated C code."""
+"""Evaluates an image bit for bit as docs/eeprom.md defines it: the reference for the generated C code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The delivered model in double precision: what every embedded form is measured against."""
+"""The delivered model in double precision: the reference for the errors of every embedded form."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ Files = dict[str, bytes]
 
 @dataclass(frozen=True, eq=False)
 class Package:
-    """All that a format may say: the image in words and as read, the delivery, the physical coefficients, errors."""
+    """The content for every format: the image as words and as fields, the delivery, physical coefficients, errors."""
 
     name: str
     words: Sequence[int]

@@ -1,4 +1,4 @@
-"""Embedded forms of a delivery: coefficients rounded to what a unit stores, and the numbers of its header.
+"""Embedded forms of a delivery: the coefficients rounded to the numbers that a unit stores, and those of the header.
 
 `float32` all in single precision; `fixed` coefficients and output in one integer format Qm.n; `split` the nominal gain
 in full precision and a correction in single precision; `split_fixed` the same with a correction in 32-bit integers.
@@ -40,7 +40,7 @@ def rounded(delivery: Delivery, form: str) -> Rounded:
         raise InputError(f"form is {form!r}, allowed are {', '.join(FORMS)}")
     coefficients = np.concatenate([block.coefficients for block in delivery.blocks])
     if not np.all(np.isfinite(coefficients)):
-        raise InputError("a coefficient of the model is not finite: nothing can be delivered")
+        raise InputError("a coefficient of the model is not finite, so the model cannot be delivered")
     bound = max(sum(block.bound for block in delivery.blocks), 1e-30)
     if bound * PICO >= 1 << 62:
         raise InputError(f"coefficients add up to {bound:g}, more than a 64-bit output of 1e-12 can hold")

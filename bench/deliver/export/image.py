@@ -1,4 +1,4 @@
-"""The image of a calibration in a unit's EEPROM: docs/eeprom.md, word for word."""
+"""The image of a calibration in a unit's EEPROM, as docs/eeprom.md defines it word for word."""
 
 from __future__ import annotations
 
@@ -95,8 +95,8 @@ def _check_frame(words: Sequence[int], serial: int | None) -> None:
     s, k, n = words[12], words[13], words[14]
     size = HEADER_WORDS + SIGNAL_WORDS * s + BLOCK_WORDS * k + n + 1
     refusals = (
-        (words[1] != VERSION, f"format version {words[1]}, this is a reader of {VERSION}"),
-        (words[2] >= len(FORMS), f"form {words[2]}, known are 0 to {len(FORMS) - 1}"),
+        (words[1] != VERSION, f"its format version is {words[1]}, this bench reads {VERSION}"),
+        (words[2] >= len(FORMS), f"its form is {words[2]}, allowed is 0 to {len(FORMS) - 1}"),
         (not words[3] == len(words) == size, f"{len(words)} words, its header says {words[3]}, its counts say {size}"),
         (s > MOST_SIGNALS or k > MOST_BLOCKS, f"{s} signals and {k} blocks, at most {MOST_SIGNALS} and {MOST_BLOCKS}"),
         (words[21] > MOST_ORDER, f"order {words[21]}, at most {MOST_ORDER}"),
@@ -121,12 +121,12 @@ def _check_parts(image: Image) -> None:
         fits = signal.source in known if signal.kind is Kind.CHANNEL else signal.source < i
         filters = signal.kind in {Kind.LAG, Kind.BEHIND}
         if not fits or (filters and not 0 <= signal.p[1] <= 62) or signal.low > signal.high:
-            raise InputError(f"calibration image refused: signal {i} names what is not there")
+            raise InputError(f"calibration image refused: the source, shift or range of signal {i} is not allowed")
     for i, (shape, a, b, n, first) in enumerate(image.blocks):
         size = {1: n + 1, 2: (n + 1) * (n + 2) // 2, 3: 4 * n}.get(shape, len(image.coefficients) + 1)
         most = image.order if shape != Shape.SPLINE else len(image.coefficients)
         within = max(a, b) < len(image.signals) and first + size <= len(image.coefficients) and n <= most
         if not within or (shape == Shape.SPLINE and n == 0):
-            raise InputError(f"calibration image refused: block {i} names what is not there")
+            raise InputError(f"calibration image refused: block {i} refers to missing signals or coefficients")
     if image.floats and not all(isfinite(float_of(word)) for word in image.coefficients):
         raise InputError("calibration image refused: a coefficient is not finite")

@@ -1,7 +1,8 @@
-"""Effects over the table's rate as a surface over the unit's own output: in the field a unit knows only that one.
+"""Effects over the table's rate as a surface over the unit's own output, the only rate that a unit knows in the field.
 
 The output is R = W + B(W, T) + the other effects; solved for W at the nodes of a grid, B(W(R, T), T) is expanded in R
-and T. What the others add is counted settled; a loop or a lag moves R by a few deg/h at most, times dB/dW of some 1e-3.
+and T. The contribution of the others is taken as settled; a loop or a lag moves R by a few deg/h at most, times dB/dW
+of some 1e-3.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _ENOUGH_DPH = 1e-4
 def static_over(
     delivery: Delivery, temperature: int, box: tuple[float, float], constant_dph: float
 ) -> Callable[[FloatArray], FloatArray]:
-    """What the blocks so far add over temperature [deg/h], loops settled and other channels in their middle."""
+    """Contribution of the blocks so far over temperature [deg/h]: loops settled, other channels in mid-range."""
 
     def settled(degc: FloatArray) -> FloatArray:
         z = np.zeros((len(delivery.signals), degc.size))
@@ -50,7 +51,7 @@ def over_output(
             last, added = added, turning((free - added) / DPH_PER_DPS, degc)
             if np.abs(added - last).max() < 1e-9:
                 return added
-        raise InputError("the model's error over the rate is no small correction: the output cannot be solved for it")
+        raise InputError("the model's error over the rate is too large for a correction by the unit's own output")
 
     a, b = np.meshgrid(np.linspace(*output, 41), np.linspace(*temperature, 41), indexing="ij")
     wanted = value(a.ravel(), b.ravel())

@@ -1,4 +1,4 @@
-"""Figures for those who do not see them, and for those who want the numbers: words, and a table."""
+"""Figures with a text alternative and a table of their numbers."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from bench.base import FloatArray, number
+from bench.analysis import entry
+from bench.base import FloatArray, InputError, number
 from bench.deliver.report.plotting import Plot
 
 Table = list[list[Any]]
 
 
 def described(plot: Plot, words: str, table: Table | None = None) -> dict[str, Any]:
-    """A figure as a page wants it: what to draw, what it shows in a sentence or two, and its numbers as rows of a CSV.
+    """A figure for a page: the plot, a sentence or two about it, and its numbers as rows of a CSV.
 
-    Without a table of its own every curve is listed, point by point.
+    Without a `table` the rows are the points of every curve.
     """
     return {"figure": plot, "words": words, "csv": points(plot) if table is None else table}
 
@@ -55,6 +56,14 @@ def ladder_words(names: Sequence[str], inside: FloatArray, outside: FloatArray, 
         for name, i, o in zip(names, inside.tolist(), outside.tolist(), strict=True)
     ]
     return f"Error of each model in RMS deg/h. {'; '.join(told)}. {floor_words(floor_dph)}"
+
+
+def summary_of(effect: str) -> str:
+    """One line about an effect; empty for one of a user's file that is not loaded."""
+    try:
+        return entry(effect).summary
+    except InputError:
+        return ""
 
 
 def floor_words(floor_dph: float) -> str:

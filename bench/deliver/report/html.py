@@ -1,4 +1,4 @@
-"""The HTML report of a run: one file that holds its own scripts and styles and asks no network for anything."""
+"""The HTML report of a run: one file with its own scripts and styles that needs no network."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
@@ -36,12 +37,12 @@ SECTIONS: tuple[Callable[[Analysis], Section | None], ...] = (
     sections_run.run_facts,
     sections_model.terms,
 )
-"""The report from top to bottom; a section that has nothing to say returns None."""
+"""The report from top to bottom; a section without content returns None."""
 
 
 @dataclass(frozen=True)
 class Headline:
-    """One of the three numbers on top."""
+    """One of the numbers at the top."""
 
     what: str
     value: str
@@ -54,16 +55,24 @@ def render(analysis: Analysis) -> str:
     sections = [section for make in SECTIONS if (section := make(analysis)) is not None]
     manifest = analysis.manifest
     when = (manifest.get("profile", "no profile"), moment(manifest.get("created", "no date")))
-    drawn = any("data-figure" in section.html for section in sections)
-    environment = Environment(undefined=StrictUndefined, autoescape=True, trim_blocks=False)
-    return environment.from_string(_asset("report.html.j2")).render(
+    return html_page(
+        sections,
         title=f"Thermal calibration of {manifest.get('unit', 'an unnamed unit')}",
         subtitle=", ".join((*map(str, when), f"{clock(analysis.done.duration_s)} h")),
         verdict=analysis.verdict,
         numbers=headlines(analysis),
         warnings=analysis.warnings,
-        sections=sections,
         source=f"run folder {manifest.get('run', analysis.run.path.name)}",
+    )
+
+
+def html_page(sections: Sequence[Section], **content: Any) -> str:
+    """One HTML file of sections; `content`: title, subtitle, verdict, numbers, warnings and source of the template."""
+    drawn = any("data-figure" in section.html for section in sections)
+    environment = Environment(undefined=StrictUndefined, autoescape=True)
+    return environment.from_string(_asset("report.html.j2")).render(
+        **content,
+        sections=sections,
         version=__version__,
         css=Markup(_asset("report.css")),
         plotly=Markup(_plotly(sections)) if drawn else "",
@@ -79,7 +88,7 @@ def write_report(analysis: Analysis) -> Path:
 
 
 def headlines(analysis: Analysis) -> tuple[Headline, ...]:
-    """The three numbers that matter; none where nothing was captured."""
+    """The three main numbers; none where nothing was captured."""
     if analysis.dataset is None:
         return ()
     best, floor_dph = analysis.best, analysis.floor.floor_dph
@@ -101,7 +110,7 @@ def headlines(analysis: Analysis) -> tuple[Headline, ...]:
 
 
 def _plotly(sections: Sequence[Section]) -> str:
-    """The smaller bundle, unless a figure stands in space: that one has 4.8 MB instead of 1.5."""
+    """The smaller bundle (1.5 MB), or the whole one (4.8 MB) for a figure in three dimensions."""
     spatial = any('"scene":' in section.html for section in sections)
     return str(get_plotlyjs()) if spatial else _asset("plotly-cartesian.min.js")
 

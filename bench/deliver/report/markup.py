@@ -1,4 +1,4 @@
-"""The few pieces of HTML that sections are made of. All text is escaped here; sections never write a tag by hand."""
+"""The pieces of HTML of which sections consist. All text is escaped here; sections write no tags themselves."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def paragraph(text: object) -> Markup:
 
 
 def lead(text: object) -> Markup:
-    """The sentence that a section is about, in large type."""
+    """The main sentence of a section, in large type."""
     return Markup('<p class="lead">{}</p>\n').format(text)
 
 
@@ -59,7 +59,7 @@ def table(
 ) -> Markup:
     """A real table with a caption; the columns in `numeric` are aligned right; the first cell names its row.
 
-    A long one is folded away behind its caption.
+    A long table is folded under its caption.
     """
     right = set(numeric)
     lines = [row if isinstance(row, Row) else Row(tuple(row)) for row in rows]
@@ -110,7 +110,7 @@ def glossary(terms: Iterable[tuple[str, str]]) -> Markup:
 
 
 def figure(name: str, plot: dict[str, Any], caption: str, alt: str) -> Markup:
-    """A figure drawn by the browser from JSON; `alt` says in words what it shows to whoever cannot see it."""
+    """A figure drawn by the browser from JSON; `alt` is its text alternative."""
     height = int(plot["layout"]["height"])
     # A "</script>" inside a name must not end the block: JSON allows the escape, HTML never sees the tag.
     data = json.dumps(plot, allow_nan=False, separators=(",", ":"))

@@ -1,4 +1,4 @@
-"""Section about the diagnosis: what is missing, how sure that is, what to do, and what nobody could have seen."""
+"""Section about the diagnosis: what is missing, how sure that is, what to do, and what the run could not show."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from bench.analysis import (
     SuspectedEffect,
     Value,
     effect_names,
-    entry,
     load_model,
     made_from,
     rivals,
 )
-from bench.base import CHANNELS, InputError, finite, in_print, listed, number, with_uncertainty
+from bench.base import CHANNELS, finite, in_print, listed, number, with_uncertainty
 from bench.deliver.report import figures_diagnosis
+from bench.deliver.report.described import summary_of
 from bench.deliver.report.markup import Row, Section, commands, figure, glossary, heading, lead, paragraph, table, wide
 from bench.record import Dataset
 
@@ -36,7 +36,7 @@ _OWN_UNITS = {"dT_dt": ("dT/dt", "°C/min"), "time": ("time", "s")}
 
 
 def missing(analysis: Analysis) -> Section | None:
-    """The diagnosis; None where no model was there to diagnose."""
+    """The diagnosis; None without a model to diagnose."""
     found, data = analysis.diagnosed, analysis.dataset
     if data is None or (found.answer is None and not found.reason):
         return None
@@ -65,11 +65,11 @@ def _sentence(answer: Diagnosis) -> Markup:
 
 
 def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
-    """What to do next, as commands to copy."""
+    """The next steps, as commands to copy."""
     run = analysis.run.path
     model = _source(analysis, answer.model.name)
     lines: list[str] = []
-    # What only behaves like an effect is not to be added as one.
+    # An effect that is only similar to the unknown one must not be added.
     for i, suspect in enumerate(answer.found if answer.verdict == "missing_effect" else (), 1):
         out = f"better{i}.yaml"
         lines.append(f"bench add {suspect.effect} --model {model} --out {out}")
@@ -77,9 +77,9 @@ def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
     parts = Markup()
     if answer.next_experiment:
         why, profile = answer.next_experiment["why"], answer.next_experiment["profile"]
-        parts += paragraph(f"The run that decides: {why}.") + commands([f"bench run {profile}"])
+        parts += paragraph(f"This run would decide: {why}.") + commands([f"bench run {profile}"])
     if lines:
-        words = "Add it and see whether the error falls on a run that the fit has not seen:"
+        words = "Add it and check the error on a run that was not used for the fit:"
         lines.append(f"bench compare {run} --check ANOTHER_RUN --model {_source(analysis, answer.model.name)} "
                      f"--model {model}")  # fmt: skip
         parts += paragraph(words) + commands(lines)
@@ -96,21 +96,21 @@ def _suspects(answer: Diagnosis) -> Markup:
     if not answer.suspects:
         return Markup()
     head = ("effect", "evidence", "by chance", "held-out before → after [deg/h]",
-            "removes", "parameters", "not told from")  # fmt: skip
+            "removes", "parameters", "cannot be told from")  # fmt: skip
     rows = [_suspect(suspect) for suspect in answer.suspects]
-    least = f"evidence above {number(answer.threshold, 2)} is more than chance"
-    caption = f"The nearest suspects, none of them believed: {least}."
+    least = f"evidence above {number(answer.threshold, 2)} is beyond chance"
+    caption = f"The strongest suspects, none of them confirmed: {least}."
     if answer.found:
-        caption = f"Suspects, bold if they belong to the explanation: {least}, {TIE:g} more than another is better."
+        caption = f"Suspects, bold if part of the explanation: {least}; a lead of {TIE:g} over another suspect counts."
     return table(caption, head, rows, (1, 2, 3, 4)) + glossary(_meanings(answer))
 
 
 def _meanings(answer: Diagnosis) -> Iterator[tuple[str, str]]:
-    """What the effects found and their look-alikes are."""
+    """Summaries of the effects found and of their look-alikes."""
     alike = {name for suspect in answer.found for name in suspect.look_alikes}
     for suspect in answer.suspects:
         if suspect.found or suspect.effect in alike:
-            yield suspect.effect, _summary(suspect.effect)
+            yield suspect.effect, summary_of(suspect.effect)
 
 
 def _suspect(suspect: SuspectedEffect) -> Row:
@@ -132,13 +132,6 @@ def _parameter(name: str, value: Value) -> str:
     return f"{label} = {size} ± {deviation} {in_print(value.unit)}".rstrip()
 
 
-def _summary(effect: str) -> str:
-    try:
-        return entry(effect).summary
-    except InputError:  # of a file of the user's that is not at hand
-        return ""
-
-
 def _chance(chance: float) -> str:
     if not np.isfinite(chance):
         return "–"
@@ -150,20 +143,20 @@ def _percent(share: float) -> str:
 
 
 def _ladder(answer: Diagnosis, rungs: tuple[Rung, ...]) -> Markup:
-    """How the error falls with what was found."""
+    """Error of the model with each effect added."""
     if len(rungs) < 2:
         return Markup()
     plot = figures_diagnosis.improvement_ladder(rungs, finite(answer.floor_dph))
     unseen = "check runs" if answer.check else "blocks left out in turn"
     caption = (
-        f"Error when what is missing is added; filled: on data that the fit did not see ({unseen}). A rival that falls "
-        "as low is no worse an answer by this measure: names come from the evidence, proof from another run."
+        f"Error with each missing effect added; filled: on data not used for the fit ({unseen}). By this measure a "
+        "rival with an equal error is as good: the evidence names the effect, and another run proves it."
     )
     alt = "; ".join(f"{r.name}: {number(r.in_sample_dph)} in-sample, {number(r.held_out_dph)} held-out" for r in rungs)
     head = ("model", "in-sample RMS [deg/h]", "held-out RMS [deg/h]")
     rows = [(r.name, number(r.in_sample_dph), number(r.held_out_dph)) for r in rungs]
     drawn = figure("fig-missing-ladder", plot, caption, f"Error of each model [deg/h]. {alt}")
-    return heading("Watch the error fall") + drawn + table("Add it and watch", head, rows, (1, 2))
+    return heading("Error with each effect added") + drawn + table("Models with effects added", head, rows, (1, 2))
 
 
 def _map(data: Dataset, answer: Diagnosis) -> Markup:
@@ -176,13 +169,13 @@ def _map(data: Dataset, answer: Diagnosis) -> Markup:
     where = f"left {answer.model.name}, right with {names} added" if after is not None else answer.model.name
     words = (
         f"Mean residual by temperature and its rate of change: {where}. Colour that changes sign between heating and "
-        "cooling is an effect with memory or of the rate; pale everywhere is a model that lacks nothing."
+        "cooling points to an effect with memory or of the temperature rate; a map that is pale everywhere to none."
     )
-    return heading("Where the residual sits") + figure("fig-missing-map", plot, words, words)
+    return heading("Residual by temperature and rate") + figure("fig-missing-map", plot, words, words)
 
 
 def _partial(data: Dataset, answer: Diagnosis, suspect: SuspectedEffect) -> Markup:
-    """An effect found, against what it depends on."""
+    """An effect that was found, over the channel that it depends on."""
     if not answer.unexplained_residuals or not suspect.shape:
         return Markup()
     x = figures_diagnosis.coordinate(data, suspect.model.effects[-1])
@@ -194,37 +187,37 @@ def _partial(data: Dataset, answer: Diagnosis, suspect: SuspectedEffect) -> Mark
 
 
 def _misfit(data: Dataset, answer: Diagnosis) -> Markup:
-    """The shape of what nothing explains, over the channel where it shows best."""
+    """The unexplained residual over the channel where it shows best."""
     left = answer.unexplained_residuals or answer.residuals
     place = next((p for p in answer.unexplained if p.channel in figures_diagnosis.drawable_coordinates(data)), None)
     if answer.verdict != "unknown_effect" or place is None or not left:
         return Markup()
     plot = figures_diagnosis.misfit_figure(data, left[0], place)
-    words = f"What nothing explains, over {_channel(place.channel)[0]}: residual (dots), its mean (line), worst shaded."
-    return heading("The shape of the unknown") + figure("fig-missing-unknown", plot, words, words)
+    words = f"Unexplained residual over {_channel(place.channel)[0]}: dots, their mean (line), worst range shaded."
+    return heading("The unexplained residual") + figure("fig-missing-unknown", plot, words, words)
 
 
 def _legs(answer: Diagnosis) -> Markup:
-    """Which leg of the profile speaks for which suspect."""
+    """Evidence for each suspect by leg of the profile."""
     if not answer.suspects or answer.suspects[0].evidence <= answer.threshold:
         return Markup()
     shown = [*answer.found, *rivals(answer, answer.suspects[0])][:_ENOUGH]
     plot = figures_diagnosis.suspects_by_leg(shown)
     words = (
-        "Evidence by leg. A lag's bar doubles with the ramp rate, a hysteresis' does not; a suspect that lives from "
-        "one leg only wants a second look."
+        "Evidence by leg. The bar of a lag doubles with the ramp rate, that of a hysteresis does not; check a suspect "
+        "whose evidence comes from one leg only."
     )
     alt = f"Evidence that each segment gives for {', '.join(s.effect for s in shown)}."
-    return heading("Which leg says so") + figure("fig-missing-legs", plot, words, alt)
+    return heading("Evidence by leg") + figure("fig-missing-legs", plot, words, alt)
 
 
 def _places(answer: Diagnosis) -> Markup:
-    """Where the model fails, and where it still does."""
+    """Where the model fails, before and after the effects found."""
     head = ("where", "from", "to", "systematic [deg/h]", "RMS × floor", "by chance", "")
     parts = Markup()
     for caption, shown in (
         (f"Where {answer.model.name} fails", answer.where),
-        ("What remains beside what was found", answer.unexplained if answer.found else ()),
+        ("Where it still fails with the effects found", answer.unexplained if answer.found else ()),
     ):
         if shown:
             parts += table(caption, head, [_place(place) for place in shown], (1, 2, 3, 4))
@@ -253,13 +246,13 @@ def _channel(name: str) -> tuple[str, str]:
 
 
 def _unseen(answer: Diagnosis) -> Markup:
-    """What this run would have shown, and what it could not."""
+    """The effects that this run would have shown, and those that it could not."""
     limits = sorted(answer.smallest_detectable, key=lambda limit: limit.rms_dph)
     seen = [limit for limit in limits if np.isfinite(limit.rms_dph)]
     parts = heading("What this run could not have shown")
     if seen:
         plot = figures_diagnosis.detectable(seen, finite(answer.floor_dph))
-        words = "Smallest effect that this run would have found (RMS over the run); anything smaller stays unseen."
+        words = "Smallest effect that this run would have found (RMS over the run)."
         alt = "; ".join(f"{limit.effect}: {number(limit.rms_dph)} deg/h" for limit in seen)
         parts += figure("fig-missing-detectable", plot, words, f"Smallest detectable effects. {alt}")
         head = ("effect", "RMS [deg/h]", "amplitude", "unit", "at")
@@ -267,7 +260,7 @@ def _unseen(answer: Diagnosis) -> Markup:
             table("Smallest detectable amplitudes", head, map(_limit, seen), (1, 2))
         )
     blind = [(name, _capital(why)) for name, why in answer.not_excited.items()]
-    blind += [(limit.effect, "No size of it would have shown") for limit in limits if limit not in seen]
+    blind += [(limit.effect, "This run would not show it at any amplitude") for limit in limits if limit not in seen]
     if blind:
         parts += table("Not tested by this run", ("effect", "why"), [(name, why) for name, why in dict(blind).items()])
     return parts if seen or blind else Markup()

@@ -1,4 +1,4 @@
-"""Section of the report about limits: the word, what did not pass, all results."""
+"""Section of the report about limits: the verdict, refusals, all results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def limits(analysis: Analysis) -> Section | None:
     if judged is None:
         return None
     html = lead(f"{judged.verdict.value} against the limits “{judged.limits.name}”.")
-    html += Markup().join(paragraph(f"Not to be judged: {text}.") for text in judged.refusals)
+    html += Markup().join(paragraph(f"Cannot be judged: {text}.") for text in judged.refusals)
     head = (
         "quantity",
         "value",

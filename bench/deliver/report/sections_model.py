@@ -18,21 +18,21 @@ _ROWS = {
     "soaks_3": "3 soaks",
     "bins": "equal bins",
 }
-_HELD_OUT = {"check": "a run that it has not seen", "blocks": "20 contiguous blocks, each left out in turn"}
+_HELD_OUT = {"check": "a run that was not used for the fit", "blocks": "20 contiguous blocks, each left out in turn"}
 _HELD_OUT["segments"] = "segments, each left out in turn"
 
 _TERMS = (
-    ("bias, zero-rate output", "what the gyro reports while nothing turns [deg/h]."),
+    ("bias, zero-rate output", "output of the gyro while it does not turn [deg/h]."),
     ("RMS", "root of the mean square of measured less modelled bias, over the means used for the fit."),
-    ("in-sample, held-out", "error on the data of the fit, and on data it never saw. Only the second is a promise."),
-    ("noise floor", "what remains of a perfect model, because of the noise of the gyro itself."),
+    ("in-sample, held-out", "error on the data of the fit, and on other data. Only the second predicts later runs."),
+    ("noise floor", "the error that a perfect model would leave, because of the noise of the gyro itself."),
     ("N, B, K", "angle random walk [deg/√h], bias instability [deg/h], rate random walk [deg/h/√h]: IEEE Std 952."),
-    ("Allan deviation", "scatter between neighbouring means, as a function of how long one averages."),
+    ("Allan deviation", "scatter between neighbouring means, as a function of the averaging time."),
     ("segment, soak, ramp", "one piece of the profile; a soak holds the temperature, a ramp moves it evenly."),
-    ("settled", "in band, slope below its limit, the unit's own sensor agrees, and that for the time required."),
+    ("settled", "air in its band, its slope below the limit, the unit's sensor agrees: all for the required time."),
     ("knot", "temperature at which two pieces of a spline meet, with equal value, slope and curvature."),
-    ("standard uncertainty", "one standard deviation, from noise that is not white (white + flicker + random walk)."),
-    ("validity", "range of each channel in the fitted data; outside, the model follows its tangent, flagged."),
+    ("standard uncertainty", "one standard deviation, computed for noise with white, flicker and random-walk parts."),
+    ("validity", "range of each channel in the fitted data; outside it the model follows its tangent and sets a flag."),
 )  # fmt: skip
 
 
@@ -89,7 +89,7 @@ def _rung(score: Score, floor_dph: float | None, is_best: bool) -> Row:
 
 
 def compensation(analysis: Analysis) -> Section | None:
-    """Measured bias, the model and what is left, over time."""
+    """Measured bias, model and residual over time."""
     data, best = analysis.dataset, analysis.best
     if data is None or best is None:
         return None
@@ -105,7 +105,7 @@ def compensation(analysis: Analysis) -> Section | None:
 
 
 def spline(analysis: Analysis) -> Section | None:
-    """The pieces of the spline and its knots, whichever model of the ladder has one (the best of them)."""
+    """The pieces and knots of the best model of the ladder that has a spline."""
     found = _spline(analysis)
     if found is None or analysis.dataset is None:
         return None
@@ -115,7 +115,7 @@ def spline(analysis: Analysis) -> Section | None:
         f"{len(pieces)} cubic pieces of {number(float(knots[1] - knots[0]))} °C, smooth to the second derivative at "
         f"the knots (model '{score.model.name}')."
     )
-    caption = f"{words} One colour a piece, diamonds are the knots, grey the measurement."
+    caption = f"{words} Each piece has its colour; diamonds are the knots, grey is the measurement."
     return Section(
         "spline", "Spline pieces", figure("fig-spline", plot, caption, f"Cubic spline over temperature: {words}")
     )
@@ -140,12 +140,12 @@ def _spline(analysis: Analysis) -> tuple[Score, FloatArray, FloatArray] | None:
 
 
 def residual(analysis: Analysis) -> Section | None:
-    """What the best model leaves, over temperature and over time."""
+    """Residual of the best model over temperature and over time."""
     data, best = analysis.dataset, analysis.best
     if data is None or best is None:
         return None
     left, floor_dph = analysis.residual(), finite(analysis.floor.floor_dph)
-    words = f"What '{best.model.name}' leaves: {number(best.rms_dph)} deg/h RMS in-sample."
+    words = f"Residual of '{best.model.name}': {number(best.rms_dph)} deg/h RMS in-sample."
     worst = max(best.segments, key=lambda s: s.rms_dph, default=None)
     if worst is not None:
         words += f" Worst segment: {worst.name}, {number(worst.rms_dph)} deg/h."
@@ -154,7 +154,8 @@ def residual(analysis: Analysis) -> Section | None:
     band = " Green band: noise floor." if floor_dph else ""
     html = paragraph(words) + figure(
         "fig-residual-temperature", over_t,
-        f"Residual over temperature. Branches that part are an effect with memory: no static curve removes them.{band}",
+        "Residual over temperature. Where the branches differ, an effect with memory acts, which no static curve "
+        f"removes.{band}",
         f"Residual over temperature, heating and cooling apart. {words}",
     )  # fmt: skip
     html += figure(
@@ -165,7 +166,7 @@ def residual(analysis: Analysis) -> Section | None:
 
 
 def coefficients(analysis: Analysis) -> Section | None:
-    """Coefficients of the best model with their uncertainties and where they hold."""
+    """Coefficients of the best model with their uncertainties and their range of validity."""
     best = analysis.best
     if best is None:
         return None
@@ -179,7 +180,7 @@ def coefficients(analysis: Analysis) -> Section | None:
     head = ("coefficient", "value", "standard uncertainty", "unit")
     html = paragraph(words) + table(f"Coefficients of {best.model.name}", head, rows, (1, 2))
     ranges = ((name, *(number(end, 5) for end in ends), _unit(name)) for name, ends in fit.validity.items())
-    html += heading("Where they hold")
+    html += heading("Range of validity")
     html += table("Range of each channel in the fitted data", ("channel", "from", "to", "unit"), ranges, (1, 2))
     return Section("coefficients", "Coefficients", html)
 
@@ -191,7 +192,7 @@ def _searched(fit: Fit, key: str) -> tuple[str, str, str, str]:
 
 
 def terms(analysis: Analysis) -> Section:
-    """The words of this report."""
+    """Glossary of the report."""
     return Section("terms", "Terms", glossary(_TERMS))
 
 

@@ -20,15 +20,15 @@ _LOSS_WORDS: Mapping[str, str] = {
     "repeated": "repeated",
     "late": "late",
     "out_of_order": "out of order",
-    "resets": "unit started anew",
-    "invalid": "not valid, says the unit",
+    "resets": "restarts of the unit",
+    "invalid": "marked as not valid by the unit",
     "journal_damaged_bytes": "bytes of the journal damaged",
 }
 _QUIET_EVENTS = frozenset({"segment", "settled", "write"})
 
 
 def profile(analysis: Analysis) -> Section | None:
-    """The profile that was actually followed."""
+    """The profile as it was executed."""
     if analysis.dataset is None:
         return None
     done = analysis.done
@@ -51,22 +51,22 @@ def bias(analysis: Analysis) -> Section | None:
     words = f"The bias moves by {number(analysis.bias_span_dph)} deg/h over the run."
     gap = branch_gap(data)
     if gap is not None:
-        words += f" Heating and cooling part by up to {number(abs(gap[0]))} deg/h, at {gap[1]:.0f} °C."
+        words += f" Heating and cooling differ by up to {number(abs(gap[0]))} deg/h, at {gap[1]:.0f} °C."
     caption = (
         f"Bias over temperature, means over {analysis.interval_s:g} s, coloured by time; arrows show the direction. "
-        "Where heating and cooling do not meet, no curve in temperature alone can follow."
+        "Where heating and cooling differ, a function of temperature alone cannot describe the bias."
     )
     alt = f"Loop of the zero-rate output over the temperature of the unit. {words}"
     html = paragraph(words) + figure("fig-loop", figures_run.loop_figure(data), caption, alt)
     others = figures_run.channels_figure(data)
     if others is not None:
-        caption = "The unit's other channels over temperature: what the multi-channel models can use."
+        caption = "The unit's other channels over temperature, which the multi-channel models can use."
         html += figure("fig-channels", others, caption, "Other channels of the unit over temperature")
     return Section("bias", "Bias over temperature", html)
 
 
 def noise(analysis: Analysis) -> Section | None:
-    """Allan deviation of the soaks and the coefficients behind the floor."""
+    """Allan deviation of the soaks, and the noise coefficients that give the floor."""
     if analysis.dataset is None:
         return None
     floor = analysis.floor
@@ -86,7 +86,7 @@ def noise(analysis: Analysis) -> Section | None:
     spans = f"{len(floor.stretches)} isothermal spans{f' of the run {floor.static}' if floor.static else ''}"
     words = (
         f"Means over {analysis.interval_s:g} s of a run this long scatter by {number(floor.floor_dph)} deg/h from "
-        f"noise alone. No model can do better: that is the floor, read from {spans}."
+        f"noise alone. No model can do better. This noise floor was estimated from {spans}."
     )
     alt = "Allan deviation over averaging time. " + "; ".join(f"{row[0]}: {row[2]} {row[4]}" for row in rows)
     caption = (
@@ -110,18 +110,18 @@ def losses(analysis: Analysis) -> Section:
         )
         html += table("Frames, counted from the unit's own sample counter and CRC", ("frames", "count"), rows, (1,))
     else:
-        html += paragraph("Nobody counted the frames of this record.")
+        html += paragraph("The source of this record did not count its frames.")
     share = "" if done.missing is None else f"; {done.missing:,} missing between the first and the last"
     html += paragraph(f"{done.samples:,} rate samples{share}; gaps of more than a second: {len(done.gaps_s)}.")
     html += Markup("").join(paragraph(text) for text in _clocks(done))
     if done.gaps_s:
         gaps = [Row((clock(a), clock(b), number(b - a)), "bad") for a, b in done.gaps_s]
-        html += table("Gaps: nothing was filled in", ("from", "to", "length [s]"), gaps, (0, 1, 2))
+        html += table("Gaps, which are left empty", ("from", "to", "length [s]"), gaps, (0, 1, 2))
     if done.segments:
         html += heading("Segments") + _segments(analysis)
     events = list(_events(analysis))
     if events:
-        html += heading("Events") + table("What happened, in order of time", ("time", "kind", "what"), events, (0,))
+        html += heading("Events") + table("Events in order of time", ("time", "kind", "what"), events, (0,))
     return Section("losses", "Losses and events", html)
 
 
@@ -131,12 +131,14 @@ def _clocks(done: Completeness) -> Iterator[str]:
     drift, uncertainty, spread = (found.get(key) for key in ("drift_ppm", "drift_u_ppm", "spread_s"))
     if drift is not None:
         known = (
-            "the record is too short to say how well" if uncertainty is None else f"± {2 * uncertainty:.2g} ppm, k = 2"
+            "the record is too short for its uncertainty"
+            if uncertainty is None
+            else f"± {2 * uncertainty:.2g} ppm, k = 2"
         )
         near = "" if spread is None else f"; the fastest frames lie within {1e3 * spread:.3g} ms of that line"
         yield (
             f"Samples are timed by the unit's own counter; its clock runs {abs(drift):.4g} ppm "
-            f"{'slower' if drift >= 0 else 'faster'} than the host's says ({known}){near}."
+            f"{'slower' if drift >= 0 else 'faster'} than the host's clock ({known}){near}."
         )
     if "most_behind_s" in done.capture:
         yield f"No frame waited longer than {done.capture['most_behind_s']:.3f} s for the capture."
@@ -188,7 +190,7 @@ def _float(value: Any) -> float:
 
 
 def run_facts(analysis: Analysis) -> Section:
-    """What was run, on what, when, with which versions; hashes of the data."""
+    """Unit, profile, station, time and versions of the run, and hashes of its data."""
     manifest, done = analysis.manifest, analysis.done
     pairs: list[tuple[str, object]] = [
         ("unit", manifest.get("unit", "–")),
@@ -213,5 +215,5 @@ def run_facts(analysis: Analysis) -> Section:
     files = dict(manifest.get("files") or {})
     if files:
         rows = ((name, mono(str(digest))) for name, digest in files.items())
-        html += table("SHA-256 of the files that the numbers rest on", ("file", "SHA-256"), rows)
+        html += table("SHA-256 of the recorded files", ("file", "SHA-256"), rows)
     return Section("facts", "Run facts", html)

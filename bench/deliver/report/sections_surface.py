@@ -65,7 +65,7 @@ def surface_of(data: Dataset) -> tuple[Points, RateSurface]:
 def _measured(points: Points) -> Plot:
     error = DPH_PER_DPS * (points.raw - points.reference)
     x, y, z = points.reference.tolist(), points.temperature.tolist(), error.tolist()
-    # The triangles are those of the plane of both abscissas, each scaled by plotly to its own range.
+    # plotly triangulates in the plane of both abscissas, each scaled to its own range.
     mesh = go.Mesh3d(
         x=x, y=y, z=z, intensity=z, colorscale=_COLOURS, opacity=0.6,
         delaunayaxis="z", showscale=False, hoverinfo="skip",

@@ -1,1 +1,1 @@
-"""What every part of the server needs: settings, policy, problems, limits of requests."""
+"""Shared parts of the server: settings, security headers, errors, request limits."""

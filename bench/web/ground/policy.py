@@ -1,6 +1,6 @@
-"""What a browser may do with our answers: content security policies.
+"""Content security policies: what a browser may do with the answers of this server.
 
-No inline script, no `eval`, nothing from elsewhere. What plotly needs was found by trial in a browser (see
+Inline scripts, `eval` and content of other sites are forbidden. A trial in a browser showed the needs of plotly (see
 docs/decisions/0007-web-stack.md): one empty style element, which it fills through the object model, and a handful of
 style attributes with fixed text. They are allowed by their SHA-256, so that no other inline style is.
 """
@@ -50,7 +50,7 @@ PAGE = "; ".join(
         "frame-ancestors 'none'",
     )
 )
-"""For everything that does not bring its own."""
+"""Policy of every answer without one of its own."""
 
 REPORT = "; ".join(
     (
@@ -62,7 +62,7 @@ REPORT = "; ".join(
         "frame-ancestors 'self'",
     )
 )
-"""For a report, which is one file with everything in it: in an origin of its own that reaches nothing."""
+"""Policy of a report, which is one file with its scripts: a sandbox that can reach nothing else."""
 
 HEADERS = {
     "Content-Security-Policy": PAGE,
@@ -72,4 +72,4 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
-"""On every answer that does not say otherwise."""
+"""Headers of every answer that does not set them itself."""

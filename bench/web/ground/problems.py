@@ -1,4 +1,4 @@
-"""Errors as answers of the API: a status, and `{"detail": "<one line>"}`."""
+"""Errors as answers of the API: a status and `{"detail": "<one line>"}`."""
 
 from __future__ import annotations
 
@@ -11,29 +11,33 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
-from bench.base import BenchError, EquipmentError, RunAborted
+from bench.base import BenchError, EquipmentError, InputError, RunAborted
 from drivers.errors import ConfigError, DriverError, IdentityError, LimitError
 
 _log = logging.getLogger("bench.web")
 
 _MEANINGS = {
     400: "Bad input: what, where, the value, what is allowed",
-    401: "No token, or one that is not valid",
-    403: "Not with this role, not from this origin, or not for this host",
-    404: "No such thing",
-    405: "Not with this method",
-    409: "Not in the present state",
-    413: "Larger than is taken",
-    415: "Not of the type that is taken",
-    422: "Not as described",
-    429: "Too many wrong tokens, or too much at once; Retry-After says when again",
+    401: "The token is missing or not valid",
+    403: "The role, the origin or the host does not allow this",
+    404: "Not found",
+    405: "The method is not allowed here",
+    409: "The present state does not allow this",
+    413: "The request is too large",
+    415: "The content type is not accepted",
+    422: "The request does not match its description",
+    429: "Too many wrong tokens or requests; Retry-After says when to try again",
     502: "The equipment or the run failed",
-    503: "Not just now",
+    503: "Not available at present",
 }
 
 
+class NotFoundError(InputError):
+    """A request names something that does not exist; the answer is 404."""
+
+
 class Problem(BaseModel):
-    """What is wrong, in one line that says what to do."""
+    """An error, in one line that also says what to do."""
 
     detail: str
 
@@ -41,11 +45,11 @@ class Problem(BaseModel):
 RESPONSES: dict[int | str, dict[str, Any]] = {
     status: {"model": Problem, "description": meaning} for status, meaning in _MEANINGS.items()
 }
-"""For OpenAPI: every answer that is not the one hoped for."""
+"""Error answers for the OpenAPI description."""
 
 
 def problem(status: int, detail: str, headers: dict[str, str] | None = None) -> JSONResponse:
-    """An answer that says what is wrong."""
+    """An error as an answer."""
     return JSONResponse({"detail": one_line(detail)}, status, headers)
 
 
@@ -55,7 +59,7 @@ def one_line(text: str) -> str:
 
 
 def add_problems(app: FastAPI) -> None:
-    """Turn the errors of bench and drivers, and of what a request holds, into answers."""
+    """Turn the errors of bench, drivers and request validation into answers."""
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _unlike)
     app.add_exception_handler(BenchError, _bench)
@@ -81,9 +85,8 @@ async def _unlike(request: Request, error: Exception) -> JSONResponse:
 
 
 async def _bench(request: Request, error: Exception) -> JSONResponse:
-    if isinstance(error, EquipmentError):
-        return problem(502, str(error))
-    return problem(409 if isinstance(error, RunAborted) else 400, str(error))
+    statuses = ((NotFoundError, 404), (EquipmentError, 502), (RunAborted, 409), (BenchError, 400))
+    return problem(next(status for kind, status in statuses if isinstance(error, kind)), str(error))
 
 
 async def _driver(request: Request, error: Exception) -> JSONResponse:
@@ -98,4 +101,4 @@ async def _files(request: Request, error: Exception) -> JSONResponse:
 
 async def _ours(request: Request, error: Exception) -> JSONResponse:
     _log.error("%s %s", request.method, request.url.path, exc_info=error)
-    return problem(500, "the server failed at this; what it says on its terminal is for the bench's makers")
+    return problem(500, "the server failed with an internal error; its terminal shows the details, please report them")

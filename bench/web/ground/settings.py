@@ -1,4 +1,4 @@
-"""What a server was told at its start; every router reads it from `app.state`."""
+"""Settings of a server, fixed at its start; routes read them from `app.state`."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ LOOPBACK = "127.0.0.1"
 
 @dataclass(frozen=True)
 class Settings:
-    """One server: where the runs are, who may look, under which names it is asked."""
+    """Settings of one server: folders, access, address."""
 
     out: Path
     """Root of the run folders, `<unit>/<run>` below it."""
     project: Path = field(default_factory=Path.cwd)
     """Folder with the user's own `profiles/`; runs are started in it."""
     access: Path | None = None
-    """Access file: tokens and roles. None: everybody on this machine, and nobody else, is an engineer."""
+    """Access file with tokens and roles. None: users of this computer are engineers, others have no access."""
     host: str = LOOPBACK
     """The address that the server is bound to."""
     names: tuple[str, ...] = ()
-    """Further names by which browsers may ask for this server."""
+    """Further host names of this server in requests."""
     secure: bool = False
-    """Served over TLS: cookies are sent over nothing else."""
+    """Served over TLS; cookies are then sent over TLS only."""
     body_bytes: int = 1 << 20
-    """Largest request that is not an import."""
+    """Largest request other than an import [bytes]."""
     upload_bytes: int = 4 << 30
-    """Largest import."""
+    """Largest import [bytes]."""
 
     @property
     def own(self) -> Path:
-        """Folder of the server's own files, made where missing; nobody else may look into it."""
+        """Folder of the server's own files, made if missing; other users cannot read it."""
         folder = self.out / ".web"
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         return folder
@@ -46,4 +46,4 @@ def _settings(request: Request) -> Settings:
 
 
 Here = Annotated[Settings, Depends(_settings)]
-"""A parameter of a route that wants the settings: `def runs(here: Here)`."""
+"""A parameter of a route that needs the settings: `def runs(here: Here)`."""

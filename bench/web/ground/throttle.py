@@ -1,24 +1,25 @@
-"""How often an address may be wrong about a token."""
+"""Limits the number of wrong tokens from an address."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 
+from cachetools import LRUCache
+
 TRIES = 8
-"""So many wrong tokens at once, then one each `EACH_S`."""
+"""Number of wrong tokens that may come at once; afterwards one per `EACH_S`."""
 EACH_S = 10.0
 _ADDRESSES = 4096
 
 
 class Throttle:
-    """A leaking bucket for each address; the oldest are forgotten when there are very many."""
+    """A leaking bucket for each address; addresses that were not seen for longest are forgotten first."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._full_until_s: OrderedDict[str, float] = OrderedDict()
+        self._full_until_s: LRUCache[str, float] = LRUCache(_ADDRESSES)
 
     def wait_s(self, address: str) -> int:
         """Seconds until this address may try again; 0: now."""
@@ -26,9 +27,6 @@ class Throttle:
         return max(math.ceil(over_s), 0)
 
     def wrong(self, address: str) -> None:
-        """Take note of a wrong token."""
+        """Count a wrong token."""
         now_s = self._clock()
         self._full_until_s[address] = max(self._full_until_s.get(address, 0.0), now_s) + EACH_S
-        self._full_until_s.move_to_end(address)
-        while len(self._full_until_s) > _ADDRESSES:
-            self._full_until_s.popitem(last=False)

@@ -1,1 +1,1 @@
-"""Foreign logs taken in by the page, in a confined process."""
+"""Import of foreign logs through the page, in a confined process."""

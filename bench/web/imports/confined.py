@@ -1,4 +1,4 @@
-"""Reading a file of somebody else in a process of its own, with limits of memory, processor time, time and output."""
+"""Reads a foreign file in a process with limits of memory, processor time, time and output."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LAST_WORDS = 300
 
 @dataclass(frozen=True)
 class Confines:
-    """What a reading process may use; whoever needs more uses `bench import` on the command line."""
+    """Limits of a reading process; larger files need `bench import` on the command line."""
 
     memory_bytes: int = 6 * GIB
     cpu_s: int = 120
@@ -31,9 +31,9 @@ class Confines:
 
 
 def confined(do: str, wanted: Mapping[str, Any], folder: Path, confines: Confines | None = None) -> dict[str, Any]:
-    """The result of `bench.web.imports.parsing` for a request about a file in `folder/file`, which is where it runs.
+    """The result of `bench.web.imports.parsing`, which runs in `folder/file`, for a request about a file there.
 
-    InputError, one line, where it refused the file, or used more than it may.
+    InputError, one line, where it refused the file or exceeded its limits.
     """
     confines = confines or Confines()
     limits = asdict(confines)
@@ -54,7 +54,7 @@ def confined(do: str, wanted: Mapping[str, Any], folder: Path, confines: Confine
 
 
 def ask(wanted: Mapping[str, Any]) -> dict[str, Any]:
-    """The same as a job of the server (`bench.web.jobs.jobs`): `do`, `folder` and the request beside them."""
+    """`confined` as a job of the server (`bench.web.jobs.jobs`): the request holds `do` and `folder` too."""
     folder = Path(wanted["folder"])
     result = confined(str(wanted["do"]), {key: value for key, value in wanted.items() if key != "do"}, folder)
     if wanted["do"] == "make":
@@ -63,7 +63,7 @@ def ask(wanted: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _run(command: list[str], folder: Path, confines: Confines) -> tuple[int | None, str]:
-    """Exit code (None: killed for the time that it took) and the last words on stderr."""
+    """Exit code (None: killed after the time limit) and the end of stderr."""
     environment = {
         "PATH": os.defpath, "HOME": str(folder), "TMPDIR": str(folder), "LANG": "C.UTF-8", "OPENBLAS_NUM_THREADS": "1",
         "OMP_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "2",
@@ -90,12 +90,12 @@ def _in_words(code: int | None, said: str, confines: Confines) -> str:
     if code in {None, -signal.SIGALRM}:
         return f"reading took longer than {confines.wall_s:g} s and was stopped; use `bench import` on the command line"
     if code in {-signal.SIGXCPU, -signal.SIGKILL}:
-        return f"reading took more than {confines.cpu_s} s of processor time and was stopped: no ordinary table"
+        return f"reading took more than {confines.cpu_s} s of processor time and was stopped: not an ordinary table"
     if code == -signal.SIGXFSZ:
         return f"the run would need more than {confines.written_bytes / GIB:.3g} GiB of disk: use `bench import`"
     if "MemoryError" in said or "bad_alloc" in said or code in {-signal.SIGABRT, -signal.SIGSEGV}:
         return _too_much(confines)
-    return f"the reading process ended with code {code}: this is no file that it can read"
+    return f"the reading process ended with code {code}: it cannot read this file"
 
 
 def _too_much(confines: Confines) -> str:

@@ -1,7 +1,7 @@
-"""`/imports`: a table of somebody else is taken, read by a confined process, shown as it was understood, and imported.
+"""`/imports`: takes a foreign table, shows how a confined process understands it, and imports it.
 
-An upload lies in a folder of its own under `.web/imports` until it is imported, given up, or a day old. What may be
-wrong with it is the business of `bench.web.imports.parsing`, which reads it with limits and writes nothing but the run.
+An upload lies in its own folder under `.web/imports` until it is imported, discarded, or a day old.
+`bench.web.imports.parsing` reads and checks it within limits, and writes only the run.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ router = APIRouter(tags=["imports"])
 
 KEPT_S = 86400.0
 MOST = 8
-"""Uploads that lie there at once."""
+"""Number of uploads that may wait."""
 _ASK = "bench.web.imports.confined:ask"
 _FORM = {
     "required": True,
@@ -41,7 +41,7 @@ _FORM = {
 
 
 class ImportChannel(BaseModel):
-    """A channel that a column may be, its unit, and units that it is usually given in."""
+    """A channel for a column, its unit, and usual units of columns."""
 
     name: str
     unit: str
@@ -50,7 +50,7 @@ class ImportChannel(BaseModel):
 
 
 class ImportKinds(BaseModel):
-    """What may be imported."""
+    """Channels and files that can be imported."""
 
     channels: list[ImportChannel]
     endings: list[str]
@@ -58,14 +58,14 @@ class ImportKinds(BaseModel):
 
 
 class Uploaded(Asked):
-    """An upload; the result of its job is what was understood."""
+    """An upload; the result of its job is the understanding of the table."""
 
     import_id: str = Field(serialization_alias="import")
     file: str
 
 
 class Understanding(BaseModel):
-    """The unit that the table is of, and which column is what: `{channel: {column, unit}}`; left out: by headers."""
+    """Unit of the table, and its columns: `{channel: {column, unit}}`; without an entry the header decides."""
 
     unit: str = Field(default="unknown", min_length=1, max_length=64)
     columns: dict[str, dict[str, Any]] = Field(default={}, max_length=len(CHANNELS))
@@ -73,7 +73,7 @@ class Understanding(BaseModel):
 
 @contextlib.asynccontextmanager
 async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-    """Uploads that nobody came back to are gone at the next start."""
+    """Remove abandoned uploads at the start."""
     _sweep(app.state.settings)
     yield
 
@@ -90,7 +90,7 @@ def kinds(here: Here) -> ImportKinds:
 
 @router.post("/imports", status_code=202, openapi_extra={"requestBody": _FORM})
 async def take(request: Request, here: Here, who: Engineer) -> Uploaded:
-    """Take a table (part `file`), for a CAN log with its layout (part `dbc`); the job tells what was understood."""
+    """Take a table (part `file`), and for a CAN log its layout (part `dbc`); the job shows the understanding."""
     boundary = boundary_of(request.headers.get("content-type", ""))
     folder = _new(here)
     upload = Upload(folder, boundary)
@@ -106,7 +106,7 @@ async def take(request: Request, here: Here, who: Engineer) -> Uploaded:
 
 @router.post("/imports/{import_id}/preview", status_code=202)
 def preview(import_id: str, wanted: Understanding, request: Request, here: Here, who: Engineer) -> Asked:
-    """What is understood with these columns."""
+    """Show the understanding with these columns."""
     return _read(request, _existing(here, import_id), wanted)
 
 
@@ -122,7 +122,7 @@ def make(import_id: str, wanted: Understanding, request: Request, here: Here, wh
 
 @router.delete("/imports/{import_id}")
 def give_up(import_id: str, here: Here, who: Engineer) -> dict[str, str]:
-    """Forget an upload."""
+    """Discard an upload."""
     folder = _existing(here, import_id)
     shutil.rmtree(folder, ignore_errors=True)
     return {"import": import_id, "state": "gone"}
@@ -136,11 +136,11 @@ def _submit(request: Request, do: str, folder: Path, wanted: Understanding, who:
     files = {part: next((folder / part).iterdir(), None) for part in ("file", "dbc") if (folder / part).is_dir()}
     table, layout = files.get("file"), files.get("dbc")
     if table is None:
-        raise HTTPException(404, "no such import (any more): send the file again")
+        raise HTTPException(404, "no such import, or not any more: send the file again")
     content = {
         "do": do, "folder": str(folder), "file": table.name, "dbc": f"../dbc/{layout.name}" if layout else None,
         "serial": wanted.unit, "columns": wanted.columns, "operator": who.name if who else None,
-        "registry": getattr(request.app.state.settings, "registry", None), **more,
+        **more,
     }  # fmt: skip
     return submit(request, "import" if do == "make" else "preview", _ASK, content, lane="slow")
 
@@ -155,16 +155,14 @@ def _new(here: Settings) -> Path:
     _sweep(here)
     home = _home(here)
     if len(list(home.iterdir())) >= MOST:
-        raise HTTPException(
-            503, f"{MOST} uploads lie here already: import or give up one of them", {"Retry-After": "60"}
-        )
+        raise HTTPException(503, f"{MOST} uploads wait already: import or discard one of them", {"Retry-After": "60"})
     folder = home / secrets.token_hex(8)
     folder.mkdir(mode=0o700)
     return folder
 
 
 def _existing(here: Settings, import_id: str) -> Path:
-    """The folder of an upload, looked up among those that there are."""
+    """The folder of an upload, found in the listing of all."""
     found = next((path for path in _home(here).iterdir() if path.name == import_id and path.is_dir()), None)
     if found is None:
         raise HTTPException(404, "no such import (any more): send the file again")

@@ -1,13 +1,12 @@
-"""The confined process that reads a table of somebody else: `python -m bench.web.imports.parsing REQUEST ANSWER`.
+"""The confined process that reads a foreign table: `python -m bench.web.imports.parsing REQUEST ANSWER`.
 
 It limits its own memory, processor time and written bytes before it opens the file, and answers with one JSON object:
-`{"result": …}` or `{"refused": "one line"}`. Whatever else happens to it, `bench.web.imports.confined` puts into words.
+`{"result": …}` or `{"refused": "one line"}`. `bench.web.imports.confined` describes any other end.
 """
 
 from __future__ import annotations
 
 import json
-import re
 import resource
 import signal
 import sys
@@ -22,10 +21,8 @@ MOST_COLUMNS = 300
 """Columns that the page lists."""
 FIRST_ROWS = 5
 _DRAWN = 600
-_MAP = re.compile(r"[;:,]?\s*(?:choose one |name it )?in a column map, `[^`]*`(?: or `[^`]*`)?")
-"""What the command line says of its file of columns; the page has fields for them."""
 _LONGEST = 600
-"""Characters of a message: names of columns are the file's."""
+"""Characters of a message, which may hold names of columns."""
 
 
 def main(request: Path, answer: Path) -> None:
@@ -41,13 +38,13 @@ def main(request: Path, answer: Path) -> None:
     except MemoryError:
         content = {"refused": "memory"}
     except (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
-        # A parser tripped over a file that nobody foresaw: its words, and no traceback of ours.
+        # A parser failed at an unforeseen file: report its message without a traceback.
         content = {"refused": shortened(f"cannot be read ({type(error).__name__}: {error})")}
     answer.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
 
 
 def confine(limits: Mapping[str, float]) -> None:
-    """Limits that this process cannot take back; the alarm ends it even where its server is gone."""
+    """Set limits that this process cannot lift; the alarm ends it even without its server."""
     signal.setitimer(signal.ITIMER_REAL, limits["wall_s"] + 1.0)
     for name, kind in (("memory_bytes", resource.RLIMIT_AS), ("cpu_s", resource.RLIMIT_CPU),
                        ("written_bytes", resource.RLIMIT_FSIZE)):  # fmt: skip
@@ -59,14 +56,14 @@ def confine(limits: Mapping[str, float]) -> None:
 
 
 def shortened(text: str) -> str:
-    """One line without control characters, and not longer than a person reads."""
+    """One line of bounded length without control characters."""
     line = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
 
 
 def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
-    """What the table holds and how it was understood; where it was not, `problem` says what is missing."""
-    from bench.acquisition import guess, plan_table
+    """Content of the table and how it was understood; `problem` says what is unclear."""
+    from bench.acquisition import UnclearColumnError, guess, plan_table
     from bench.base import InputError
 
     table = _table(wanted)
@@ -74,8 +71,10 @@ def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
     try:
         plan = plan_table(table, _columns(wanted), wanted["serial"])
         understood, figure = _understood(plan), _figure(plan)
+    except UnclearColumnError as error:  # the page has fields for what a column map says
+        problem = shortened(f"{error.problem}; choose it below")
     except InputError as error:
-        problem = shortened(_MAP.sub("; choose it below", str(error)).replace(" below with", " below,"))
+        problem = shortened(str(error))
     return {
         "rows": table.rows,
         "columns": [_column(table, name) for name in list(table.columns)[:MOST_COLUMNS]],
@@ -89,14 +88,14 @@ def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def make(wanted: Mapping[str, Any]) -> dict[str, Any]:
-    """The run folder, registered."""
+    """Make the run folder and register it."""
     from bench.acquisition import plan_table, write_import
     from bench.commands import Answer, registered
 
     out = Path(wanted["out"])
     plan = plan_table(_table(wanted), _columns(wanted), wanted["serial"])
     folder = write_import(plan, out, operator=wanted["operator"])
-    answer = registered(Answer({"run": str(folder.path)}, ""), wanted.get("registry"), begin=True)
+    answer = registered(Answer({"run": str(folder.path)}, ""), None, begin=True)
     told = answer.content.get("registry", {})
     return {
         "run": folder.path.relative_to(out).as_posix(),
@@ -105,7 +104,7 @@ def make(wanted: Mapping[str, Any]) -> dict[str, Any]:
 
 
 DOES = {"preview": preview, "make": make}
-"""What may be asked for."""
+"""Functions by the name in a request."""
 
 
 def _columns(wanted: Mapping[str, Any]) -> Any:
@@ -136,7 +135,7 @@ def _table(wanted: Mapping[str, Any]) -> Table:
 
 
 def _refuse_bomb(path: Path, memory_bytes: int) -> None:
-    """InputError for a Parquet file that says itself that it needs too much memory; one that lies meets the limit."""
+    """InputError for a Parquet file whose header announces too much memory; the limit stops one that lies."""
     from bench.base import InputError
 
     if path.suffix.lower() != ".parquet":
@@ -193,7 +192,7 @@ def _understood(plan: ImportPlan) -> dict[str, Any]:
 
 
 def _figure(plan: ImportPlan) -> dict[str, Any]:
-    """Temperature and rate over time, as they would be imported."""
+    """Temperature and rate over time as the import would store them."""
     from bench.deliver import BLUE, VERMILION, axis, line_trace, plot, thin
 
     hours = plan.time / 3600

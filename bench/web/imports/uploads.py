@@ -1,4 +1,4 @@
-"""An upload, written while it comes in: straight into its folder, at most the parts and bytes that are wanted."""
+"""An upload, written into its folder while it comes in, with limits of parts and bytes."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from bench.base import InputError
 
 ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".mf4", ".mdf", ".blf", ".asc", ".log", ".trc")
-"""Of tables."""
+"""File name endings of tables."""
 PARTS = {"file": ENDINGS, "dbc": (".dbc",)}
-"""Parts of the form, each once, and the endings that they may have."""
+"""Parts of the form, each once, with the allowed endings."""
 SPARE_BYTES = 2 << 30
-"""Of the disk is left to runs."""
+"""Free space on the disk that is reserved for runs."""
 _HEADER_BYTES = 4096
 _NAME_BYTES = 120
 
 
 def safe_name(given: str) -> str:
-    """The last part of a file name, of letters, digits, dots, dashes and spaces only, in any script; never empty."""
+    """Last part of a file name, reduced to letters, digits, dots, dashes and spaces of any script; never empty."""
     last = re.split(r"[/\\]", given)[-1]
     kept = "".join(sign if sign.isalnum() or sign in "._- " else "-" for sign in last).strip(" .-")
     stem, dot, ending = kept.rpartition(".")
@@ -35,10 +35,10 @@ def safe_name(given: str) -> str:
 
 
 class Upload:
-    """Takes the parts of a form as files into `folder`; `files` by part once it is whole."""
+    """Writes the parts of a form as files into `folder`; `files` lists them by part."""
 
     def __init__(self, folder: Path, boundary: bytes) -> None:
-        """The folder is there and empty."""
+        """`folder` exists and is empty."""
         self.files: dict[str, Path] = {}
         self._folder = folder
         self._open: BinaryIO | None = None
@@ -51,11 +51,11 @@ class Upload:
         })  # fmt: skip
 
     async def take(self, stream: AsyncIterator[bytes]) -> None:
-        """All of the body; InputError for a form that is not the one wanted."""
+        """Take the whole body; InputError for a wrong form."""
         try:
             async for chunk in stream:
                 if shutil.disk_usage(self._folder).free < SPARE_BYTES:
-                    raise InputError("the disk is nearly full, and what is left is for runs; free some disk")
+                    raise InputError("the disk is nearly full, and the rest is reserved for runs; free some disk")
                 self._parser.write(chunk)
             self._parser.finalize()
         except FormParserError as error:
@@ -97,11 +97,11 @@ class Upload:
         _, options = parse_options_header(self._headers.get("content-disposition", b""))
         part = options.get(b"name", b"").decode("utf-8", errors="replace")
         if part not in PARTS or part in self.files:
-            raise InputError(f"the form has a part '{part[:40]}', wanted are {' and '.join(PARTS)}, each once")
+            raise InputError(f"the form has a part '{part[:40]}', allowed are {' and '.join(PARTS)}, each once")
         name = safe_name(options.get(b"filename", b"").decode("utf-8", errors="replace"))
         ending = Path(name).suffix.lower()
         if ending not in PARTS[part]:
-            raise InputError(f"'{name}' is not of a kind that is read: {', '.join(PARTS[part])}")
+            raise InputError(f"'{name}' is not of a kind that can be read: {', '.join(PARTS[part])}")
         path = self._folder / part
         path.mkdir()
         self.files[part] = path / name

@@ -1,1 +1,1 @@
-"""Long work in processes of its own: lanes, workers, results kept for a while."""
+"""Long computations in separate processes: lanes, workers, a cache of results."""

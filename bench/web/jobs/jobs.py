@@ -1,4 +1,4 @@
-"""`/jobs`: what is computed for a page, while it waits."""
+"""`/jobs`: computations for a page that waits for them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ router = APIRouter(tags=["jobs"])
 
 
 class Asked(BaseModel):
-    """Where the answer will be: `GET /jobs/{job}`."""
+    """A job that was accepted; `GET /jobs/{job}` gives its answer."""
 
     job: str
     state: Literal["waiting", "running", "done", "failed"]
@@ -40,7 +40,7 @@ class JobAnswer(BaseModel):
 
 @contextlib.asynccontextmanager
 async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-    """The jobs of a server; their processes end with it."""
+    """Jobs of a server; their processes end with the server."""
     app.state.jobs = Jobs()
     try:
         yield
@@ -49,7 +49,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
 
 
 def jobs_of(request: Request) -> Jobs:
-    """The jobs of the server that got this request."""
+    """The jobs of this server."""
     jobs: Jobs = request.app.state.jobs
     return jobs
 
@@ -57,7 +57,7 @@ def jobs_of(request: Request) -> Jobs:
 def submit(
     request: Request, kind: str, target: str, wanted: Mapping[str, Any], *, key: str | None = None, lane: Lane = "quick"
 ) -> Asked:
-    """Ask for a computation; HTTPException 503 where too many wait."""
+    """Request a computation; HTTPException 503 where too many wait."""
     try:
         job = jobs_of(request).submit(kind, target, wanted, key=key, lane=lane)
     except Full as error:
@@ -67,7 +67,7 @@ def submit(
 
 @router.get("/jobs/{job}", response_model=JobAnswer)
 async def job(request: Request, job: str, wait_s: Annotated[float, Query(ge=0.0, le=LONGEST_WAIT_S)] = 0.0) -> Response:
-    """A job; with `wait_s` the answer comes when it has ended, or after so many seconds."""
+    """A job; `wait_s` delays the answer until the job has ended, at most by so many seconds."""
     found = _found(request, job)
     if wait_s and not found.ended:
         await _ended(jobs_of(request), found, wait_s)
@@ -77,7 +77,7 @@ async def job(request: Request, job: str, wait_s: Annotated[float, Query(ge=0.0,
 
 @router.delete("/jobs/{job}", response_model=JobAnswer)
 async def release(request: Request, job: str) -> Response:
-    """Wait for it no longer; when nobody does, it is cancelled."""
+    """Stop waiting for a job; it is cancelled when no page waits for it."""
     found = _found(request, job)
     jobs_of(request).release(found)
     return _told(jobs_of(request), found)
@@ -86,7 +86,7 @@ async def release(request: Request, job: str) -> Response:
 def _found(request: Request, id_: str) -> Job:
     found = jobs_of(request).find(id_)
     if found is None:
-        raise HTTPException(404, "no such job (any more): ask for it again")
+        raise HTTPException(404, "no such job, or not any more: request it again")
     return found
 
 
@@ -98,13 +98,13 @@ async def _ended(jobs: Jobs, job: Job, wait_s: float) -> None:
             loop.call_soon_threadsafe(ended.set)
 
     jobs.listen(job, call)
-    # Cancelled by the server's end: the page hears how far it was, and asks the next server.
+    # The end of the server cancels this: the page gets the present state and asks the next server.
     with contextlib.suppress(TimeoutError, asyncio.CancelledError):
         await asyncio.wait_for(ended.wait(), wait_s)
 
 
 def _told(jobs: Jobs, job: Job) -> Response:
-    # The result is JSON already: parsing and writing it again would stop the server for everybody.
+    # The result is JSON already; parsing it here would block the server for all requests.
     state = job.state
     elapsed_s = job.elapsed_s if job.ended else jobs.age_s(job)
     head = {"job": job.id, "kind": job.kind, "state": state, "detail": job.detail, "elapsed_s": round(elapsed_s, 3)}

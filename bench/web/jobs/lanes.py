@@ -1,4 +1,4 @@
-"""Jobs: bounded, each computed once for everybody who asks the same, kept by content, dropped when nobody waits."""
+"""Jobs: bounded in number, shared between equal requests, cached by content, cancelled when no page waits."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
+from weakref import WeakValueDictionary
+
+from cachetools import LRUCache
 
 from bench.web.jobs.workers import GivenUp, Refused, Worker
 
@@ -20,16 +23,16 @@ State = Literal["waiting", "running", "done", "failed"]
 Lane = Literal["quick", "slow"]
 
 MOST_WAITING = 16
-"""Jobs in a lane; whoever comes later is told to come again."""
+"""Jobs that may wait in a lane; further requests are refused for the moment."""
 PATIENCE_S = 60.0
-"""A job that nobody has asked for so long is nobody's: its page is gone [s]."""
+"""A job is cancelled when no page has asked for it for this long [s]."""
 KEPT_BYTES = 96 << 20
 KEPT_JOBS = 400
-"""What of ended jobs is kept: an Undo, a second look, a second browser find their answer at once."""
+"""Size of the cache of ended jobs, which answers an Undo or a second browser at once."""
 IDLE_S = 900.0
-"""A computing process without work ends after this long and gives its memory back [s]."""
+"""A computing process without work ends after this long, which frees its memory [s]."""
 _log = logging.getLogger("bench.web")
-CANCELLED = "cancelled: nobody waits for it any more"
+CANCELLED = "cancelled: no page waits for it any more"
 
 
 class Full(Exception):  # noqa: N818 - a state, not an error
@@ -38,7 +41,7 @@ class Full(Exception):  # noqa: N818 - a state, not an error
 
 @dataclass(eq=False)
 class Job:
-    """One computation; fields are written by its lane's thread alone, `asked` and `wanted_by` under the lock."""
+    """One computation. Only the thread of its lane writes its fields; `asked` and `wanted_by` change under the lock."""
 
     kind: str
     target: str
@@ -62,19 +65,20 @@ class Job:
 
 
 def key_of(target: str, wanted: Mapping[str, Any]) -> str:
-    """Same key, same answer: everything that a result rests on is in the request, runs by the hashes of their data."""
+    """Key of a request. Equal keys have equal answers: a request holds all its inputs, runs as hashes of their data."""
     return hashlib.sha256(json.dumps([target, wanted], sort_keys=True).encode()).hexdigest()
 
 
 class Jobs:
-    """All jobs of a server. Two lanes, so that a zoom does not wait for a diagnosis; each has one process."""
+    """All jobs of a server in two lanes with a process each, so that a zoom does not wait for a diagnosis."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic, workers: Callable[[], Worker] = Worker) -> None:
-        """Starts threads and processes with the first job."""
+        """Threads and processes start with the first job."""
         self._now, self._workers = now, workers
         self._changed = threading.Condition()
-        self._jobs: dict[str, Job] = {}
-        self._by_key: dict[str, Job] = {}
+        self._open: dict[str, Job] = {}
+        self._ended: LRUCache[str, Job] = LRUCache(KEPT_BYTES, _size)
+        self._by_key: WeakValueDictionary[str, Job] = WeakValueDictionary()
         self._waiting: dict[Lane, deque[Job]] = {"quick": deque(), "slow": deque()}
         self._threads: dict[Lane, threading.Thread] = {}
         self._warm: set[Lane] = set()
@@ -83,19 +87,20 @@ class Jobs:
     def submit(
         self, kind: str, target: str, wanted: Mapping[str, Any], *, key: str | None = None, lane: Lane = "quick"
     ) -> Job:
-        """The job for this request, or the one that somebody asked for already under the same key; raises Full."""
+        """A new job for this request, or the existing one with the same key; raises Full."""
         with self._changed:
             known = self._by_key.get(key) if key else None
             if known is not None and known.state != "failed":
                 known.wanted_by += 1
                 known.asked = self._now()
-                self._keep(known)
+                if known.ended:
+                    self._ended[known.id] = known
                 return known
             queue = self._waiting[lane]
             if len(queue) >= MOST_WAITING:
                 raise Full(f"{len(queue)} jobs wait already: try again in a minute")
             job = Job(kind, target, wanted, key, lane, self._now(), self._now())
-            self._jobs[job.id] = job
+            self._open[job.id] = job
             if key:
                 self._by_key[key] = job
             queue.append(job)
@@ -104,15 +109,15 @@ class Jobs:
             return job
 
     def find(self, id_: str) -> Job | None:
-        """A job by its id; asking keeps it alive."""
+        """A job by its id; this counts as a sign of life of its page."""
         with self._changed:
-            job = self._jobs.get(id_)
+            job = self._open.get(id_) or self._ended.get(id_)
             if job is not None:
                 job.asked = self._now()
             return job
 
     def release(self, job: Job) -> None:
-        """One page less waits for it; the last one's going cancels it."""
+        """Take note that a page no longer waits for a job; without any page it is cancelled."""
         with self._changed:
             job.wanted_by -= 1
             if job.wanted_by <= 0 and job.state == "waiting":
@@ -120,11 +125,11 @@ class Jobs:
                 self._end(job, "failed", detail=CANCELLED)
 
     def age_s(self, job: Job) -> float:
-        """How long ago it was asked for [s]."""
+        """Time since the job was requested [s]."""
         return self._now() - job.began
 
     def listen(self, job: Job, call: Callable[[], None]) -> None:
-        """Have `call` called, from another thread, when the job has ended; at once where it has."""
+        """Have another thread call `call` when the job ends; call it at once if the job has ended."""
         with self._changed:
             if not job.ended:
                 job.listeners.append(call)
@@ -132,7 +137,7 @@ class Jobs:
         call()
 
     def warm(self) -> None:
-        """Have the processes ready soon."""
+        """Start the processes, so that they are ready for the next request."""
         with self._changed:
             for lane in self._waiting:
                 self._warm.add(lane)
@@ -140,7 +145,7 @@ class Jobs:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End all; waits for the threads, not for the work."""
+        """End all threads without waiting for unfinished computations."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -161,7 +166,7 @@ class Jobs:
             worker.close()
 
     def _next(self, lane: Lane, worker: Worker) -> Job | None:
-        """The next job that somebody still waits for; None at the end."""
+        """The next job for which a page still waits; None when the server ends."""
         while True:
             with self._changed:
                 ready = self._changed.wait_for(
@@ -178,7 +183,7 @@ class Jobs:
                         return job
                     self._end(job, "failed", detail=CANCELLED)
             if warm:
-                with contextlib.suppress(OSError):  # no memory for a process just now: whoever asks next tries again
+                with contextlib.suppress(OSError):  # no memory for a process at present: the next request tries again
                     worker.warm()
             elif not ready:
                 worker.close()
@@ -190,9 +195,9 @@ class Jobs:
             outcome: tuple[State, bytes, str] = ("failed", b"null", str(error))
         except GivenUp:
             outcome = ("failed", b"null", CANCELLED)
-        except Exception as error:  # a lane without its thread would let everybody wait for ever
+        except Exception as error:  # the thread must go on, or all later jobs would wait for ever
             _log.exception("computing %s", job.target)
-            outcome = ("failed", b"null", f"the computation could not be asked for ({type(error).__name__}: {error})")
+            outcome = ("failed", b"null", f"the computation could not be started ({type(error).__name__}: {error})")
         else:
             outcome = ("done", result, "")
         with self._changed:
@@ -204,23 +209,12 @@ class Jobs:
     def _end(self, job: Job, state: State, result: bytes = b"null", detail: str = "") -> None:
         job.result, job.detail, job.elapsed_s = result, detail, self._now() - job.began
         job.state = state
-        if state == "failed" and job.key and self._by_key.get(job.key) is job:
-            del self._by_key[job.key]
+        self._ended[job.id] = self._open.pop(job.id)
         listeners, job.listeners = job.listeners, []
         for call in listeners:
             call()
-        self._keep(job)
 
-    def _keep(self, job: Job) -> None:
-        """Make it the youngest, forget the oldest that have ended until the rest fits."""
-        self._jobs[job.id] = self._jobs.pop(job.id, job)
-        ended = [one for one in self._jobs.values() if one.ended]
-        size = sum(len(one.result) for one in ended)
-        for old in ended[:-1]:
-            if size <= KEPT_BYTES and len(ended) <= KEPT_JOBS:
-                return
-            size -= len(old.result)
-            ended.remove(old)
-            del self._jobs[old.id]
-            if old.key and self._by_key.get(old.key) is old:
-                del self._by_key[old.key]
+
+def _size(job: Job) -> int:
+    """Bytes that a result takes of the cache: a small one its share of `KEPT_JOBS`, a large one at most all."""
+    return min(max(len(job.result), KEPT_BYTES // KEPT_JOBS), KEPT_BYTES)

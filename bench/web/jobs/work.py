@@ -1,7 +1,7 @@
-"""The computing process: reads requests, one JSON a line, answers each in one line, ends when its server is gone.
+"""The computing process: reads one JSON request per line, answers each in one line, ends with its server.
 
-An answer that begins with `!` is the one line that says why there is none. It gives way to runs in every respect:
-lower priority, first to be ended when memory is short, bounded in memory itself.
+An answer that begins with `!` is an error message. Runs have precedence: this process has a lower priority, a limit of
+memory, and is the first one that Linux ends when memory is short.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from bench.base import BenchError
 
 _NICE = 10
 _SHARE = 0.5
-"""Of the machine's memory."""
+"""Share of the computer's memory that a computation may use."""
 _LEAST_BYTES = 2 << 30
-_TOO_LARGE = "needs more memory than an analysis may use here: choose fewer runs or a simpler model"
+_TOO_LARGE = "the analysis needs more memory than it may use here: choose fewer runs or a simpler model"
 
 
 def main() -> None:
     """Answer until the server closes the pipe."""
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever a library prints must not pass for an answer
+    os.dup2(2, 1)  # the output of a library must not be taken for an answer
     give_way()
-    # What every request needs is loaded while nobody waits yet.
+    # The modules of every request are loaded before the first one comes.
     importlib.import_module("bench.web.workbench.computing")
     serve(sys.stdin.buffer, answers)
 
@@ -52,7 +52,7 @@ def _answer(target: str, wanted: dict[str, Any]) -> bytes:
         return _refusal(str(error))
     except MemoryError:
         return _refusal(_TOO_LARGE)
-    except Exception as error:  # numerics on data that nobody foresaw: the next request is served all the same
+    except Exception as error:  # unforeseen data: the process must go on with the next request
         traceback.print_exc()
         return _refusal(f"the computation failed ({type(error).__name__}: {error})")
 
@@ -62,7 +62,7 @@ def _refusal(text: str) -> bytes:
 
 
 def give_way() -> None:
-    """Let runs go first: processor, memory."""
+    """Give runs precedence in processor time and memory."""
     os.nice(_NICE)
     with contextlib.suppress(OSError):  # Linux only
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")

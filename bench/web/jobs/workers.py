@@ -1,4 +1,4 @@
-"""A process that computes for the server: asked in one line of JSON, answers in one line, may die without harm."""
+"""A process that computes for the server: one line of JSON in, one line out; its death harms nothing."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping
 from typing import IO, Any
 
 _LOOK_S = 0.5
-"""How often a computation is asked whether anybody still waits for it [s]."""
+"""Interval of the checks whether a page still waits for a computation [s]."""
 _PIECE = 1 << 20
 KILLED = (
-    "the computing process was ended from outside, most likely for want of memory: choose fewer runs or a simpler "
+    "something ended the computing process, most likely a lack of memory: choose fewer runs or a simpler "
     "model, or ask again"
 )
 
@@ -25,25 +25,25 @@ class Refused(Exception):  # noqa: N818 - an answer, not an error of the worker
 
 
 class GivenUp(Exception):  # noqa: N818 - an answer, not an error of the worker
-    """Nobody waits for the computation any more."""
+    """No page waits for the computation any more."""
 
 
 class Worker:
-    """One computing process, started when it is first needed and again after it died."""
+    """One computing process, which starts with the first request and again after it died."""
 
     def __init__(self) -> None:
-        """Starts nothing."""
+        """Does not start the process."""
         self._child: subprocess.Popen[bytes] | None = None
 
     @property
     def pid(self) -> int | None:
-        """Of the process, while there is one."""
+        """Id of the process; None without one."""
         return None if self._child is None else self._child.pid
 
     def compute(self, target: str, wanted: Mapping[str, Any], wanted_still: Callable[[], bool]) -> bytes:
         """JSON of the result of `target` ('package.module:function').
 
-        Raises Refused, or GivenUp once `wanted_still` says no: the process is ended then.
+        Raises Refused, or GivenUp once `wanted_still` returns False, which ends the process.
         """
         request = json.dumps({"target": target, "wanted": wanted}).encode() + b"\n"
         try:
@@ -58,7 +58,7 @@ class Worker:
         return answer
 
     def warm(self) -> None:
-        """Have the process ready, so that the first one who asks does not wait for it."""
+        """Start the process, so that the first request does not wait for it."""
         self._started()
 
     def close(self) -> None:
@@ -69,7 +69,7 @@ class Worker:
         child.kill()
         for pipe in (child.stdin, child.stdout):
             if pipe is not None:
-                with contextlib.suppress(BrokenPipeError):  # a request that it never read
+                with contextlib.suppress(BrokenPipeError):  # the process did not read its last request
                     pipe.close()
         child.wait()
 
@@ -82,7 +82,7 @@ class Worker:
         return self._answer(child.stdout, wanted_still)
 
     def _answer(self, pipe: IO[bytes], wanted_still: Callable[[], bool]) -> bytes:
-        """One line without its end; empty where the process is gone."""
+        """One line without its end; empty where the process died."""
         pieces: list[bytes] = []
         while True:
             if not select.select([pipe], [], [], _LOOK_S)[0]:

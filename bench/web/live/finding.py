@@ -1,4 +1,4 @@
-"""Finds live runs among many run folders without looking into all of them every time."""
+"""Finds live runs among many run folders without a search of all of them each time."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 from bench.acquisition import LIVE, LiveRun, live_among
 
 YOUNG_S = 10.0
-"""A unit's folder that changed so recently may get a run that goes live a moment later [s]."""
+"""A unit's folder that changed this recently is searched, as a run may go live a moment later [s]."""
 _SHARE = 0.02
-"""Of the time may go into looking everywhere."""
+"""Share of the time for complete searches."""
 _LEAST_S = 5.0
 
 
 class Finder:
-    """A run is found in a second when its folder is new, and in some more when an old one is gone on with."""
+    """Finds a run with a new folder within a second, and a resumed older one within a few seconds."""
 
     def __init__(self, root: Path, now: Callable[[], float] = time.monotonic) -> None:
         self._root, self._now = root, now
@@ -26,7 +26,7 @@ class Finder:
         self._everywhere_s = now()
 
     def look(self) -> list[LiveRun]:
-        """All runs with a `live.json`, oldest first, whatever their condition."""
+        """All runs with a `live.json`, oldest first."""
         began_s = self._now()
         whole = began_s >= self._everywhere_s
         self._live = {folder for folder in {*self._live, *self._candidates(whole)} if _is_live(folder)}
@@ -35,7 +35,7 @@ class Finder:
         return live_among(self._live)
 
     def _candidates(self, whole: bool) -> Iterator[Path]:
-        """Run folders with a `live.json` in the units that changed, or in all."""
+        """Run folders with a `live.json` in the changed units, or in all."""
         for unit in inside(self._root):
             try:
                 changed = unit.stat().st_mtime_ns
@@ -53,12 +53,12 @@ def ids(folders: Sequence[Path]) -> list[str]:
 
 
 def _is_live(folder: Path | str) -> bool:
-    """Whether it has a `live.json`; a folder that is somebody else's alone has none for us."""
+    """Whether a folder has a readable `live.json`."""
     return os.path.exists(os.path.join(folder, LIVE))  # noqa: PTH110, PTH118 - Path.exists raises where it may not look
 
 
 def inside(path: Path | str) -> list[os.DirEntry[str]]:
-    """Folders in a folder, those with a dot in front left out; a link could lead out of the store."""
+    """Folders in a folder, without links, which could lead elsewhere, and without names that begin with a dot."""
     try:
         with os.scandir(path) as entries:
             return [entry for entry in entries if entry.name[0] != "." and entry.is_dir(follow_symlinks=False)]
@@ -67,7 +67,7 @@ def inside(path: Path | str) -> list[os.DirEntry[str]]:
 
 
 def folder_of(root: Path, unit: str, run: str) -> Path | None:
-    """The run folder of this id, looked up in the listings of folders; None when there is none."""
+    """The run folder of this id, found in the listings of folders; None without one."""
     for parent in inside(root):
         if parent.name == unit:
             return next((Path(found.path) for found in inside(parent.path) if found.name == run), None)

@@ -1,4 +1,4 @@
-"""`/live`: what live runs do, their traces, what operators ask of them, and the stream of all that."""
+"""`/live`: state and traces of live runs, requests of operators, and a stream of all changes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from bench.web.people.access import Access, Operator
 router = APIRouter(tags=["live"])
 
 PATIENCE_S = 15.0
-"""The answer to a request waits so long; an abort that takes longer is `ending`, and the stream goes on telling."""
+"""Longest wait for the outcome of a request [s]; a longer abort is `ending`, and the stream reports its end."""
 _LOOK_S = 0.1
 
 Name = Annotated[str, Part(min_length=1, max_length=200)]
@@ -52,11 +52,10 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         yield
     finally:
         await asyncio.to_thread(watcher.close)
-        starts.close()
 
 
 def watcher_of(request: Request) -> Watcher:
-    """The watcher of the server that got this request."""
+    """The watcher of this server."""
     watcher: Watcher = request.app.state.watcher
     return watcher
 
@@ -70,22 +69,22 @@ class _Which:
 
     @property
     def watched(self) -> Watched | None:
-        """It as a live run, if it is one."""
+        """The live run; None where it is not live."""
         return self._watcher.find(self.id)
 
     def folder(self) -> Path:
-        """Its folder; HTTPException 404 when there is none."""
+        """Folder of the run; HTTPException 404 without one."""
         folder = folder_of(self._out, self._unit, self._run)
         if folder is None:
             raise HTTPException(404, f"no run {self.id}; GET /api/v1/runs lists them")
         return folder
 
     def live(self) -> Watched:
-        """The live run; HTTPException 404 when there is no such run, 409 when it is not live."""
+        """The live run; HTTPException 404 for an unknown run, 409 for one that is not live."""
         watched = self.watched
         if watched is None:
             self.folder()
-            raise HTTPException(409, f"{self.id} is not live (any more); GET /api/v1/live/{self.id} says how it ended")
+            raise HTTPException(409, f"{self.id} is not live; GET /api/v1/live/{self.id} says how it ended")
         if watched.condition == "gone":
             raise HTTPException(409, f"{self.id} is not live: {watched.detail}")
         return watched
@@ -96,19 +95,19 @@ Which = Annotated[_Which, Depends()]
 
 @router.get("/live", response_model_exclude_unset=True)
 def live(request: Request) -> Pictures:
-    """All live runs, those that were killed or do not answer included."""
+    """All live runs, with those that were killed or do not answer."""
     return Pictures(runs=[Run(**watched.told()) for watched in watcher_of(request).runs])
 
 
 @router.get("/live/stream", response_class=StreamingResponse, responses={200: {"content": {"text/event-stream": {}}}})
 async def stream(request: Request, events: Annotated[int, Query(ge=0, le=1_000_000)] = 0) -> StreamingResponse:
-    """Server-sent events `live` and `ended`; ends after so many `events`, or with the token or session of who asked.
+    """Server-sent events `live` and `ended`, until so many `events` were sent or the user's token or session ends.
 
-    With `Last-Event-ID` the ends of runs that were missed come first.
+    With `Last-Event-ID` missed ends of runs come first.
     """
     found: Stream = request.app.state.stream
     if found.full:
-        raise HTTPException(503, "too many browsers look already: close one", {"Retry-After": "10"})
+        raise HTTPException(503, "too many browsers watch already: close one", {"Retry-After": "10"})
     last = request.headers.get("last-event-id", "")
     since = int(last) if last.isascii() and last.isdigit() and len(last) < 16 else None
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
@@ -124,7 +123,7 @@ def one(which: Which, request: Request) -> Run:
     if watched is not None:
         return Run(**watched.told())
     folder = which.folder()
-    start = request.app.state.starts.of_run(which.id)  # asked first: what it wrote before it went is then seen
+    start = request.app.state.starts.of_run(which.id)  # before the folder, so that nothing it wrote is missed
     end = watcher_of(request).ended(which.id) or _end(folder, start)
     if end is None:
         raise HTTPException(409, f"{which.id} is not live and has no end: `bench resume {folder}` goes on with it")
@@ -139,7 +138,7 @@ def trace(
     since: Annotated[int, Query(ge=0, le=1 << 40)] = 0,
     generation: Annotated[int | None, Query(ge=-1, le=1 << 50)] = None,
 ) -> TraceAnswer:
-    """What a live run has done so far, from point `since` on; all of it where `generation` is another one now."""
+    """Trace of a live run from point `since` on; the whole trace where `generation` has changed."""
     return TraceAnswer(**which.live().mirror.since(since, generation))
 
 
@@ -151,7 +150,7 @@ async def act(
     who: Operator,
     wait_s: Annotated[float, Query(ge=0.0, le=ENDING_S)] = PATIENCE_S,
 ) -> Asked:
-    """Ask a live run for something, and see it done within `wait_s`; who asked stands in its events."""
+    """Send a request to a live run and wait up to `wait_s` for its effect; its events name the user."""
     watched = await run_in_threadpool(which.live)
     try:
         await run_in_threadpool(ask_run, watched.live, action, who=str(who))
@@ -168,7 +167,7 @@ async def act(
 
 
 async def _aborted(watcher: Watcher, watched: Watched, wait_s: float) -> Asked:
-    """Wait for the safe state, not for ever."""
+    """Wait for the safe state, up to a limit."""
     run = watched.runs[0]
     await _until(lambda: watcher.ended(run) is not None, wait_s)
     end = watcher.ended(run)
@@ -185,7 +184,7 @@ async def _until(reached: Callable[[], bool], limit_s: float) -> None:
 
 
 def _companions(folder: Path) -> list[Path]:
-    """The folder and those of the units that were in the chamber with it, as far as they are here."""
+    """The folder, and those of the units that shared the chamber, as far as they exist here."""
     named = story.manifest(folder).get("companions")
     found = [folder]
     for other in named if isinstance(named, list) else ():
@@ -197,7 +196,7 @@ def _companions(folder: Path) -> list[Path]:
 
 
 def _end(folder: Path, start: dict[str, Any] | None) -> dict[str, Any] | None:
-    """How a run of this start, if it has one, ended, by its folder; None for one that was killed and not recovered."""
+    """End of a run from its folder and its start; None for a run that was killed and not recovered."""
     if not (folder / MANIFEST).is_file():
         return None
     folders = _companions(folder)

@@ -1,4 +1,4 @@
-"""A copy of a live run's trace (`recording.trace`), fetched page by page for any number of browsers."""
+"""A copy of a live run's trace (`recording.trace`), fetched page by page and served to all browsers."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ _FACTS = ("generation", "every_s", "serials")
 
 
 class Mirror:
-    """Written by one thread, read by any; memory is bounded by the trace itself."""
+    """One thread writes it, any thread reads it; the trace itself bounds the memory."""
 
     def __init__(self) -> None:
         self._shown: tuple[dict[str, Any], list[Any]] = ({"generation": -1, "every_s": 1.0, "serials": []}, [])
         self._made: tuple[dict[str, Any], list[Any]] | None = None
         self._open: Any = None
         self.behind = False
-        """Whether there is more to fetch."""
+        """Whether more pages must be fetched."""
 
     @property
     def wanted(self) -> tuple[int, int]:
-        """Since which index, of which generation, to ask next."""
+        """Index and generation from which to ask next."""
         facts, points = self._made or self._shown
         return len(points), facts["generation"]
 
     def take(self, page: Mapping[str, Any]) -> None:
-        """Take in a page. A new generation is shown when it is whole, so that nobody sees a curve without its end."""
+        """Take in a page. A new generation is shown once it is complete, so that no curve lacks its end."""
         facts = {key: page[key] for key in _FACTS}
         points: list[Any] = page["points"]
         self.behind = page["next"] < page["count"]
@@ -42,15 +42,15 @@ class Mirror:
             self._open = page["open"]
 
     def since(self, index: int = 0, generation: int | None = None) -> dict[str, Any]:
-        """What `Trace.since` answers, without pages: all points from `index` on, or from the first one."""
+        """The answer of `Trace.since` without pages: all points from `index` on, or all for another generation."""
         return self._page(index, generation, whole=True)
 
     def news(self, index: int, generation: int) -> dict[str, Any]:
-        """For who is told everything: points from `index` on; none, but where it stands, after a halving."""
+        """The increment for a stream: points from `index` on; none, with the new index, after a halving."""
         return self._page(index, generation, whole=False)
 
     def _page(self, index: int, generation: int | None, *, whole: bool) -> dict[str, Any]:
-        """Points from `index` on; where that is a place in another trace, the `whole` one, or none."""
+        """Points from `index` on; for an index of another generation the `whole` trace, or none."""
         facts, points = self._shown
         count = len(points)
         ours = generation in (None, facts["generation"]) and 0 <= index <= count

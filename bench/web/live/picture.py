@@ -1,4 +1,4 @@
-"""The answers of `/live` as they stand in the API's description."""
+"""The answers of `/live` in the description of the API."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ Number = float | None
 
 
 class StepTaken(BaseModel):
-    """A step on the way to the safe state, read back or not."""
+    """A step on the way to the safe state; `ok`: read back."""
 
     text: str
     ok: bool
 
 
 class RequestMade(BaseModel):
-    """What an operator asked of the run, and when (UTC)."""
+    """A request of an operator, with its time (UTC)."""
 
     request: str | None
     who: str | None
@@ -26,9 +26,9 @@ class RequestMade(BaseModel):
 
 
 class UnitVerdict(BaseModel):
-    """The verdict on a unit; `limits`: against limits, where it was made with some.
+    """The verdict on a unit; `limits`: the verdict against limits, if there are any.
 
-    Of one that was not `analysed` and is not being analysed `sentence` says why, and what to do.
+    For a unit that was not `analysed` and will not be, `sentence` says why and what to do.
     """
 
     unit: str
@@ -40,7 +40,7 @@ class UnitVerdict(BaseModel):
 
 
 class End(BaseModel):
-    """How a run ended; `verdict` follows when it is analysed."""
+    """The end of a run; `verdict` follows after the analysis."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -50,7 +50,7 @@ class End(BaseModel):
     """done, aborted or failed."""
     cause: str
     safe: bool | None
-    """Whether the safe state was read back, or nothing had moved; None: nobody knows."""
+    """Whether the safe state was read back, or nothing had moved; None: not known."""
     safe_state: list[StepTaken]
     requests: list[RequestMade]
     analysing: bool
@@ -60,7 +60,7 @@ class End(BaseModel):
 
 
 class SegmentNow(BaseModel):
-    """The segment in force."""
+    """The present segment."""
 
     index: int
     of: int
@@ -73,7 +73,7 @@ class SegmentNow(BaseModel):
 
 
 class ChamberNow(BaseModel):
-    """The chamber as it was read last."""
+    """The last reading of the chamber."""
 
     temperature_degc: Number
     setpoint_degc: Number
@@ -83,7 +83,7 @@ class ChamberNow(BaseModel):
 
 
 class UnitNow(BaseModel):
-    """A unit, its frames by what became of them, and why it left, if it did."""
+    """A unit, its frames by their fate, and the reason if it was dropped."""
 
     serial: str
     temperature_degc: Number
@@ -92,7 +92,7 @@ class UnitNow(BaseModel):
 
 
 class BusNow(BaseModel):
-    """A bus: how its capture is, and how long its frames wait for it [s], now and at most."""
+    """A bus: state of its capture, and the present and longest wait of its frames [s]."""
 
     bus: str
     state: Literal["ok", "degraded", "lost"]
@@ -113,7 +113,7 @@ class GuardLight(BaseModel):
 
 
 class Run(BaseModel):
-    """A live run, or one that has ended; what is not known yet is missing or null."""
+    """A live run or an ended one; unknown values are missing or null."""
 
     run: str
     runs: list[str]
@@ -123,17 +123,17 @@ class Run(BaseModel):
     simulated: bool
     started: str
     start: str | None
-    """The start that made it, if the page did."""
+    """The start that made it, if the page started it."""
     who: dict[str, str] | None
     nominal_s: float
     curve: list[tuple[float, float]]
     condition: Literal["live", "silent", "gone", "ended"]
     detail: str = ""
     error: str = ""
-    """Why nothing new comes: the same as `detail`, where it does not."""
+    """The reason why the state is old: the same as `detail`."""
     state: str
     ending: str | None = None
-    """Who aborted it, or why else it ends."""
+    """The user who aborted it, or another reason of its end."""
     t_s: Number = None
     left_s: Number = None
     late_s: Number = None
@@ -144,7 +144,7 @@ class Run(BaseModel):
     holding: list[str] = []
     guards: list[GuardLight] = []
     fits: dict[str, Any] = {}
-    """How well models fit the run so far, by unit, as `bench status` tells it."""
+    """Errors of models on the run so far, by unit, as `bench status` prints them."""
     age_s: Number = None
     ended: End | None = None
 
@@ -170,7 +170,7 @@ class TraceAnswer(BaseModel):
 
 
 class Asked(BaseModel):
-    """What came of a request: `done`, or the state that the run is in instead."""
+    """Outcome of a request: `done`, or the state that the run is in."""
 
     run: str
     asked: str

@@ -1,4 +1,4 @@
-"""`/starts`: runs that the page starts; each goes its own way and is found again."""
+"""`/starts`: runs that the page starts, each in a separate process."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ router = APIRouter(tags=["starting"])
 
 
 class Wanted(Intended):
-    """What to run; models and limits by name, where not those that are the default."""
+    """A run to start; models and limits by name, in place of the defaults."""
 
     models: list[Name] = Field(default=[], max_length=8)
     limits: Name | None = None
 
 
 class Start(BaseModel):
-    """A start: what was asked for, and what became of it."""
+    """A start: the request and its outcome."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -38,14 +38,14 @@ class Start(BaseModel):
     plan: str
     station: str
     units: list[str]
-    """Those asked for; none: all of the station."""
+    """Requested units; empty: all of the station."""
     models: list[str] = []
     limits: str | None = None
     who: dict[str, str]
     started: str
     runs: list[str]
     exit_code: int | None
-    """That of `bench run`: 0 good, 1 outside limits, 2 refused, 3 aborted, 4 equipment failed; None: not ended so."""
+    """Exit code of `bench run`: 0 good, 1 outside limits, 2 refused, 3 aborted, 4 equipment failed; None: none yet."""
     verdict: str | None
     sentence: str
     message: str
@@ -54,7 +54,7 @@ class Start(BaseModel):
 
 
 class Starting(BaseModel):
-    """The starts that are remembered, newest first."""
+    """The starts that are kept, newest first."""
 
     starts: list[Start]
 
@@ -66,18 +66,17 @@ def _starts(request: Request) -> Starts:
 
 @router.post("/starts", status_code=202)
 def begin(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
-    """Start a run; 409 where another one has the station. What the bench refuses appears as state `refused`."""
+    """Start a run; 409 where another one uses the station. A run that the bench refuses has the state `refused`."""
     known = Catalog(here.project, here.own)
-    plan = named(known.plans(), wanted.plan, "plan")
+    profile = named(known.plans(), wanted.plan, "plan")
     station = named(known.stations(), wanted.station, "station")
     settings = catalog.station(station)
     settings.chosen(wanted.units)
     order = Order(
         plan=wanted.plan,
         station=wanted.station,
-        plan_file=plan,
+        profile_file=profile,
         station_file=station,
-        station_name=settings.name,
         equipment=catalog.equipment(settings),
         units=wanted.units,
         models=[known.model(model) for model in wanted.models],
@@ -97,14 +96,14 @@ def begin(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
 
 @router.get("/starts")
 def starts(request: Request) -> Starting:
-    """All starts that are remembered."""
+    """All starts that are kept."""
     return Starting(starts=[Start(**told) for told in _starts(request).listed()])
 
 
 @router.get("/starts/{start}")
 def start(start: Annotated[str, Part(min_length=1, max_length=100)], request: Request) -> Start:
-    """What became of a start."""
+    """A start with its outcome."""
     told: dict[str, Any] | None = _starts(request).find(start)
     if not told:
-        raise HTTPException(404, f"no start {start!r} (any more); GET /api/v1/starts lists them")
+        raise HTTPException(404, f"no start {start!r}, or not any more; GET /api/v1/starts lists them")
     return Start(**told)

@@ -1,7 +1,7 @@
-"""Runs that the page started: each a detached process, found again through its files after the server's restart.
+"""Runs that the page started: detached processes, which a server finds again through their files after a restart.
 
-A start keeps a folder `<out>/.web/starts/<start>/`: what was asked for and by whom (`start.json`), what the process
-said (`stdout`, `stderr`), a lock that it holds as long as it lives, and its exit code.
+The folder `<out>/.web/starts/<start>/` of a start holds the request and its user (`start.json`), the output of the
+process (`stdout`, `stderr`), a lock that the process holds while it lives, and its exit code.
 """
 
 from __future__ import annotations
@@ -30,40 +30,46 @@ START = "start.json"
 EXIT = "exit_code"
 """The exit code of the process, in the folder of its start."""
 KEPT = 200
-"""Starts that are remembered; the oldest are forgotten, their runs are not."""
+"""Number of starts that are kept; the oldest are removed, their runs stay."""
 _SAID_BYTES = 1 << 20
 
 State = Literal["starting", "running", "ended", "refused"]
 
 
+class _Detached(subprocess.Popen[bytes]):
+    """A process that outlives the server: nobody waits for it."""
+
+    def __del__(self) -> None:
+        """Do not warn, as Popen does, that the process still runs: it is meant to."""
+
+
 class InUse(Exception):  # noqa: N818 - a state, not an error
-    """Somebody else's run has this equipment; the text says who and what to do."""
+    """Another run uses this equipment; the text says whose and what to do."""
 
 
 @dataclass(frozen=True)
 class Order:
-    """What to start: files, units, and who wants it."""
+    """A run to start: files, units, models, limits, user."""
 
     plan: str
     station: str
-    plan_file: Path
+    profile_file: Path
     station_file: Path
-    station_name: str
     equipment: frozenset[str]
-    """What no other run may use meanwhile."""
+    """Equipment that no other run may use meanwhile."""
     units: Sequence[str] = ()
     models: Sequence[str] = ()
     limits: Path | None = None
     who: Mapping[str, str] = field(default_factory=dict)
     operator: str = ""
-    """The same for events and manifest."""
+    """The user, for events and manifest."""
 
     def arguments(self, out: Path) -> list[str]:
-        """Of `bench`."""
+        """Arguments of `bench`."""
         more = [("--unit", unit) for unit in self.units] + [("--model", model) for model in self.models]
         more += [("--limits", str(self.limits))] if self.limits else []
         more += [("--station", str(self.station_file)), ("--out", str(out)), ("--operator", self.operator)]
-        return ["run", "--quiet", "--json", *(word for pair in more for word in pair), "--", str(self.plan_file)]
+        return ["run", "--quiet", "--json", *(word for pair in more for word in pair), "--", str(self.profile_file)]
 
 
 class Starts:
@@ -73,11 +79,11 @@ class Starts:
         """`own`: the server's folder, `out`: where the runs go, `project`: where they are started."""
         self._folder, self._out, self._project = own / "starts", out.resolve(), project
         self._lock = threading.RLock()
-        self._children: list[subprocess.Popen[bytes]] = []
+        self._children: list[_Detached] = []
         self._ended: dict[str, dict[str, Any]] = {}
 
     def begin(self, order: Order, in_use: Mapping[str, str]) -> dict[str, Any]:
-        """Start it; InUse where somebody uses this equipment. `in_use`: what live runs use, and who says so."""
+        """Start a run; InUse where another one uses its equipment. `in_use`: equipment of live runs, with texts."""
         with self._lock:
             in_use = {**in_use, **self._in_use()}
             if taken := sorted(order.equipment & in_use.keys()):
@@ -98,7 +104,7 @@ class Starts:
                 "runs": [],
             }
             try:
-                write_json(folder / START, {**about, "pid": None})  # nothing runs that is not on record
+                write_json(folder / START, {**about, "pid": None})  # written first, so that every process has a record
                 pid = self._spawn(folder, order.arguments(self._out))
             except OSError as error:
                 shutil.rmtree(folder, ignore_errors=True)
@@ -107,7 +113,7 @@ class Starts:
             return self._told(folder)
 
     def _write(self, folder: Path, about: Mapping[str, Any]) -> None:
-        """Remember it; a full disk costs the way from the start to its run, and stops neither."""
+        """Write the record; on a full disk the link from the start to its run is lost, but the run goes on."""
         with contextlib.suppress(OSError):
             write_json(folder / START, about)
 
@@ -118,16 +124,16 @@ class Starts:
         return folder
 
     def _spawn(self, folder: Path, arguments: list[str]) -> int:
-        """A child of a session of its own, which neither the server's end nor its terminal reaches."""
+        """Start a process in its own session, so that neither the server's end nor its terminal ends it."""
         environment = {name: value for name, value in os.environ.items() if name != "BENCH_TOKEN"}
         with (
             (folder / "lock").open("wb") as lock,
             (folder / "stdout").open("wb") as stdout,
             (folder / "stderr").open("wb") as stderr,
         ):
-            fcntl.flock(lock, fcntl.LOCK_EX)  # shared with the child, who keeps it
+            fcntl.flock(lock, fcntl.LOCK_EX)  # the child inherits and keeps the lock
             number = str(lock.fileno())
-            child = subprocess.Popen(
+            child = _Detached(
                 [sys.executable, "-P", "-m", "bench.cli.started", str(folder.resolve()), number, *arguments],
                 cwd=self._project, env=environment, stdin=subprocess.DEVNULL, stdout=stdout, stderr=stderr,
                 start_new_session=True, pass_fds=(lock.fileno(),),
@@ -136,20 +142,12 @@ class Starts:
         return child.pid
 
     def reap(self) -> None:
-        """Let ended children go."""
+        """Collect the exit status of ended processes."""
         with self._lock:
             self._children = [child for child in self._children if child.poll() is None]
 
-    def close(self) -> None:
-        """Let all children go their way: the server ends, they do not."""
-        with self._lock:
-            self.reap()
-            for child in self._children:
-                child.returncode = 0  # nobody will wait for it, and that is no mistake: Popen need not warn
-            self._children = []
-
     def saw(self, pid: int, runs: Sequence[str]) -> dict[str, Any] | None:
-        """A live run of process `pid` has these folders: the start that it belongs to remembers them."""
+        """Record the folders of a live run of process `pid` in its start, and return the start; None without one."""
         with self._lock:
             for folder in self._folders():
                 about = _about(folder)
@@ -161,12 +159,12 @@ class Starts:
         return None
 
     def find(self, start: str) -> dict[str, Any] | None:
-        """What became of a start; None when there is none of this name."""
+        """A start with its outcome; None for an unknown name."""
         with self._lock:
             return next((self._told(folder) for folder in self._folders() if folder.name == start), None)
 
     def listed(self) -> list[dict[str, Any]]:
-        """All of them, newest first."""
+        """All starts, newest first."""
         with self._lock:
             return [told for folder in self._folders() if (told := self._told(folder))]
 
@@ -186,7 +184,7 @@ class Starts:
                 self._ended.pop(folder.name, None)
 
     def _in_use(self) -> dict[str, str]:
-        """What the starts use whose run is not over yet; one that only analyses uses nothing."""
+        """Equipment of starts whose run has not ended; a run that is only being analysed uses none."""
         found: dict[str, str] = {}
         for told in self.listed():
             over = told["runs"] and not any((self._out / run / LIVE).exists() for run in told["runs"])
@@ -202,7 +200,7 @@ class Starts:
         about = _about(folder)
         if about is None:
             return {}
-        alive = _alive(folder)  # asked first: what the process wrote before it went is then seen
+        alive = _alive(folder)  # before the files, so that nothing the process wrote is missed
         told = {**about, **_outcome(folder, about, alive, self._out)}
         if told["state"] in {"ended", "refused"}:
             self._ended[folder.name] = told
@@ -218,7 +216,7 @@ def _about(folder: Path) -> dict[str, Any] | None:
 
 
 def _alive(folder: Path) -> bool:
-    """Whether the process of a start lives: it holds the lock."""
+    """Whether the process of a start lives, which then holds the lock."""
     try:
         with (folder / "lock").open("rb") as lock:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -240,7 +238,7 @@ def _outcome(folder: Path, about: Mapping[str, Any], alive: bool, out: Path) -> 
     runs = _runs(content, out) or about["runs"]
     if code is None:
         again = _again(out / runs[0]) if runs else "start it again"
-        return {**nothing, "state": "ended", "runs": runs, "message": f"its process was ended from outside; {again}"}
+        return {**nothing, "state": "ended", "runs": runs, "message": f"something ended its process; {again}"}
     if code == 2 and not runs:
         return {**nothing, "state": "refused", "exit_code": code, "message": said}
     return {
@@ -255,7 +253,7 @@ def _outcome(folder: Path, about: Mapping[str, Any], alive: bool, out: Path) -> 
 
 
 def _again(run: Path) -> str:
-    """What to do with a run whose process was killed, in it or in its analysis."""
+    """Advice for a run whose process was killed, during the run or its analysis."""
     if (run / MANIFEST).is_file():
         return f"`bench report {run}` analyses it"
     return f"`bench resume {run}` goes on with it"
@@ -269,7 +267,7 @@ def _exit_code(folder: Path) -> int | None:
 
 
 def _said(folder: Path) -> str:
-    """What `bench` said last, as one line."""
+    """Last message of `bench`, as one line."""
     with contextlib.suppress(OSError):
         lines = (folder / "stderr").read_bytes()[-_SAID_BYTES:].decode("utf-8", "replace").splitlines()
         first = next((i for i, line in enumerate(lines) if line.startswith("bench: ")), max(len(lines) - 1, 0))
@@ -278,7 +276,7 @@ def _said(folder: Path) -> str:
 
 
 def _answer(folder: Path) -> dict[str, Any]:
-    """The object that `bench run --json` printed; empty where it printed none."""
+    """The object that `bench run --json` printed; empty without one."""
     try:
         content = json.loads((folder / "stdout").read_bytes())
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""How a run ended, in its own words: from its journals at once, from its analysis when that is done."""
+"""The end of a run: from its journals at once, from its analysis when that is done."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from bench.record import RunFolder
 CALIBRATION, LIMITS_JSON = "calibration.json", "limits.json"
 NO_VERDICT: dict[str, Any] = {"analysing": True, "units": [], "verdict": None, "sentence": ""}
 _NOT = "not analysed: "
-"""So begins, in place of a verdict, what is said of a unit whose analysis failed."""
+"""Begin of the sentence about a unit whose analysis failed."""
 EVENTS = ("request", "safe_state", "end")
 
 
 def ending(run: LiveRun) -> dict[str, Any] | None:
-    """The end of a run whose process has written it; None while it has not."""
+    """The end of a run; None while its process has not written it."""
     events = ending_of(run, 0.0)
     return told(events) if events else None
 
 
 def told(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """State, cause, what became of the equipment and who asked for what, from the events of a run."""
+    """State, cause, safe state of the equipment and requests, from the events of a run."""
     end = next((event for event in reversed(events) if _is_end(event)), None)
-    # What is only on the way to the safe state (warming up, another try) has no `ok` yet.
+    # Events on the way to the safe state (warming up, another try) have no `ok`.
     said = [event for event in events if event["kind"] == "safe_state" and "ok" in event]
     steps = [{"text": str(event.get("text", "")), "ok": bool(event["ok"])} for event in said]
     asked = [
@@ -45,9 +45,9 @@ def told(events: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def of_folders(folders: Sequence[Path], start: Mapping[str, Any] | None) -> dict[str, Any]:
-    """The end of a run whose tables are made; the first folder that saw it speaks for all that they share.
+    """The end of a run whose tables exist; the first folder with an end describes what all folders share.
 
-    `start`: what became of the start that made it. Without one nobody is known to analyse the run any more.
+    `start`: the start that made the run, with its outcome. Without one no process is known to analyse the run.
     """
     seen = [(folder, events(folder)) for folder in folders]
     speaker, said = next((one for one in seen if any(_is_end(event) for event in one[1])), seen[0])
@@ -59,7 +59,7 @@ def of_folders(folders: Sequence[Path], start: Mapping[str, Any] | None) -> dict
 
 
 def events(folder: Path) -> list[dict[str, Any]]:
-    """The events in a run folder; a line that is being written, or spoilt, is left out."""
+    """The events in a run folder, without incomplete or damaged lines."""
     found = []
     with contextlib.suppress(OSError):
         for line in (folder / "events.jsonl").read_text(encoding="utf-8", errors="replace").splitlines():
@@ -69,21 +69,21 @@ def events(folder: Path) -> list[dict[str, Any]]:
 
 
 def _is_end(event: Mapping[str, Any]) -> bool:
-    """Whether a run ended there, and not only for a unit that left it."""
+    """Whether an event ends the run, and not only the part of one unit."""
     return event.get("kind") == "end" and "sound_until_s" not in event
 
 
 def verdicts(folders: Sequence[Path], busy: bool = True, start: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The verdict on each unit, and on all together the worst; `analysing` until the last report is written.
+    """The verdict on each unit and the worst of all; `analysing` until the last report is written.
 
-    When nobody is `busy` with it any more, units without a report say why, as far as `start` knows, and what to do.
+    When no process is `busy` with the analysis, units without a report get a sentence with reason and advice.
     """
     units = [_verdict(folder) for folder in folders]
     ready = all(unit["analysed"] for unit in units)
     if not busy:
         for unit, folder in zip(units, folders, strict=True):
             if not unit["analysed"]:
-                unit["sentence"] = f"{_NOT}{_why(unit['run'], start)}; `bench report {folder}` makes up for it"
+                unit["sentence"] = f"{_NOT}{_why(unit['run'], start)}; `bench report {folder}` analyses it"
     known = [unit for unit in units if unit["verdict"] is not None] if ready else []
     worst = min(known, key=_rank, default={"verdict": None, "sentence": ""})
     return {
@@ -95,13 +95,13 @@ def verdicts(folders: Sequence[Path], busy: bool = True, start: Mapping[str, Any
 
 
 def _why(run: str, start: Mapping[str, Any] | None) -> str:
-    """Why a run has no report: what its start said of it, or of all its runs."""
+    """Why a run has no report, from the outcome of its start."""
     if start is None or start["state"] != "ended":
-        return "why is not known"
+        return "the reason is not known"
     if start["exit_code"] is None:
-        return "its process was ended from outside"
+        return "something ended its process"
     own = next((str(one["sentence"]) for one in start["verdicts"] if one["run"] == run), "")
-    return (own.removeprefix(_NOT) if own.startswith(_NOT) else str(start["message"])) or "why is not known"
+    return (own.removeprefix(_NOT) if own.startswith(_NOT) else str(start["message"])) or "the reason is not known"
 
 
 def _rank(unit: Mapping[str, Any]) -> int:
@@ -125,7 +125,7 @@ def _verdict(folder: Path) -> dict[str, Any]:
 
 
 def state_of(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The verdict on a unit out of the answer of `bench run --json`."""
+    """The verdict on a unit from the answer of `bench run --json`."""
     limits = content.get("limits")
     run = Path(str(content.get("run", "")))
     return {
@@ -147,5 +147,5 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a run folder, or nothing."""
+    """The manifest of a run folder; empty without one."""
     return _json(folder / "manifest.json")

@@ -1,7 +1,7 @@
-"""Server-sent events for many browsers: each event is written once, each browser has a short queue.
+"""Server-sent events for many browsers: each event is encoded once, each browser has a short queue.
 
-A browser that is slower than the runs loses updates of the picture, which the next one replaces, and catches up with
-the traces through `since`; ends of runs have a queue of their own. Nothing grows.
+A slow browser loses updates of the picture, which later ones replace, and catches up with the traces through `since`;
+ends of runs have a separate queue. All queues are bounded.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any
 
 KEPT, KEPT_ENDS = 4, 64
-"""Pictures and ends that wait for a slow browser; ends also for one that comes back."""
+"""Length of the queues of pictures and ends; ends are also kept for a browser that reconnects."""
 MOST = 64
-"""Browsers."""
+"""Greatest number of browsers."""
 BEAT_S = 4.0
-"""An event comes at least as often: a page that hears nothing knows that it is blind [s]."""
+"""Longest interval between events, so that a page notices a lost connection [s]."""
 RETRY_MS = 1000
 
 Numbered = tuple[int, bytes]
 
 
 class _Browser:
-    """Who listens: what it has not been sent yet."""
+    """A browser with the events that it has not received yet."""
 
     def __init__(self) -> None:
         self.live: deque[Numbered] = deque(maxlen=KEPT)
@@ -33,7 +33,7 @@ class _Browser:
         self.news = asyncio.Event()
 
     def take(self) -> list[Numbered]:
-        """What waits, in its order."""
+        """All waiting events, in order."""
         taken = sorted((*self.live, *self.ends))
         self.live.clear()
         self.ends.clear()
@@ -52,12 +52,12 @@ class Stream:
 
     @property
     def listeners(self) -> int:
-        """How many browsers listen."""
+        """Number of browsers."""
         return len(self._browsers)
 
     @property
     def full(self) -> bool:
-        """Whether there is no place for another one."""
+        """Whether no further browser is accepted."""
         return len(self._browsers) >= MOST
 
     def live(self, content: Mapping[str, Any]) -> None:
@@ -83,10 +83,9 @@ class Stream:
     async def listen(
         self, since: int | None = None, most: int = 0, welcome: Callable[[], bool] = lambda: True
     ) -> AsyncIterator[bytes]:
-        """Events from now on, and the ends after `since`, the number of the last event that was got.
+        """Events from now on, and the ends after `since`, the number of the last event that the browser received.
 
-        Ends after `most` events (0: never), and when who listens is not `welcome` any more: asked at each beat, and
-        before anything is told.
+        Stops after `most` events (0: never), and when `welcome`, asked before every event, returns False.
         """
         browser, sent = _Browser(), 0
         if self._last is not None:

@@ -1,4 +1,4 @@
-"""What a live run is about, out of its folder: profile, station, units, who started it."""
+"""Facts about a live run from its folder: profile, station, units, user."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drivers.errors import DriverError
 
 
 def describe(live: LiveRun, start: dict[str, Any] | None) -> dict[str, Any]:
-    """The constant part of what `/live` tells; `start`: what started it, if the page did."""
+    """The constant part of the answer of `/live`; `start`: the start, if the page started the run."""
     runs = ids(live.folders)
     station = station_of(live.path)
     about: dict[str, Any] = {
@@ -37,16 +37,16 @@ def describe(live: LiveRun, start: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def station_of(folder: Path) -> StationSettings | None:
-    """The station of a run; None when its copy cannot be read."""
+    """The station of a run; None where its copy cannot be read."""
     with contextlib.suppress(BenchError, DriverError, OSError):
         return catalog.station(folder / "station.yaml")
     return None
 
 
 def in_use(live: LiveRun) -> dict[str, str]:
-    """What equipment a live run uses, each with a text that says so."""
+    """The equipment of a live run, each with a text that names the run."""
     station = station_of(live.path)
     if station is None:
         return {}
-    text = f"the run {ids(live.folders)[0]} goes on there"
+    text = f"the run {ids(live.folders)[0]} uses it"
     return dict.fromkeys(catalog.equipment(station), text)

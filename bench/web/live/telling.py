@@ -1,4 +1,4 @@
-"""From the watcher's thread to the browsers' stream: what is new, no more often than it changes."""
+"""Passes changes from the watcher's thread to the stream of the browsers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bench.web.live.streaming import Stream
 from bench.web.live.watching import Watched
 
 STEADY_TURNS = 5
-"""A picture in which nothing changed is told once in so many turns: a run that hangs must be seen to age."""
+"""An unchanged picture is sent once in so many turns, so that the page sees a run that hangs."""
 
 
 class Teller:

@@ -1,7 +1,7 @@
-"""Watches live runs: one thread asks each at most five times a second, however many browsers look.
+"""Watches live runs: one thread asks each at most five times a second, whatever the number of browsers.
 
-What it sees goes to one listener, which hands it on. Runs that ended are told twice: when the equipment is safe, and
-when the verdict is there.
+It passes its results to one listener. The end of a run is reported twice: when the equipment is safe, and when the
+verdict exists.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from bench.web.live.subject import describe
 PERIOD_S = 0.2
 """Shortest time between two questions to a run."""
 IDLE_S = 1.0
-"""The same when nobody looks; live runs are looked for as often."""
+"""The same while no browser looks; also the interval of the search for live runs."""
 PATIENCE_S = 1.0
 SILENT_S = 3.0
-"""A run that did not answer is left alone for this long."""
+"""Pause after a run did not answer [s]."""
 TICKING = frozenset({"running", "pausing", "holding"})
-"""States in which the loop of a run looks at everything once a second."""
+"""States in which the loop of a run ticks once a second."""
 VERDICT_S = 3600.0
-"""An analysis that has not come after this is not waited for."""
+"""Longest wait for an analysis [s]."""
 
 _log = logging.getLogger("bench.web")
 Listener = Callable[[list["Watched"], list[dict[str, Any]]], None]
 
 
 class Watched:
-    """A live run as it was seen last; written by the watcher's thread alone, which replaces values whole."""
+    """The last known state of a live run; only the watcher's thread writes it, replacing whole values."""
 
     def __init__(self, live: LiveRun, started_by: dict[str, Any] | None) -> None:
         self.live, self.mirror = live, Mirror()
@@ -48,26 +48,26 @@ class Watched:
         self.condition, self.detail = "live", ""
         self.next_s = 0.0
         self.traced = True
-        """It tells a trace."""
+        """Whether the run offers a trace."""
         self.killed = False
-        """Its process is gone and has written no end."""
+        """Whether its process is gone without writing an end."""
 
     @property
     def runs(self) -> list[str]:
-        """Ids of all its run folders."""
+        """Ids of all run folders of this run."""
         runs: list[str] = self.about["runs"]
         return runs
 
     def told(self) -> dict[str, Any]:
-        """Everything about it, for `/live`."""
+        """The state for `/live`."""
         told = {**self.about, **self.picture, "condition": self.condition, "detail": self.detail}
         return told if self.condition == "live" else {**told, "state": self.condition, "error": self.detail}
 
     def ask(self, now_s: float) -> None:
-        """One question."""
+        """Ask the run once and update its state."""
         try:
             answer = self._answer()
-        except InputError as error:  # another process has its port now
+        except InputError as error:  # another process uses its port now
             self.condition, self.detail = "gone", _gone(self.live, str(error))
         except EquipmentError as error:
             silent = isinstance(error.__cause__, TimeoutError)
@@ -85,21 +85,21 @@ class Watched:
         self.next_s = now_s + (PERIOD_S if self.condition == "live" else SILENT_S)
 
     def _answer(self) -> dict[str, Any]:
-        """Its picture and trace; of an older bench, which refuses to tell a trace, the picture alone."""
+        """Picture and trace; only the picture from an older bench, which refuses to give a trace."""
         if self.traced:
             since, generation = self.mirror.wanted
             with contextlib.suppress(InputError):
                 return ask_run(self.live, "trace", PATIENCE_S, since=since, generation=generation)
-        answer = ask_run(self.live, "status", PATIENCE_S)  # whoever has its port now refuses this too
+        answer = ask_run(self.live, "status", PATIENCE_S)  # another process on its port refuses this too
         self.traced = False
         return answer
 
 
 class Watcher:
-    """The thread and what it knows; reading is safe from any thread."""
+    """The thread and its knowledge; any thread may read it."""
 
     def __init__(self, out: Path, starts: Starts, listener: Listener) -> None:
-        """`listener` is called by the thread with all live runs and with the ends that are news."""
+        """The thread calls `listener` with all live runs and with new ends."""
         self._finder, self._starts, self._listener = Finder(out), starts, listener
         self._watched: dict[str, Watched] = {}
         self._analysed: list[tuple[float, Watched, dict[str, Any]]] = []
@@ -108,14 +108,14 @@ class Watcher:
         self._looked_s = -IDLE_S
         self._eager = 0
         self.wanted: Callable[[], bool] = lambda: True
-        """Whether somebody looks."""
+        """Whether a browser looks."""
 
     def start(self) -> None:
-        """Watch from now on."""
+        """Start to watch."""
         self._thread.start()
 
     def close(self) -> None:
-        """Watch no longer."""
+        """Stop watching."""
         self._stop.set()
         self._thread.join()
 
@@ -132,7 +132,7 @@ class Watcher:
         while not self._stop.wait(IDLE_S if self._idle() else PERIOD_S):
             try:
                 self.turn(time.monotonic())
-            except Exception:  # whatever one run's files hold: the others go on being watched
+            except Exception:  # a problem with the files of one run must not stop the others
                 _log.exception("looking at the live runs")
 
     def _idle(self) -> bool:
@@ -140,7 +140,7 @@ class Watcher:
 
     @contextlib.contextmanager
     def eagerly(self) -> Iterator[None]:
-        """Ask as often as may be meanwhile, looked at or not; of the server's loop alone."""
+        """Ask at the shortest interval meanwhile; only for the server's own loop."""
         self._eager += 1
         try:
             yield
@@ -148,13 +148,13 @@ class Watcher:
             self._eager -= 1
 
     def turn(self, now_s: float) -> None:
-        """Look, ask, tell; `now_s` is monotonic."""
+        """Search, ask and report once; `now_s` is monotonic."""
         ends: list[dict[str, Any]] = []
         if now_s - self._looked_s >= IDLE_S:
             self._looked_s = now_s
             try:
                 self._look()
-            except Exception:  # the runs that are known go on being asked
+            except Exception:  # known runs are asked all the same
                 _log.exception("looking for live runs")
             self._starts.reap()
             ends += self._verdicts(now_s)
@@ -175,16 +175,16 @@ class Watcher:
             if watched is None or watched.live.folders != run.folders:
                 try:
                     watched = Watched(run, self._starts.saw(run.file.pid, ids(run.folders)))
-                except Exception:  # whatever this run's files hold: the others are seen
+                except Exception:  # a problem with the files of this run must not hide the others
                     _log.exception("the files of %s", run.path)
                     continue
             found[run.file.token] = watched
-        # One whose file is gone stays until it was asked and its end is read.
+        # A run without its file stays until it was asked and its end was read.
         gone = {token: watched for token, watched in known.items() if token not in found}
         self._watched = {**gone, **found}
 
     def _ask(self, watched: Watched, now_s: float) -> None:
-        """Ask; what cannot be understood is no answer."""
+        """Ask a run; an answer that cannot be understood counts as none."""
         try:
             watched.ask(now_s)
         except Exception as error:
@@ -193,7 +193,7 @@ class Watcher:
             watched.detail = f"its answer cannot be understood ({type(error).__name__}: {error}); look at the chamber"
 
     def _told_end(self, watched: Watched) -> dict[str, Any] | None:
-        """Its end; one that cannot be understood is an end of which nothing is known."""
+        """End of a run; one that cannot be understood is reported as failed."""
         try:
             return self._end(watched)
         except Exception:
@@ -202,7 +202,7 @@ class Watcher:
             return {**_head(watched), **story.told([]), **unknown, **story.NO_VERDICT}
 
     def _end(self, watched: Watched) -> dict[str, Any] | None:
-        """How a run that does not answer has ended; None: it has not, or was killed and waits to be gone on with."""
+        """End of a run that does not answer; None where it has not ended, or was killed and can be resumed."""
         file = watched.live.path / LIVE
         if watched.condition == "silent" or (watched.killed and file.exists()):
             return None
@@ -214,13 +214,13 @@ class Watcher:
         return {**_head(watched), **end, **story.verdicts(watched.live.folders)} | {"analysing": True}
 
     def _verdicts(self, now_s: float) -> list[dict[str, Any]]:
-        """The ends whose verdict has come since."""
+        """The ends whose verdict is new."""
         waiting: list[tuple[float, Watched, dict[str, Any]]] = []
         news: list[dict[str, Any]] = []
         for until_s, watched, end in self._analysed:
             busy = now_s <= until_s and process_alive(
                 watched.live.file.pid
-            )  # asked first: its last report is then seen
+            )  # before the files, so that its last report is not missed
             start = None if busy else self._starts.of_run(end["run"])
             verdicts = story.verdicts(watched.live.folders, busy, start)
             if self.find(end["run"]):  # a killed run goes on
@@ -233,7 +233,7 @@ class Watcher:
         return news
 
     def ended(self, run: str) -> dict[str, Any] | None:
-        """The end of a run whose tables are not made yet."""
+        """The end of a run whose tables do not exist yet."""
         return next((end for _, watched, end in self._analysed if run in watched.runs), None)
 
 

@@ -1,1 +1,1 @@
-"""Who may do what: tokens, roles, sessions."""
+"""Access control: tokens, roles, sessions."""

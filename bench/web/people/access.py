@@ -1,4 +1,4 @@
-"""Who asks, and what they may do: tokens, sessions and roles."""
+"""Identifies the user of a request by token or session, and checks roles."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from bench.web.people.sessions import Sessions
 __all__ = ["Access", "Engineer", "Operator", "Role", "Viewer", "Who", "requires"]
 
 _LOOKING = ("/figures", "/effects/formula")
-"""What changes nothing, and is a POST only because the question is long."""
+"""POST routes that change nothing: their questions are too long for a GET."""
 RANKS: dict[Role, int] = {"viewer": 0, "operator": 1, "engineer": 2}
 
 
 @dataclass(frozen=True)
 class Who:
-    """Somebody who asks: what stands in the run's events."""
+    """The user of a request, as the events of a run name it."""
 
     name: str
     role: Role
     address: str
-    """Where from: an IP address."""
+    """IP address of the request."""
 
     def __str__(self) -> str:
         return f"{self.name} ({self.role}) from {self.address}"
 
 
 class Access:
-    """Knows people by bearer token or by the cookie that they got for it."""
+    """Recognises users by bearer token or by the cookie of their session."""
 
     def __init__(self, settings: Settings) -> None:
         self.people = None if settings.access is None else People(settings.access)
@@ -46,11 +46,11 @@ class Access:
 
     @property
     def open(self) -> bool:
-        """No token is asked for: everybody on this machine is an engineer."""
+        """Whether no token is needed: every user of this computer is an engineer."""
         return self.people is None
 
     def who(self, request: Request) -> Who:
-        """Who sends this request; HTTPException 401 when nobody that we know, 429 after too many wrong tokens."""
+        """User of this request; HTTPException 401 for an unknown one, 429 after too many wrong tokens."""
         address = request.client.host if request.client else "unknown"
         if self.people is None:
             return Who(_user(), "engineer", address)
@@ -65,10 +65,10 @@ class Access:
         return Who(person.name, person.role, address)
 
     def knows_still(self, request: Request) -> bool:
-        """Whether who sent this request, which is being answered for long, may still look."""
+        """Whether the user of a long-lived request still has access."""
         try:
             self.who(request)
-        except (HTTPException, InputError):  # InputError: there is no access file any more, or none that can be read
+        except (HTTPException, InputError):  # InputError: the access file was removed or cannot be read
             return False
         return True
 
@@ -94,15 +94,15 @@ class Access:
 
     def _by_token(self, token: str, address: str) -> Person:
         assert self.people is not None
-        # 256 bits are not guessed: a right token passes, so that a stray script on the same machine, with a token of
-        # last year, keeps nobody from aborting.
+        # Tokens of 256 bits cannot be guessed, so a right one always passes: a stray script with an old token on the
+        # same computer must not keep an operator from aborting a run.
         if person := self.people.by_token(token):
             return person
         if wait_s := self._throttle.wait_s(address):
             raise HTTPException(429, f"too many wrong tokens from {address}: wait {wait_s} s",
                                 {"Retry-After": str(wait_s)})  # fmt: skip
         self._throttle.wrong(address)
-        raise HTTPException(401, "this token is not valid (any more): ask whoever runs this server for one",
+        raise HTTPException(401, "this token is not valid: ask the administrator of this server for one",
                             {"WWW-Authenticate": "Bearer"})  # fmt: skip
 
     def _by_cookie(self, request: Request) -> Person | None:
@@ -113,12 +113,12 @@ class Access:
         return self.people.by_hash(token) if token else None
 
     def _cookie(self, request: Request) -> str:
-        """Cookies know no ports: two servers on one machine need two names."""
+        """Name of the cookie; cookies ignore ports, so servers on one computer need different names."""
         return f"{'__Host-' if self._secure else ''}bench-{request.url.port or 0}"
 
 
 def requires(role: Role) -> Callable[[Request], Who]:
-    """A dependency that gives who asks, or answers 401 or 403."""
+    """A dependency that returns the user of a request, or answers 401 or 403."""
 
     def dependency(request: Request) -> Who:
         access: Access = request.app.state.access
@@ -131,7 +131,7 @@ def requires(role: Role) -> Callable[[Request], Who]:
 
 
 def at_least(request: Request) -> Who:
-    """What every route of the API asks for, whatever else it asks: looking a viewer, changing an operator."""
+    """Role that every route needs at least: viewer to look, operator to change something."""
     looking = request.method in {"GET", "HEAD"} or request.url.path.endswith(_LOOKING)
     return requires("viewer" if looking else "operator")(request)
 

@@ -20,17 +20,17 @@ Role = Literal["viewer", "operator", "engineer"]
 
 NAME = r"^[^\W_](?:[\w .@'-]{0,38}[\w.])?$"
 _BYTES = 32
-"""Of chance in a token: with so many a plain SHA-256 is as good as a slow hash."""
-_HEAD = "# Who may use `bench ui`. A token stands here as its SHA-256; without its entry it is not valid any more.\n"
+"""Random bytes of a token: enough that a plain SHA-256 is as safe as a slow hash."""
+_HEAD = "# Who may use `bench ui`. This file holds the SHA-256 of each token; a token without an entry is not valid.\n"
 
 
 class Person(BaseModel):
-    """One who may ask."""
+    """A user of the server."""
 
     model_config = STRICT
 
     name: Annotated[str, Field(pattern=NAME)]
-    """What stands in the events of a run."""
+    """Name in the events of a run."""
     role: Role
     """viewer looks; operator starts, holds and aborts; engineer also analyses and imports."""
     token_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -43,11 +43,11 @@ class AccessFile(BaseModel):
     model_config = STRICT
 
     people: list[Person]
-    """Everybody who has a token; one may have several."""
+    """All users; a user may have several tokens."""
 
 
 class People:
-    """The access file as it stands: read again when it has changed."""
+    """The access file, read again when it changes."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -57,14 +57,14 @@ class People:
         self._refresh()
 
     def by_token(self, token: str) -> Person | None:
-        """Whose token this is."""
+        """Owner of this token."""
         return self.by_hash(hashlib.sha256(token.encode(errors="replace")).hexdigest())
 
     def by_hash(self, digest: str) -> Person | None:
-        """Whose token has this SHA-256."""
+        """Owner of the token with this SHA-256."""
         self._refresh()
         found = None
-        for known, person in self._by_hash.items():  # all of them: how long it takes tells nothing
+        for known, person in self._by_hash.items():  # compare with all, so that the time reveals nothing
             if hmac.compare_digest(known, digest):
                 found = person
         return found
@@ -78,7 +78,7 @@ class People:
                 raise InputError(_missing(self._path), self._path) from error
             seen = (stat.st_mtime_ns, stat.st_size, stat.st_ino)
             if seen != self._seen:
-                self._by_hash = {}  # a file that cannot be read lets nobody in
+                self._by_hash = {}  # nobody has access while the file cannot be read
                 self._by_hash = {person.token_sha256: person for person in read(self._path).people}
                 self._seen = seen
 
@@ -88,7 +88,7 @@ def _missing(path: Path) -> str:
 
 
 def read(path: Path) -> AccessFile:
-    """The access file; InputError when it is not sound, or when others may write it."""
+    """The access file; InputError where it is not valid or other users may write it."""
     if not path.is_file():
         raise InputError(_missing(path), path)
     if os.name == "posix" and path.stat().st_mode & 0o022:
@@ -97,7 +97,7 @@ def read(path: Path) -> AccessFile:
 
 
 def add_person(path: Path, name: str, role: Role) -> str:
-    """Give somebody a new token and store its hash; the token, which is nowhere else."""
+    """Make a token for a user and store its hash; returns the token, which is stored nowhere."""
     if not re.match(NAME, name):
         raise InputError(f"name is {name!r}, must be up to 40 letters, digits, spaces or . @ ' -", path)
     people = read(path).people if path.exists() else []

@@ -1,4 +1,4 @@
-"""`/session`: who I am, signing in and out."""
+"""`/session`: the present user, signing in and out."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ router = APIRouter(tags=["session"])
 
 
 class SessionAnswer(BaseModel):
-    """Who asks, and what the page needs to know of the server."""
+    """The present user, and the server's version and languages."""
 
     name: str | None
-    """None: nobody signed in."""
+    """None: not signed in."""
     role: Role | None
     version: str
     languages: list[str]
     open: bool
-    """No token is needed here."""
+    """Whether this server needs no token."""
 
 
 class SignIn(BaseModel):
-    """A token, to be exchanged for a cookie."""
+    """A token, in exchange for a cookie."""
 
     token: str = Field(min_length=1, max_length=200)
 
 
 @router.get("/session")
 def session(request: Request) -> SessionAnswer:
-    """Who I am; nobody may ask too."""
+    """The present user; may be asked without signing in."""
     access: Access = request.app.state.access
     try:
         return _answer(access.who(request), access)
@@ -52,7 +52,7 @@ def sign_in(wanted: SignIn, request: Request, response: Response) -> SessionAnsw
 
 @router.delete("/session")
 def sign_out(request: Request, response: Response) -> SessionAnswer:
-    """Sign out; the cookie is worth nothing from now on."""
+    """Sign out; the cookie is no longer valid."""
     access: Access = request.app.state.access
     access.sign_out(request, response)
     return _answer(access.who(request) if access.open else None, access)

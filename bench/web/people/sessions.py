@@ -1,4 +1,4 @@
-"""Sessions of browsers: what a cookie stands for, kept over a restart of the server."""
+"""Sessions of browsers, one per cookie; they survive a restart of the server."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from bench.record import write_atomically
 from bench.web.people.people import Person
 
 LIFE_S = 12 * 3600
-"""A shift and a bit."""
+"""Length of a session [s]: a little more than a shift."""
 _MOST = 1000
 
 
 class Sessions:
-    """Hashes of cookies, each with the hash of the token that it was given for and its end [s since 1970]."""
+    """Hashes of cookies, each with the hash of its token and the end of the session [s since 1970]."""
 
     life_s = LIFE_S
 
@@ -28,12 +28,12 @@ class Sessions:
         self._path, self._clock = path, clock
         self._lock = threading.Lock()
         self._known: dict[str, tuple[str, float]] = {}
-        with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):  # unreadable: everybody signs in anew
+        with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):  # unreadable: all users sign in again
             known = json.loads(path.read_bytes())
             self._known = {key: (str(token), float(until)) for key, (token, until) in known.items()}
 
     def begin(self, person: Person) -> str:
-        """A new session; what its cookie holds."""
+        """Begin a session; returns the content of its cookie."""
         key = secrets.token_urlsafe(32)
         with self._lock:
             self._known[_hash(key)] = (person.token_sha256, self._clock() + LIFE_S)
@@ -41,7 +41,7 @@ class Sessions:
         return key
 
     def token(self, key: str) -> str | None:
-        """Hash of the token that this cookie was given for; None when it is over."""
+        """Hash of the token of this session; None where the session is over."""
         token, until_s = self._known.get(_hash(key), ("", 0.0))
         return token if self._clock() < until_s else None
 
@@ -55,7 +55,7 @@ class Sessions:
         now_s = self._clock()
         alive = sorted((item for item in self._known.items() if item[1][1] > now_s), key=lambda item: item[1][1])
         self._known = dict(alive[-_MOST:])
-        with contextlib.suppress(OSError):  # a full disk keeps nobody from aborting; all sign in anew after a restart
+        with contextlib.suppress(OSError):  # a full disk must not keep a user from an abort
             write_atomically(self._path, json.dumps(self._known).encode())
 
 

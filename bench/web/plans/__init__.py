@@ -1,1 +1,1 @@
-"""Profiles, stations and plans that the page offers, and their check."""
+"""Profiles, stations and limits that the page offers, and the check of a run."""

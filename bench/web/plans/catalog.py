@@ -1,7 +1,7 @@
-"""Plans, stations and limits by name: what the library and the project offer, looked up in a listing.
+"""Profiles, stations, limits and models of the library and of the project, by name.
 
-An id is the name of a file without `.yaml`. The project's own files take the place of shipped ones; plans that a
-diagnosis proposed stand in the server's own folder. Nothing here needs the server: computing processes use it too.
+An id is the name of a file without `.yaml`. Files of the project replace shipped ones of the same name; profiles that a
+diagnosis proposed are in the server's own folder. Computing processes use this module without a server.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from bench.commands import check_command
 from drivers.errors import DriverError
 
 MOST_CORNERS = 256
-"""Of a curve that is shown; longer ones are thinned."""
+"""Greatest number of corners of a curve; longer ones are thinned."""
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Catalog:
-    """What there is to choose from; asked anew each time, so that a file that is saved is there at once."""
+    """The files to choose from, listed at every request, so that a new file appears at once."""
 
     project: Path
     """Folder that may hold the user's own `profiles/`."""
@@ -52,13 +52,13 @@ class Catalog:
 
 
 def _listing(*folders: Path) -> dict[str, Path]:
-    """YAML files by name, sorted; those of later folders take the place of earlier ones."""
+    """YAML files by name, sorted; later folders replace earlier ones."""
     found = {file.stem: file for folder in folders if folder.is_dir() for file in folder.glob("*.yaml")}
     return {name: found[name].resolve() for name in sorted(found) if found[name].is_file()}
 
 
 def named(listing: Mapping[str, Path], name: str, what: str) -> Path:
-    """The file of this id; InputError that lists those there are."""
+    """The file of this id; InputError with the known ids."""
     if name in listing:
         return listing[name]
     near = difflib.get_close_matches(name, listing, 1)
@@ -67,13 +67,13 @@ def named(listing: Mapping[str, Path], name: str, what: str) -> Path:
 
 
 class Read:
-    """Files as values, read again when they change; `what` reads one."""
+    """A cache of parsed files, which are read again when they change."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[str, Path], tuple[tuple[int, int], Any]] = {}
 
     def __call__(self, path: Path, what: Callable[[Path], T]) -> T:
-        """The value of this file now; raises what `what` raises."""
+        """The value that `what` reads from this file; raises what `what` raises."""
         status = path.stat()
         stamp, key = (status.st_mtime_ns, status.st_size), (what.__qualname__, path)
         known = self._known.get(key)
@@ -84,7 +84,7 @@ class Read:
 
 
 def plan(path: Path) -> dict[str, Any]:
-    """A profile in short; one that cannot be read says why in `problem`."""
+    """A profile in short; `problem` says why it cannot be read."""
     try:
         profile = load_profile(path)
     except (BenchError, DriverError, OSError) as error:
@@ -102,7 +102,7 @@ def plan(path: Path) -> dict[str, Any]:
 
 
 def limits(path: Path) -> dict[str, Any]:
-    """A limits file in short; one that cannot be read says why in `problem`."""
+    """A limits file in short; `problem` says why it cannot be read."""
     try:
         found = load_limits(path)
     except (BenchError, OSError) as error:
@@ -128,13 +128,13 @@ def station(path: Path) -> StationSettings:
 
 
 def equipment(settings: StationSettings) -> frozenset[str]:
-    """What only one run may use at a time: two stations that share a part are one in this."""
+    """Equipment that only one run may use at a time, by names that stations with a common chamber share."""
     connection = settings.chamber.connection
     return frozenset({f"station {settings.name}", *([] if connection is None else [f"chamber {connection.url}"])})
 
 
 def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
-    """`bench check` of files `plan` and `station`, in a computing process; `ok` when nothing speaks against it."""
+    """`bench check` of files `plan` and `station`, in a computing process; `ok` where nothing prevents the run."""
     path, where = Path(wanted["plan"]), Path(wanted["station"])
     profile, settings = load_profile(path), station(where)
     units = settings.chosen(wanted["units"])

@@ -1,4 +1,4 @@
-"""`/checks`: a rehearsal of a run, computed while the page waits; nothing moves."""
+"""`/checks`: a rehearsal of a run, computed while the page waits, without equipment."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Name = Annotated[str, Field(min_length=1, max_length=100)]
 
 
 class Intended(BaseModel):
-    """What is to be run: names out of `/plans` and `/stations`; no units: all of the station."""
+    """The run: names from `/plans` and `/stations`; without units it takes all of the station."""
 
     plan: Name
     station: Name = "simulated"
@@ -28,7 +28,7 @@ class Intended(BaseModel):
 
 @router.post("/checks", status_code=202)
 def check(intended: Intended, request: Request, here: Here, who: Operator) -> Asked:
-    """Ask for the content of `bench check`, with `ok` and the nominal `curve`."""
+    """Request the content of `bench check`, with `ok` and the nominal `curve`."""
     known = Catalog(here.project, here.own)
     plan = named(known.plans(), intended.plan, "plan")
     station = named(known.stations(), intended.station, "station")

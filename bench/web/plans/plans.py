@@ -1,4 +1,4 @@
-"""`/plans` and `/stations`: what can be run, and where."""
+"""`/plans`, `/stations` and `/limits`: the profiles, stations and limits that the page offers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _read = Read()
 
 
 class Plan(BaseModel):
-    """A profile; one that cannot be run says why in `problem`."""
+    """A profile; `problem` says why it cannot be run."""
 
     id: str
     name: str
@@ -57,7 +57,7 @@ class Stations(BaseModel):
 
 
 class LimitsInShort(BaseModel):
-    """A limits file: what a unit must keep to pass."""
+    """A limits file, by which a unit passes or fails."""
 
     id: str
     title: str
@@ -73,21 +73,21 @@ class LimitsListed(BaseModel):
 
 @router.get("/limits")
 def limits(here: Here) -> LimitsListed:
-    """The limits there are."""
+    """All limits."""
     found = Catalog(here.project, here.own).limits()
     return LimitsListed(limits=[LimitsInShort(id=id_, **_read(path, catalog.limits)) for id_, path in found.items()])
 
 
 @router.get("/plans")
 def plans(here: Here) -> Plans:
-    """The profiles there are."""
+    """All profiles."""
     found = Catalog(here.project, here.own).plans()
     return Plans(plans=[Plan(id=id_, **_read(path, catalog.plan)) for id_, path in found.items()])
 
 
 @router.get("/stations")
 def stations(here: Here) -> Stations:
-    """The stations there are."""
+    """All stations."""
     found = Catalog(here.project, here.own).stations()
     return Stations(stations=[_station(id_, path) for id_, path in found.items()])
 

@@ -10,24 +10,50 @@ from fastapi import Depends, FastAPI
 from bench.base import __version__
 from bench.web.ground.problems import RESPONSES, add_problems
 from bench.web.ground.settings import Settings
+from bench.web.imports import imports
+from bench.web.jobs import jobs
+from bench.web.live import live, starting
+from bench.web.people import session
 from bench.web.people.access import Access, at_least
+from bench.web.plans import checking, plans
 from bench.web.server.gate import Gate
 from bench.web.server.pages import add_pages
-from bench.web.server.routers import MODULES
+from bench.web.shelf import fleet, runs, units
+from bench.web.shelf.indexing import Index
+from bench.web.shelf.stock import Stock
+from bench.web.workbench import analyses, diagnoses, figures, models
 
 API = "/api/v1"
+OPEN = (session.router,)
+"""Routes that anybody may call: signing in."""
+GUARDED = (
+    plans.router,
+    checking.router,
+    starting.router,
+    live.router,
+    runs.router,
+    jobs.router,
+    analyses.router,
+    figures.router,
+    diagnoses.router,
+    models.router,
+    units.router,
+    fleet.router,
+    imports.router,
+)
+"""Routes that need a role: a viewer to look, an operator to change something, or what a route says itself."""
+LIFESPANS = (live.lifespan, runs.lifespan, jobs.lifespan, imports.lifespan)
+"""What begins with the server and ends with it."""
 
 
 def create_app(settings: Settings) -> FastAPI:
     """The application of one server; InputError when its access file is not sound."""
-    routers = MODULES
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         async with AsyncExitStack() as stack:
-            for module in routers:
-                if hasattr(module, "lifespan"):
-                    await stack.enter_async_context(module.lifespan(app))
+            for begin in LIFESPANS:
+                await stack.enter_async_context(begin(app))
             yield
 
     app = FastAPI(
@@ -42,11 +68,13 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.state.settings = settings
     app.state.access = Access(settings)
+    app.state.index = Index(settings.out, settings.own)
+    app.state.stock = Stock(settings.out)
     add_problems(app)
-    for module in routers:
-        # A route that says nothing of roles is not open to everybody.
-        guards = [] if module.__name__.endswith(".session") else [Depends(at_least)]
-        app.include_router(module.router, prefix=API, dependencies=guards)
+    for router in OPEN:
+        app.include_router(router, prefix=API)
+    for router in GUARDED:
+        app.include_router(router, prefix=API, dependencies=[Depends(at_least)])
     add_pages(app)
     app.add_middleware(Gate, settings=settings)
     return app

@@ -1,8 +1,8 @@
-"""What a request must be before anything looks at it, and the headers of every answer.
+"""Checks every request before its route sees it, and sets the headers of every answer.
 
-Host: ours, so that a name that somebody else points at this address gets nothing (DNS rebinding). Origin: ours, for
-whatever changes something; and its content of a type that no form of another site can send. Bodies are bounded while
-they come in. Written for ASGI directly: a stream of events passes through untouched.
+The Host must be a name of this server, against DNS rebinding. A request that changes something must come from a page of
+this server, with a content type that no form of another site can send. Bodies are counted while they come in. It is
+written for ASGI directly, so that a stream of events passes through unchanged.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ IMPORTS = "/api/v1/imports"
 
 
 class Refusal(NamedTuple):
-    """Why a request goes no further."""
+    """Status and reason of a refused request."""
 
     status: int
     detail: str
@@ -40,7 +40,7 @@ class Gate:
             self._names |= {settings.host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request through, or say why not."""
+        """Pass a request on, or refuse it."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -63,16 +63,16 @@ class Gate:
     def _refusal(self, method: str, path: str, headers: Headers) -> Refusal | None:
         host = headers.get("host", "")
         if not self._ours(host):
-            return Refusal(403, f"Host is {host[:100]!r}: not a name of this server; `bench ui --name` adds one")
+            return Refusal(403, f"Host is {host[:100]!r}, not a name of this server; `bench ui --name` adds one")
         site = headers.get("sec-fetch-site", "same-origin")
         if method in _HARMLESS:
             foreign = site == "cross-site" and path.startswith("/api/") and headers.get("sec-fetch-mode") != "navigate"
-            return Refusal(403, "asked for by a page of another site") if foreign else None
+            return Refusal(403, "a page of another site sent this request") if foreign else None
         origin = headers.get("origin")
         if origin is not None and origin.lower() not in {f"http://{host.lower()}", f"https://{host.lower()}"}:
-            return Refusal(403, f"Origin is {origin[:100]!r}: not a page of this server")
+            return Refusal(403, f"Origin is {origin[:100]!r}, not a page of this server")
         if site not in {"same-origin", "none"}:
-            return Refusal(403, "asked for by a page of another site")
+            return Refusal(403, "a page of another site sent this request")
         length = headers.get("content-length", "0")
         if length.isdecimal() and int(length) > self._limit(path):
             return _too_large(self._limit(path))
@@ -89,12 +89,12 @@ class Gate:
             address = ipaddress.ip_address(name.strip("[]"))
         except ValueError:
             return False
-        # An address cannot be pointed elsewhere; only names can.
+        # DNS can redirect names, not addresses.
         return address.is_loopback or not is_loopback(self._settings.host)
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address to bind to is reached from this machine alone."""
+    """Whether only this computer can reach an address to bind to."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -102,7 +102,7 @@ def is_loopback(host: str) -> bool:
 
 
 def _wrong_type(method: str, path: str, headers: Headers) -> Refusal | None:
-    if method == "DELETE":  # no form can send it
+    if method == "DELETE":  # forms cannot send DELETE
         return None
     kind = headers.get("content-type", "").partition(";")[0].strip().lower()
     if path == IMPORTS and kind == "multipart/form-data":
@@ -112,11 +112,11 @@ def _wrong_type(method: str, path: str, headers: Headers) -> Refusal | None:
 
 
 def _too_large(limit: int) -> Refusal:
-    return Refusal(413, f"larger than the {limit} bytes that are taken here")
+    return Refusal(413, f"the request is larger than the {limit} bytes that are allowed here")
 
 
 def _bounded(receive: Receive, limit: int) -> Receive:
-    """Count what comes in; HTTPException 413 when it is more than the limit, whatever was announced."""
+    """Count the bytes that come in; HTTPException 413 above the limit, whatever Content-Length says."""
     seen = 0
 
     async def counted() -> Message:

@@ -1,4 +1,4 @@
-"""`bench ui`: bind, say where, serve until told to stop."""
+"""`bench ui`: bind the address, print it, serve until a signal."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from bench.web.server.app import create_app
 from bench.web.server.gate import is_loopback
 
 GOODBYE_S = 2
-"""Streams of events have this long after a signal to stop."""
+"""Time that streams of events have to end after a signal [s]."""
 _CONNECTIONS = 256
 _NEEDS_TOKENS = (
-    "--host {host} can be reached by others, so they need tokens: make one with "
+    "others can reach --host {host}, so tokens are needed: make one with "
     "`bench ui --access access.yaml --new-token NAME --role engineer`, then add --access access.yaml"
 )
 
@@ -40,7 +40,7 @@ class Tls:
     key: Path
 
     def check(self) -> None:
-        """InputError when they cannot be read or do not belong together."""
+        """InputError where they cannot be read or do not belong together."""
         for path in (self.certificate, self.key):
             if not path.is_file():
                 raise InputError("no such file; --certificate and --key are PEM files", path)
@@ -52,19 +52,19 @@ class Tls:
 
 
 def _no_password() -> str:
-    """Instead of a question on the terminal."""
+    """Prevents a question on the terminal."""
     raise ValueError("the key has a password")
 
 
 class _Server(uvicorn.Server):
-    """Says where it is, once it is there."""
+    """Prints its address once it serves."""
 
     def __init__(self, config: uvicorn.Config, url: str, browser: bool) -> None:
         super().__init__(config)
         self._url, self._browser = url, browser
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Announce the address; open the browser at it."""
+        """Print the address; open it in the browser."""
         await super().startup(sockets)
         if self.started:
             print(f"bench ui: {self._url}  (Ctrl-C ends it; runs go on)", file=sys.stderr, flush=True)
@@ -73,7 +73,7 @@ class _Server(uvicorn.Server):
 
 
 def serve(settings: Settings, port: int, tls: Tls | None = None, browser: bool = True) -> None:
-    """Serve until SIGINT or SIGTERM; InputError when the address is not free, or needs tokens that there are not."""
+    """Serve until SIGINT or SIGTERM; InputError where the address is in use or needs tokens."""
     if settings.access is None and not is_loopback(settings.host):
         raise InputError(_NEEDS_TOKENS.format(host=settings.host))
     if tls:
@@ -100,14 +100,14 @@ def serve(settings: Settings, port: int, tls: Tls | None = None, browser: bool =
             ssl_keyfile=tls.key if tls else None,
         )
         url = f"{'https' if tls else 'http'}://{_name(settings.host)}:{listener.getsockname()[1]}/"
-        # uvicorn hands a signal on after it has ended for it: the end of a server is not the death of a process.
+        # uvicorn raises the signal again after its end; the process must go on to its normal end.
         signal.signal(signal.SIGTERM, lambda *_: None)
         with contextlib.suppress(KeyboardInterrupt):
             _Server(options, url, browser).run(sockets=[listener])
 
 
 def _name(host: str) -> str:
-    """What to type into a browser for an address to bind to."""
+    """Host name for a browser, given an address to bind to."""
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
@@ -118,7 +118,7 @@ def _name(host: str) -> str:
 
 
 def _has_screen() -> bool:
-    """Whether a browser would be a window, and not take over the terminal."""
+    """Whether a browser would open a window instead of running in the terminal."""
     return sys.platform in {"win32", "darwin"} or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import APIRouter, HTTPException, Query, Response
+from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, Field
 
 from bench.analysis import load_limits
-from bench.archive import Registry, Statistics, drawn, overview, safe_csv, statistics
+from bench.archive import NoUnitError, Registry, Statistics, drawn, overview, safe_csv, statistics
 from bench.archive import fleet_of as read
 from bench.base import InputError
+from bench.web.ground.problems import NotFoundError
 from bench.web.ground.settings import Here, Settings
+from bench.web.plans.catalog import Catalog, named
 from bench.web.shelf.stock import Stock
 from bench.web.shelf.units import Stocked
 
@@ -67,14 +68,12 @@ class FleetFigure(BaseModel):
 @router.get("/fleet")
 def fleet(stock: Stocked, here: Here, q: Text = "", limits: LimitsName = None) -> Fleet:
     """Yield, capability, signals, drifts, odd units; figures are asked for one by one."""
-    known = sorted(known_limits(here))
+    known = sorted(Catalog(here.project, here.own).limits())
     if not stock.exists:
         return Fleet(registry=False, known_limits=known)
     try:
         found = _statistics(stock, here, q, limits)
-    except InputError as error:
-        if "no calibrated unit" not in str(error):
-            raise
+    except NoUnitError:
         return Fleet(registry=True, known_limits=known, limits=limits)
     content = overview(found)
     return Fleet(
@@ -92,7 +91,7 @@ def chart(name: Annotated[str, Field(max_length=100)], stock: Stocked, here: Her
     try:
         return FleetFigure(**drawn(found, name))
     except InputError as error:
-        raise HTTPException(404, str(error)) from None
+        raise NotFoundError(str(error)) from None
 
 
 @router.get("/fleet.csv", response_class=Response, responses={200: {"content": {"text/csv": {}}}})
@@ -104,16 +103,17 @@ def table(stock: Stocked, here: Here, q: Text = "", limits: LimitsName = None) -
 
 def _existing(stock: Stock, here: Settings, q: str, limits: str | None) -> Statistics:
     if not stock.exists:
-        raise HTTPException(404, "no registry here yet: POST /api/v1/registry makes it from the run folders")
+        raise NotFoundError("no registry here yet: POST /api/v1/registry makes it from the run folders")
     return _statistics(stock, here, q, limits)
 
 
 def _statistics(stock: Stock, here: Settings, q: str, limits: str | None) -> Statistics:
     path = None
     if limits is not None:
-        path = known_limits(here).get(limits)
-        if path is None:
-            raise HTTPException(404, f"no limits '{limits}'; there are {', '.join(sorted(known_limits(here)))}")
+        try:
+            path = named(Catalog(here.project, here.own).limits(), limits, "limits")
+        except InputError as error:
+            raise NotFoundError(str(error)) from None
     changed = path.stat().st_mtime_ns if path else 0
 
     def ask(registry: Registry) -> Statistics:
@@ -122,11 +122,3 @@ def _statistics(stock: Stock, here: Settings, q: str, limits: str | None) -> Sta
         return statistics(read(registry, f".*{re.escape(q)}.*" if q else None), bounds)
 
     return stock.answer(("fleet", q, limits, changed), ask)
-
-
-def known_limits(here: Settings) -> dict[str, Path]:
-    """Limits files of the library and, before them, of the project, by name."""
-    from bench.base import library
-
-    folders = (library() / "limits", here.project / "profiles" / "limits")
-    return {path.stem: path for folder in folders for path in sorted(folder.glob("*.yaml"))}

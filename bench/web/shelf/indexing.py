@@ -18,10 +18,11 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from fastapi import FastAPI, HTTPException, Request
+from fastapi import Request
 
 from bench.acquisition import LIVE, process_alive
 from bench.record import MANIFEST, write_atomically
+from bench.web.ground.problems import NotFoundError
 from bench.web.live.finding import inside
 
 FILE, FORMAT = "runs.json", 1
@@ -100,11 +101,11 @@ class Index:
         ]
 
     def folder(self, unit: str, run: str) -> Path:
-        """The folder of a run; HTTPException 404 for what is not listed. No path is made from what was asked."""
+        """The folder of a run; NotFoundError where it is not listed. No path is made from the text of a request."""
         return self._root / self.entry(f"{unit}/{run}").run
 
     def entry(self, run: str) -> Entry:
-        """A run by its id; HTTPException 404 for what is not listed."""
+        """A run by its id; NotFoundError where it is not listed."""
         found = self.entries().get(run)
         if found is None:
             # A run that began within this second.
@@ -112,7 +113,7 @@ class Index:
                 self._looked = -1e9
             found = self.entries().get(run)
         if found is None:
-            raise HTTPException(404, f"no run {run[:120]!r} here")
+            raise NotFoundError(f"no run {run[:120]!r} here")
         return found
 
     def _look(self, known: Mapping[str, Entry]) -> None:
@@ -143,15 +144,7 @@ class Index:
 
 def index_of(request: Request) -> Index:
     """The index of the server that got this request."""
-    return index_in(request.app)
-
-
-def index_in(app: FastAPI) -> Index:
-    """The index of a server."""
-    state = app.state
-    if not hasattr(state, "index"):
-        state.index = Index(state.settings.out, state.settings.own)
-    index: Index = state.index
+    index: Index = request.app.state.index
     return index
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, TypeVar
 
+from cachetools import LRUCache
+
 from bench.archive import FILE, Archive, Registry, archive, is_archive, open_registry
 
 T = TypeVar("T")
@@ -24,7 +26,7 @@ class Stock:
         """Nothing is opened yet."""
         self.root, self.where = root, where
         self._lock = threading.Lock()
-        self._answers: dict[Hashable, tuple[Hashable, Any]] = {}
+        self._answers: LRUCache[Hashable, tuple[Hashable, Any]] = LRUCache(_KEPT)
 
     @property
     def exists(self) -> bool:
@@ -50,8 +52,6 @@ class Stock:
                 return answer
             with self.open() as registry:
                 answer = ask(registry)
-            while len(self._answers) >= _KEPT:
-                self._answers.pop(next(iter(self._answers)))
             self._answers[key] = (state, answer)
             return answer
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, FastAPI, HTTPException, Query, Request
+from fastapi import APIRouter, Depends, HTTPException, Query, Request
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
@@ -164,17 +164,9 @@ class Rebuilt(BaseModel):
     unreadable: list[str]
 
 
-def stock_of(app: FastAPI) -> Stock:
-    """The registry of this server, one object for all requests."""
-    found: Stock | None = getattr(app.state, "stock", None)
-    if found is None:
-        settings = app.state.settings
-        found = app.state.stock = Stock(settings.out, getattr(settings, "registry", None))
-    return found
-
-
 def _stock(request: Request) -> Stock:
-    return stock_of(request.app)
+    stock: Stock = request.app.state.stock
+    return stock
 
 
 Stocked = Annotated[Stock, Depends(_stock)]

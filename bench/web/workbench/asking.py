@@ -53,7 +53,7 @@ class RunChoice(BaseModel):
     static: RunId | None = None
 
     def resolved(self, request: Request) -> dict[str, Any]:
-        """The runs for the computing process; HTTPException 404 or 409 as for each of them."""
+        """The runs for the computing process; raises what `resolved` raises."""
         return {
             "runs": resolved(request, self.runs),
             "check": resolved(request, self.check),
@@ -64,7 +64,7 @@ class RunChoice(BaseModel):
 def resolved(request: Request, ids: Sequence[str]) -> list[dict[str, str]]:
     """Id, folder and hash of the data of each run.
 
-    HTTPException 404 for a run that is not there, 409 for one that has not ended whole.
+    NotFoundError for a run that does not exist, HTTPException 409 for one that has not ended whole.
     """
     index, found = index_of(request), []
     for id_ in dict.fromkeys(ids):

@@ -13,12 +13,11 @@ from bench.analysis import (
     Proposal,
     SuspectedEffect,
     diagnose,
-    entry,
     improvement_rungs,
     next_experiment,
     rivals,
 )
-from bench.base import FloatArray, InputError, finite, listed, number
+from bench.base import FloatArray, finite, listed, number
 from bench.deliver import (
     columns,
     coordinate,
@@ -30,6 +29,7 @@ from bench.deliver import (
     misfit_figure,
     partial_residual,
     residual_map,
+    summary_of,
     suspects_by_leg,
 )
 from bench.record import Dataset, slug, write_atomically
@@ -68,7 +68,7 @@ def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffec
     added = suspect.model.effects[-1]
     return {
         "why": why(found, suspect),
-        "summary": _summary(suspect.effect),
+        "summary": summary_of(suspect.effect),
         "model": model_json(suspect.model),
         "add": model_json(suspect.model)["effects"][-1],
         "partial": _partial(data[0], found, suspect) if suspect.shape else None,
@@ -104,8 +104,8 @@ def _left(found: Diagnosis, suspect: SuspectedEffect) -> FloatArray | None:
 def why(found: Diagnosis, suspect: SuspectedEffect) -> str:
     """The case for a suspect in a sentence or two."""
     threshold = number(found.threshold, 2)
-    beyond = "beyond chance" if suspect.evidence > found.threshold else "what chance gives, too"
-    parts = [f"Evidence {number(suspect.evidence)}, {beyond} (from {threshold} on)"]
+    beyond = "beyond chance" if suspect.evidence > found.threshold else "no more than chance gives"
+    parts = [f"Evidence {number(suspect.evidence)}, {beyond} (threshold {threshold})"]
     if suspect.scored:
         before, after = number(suspect.held_out_before_dph), number(suspect.held_out_rms_dph)
         parts.append(f"error on unseen data {before} → {after} deg/h with it")
@@ -116,13 +116,6 @@ def why(found: Diagnosis, suspect: SuspectedEffect) -> str:
         parts.append(f"most of it from '{strongest[0]}'")
     told = "; ".join(parts) + "."
     return f"{told} This data cannot tell it from {listed(suspect.look_alikes)}." if suspect.look_alikes else told
-
-
-def _summary(effect: str) -> str:
-    try:
-        return entry(effect).summary
-    except InputError:  # of a file of the user's that is not at hand
-        return ""
 
 
 def _figures(data: Sequence[Dataset], checks: Sequence[Dataset], found: Diagnosis) -> dict[str, Any]:

@@ -188,14 +188,6 @@ def model_files(here: Settings) -> dict[str, tuple[Path, Where]]:
     return found
 
 
-def model_file(here: Settings, name: str) -> Path:
-    """The file of a model by name, for `bench run --model`; InputError for one that is not there."""
-    known = model_files(here)
-    if name not in known:
-        raise InputError(f"no model '{name[:60]}'; there are {', '.join(known)}")
-    return known[name][0].resolve()
-
-
 def _known(path: Path, where: Where) -> KnownModel:
     try:
         model = load_model(path)
