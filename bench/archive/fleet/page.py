@@ -9,6 +9,7 @@ from importlib.resources import files
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
+from plotly.offline import get_plotlyjs
 
 from bench.archive.fleet import figures
 from bench.archive.fleet.drift import SIGNIFICANT
@@ -43,7 +44,7 @@ def render(found: Statistics) -> str:
         source="the registry",
         version=__version__,
         css=Markup(_asset("report.css")),
-        plotly=Markup(_asset("plotly-cartesian.min.js")),
+        plotly=Markup(get_plotlyjs()),
         js=Markup(_asset("report.js")),
     )
 

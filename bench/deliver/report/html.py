@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -66,7 +66,7 @@ def render(analysis: Analysis) -> str:
         source=f"run folder {manifest.get('run', analysis.run.path.name)}",
         version=__version__,
         css=Markup(_asset("report.css")),
-        plotly=Markup(_plotly(sections)) if drawn else "",
+        plotly=Markup(get_plotlyjs()) if drawn else "",
         js=Markup(_asset("report.js")),
     )
 
@@ -98,12 +98,6 @@ def headlines(analysis: Analysis) -> tuple[Headline, ...]:
         more += f", {number(analysis.improvement, 2)} × the error after compensation"
     numbers.append(Headline("bias over the run", number(analysis.bias_span_dph), "deg/h", more))
     return tuple(numbers)
-
-
-def _plotly(sections: Sequence[Section]) -> str:
-    """The smaller bundle, unless a figure stands in space: that one has 4.8 MB instead of 1.5."""
-    spatial = any('"scene":' in section.html for section in sections)
-    return str(get_plotlyjs()) if spatial else _asset("plotly-cartesian.min.js")
 
 
 def _asset(name: str) -> str:
