@@ -22,6 +22,7 @@ from bench.base import InputError
 from bench.web.ground.settings import Settings
 from bench.web.server.app import create_app
 from bench.web.server.gate import is_loopback
+from bench.web.server.pages import require_page
 
 GOODBYE_S = 2
 """Streams of events have this long after a signal to stop."""
@@ -73,7 +74,11 @@ class _Server(uvicorn.Server):
 
 
 def serve(settings: Settings, port: int, tls: Tls | None = None, browser: bool = True) -> None:
-    """Serve until SIGINT or SIGTERM; InputError when the address is not free, or needs tokens that there are not."""
+    """Serve until SIGINT or SIGTERM.
+
+    InputError when the page is not built, or the address is not free, or needs tokens that there are not.
+    """
+    require_page()
     if settings.access is None and not is_loopback(settings.host):
         raise InputError(_NEEDS_TOKENS.format(host=settings.host))
     if tls:
