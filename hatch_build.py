@@ -19,7 +19,7 @@ TIMEOUT_S = 300
 """For npm as a whole: behind a firewall that answers nothing an install must not hang."""
 
 
-class PageBuild(BuildHookInterface):  # type: ignore[type-arg]
+class PageBuild(BuildHookInterface):
     """Bundles the page before files are collected, unless the page that is there is of the same sources."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:

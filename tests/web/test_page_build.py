@@ -34,7 +34,7 @@ def build(source: Path) -> list[str]:
     """Run the build hook; its warnings."""
     warnings: list[str] = []
     app = SimpleNamespace(display_warning=warnings.append)
-    PageBuild(str(source), {}, None, None, "", "wheel", app).initialize("standard", {})  # type: ignore[arg-type]
+    PageBuild(str(source), {}, None, None, "", "wheel", app).initialize("standard", {})
     return warnings
 
 
