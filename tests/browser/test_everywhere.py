@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 
 from bench.base import library
 from bench.mystery.mystery import make_mystery
@@ -19,8 +20,7 @@ from tests.support.servers import serving
 from tests.support.unit_history import UNIT, unit_with_history
 from tests.support.visiting import DESKTOP, TABLET, picture
 
-AXE = Path(__file__).parent.parent / "assets" / "axe.min.js"
-WORDS = Path(__file__).parents[2] / "bench" / "web" / "static" / "words"
+WORDS = Path(__file__).parents[2] / "bench" / "web" / "page" / "words"
 SEED = 7  # hides `aging`
 GRAVE = {"serious", "critical"}
 STATIONS = {"simulated"}
@@ -106,8 +106,7 @@ def go(page, place, names):
 
 def axe(page):
     """Violations of serious and critical impact: rule, what it wants, where."""
-    page.evaluate(AXE.read_text())
-    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
+    found = Axe().run(page).response
     return [
         (one["id"], one["help"], node["target"], node.get("failureSummary"))
         for one in found["violations"]

@@ -135,9 +135,9 @@ def test_an_abort_in_mid_ramp_ends_in_the_safe_state_and_says_who(guarded, visit
     assert events[kinds.index("request")]["who"] == asked["who"]
 
 
-TRACE = """(run) => import('/static/lib/live.js').then(({ traces }) => traces.get(run))
+TRACE = """(run) => import('/static/app.js').then(({ traces }) => traces.get(run))
   .then((trace) => trace ? [trace.complete, trace.generation, trace.t, trace.chamber] : null)"""
-CAUGHT_UP = """([run, s]) => import('/static/lib/live.js').then(({ traces }) => traces.get(run))
+CAUGHT_UP = """([run, s]) => import('/static/app.js').then(({ traces }) => traces.get(run))
   .then((trace) => trace?.complete && trace.t.at(-1) >= s)"""
 
 

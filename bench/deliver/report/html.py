@@ -75,7 +75,7 @@ def html_page(sections: Sequence[Section], **content: Any) -> str:
         sections=sections,
         version=__version__,
         css=Markup(_asset("report.css")),
-        plotly=Markup(_plotly(sections)) if drawn else "",
+        plotly=Markup(get_plotlyjs()) if drawn else "",
         js=Markup(_asset("report.js")),
     )
 
@@ -107,12 +107,6 @@ def headlines(analysis: Analysis) -> tuple[Headline, ...]:
         more += f", {number(analysis.improvement, 2)} × the error after compensation"
     numbers.append(Headline("bias over the run", number(analysis.bias_span_dph), "deg/h", more))
     return tuple(numbers)
-
-
-def _plotly(sections: Sequence[Section]) -> str:
-    """The smaller bundle (1.5 MB), or the whole one (4.8 MB) for a figure in three dimensions."""
-    spatial = any('"scene":' in section.html for section in sections)
-    return str(get_plotlyjs()) if spatial else _asset("plotly-cartesian.min.js")
 
 
 def _asset(name: str) -> str:

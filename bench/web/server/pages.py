@@ -1,4 +1,4 @@
-"""The page and its files: one HTML page for all of its addresses, and nothing that the package did not ship."""
+"""The page and its files: one HTML page for all of its addresses, and what `hatch_build.py` has built from `page/`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,14 @@ from fastapi import FastAPI
 from fastapi.responses import FileResponse
 from starlette.staticfiles import StaticFiles
 
+from bench.base import InputError
+
 STATIC = Path(__file__).parents[1] / "static"
-PLOTLY = Path(__file__).parents[2] / "deliver" / "report" / "assets" / "plotly-cartesian.min.js"
+
+_NOT_BUILT = (
+    "`bench ui` has no page: npm failed when the bench was installed; to build it, install again from the source "
+    "folder where npm can be reached: `pip install --force-reinstall --no-deps .` (`-e .` if editable)"
+)
 
 ADDRESSES = (
     "/",
@@ -26,17 +32,19 @@ ADDRESSES = (
 """What the page's own router knows; below `/live`, `/verdict` and `/workbench` it may go on as it likes."""
 
 
+def require_page() -> None:
+    """InputError when the bench was installed without its page."""
+    if not (STATIC / "index.html").is_file():
+        raise InputError(_NOT_BUILT)
+
+
 def add_pages(app: FastAPI) -> None:
     """Serve the page at its addresses, and its files below `/static`."""
 
     async def index() -> FileResponse:
         return FileResponse(STATIC / "index.html")
 
-    async def plotly() -> FileResponse:
-        return FileResponse(PLOTLY)
-
     further = tuple(f"{address}/{{rest:path}}" for address in ("/live", "/verdict", "/workbench"))
     for address in ADDRESSES + further:
         app.add_api_route(address, index, include_in_schema=False)
-    app.add_api_route("/static/vendor/plotly-cartesian.min.js", plotly, include_in_schema=False)
     app.mount("/static", StaticFiles(directory=STATIC, check_dir=False))

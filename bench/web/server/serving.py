@@ -22,6 +22,7 @@ from bench.base import InputError
 from bench.web.ground.settings import Settings
 from bench.web.server.app import create_app
 from bench.web.server.gate import is_loopback
+from bench.web.server.pages import require_page
 
 GOODBYE_S = 2
 """Time that streams of events have to end after a signal [s]."""
@@ -73,7 +74,8 @@ class _Server(uvicorn.Server):
 
 
 def serve(settings: Settings, port: int, tls: Tls | None = None, browser: bool = True) -> None:
-    """Serve until SIGINT or SIGTERM; InputError where the address is in use or needs tokens."""
+    """Serve until SIGINT or SIGTERM; InputError where the page is not built, the address is in use or needs tokens."""
+    require_page()
     if settings.access is None and not is_loopback(settings.host):
         raise InputError(_NEEDS_TOKENS.format(host=settings.host))
     if tls:

@@ -1,7 +1,8 @@
 // Draws every figure from the JSON beside it and keeps its colours those of the page (light, dark, paper).
 (() => {
   "use strict";
-  const plots = [...document.querySelectorAll(".plot")];
+  const { Plotly } = /** @type {any} */ (globalThis);
+  const plots = /** @type {any[]} */ ([...document.querySelectorAll(".plot")]);
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const axes = (layout) => Object.keys(layout).filter((key) => /^[xy]axis\d*$/.test(key));
   const theme = (layout) => {

@@ -1,0 +1,65 @@
+// The server's API: JSON in, JSON out, and one line that says what was wrong.
+import { session } from "./store.js";
+
+const BASE = "/api/v1";
+const WAIT_S = 20;
+
+/** What the server said instead of an answer; `status` is 0 when it said nothing at all. */
+export class ApiError extends Error {
+  constructor(status, detail) {
+    super(detail);
+    this.status = status;
+  }
+}
+
+async function answer(response) {
+  const body = await response.json().catch(() => null);
+  if (response.ok) return body;
+  if (response.status === 401) session.set((now) => now && { ...now, name: null, role: null });
+  throw new ApiError(response.status, body?.detail ?? `${response.status} ${response.statusText}`);
+}
+
+async function send(method, path, /** @type {{body?: any, form?: FormData, signal?: AbortSignal}} */ { body, form, signal } = {}) {
+  const headers = form ? { "X-Bench": "1" } : body === undefined ? {} : { "Content-Type": "application/json" };
+  let response;
+  try {
+    response = await fetch(BASE + path, {
+      method, headers, signal, credentials: "same-origin", body: form ?? (body === undefined ? undefined : JSON.stringify(body)),
+    });
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new ApiError(0, error.message);
+  }
+  return answer(response);
+}
+
+/** Path with its parts encoded: url`/live/${unit}/${run}`. */
+export const url = (strings, ...parts) => String.raw({ raw: strings }, ...parts.map((part) => encodeURIComponent(part)));
+
+/** `?a=1&b=2` of the entries that are not empty; empty without any. */
+export function query(wanted) {
+  const entries = Object.entries(wanted).filter(([, value]) => value !== undefined && value !== null && value !== "");
+  return entries.length ? `?${new URLSearchParams(entries)}` : "";
+}
+
+export const get = (path, options) => send("GET", path, options);
+export const post = (path, body = {}, options = {}) => send("POST", path, { ...options, body });
+export const remove = (path, options) => send("DELETE", path, options);
+/** Send a form with files (imports). */
+export const upload = (path, form, options) => send("POST", path, { ...options, form });
+
+/** Wait for a job to be done; its result. `told` sees each answer on the way. Throws ApiError when it failed. */
+export async function finished(job, /** @type {{told?: (seen: any) => void, signal?: AbortSignal}} */ { told, signal } = {}) {
+  for (;;) {
+    const seen = await get(`${url`/jobs/${job}`}?wait_s=${WAIT_S}`, { signal });
+    told?.(seen);
+    if (seen.state === "done") return seen.result;
+    if (seen.state === "failed") throw new ApiError(422, seen.detail);
+  }
+}
+
+/** Have something computed: POST that answers with a job, and its result. */
+export async function compute(path, body, options = {}) {
+  const { job } = await post(path, body, options);
+  return finished(job, options);
+}

@@ -1,0 +1,72 @@
+// The bar above every page: where one is, how many runs are live, language, light or dark, who is signed in.
+import { html } from "./preact.js";
+import { remove } from "./api.js";
+import { useLive } from "./live.js";
+import { navigate } from "./router.js";
+import { session, theme, useStore } from "./store.js";
+import { LANGUAGES, language, speak, t } from "./words.js";
+
+const PAGES = [
+  ["/", "nav.start", "operator"],
+  ["/live", "nav.live", "viewer"],
+  ["/workbench", "nav.workbench", "viewer"],
+  ["/units", "nav.units", "viewer"],
+  ["/fleet", "nav.fleet", "viewer"],
+  ["/import", "nav.import", "engineer"],
+];
+const RANK = { viewer: 1, operator: 2, engineer: 3 };
+
+const isHere = (address, path) => (address === "/" ? path === "/" || path === "/start" : path === address || path.startsWith(`${address}/`));
+
+const MOON = html`<path d="M20 14.5A8.5 8.5 0 0 1 9.5 4 8.5 8.5 0 1 0 20 14.5z" fill="none" stroke="currentColor" stroke-width="2" stroke-linejoin="round" />`;
+const SUN = html`<circle cx="12" cy="12" r="4.2" fill="none" stroke="currentColor" stroke-width="2" /><path stroke="currentColor" stroke-width="2" stroke-linecap="round" d="M12 2.5v2M12 19.5v2M2.5 12h2M19.5 12h2M5.3 5.3l1.4 1.4M17.3 17.3l1.4 1.4M5.3 18.7l1.4-1.4M17.3 6.7l1.4-1.4" />`;
+
+function Theme() {
+  useStore(theme);
+  const dark = document.documentElement.dataset.theme === "dark";
+  const label = t(dark ? "theme.to_light" : "theme.to_dark");
+  return html`<button type="button" aria-label=${label} title=${label} onClick=${() => theme.set(dark ? "light" : "dark")}>
+    <svg viewBox="0 0 24 24" aria-hidden="true">${dark ? SUN : MOON}</svg>
+  </button>`;
+}
+
+function Language() {
+  const now = useStore(language);
+  return html`<select aria-label=${t("language")} value=${now} onChange=${(event) => speak(event.target.value)}>
+    ${Object.entries(LANGUAGES).map(([name, title]) => html`<option key=${name} value=${name} lang=${name} selected=${name === now}>${title}</option>`)}
+  </select>`;
+}
+
+async function leave() {
+  session.set(await remove("/session"));
+  navigate("/login");
+}
+
+/** The bar; the stream of live runs stays open as long as it stands. */
+export function Bar({ place, who }) {
+  const rank = RANK[who?.role] ?? 0;
+  return html`<header class="bar">
+      <a class="brand" href="/"><img src="/static/style/icon.svg" alt="" /><span>${t("brand")}</span></a>
+      <nav aria-label=${t("nav.label")}>
+        ${PAGES.filter(([, , role]) => rank >= RANK[role]).map(([address, key]) => html`
+          <a key=${address} href=${address} aria-current=${isHere(address, place.path) ? "page" : undefined}>${t(key)}${address === "/live" && html`<${Count} />`}</a>`)}
+      </nav>
+      <div class="tools">
+        ${who?.name && html`<span class="who" title=${t(`role.${who.role}`)}>${who.name}</span>`}
+        ${who?.role && !who.open && html`<button type="button" onClick=${leave}>${t("login.leave")}</button>`}
+        <${Language} /><${Theme} />
+      </div>
+    </header>
+    ${rank > 0 && html`<${Line} />`}`;
+}
+
+function Count() {
+  const count = useLive((now) => now.runs.length);
+  return count > 0 && html`<span class="count"><span class="unseen">${t("nav.live_count", { n: count })}</span><span aria-hidden="true">${count}</span></span>`;
+}
+
+/** Says when the page is blind: what it shows is old then, while the runs go on. */
+function Line() {
+  const connected = useLive((now) => now.connected);
+  return html`<div role="status">${connected === false && html`<div class="lost">${t("line.lost")}</div>`}</div>`;
+}

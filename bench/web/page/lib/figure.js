@@ -1,0 +1,152 @@
+// One figure: plotly drawn from JSON in the page's colours, with words, keyboard and files of it.
+//
+// Plotly is fetched when the first figure is drawn. A figure is updated by Plotly.react, never made anew: a figure
+// made anew loses its zoom and has leaked memory in the past.
+import { saveCsv, savePng, saveSvg } from "./download.js";
+
+/** @type {[number, number]} */
+const EXPORT_SIZE = [1200, 700];
+const CONFIG = { displayModeBar: false, responsive: false, doubleClick: false, showTips: false };
+const KEY_STEP = 0.2;
+
+/** Plotly, when it has been fetched. */
+let Plotly = null;
+
+/** Fetch plotly, with the first figure. */
+async function plotly() {
+  Plotly ??= (await import("plotly.js-cartesian-dist-min")).default;
+  return Plotly;
+}
+
+/** Colours of the page as it is now (light or dark), as plain words that a drawing can carry away. */
+export function palette() {
+  const style = getComputedStyle(document.documentElement);
+  const of = (name, otherwise) => style.getPropertyValue(name).trim() || otherwise;
+  return {
+    paper: of("--paper", "#ffffff"), ink: of("--ink", "#16202a"), soft: of("--soft", "#56636f"),
+    line: of("--line", "#d7dee4"), grid: of("--grid", "#e3e8ec"), raised: of("--raised", "#ffffff"),
+    heldOut: of("--figure-blue", "#0072B2"), inSample: of("--figure-orange", "#E69F00"), floor: of("--figure-green", "#009E73"),
+  };
+}
+
+/** Layout of a figure in the page's colours; `zoom` {axis: [low, high]} are ranges to keep. */
+export function themed(layout, colours, zoom = {}) {
+  const out = { ...layout, font: { ...layout.font, color: colours.ink }, autosize: true };
+  delete out.height;
+  delete out.width;
+  for (const key of Object.keys(layout).filter((name) => /^[xy]axis\d*$/.test(name))) {
+    out[key] = {
+      ...layout[key], gridcolor: colours.grid, linecolor: colours.soft, tickcolor: colours.soft,
+      zerolinecolor: colours.line, ...(zoom[key] ? { range: [...zoom[key]], autorange: false } : {}),
+    };
+  }
+  out.hoverlabel = { bgcolor: colours.paper, bordercolor: colours.soft, font: { color: colours.ink } };
+  return out;
+}
+
+/** Call `change` whenever the page turns light or dark; returns how to stop. */
+export function onTheme(change) {
+  const media = matchMedia("(prefers-color-scheme: dark)");
+  const watcher = new MutationObserver(change);
+  watcher.observe(document.documentElement, { attributes: true, attributeFilter: ["data-theme", "class"] });
+  media.addEventListener("change", change);
+  return () => {
+    watcher.disconnect();
+    media.removeEventListener("change", change);
+  };
+}
+
+const clone = (value) => structuredClone(value);
+
+/** A drawn figure in `place` (an element). `onZoom(range|null)` is told x's range after the user has zoomed. */
+export class Drawn {
+  constructor(place, onZoom = (_range) => {}) {
+    this.place = place;
+    this.onZoom = onZoom;
+    this.figure = null;
+    this.zoom = {};
+    this.listening = false;
+    this.watcher = new ResizeObserver(() => this.figure && Plotly?.Plots.resize(place));
+    this.watcher.observe(place);
+    this.stop = onTheme(() => this.figure && this.paint());
+  }
+
+  /** Draw `figure` {data, layout}; `keep` keeps the zoom (finer data of the same picture). */
+  async show(figure, keep = false) {
+    this.figure = figure;
+    if (!keep) this.zoom = {};
+    await this.paint();
+  }
+
+  async paint() {
+    await plotly();
+    if (!this.figure || !this.place.isConnected) return;
+    // Plotly writes into what it is given, and the answer may be cached: it gets a copy.
+    const { data, layout } = clone(this.figure);
+    await Plotly.react(this.place, data, themed(layout, palette(), this.zoom), CONFIG);
+    if (!this.listening) {
+      this.place.on("plotly_relayout", (change) => this.relayout(change));
+      // Plotly itself would go back to the range that was drawn last, which after finer data came is the narrow one.
+      this.place.on("plotly_doubleclick", () => this.reset());
+      this.listening = true;
+    }
+  }
+
+  relayout(change) {
+    const touched = Object.keys(change).filter((key) => /^[xy]axis\d*\.(range|autorange)/.test(key));
+    if (!touched.length) return;
+    for (const key of touched) {
+      const axis = key.split(".")[0];
+      const { range, autorange } = this.place.layout[axis];
+      if (autorange) delete this.zoom[axis];
+      else this.zoom[axis] = [...range];
+    }
+    this.onZoom(this.zoom.xaxis ?? null);
+  }
+
+  /** Whole picture again. */
+  reset() {
+    this.zoom = {};
+    this.onZoom(null);
+    return this.paint();
+  }
+
+  /** Arrow keys move, + and - zoom in time or temperature, 0 or Home shows all; true where the key was used. */
+  key(name) {
+    const axis = this.place.layout?.xaxis;
+    if (!axis?.range) return false;
+    if (name === "0" || name === "Home") return this.reset(), true;
+    const [low, high] = axis.range.map(Number);
+    const step = KEY_STEP * (high - low);
+    const moves = { ArrowLeft: [-step, -step], ArrowRight: [step, step], "+": [step, -step], "=": [step, -step], "-": [-step, step] };
+    if (!moves[name]) return false;
+    const range = [low + moves[name][0], high + moves[name][1]];
+    Plotly.relayout(this.place, { "xaxis.range": range, "xaxis.autorange": false });
+    return true;
+  }
+
+  async svg() {
+    await plotly();
+    const [width, height] = EXPORT_SIZE;
+    const colours = palette();
+    const { data, layout } = clone(this.figure);
+    const painted = { ...themed(layout, colours, this.zoom), paper_bgcolor: colours.paper, autosize: false, width, height };
+    const address = await Plotly.toImage({ data, layout: painted }, { format: "svg", width, height });
+    return decodeURIComponent(address.slice(address.indexOf(",") + 1));
+  }
+
+  /** The figure as a file: "PNG" or "SVG", in the colours and the zoom that are seen. */
+  async save(kind, name) {
+    const text = await this.svg();
+    return kind === "PNG" ? savePng(name, text, EXPORT_SIZE) : saveSvg(name, text);
+  }
+
+  end() {
+    this.watcher.disconnect();
+    this.stop();
+    this.figure = null;
+    if (this.listening) Plotly?.purge(this.place);
+  }
+}
+
+export { saveCsv };

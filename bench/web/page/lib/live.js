@@ -1,0 +1,113 @@
+// What the live runs do: one stream of events for the whole page, with bounded traces that catch up after a gap.
+import { useEffect } from "./preact.js";
+import { get, query, url } from "./api.js";
+import { store, useStore } from "./store.js";
+import { Trace } from "./trace.js";
+
+const STREAM = "/api/v1/live/stream";
+const LINGER_MS = 4000;
+const RETRY_MS = [500, 1000, 2000, 5000];
+/** Longer without a word than this, and the page says that it is blind; the server sends a word at least every few seconds. */
+const SILENT_MS = 12000;
+const ENDED_KEPT = 20;
+
+/** {connected: null before the first word, true, false; runs: pictures; ended: {run: last word of it}; heard_ms}. */
+export const live = store({ connected: null, runs: [], ended: {}, heard_ms: 0 });
+/** Traces of live runs by their id; changed in place, so draw them when `live` changes. */
+export const traces = new Map();
+
+let users = 0;
+let source = null;
+let tries = 0;
+const timers = { linger: 0, retry: 0, silent: 0 };
+
+function heard(change) {
+  clearTimeout(timers.silent);
+  timers.silent = setTimeout(lost, SILENT_MS);
+  tries = 0;
+  live.set((now) => ({ ...now, connected: true, heard_ms: Date.now(), ...change }));
+}
+
+/** What was said last of a run is no longer what it does. */
+const unheard = (run) => (run.condition === "live" ? { ...run, condition: "unheard" } : run);
+
+function lost() {
+  source?.close();
+  source = null;
+  live.set((now) => (now.connected === false ? now : { ...now, connected: false, runs: now.runs.map(unheard) }));
+  clearTimeout(timers.retry);
+  if (users) timers.retry = setTimeout(open, RETRY_MS[Math.min(tries++, RETRY_MS.length - 1)]);
+}
+
+function takeLive(event) {
+  const { runs, traces: increments = {} } = JSON.parse(event.data);
+  for (const { run } of runs) if (!traces.has(run)) traces.set(run, new Trace());
+  for (const run of traces.keys()) if (!runs.some((seen) => seen.run === run)) traces.delete(run);
+  for (const [run, increment] of Object.entries(increments)) if (!traces.get(run)?.take(increment)) catchUp(run);
+  for (const { run } of runs) if (!traces.get(run).complete) catchUp(run);
+  heard({ runs });
+}
+
+function takeEnded(event) {
+  const told = JSON.parse(event.data);
+  const ended = Object.entries({ ...live.get().ended, [told.run]: told }).slice(-ENDED_KEPT);
+  heard({ ended: Object.fromEntries(ended), runs: live.get().runs.filter((run) => run.run !== told.run) });
+}
+
+/** Fetch the pages of a trace that did not come by the stream. */
+async function catchUp(run) {
+  const trace = traces.get(run);
+  if (!trace || trace.fetching) return;
+  trace.fetching = true;
+  try {
+    const [unit, folder] = run.split("/");
+    do {
+      const page = await get(`${url`/live/${unit}/${folder}/trace`}${query({ since: trace.next, generation: trace.generation })}`);
+      trace.take(page.trace ?? page);
+    } while (!trace.complete && traces.get(run) === trace);
+    live.set((now) => ({ ...now }));
+  } catch {
+    // The run has ended, or the line is down: the stream tells.
+  } finally {
+    trace.fetching = false;
+  }
+}
+
+function open() {
+  if (source || !users) return;
+  source = new EventSource(STREAM);
+  source.addEventListener("open", () => heard({}));
+  source.addEventListener("live", takeLive);
+  source.addEventListener("ended", takeEnded);
+  source.addEventListener("beat", () => heard({}));
+  source.onerror = lost;
+  timers.silent = setTimeout(lost, SILENT_MS);
+}
+
+/** Keep the stream open until the returned function is called; closed a little after the last user went. */
+export function follow() {
+  users += 1;
+  clearTimeout(timers.linger);
+  open();
+  return () => {
+    users -= 1;
+    clearTimeout(timers.linger);
+    timers.linger = setTimeout(() => {
+      if (users) return;
+      clearTimeout(timers.silent);
+      clearTimeout(timers.retry);
+      source?.close();
+      source = null;
+    }, LINGER_MS);
+  };
+}
+
+/** The live runs, in a component that is drawn again when they change. */
+export function useLive(select) {
+  useEffect(follow, []);
+  return useStore(live, select);
+}
+
+addEventListener("online", () => {
+  if (!source) open();
+});

@@ -1,0 +1,55 @@
+// Addresses without loading the page anew.
+import { store } from "./store.js";
+
+const read = (moved) => ({ path: location.pathname, query: Object.fromEntries(new URLSearchParams(location.search)), moved });
+
+/** Where the page is: {path, query, moved: not where it was opened}. */
+export const here = store(read(false));
+
+/** Go to an address of this page. */
+export function navigate(address, { replace = false } = {}) {
+  if (address === location.pathname + location.search) return;
+  history[replace ? "replaceState" : "pushState"](null, "", address);
+  here.set(read(true));
+}
+
+/** Keep a state of the page (a filter, a choice) in its address: no new entry in the history. */
+export function remember(query) {
+  const entries = Object.entries(query).filter(([, value]) => value !== "" && value !== null && value !== undefined);
+  history.replaceState(null, "", location.pathname + (entries.length ? `?${new URLSearchParams(entries)}` : ""));
+}
+
+/** The route of a path: {page, title, params}; null without one. `:name` is one part, `*` the rest. */
+export function match(routes, path) {
+  for (const [pattern, page, title] of routes) {
+    const params = fits(pattern.split("/"), path.replace(/(.)\/$/, "$1").split("/"));
+    if (params) return { page, title, params };
+  }
+  return null;
+}
+
+function fits(pattern, parts) {
+  const params = {};
+  for (const [index, wanted] of pattern.entries()) {
+    if (wanted === "*") return { ...params, rest: parts.slice(index).join("/") };
+    if (parts[index] === undefined) return null;
+    if (wanted.startsWith(":")) params[wanted.slice(1)] = decodeURIComponent(parts[index]);
+    else if (wanted !== parts[index]) return null;
+  }
+  return parts.length === pattern.length ? params : null;
+}
+
+/** Links within the page change only what stands below the bar. Files of the API and of others load as ever. */
+export function takeLinks() {
+  document.addEventListener("click", (event) => {
+    const target = /** @type {Element} */ (event.target);
+    const link = /** @type {HTMLAnchorElement} */ (target.closest?.("a[href]"));
+    const ours = link && link.origin === location.origin && !/^\/(api|static)\//.test(link.pathname);
+    const plain = event.button === 0 && !event.ctrlKey && !event.metaKey && !event.shiftKey && !event.altKey;
+    if (!ours || !plain || event.defaultPrevented || link.target || link.hasAttribute("download")) return;
+    if (link.hash && link.pathname === location.pathname) return;
+    event.preventDefault();
+    navigate(link.pathname + link.search);
+  });
+  addEventListener("popstate", () => here.set(read(true)));
+}

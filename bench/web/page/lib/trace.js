@@ -1,0 +1,65 @@
+// A trace of a live run as columns for uPlot. Bounded: the bench halves what it keeps when it is full, and says so by
+// another generation; then the page begins anew.
+
+const MOST = 8192;
+
+/** Points so far: `t` [s], `setpoint` and `chamber` [degC], by unit `degc[u]` [degC], `low[u]` and `high[u]` [deg/h]. */
+export class Trace {
+  generation = undefined;
+  next = 0;
+  count = 0;
+  every_s = 1;
+  serials = [];
+  version = 0;
+  open = null;
+  t = [];
+  setpoint = [];
+  chamber = [];
+  degc = [];
+  low = [];
+  high = [];
+  fetching = false;
+
+  clear() {
+    Object.assign(this, new Trace(), { fetching: this.fetching });
+  }
+
+  /** Whether nothing is missing between what is here and what the bench had when it spoke last. */
+  get complete() {
+    return this.generation !== undefined && this.next >= this.count;
+  }
+
+  /** Take in a page or an increment; false when there is a gap before it, and it was not taken. */
+  take({ generation, first, next, count, every_s, serials, points, open }) {
+    const from = first ?? next - points.length;
+    if (generation !== this.generation) {
+      if (from !== 0) return false;
+      this.clear();
+      this.generation = generation;
+      this.serials = serials ?? this.serials;
+      for (const column of [this.degc, this.low, this.high]) column.push(...(points[0]?.[3] ?? this.serials).map(() => []));
+    }
+    if (from > this.next) return false;
+    Object.assign(this, { every_s, count: Math.max(count ?? next, next), open: open ?? null, version: this.version + 1 });
+    for (const point of points.slice(this.next - from)) this.add(point);
+    this.next = Math.max(this.next, next);
+    return true;
+  }
+
+  add([t, setpoint, chamber, degc, spans]) {
+    if (this.t.length >= MOST) return; // the bench never has as many; a server that errs shall not fill the page
+    this.t.push(t);
+    this.setpoint.push(setpoint);
+    this.chamber.push(chamber);
+    degc.forEach((value, unit) => (this.degc[unit] ??= []).push(value));
+    spans.forEach(([low, high], unit) => {
+      (this.low[unit] ??= []).push(low);
+      (this.high[unit] ??= []).push(high);
+    });
+  }
+
+  /** Place of a unit in the columns; 0 when the trace does not name its units. */
+  place(serial) {
+    return Math.max(0, this.serials.indexOf(serial));
+  }
+}

@@ -1,0 +1,147 @@
+// Many units: yield, capability, control charts with their signals, drifts of stations and lots, units unlike theirs.
+import { html, useEffect, useRef, useState } from "../lib/preact.js";
+import { post, query, url } from "../lib/api.js";
+import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { navigate, remember } from "../lib/router.js";
+import { may } from "../lib/store.js";
+import { number, t } from "../lib/words.js";
+import { Chart } from "./stock/chart.js";
+import { day, NoRegistry, quantity, sig, Tile, unitText, useGet } from "./stock/parts.js";
+
+const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;
+const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i ? [", ", item] : [item])).concat(items.length > most ? [` ${t("fleet.more", { n: items.length - most })}`] : []);
+const percent = (share) => `${number(100 * share, 1)} %`;
+
+function Attention({ fleet }) {
+  const { outside, stations, lots, odd, beyond, quiet, silent } = fleet.attention;
+  if (silent) return html`<div class="notice"><p><${Lamp} tone="idle">${t("fleet.silent")}<//></p></div>`;
+  if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${t("fleet.quiet")}<//></p></div>`;
+  const lines = [
+    outside > 0 && ["bad", t("fleet.outside", { n: outside, judged: fleet.yield.judged })],
+    stations.length > 0 && ["warn", html`${t("fleet.stations_drift")} ${listed(stations)}`],
+    lots.length > 0 && ["warn", html`${t("fleet.lots_differ")} ${listed(lots)}`],
+    odd.length > 0 && ["warn", html`${t("fleet.odd")} ${listed(odd.map(unitLink))}`],
+    beyond.length > 0 && ["warn", html`${t("fleet.beyond")} ${listed(beyond.map(quantity))}`],
+  ].filter(Boolean);
+  return html`<section class=${`notice ${outside ? "bad" : "warn"}`} aria-label=${t("fleet.attention")}>
+    <ul class="st-attention">${lines.map(([tone, words]) => html`<li key=${tone + lines.length}><${Lamp} tone=${tone}>${words}<//></li>`)}</ul></section>`;
+}
+
+function Headline({ fleet }) {
+  const passes = fleet.yield;
+  const able = fleet.quantities.filter((one) => Number.isFinite(one.capability?.cpk));
+  const worst = able.length ? able.reduce((a, b) => (a.capability.cpk <= b.capability.cpk ? a : b)) : null;
+  return html`<div class="st-tiles">
+    <${Tile} what=${t("fleet.yield")} value=${passes.judged ? number(100 * passes.first_pass, 1) : "–"} unit="%" tone=${passes.judged ? (passes.final < passes.judged ? "warn" : "good") : undefined}
+      more=${passes.judged ? t("fleet.yield_more", { first: passes.first, judged: passes.judged, low: percent(passes.interval[0]), high: percent(passes.interval[1]) }) : t("fleet.unjudged")} />
+    <${Tile} what=${t("fleet.least_cpk")} value=${worst ? sig(worst.capability.cpk) : "–"} tone=${worst && (worst.capable ? "good" : "bad")} more=${worst ? quantity(worst.name) : t("fleet.no_limits")} />
+    <${Tile} what=${t("units.title")} value=${number(fleet.units, 0)} more=${t("fleet.units_more", { lots: fleet.lots, stations: fleet.stations })} />
+    <${Tile} what=${t("fleet.period")} value=${day(fleet.last)} more=${t("fleet.since", { day: day(fleet.first) })} />
+  </div>`;
+}
+
+function Capability({ fleet, chosen, choose }) {
+  const [all, setAll] = useState(false);
+  const told = fleet.quantities.filter((one) => one.signals !== null || one.capability);
+  const rest = fleet.quantities.filter((one) => !told.includes(one));
+  const head = ["quantity", "units", "signals", "mean", "limits", "cpk", "ppk", "outside"];
+  return html`<div class="scroll"><table class="st-table st-quantities">
+    <thead><tr>${head.map((key, i) => html`<th key=${key} scope="col" class=${i ? "n" : undefined}>${t(`fleet.head.${key}`)}</th>`)}</tr></thead>
+    <tbody>${[...told, ...(all ? rest : [])].map((one) => {
+      const able = one.capability;
+      const limits = [one.lower !== null && `≥ ${sig(one.lower)}`, one.upper !== null && `≤ ${sig(one.upper)}`].filter(Boolean).join(", ");
+      return html`<tr key=${one.name} aria-current=${one.name === chosen ? "true" : undefined}>
+        <th scope="row">${one.signals === null ? quantity(one.name) : html`<button type="button" aria-pressed=${one.name === chosen} onClick=${() => choose(one.name)}>${quantity(one.name)}</button>`}
+          <span class="soft small"> ${unitText(one.unit)}</span></th>
+        <td class="n">${one.units}</td>
+        <td class="n">${one.signals === null ? "–" : one.signals ? html`<${Lamp} tone="warn">${one.signals}<//>` : "0"}</td>
+        <td class="n">${sig(one.mean)}</td><td class="n">${limits || "–"}</td>
+        <td class="n">${able ? html`${sig(able.cpk)} <span class="soft small">${sig(able.cpk_interval[0], 2)} … ${sig(able.cpk_interval[1], 2)}</span>` : "–"}</td>
+        <td class="n">${able ? html`<${Lamp} tone=${one.capable ? "good" : "bad"}>${sig(able.ppk)}<//>` : "–"}</td>
+        <td class="n">${able ? able.outside : "–"}</td></tr>`;
+    })}</tbody></table></div>
+    ${rest.length > 0 && html`<button class="narrow quiet" aria-expanded=${String(all)} onClick=${() => setAll(!all)}>${t("fleet.rest", { n: rest.length })}</button>`}`;
+}
+
+function Control({ name, wanted, anchor }) {
+  const { data, error, again } = useGet(url`/fleet/charts/${name}` + query(wanted));
+  const pick = (x) => data && navigate(`/units/${encodeURIComponent(data.units[Math.round(x) - 1])}`);
+  const distances = name === "distances";
+  const title = distances ? t("fleet.distances") : quantity(name);
+  const words = data && (distances ? t("fleet.distances_words", { n: data.units.length }) : t("fleet.chart_words", { name: title, units: data.units.length, n: data.signals.length }));
+  return html`<section class="stack" ref=${anchor} aria-label=${title}><h3>${title}</h3>
+    <${Trouble} error=${error} retry=${again} />
+    ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`fleet ${name}`} height=${distances ? 400 : 460} onPick=${pick} />` : !error && html`<${Busy} />`}
+    ${data?.signals.length > 0 && html`<details><summary>${t("fleet.signals", { n: data.signals.length })}</summary>
+      <div class="scroll st-scroll"><table><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("fleet.rule")}</th></tr></thead>
+      <tbody>${data.signals.map((one, i) => html`<tr key=${i}><th scope="row">${unitLink(one.unit)}</th><td>${one.rule}: ${t(`fleet.rule.${one.rule}`)}</td></tr>`)}</tbody></table></div></details>`}
+  </section>`;
+}
+
+function Drifts({ fleet }) {
+  const tested = t("fleet.tested", { n: fleet.tested });
+  if (!fleet.drifts.length) return html`<p>${t("fleet.no_drift")} <span class="soft">${tested}</span></p>`;
+  return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.place")}</th><th scope="col">${t("units.quantity")}</th>
+      <th scope="col" class="n">${t("fleet.change")}</th><th scope="col" class="n">p</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
+    <tbody>${fleet.drifts.map((one, i) => html`<tr key=${i}><th scope="row">${t(`fleet.kind.${one.kind}`)} ${one.place}</th><td>${quantity(one.quantity)}</td>
+      <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} ± ${sig(one.error, 2)} <span class="soft">${unitText(one.unit)}${one.kind === "station" ? ` / ${t("fleet.day")}` : ""}</span></td>
+      <td class="n">${one.p < 1e-4 ? "< 0.0001" : sig(one.p, 2)}</td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
+    <p class="soft small">${t("fleet.drift_note")} ${tested}</p>`;
+}
+
+function Odd({ fleet }) {
+  if (!fleet.distances) return html`<p class="soft">${t("fleet.too_few")}</p>`;
+  if (!fleet.unlike.length) return html`<p><${Lamp} tone="good">${t("fleet.all_alike")}<//></p>`;
+  return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("units.lot")}</th>
+      <th scope="col" class="n">${t("fleet.distance")}</th><th scope="col">${t("fleet.leading")}</th></tr></thead>
+    <tbody>${fleet.unlike.map((one) => html`<tr key=${one.unit}><th scope="row">${unitLink(one.unit)}</th><td>${one.lot}</td><td class="n">${sig(one.distance)}</td>
+      <td>${quantity(one.quantity)} <span class="soft">${one.sigmas > 0 ? "+" : ""}${sig(one.sigmas, 2)} σ</span></td></tr>`)}</tbody></table></div>`;
+}
+
+function Board({ fleet, wanted }) {
+  const charts = fleet.quantities.filter((one) => one.signals !== null);
+  const first = [...charts].sort((a, b) => b.signals - a.signals)[0]?.name;
+  const [picked, setPicked] = useState(null);
+  const anchor = useRef(null);
+  const chosen = charts.some((one) => one.name === picked) ? picked : first;
+  const choose = (name) => {
+    setPicked(name);
+    anchor.current?.scrollIntoView({ block: "nearest", behavior: "smooth" });
+  };
+  return html`<${Attention} fleet=${fleet} /><${Headline} fleet=${fleet} />
+    <section class="stack" aria-labelledby="cap"><h2 id="cap">${t("fleet.capability")}</h2><${Capability} fleet=${fleet} chosen=${chosen} choose=${choose} />
+      <p class="soft small">${t("fleet.cpk_note")}</p></section>
+    <section class="stack" aria-labelledby="control"><h2 id="control">${t("fleet.control")}</h2>
+      ${chosen ? html`<${Control} name=${chosen} wanted=${wanted} anchor=${anchor} /><p class="soft small">${t("fleet.control_note")}</p>` : html`<p class="soft">${t("fleet.too_few_chart")}</p>`}</section>
+    <section class="stack" aria-labelledby="drift"><h2 id="drift">${t("fleet.drift")}</h2><${Drifts} fleet=${fleet} /></section>
+    <section class="stack" aria-labelledby="odd"><h2 id="odd">${t("fleet.unlike")}</h2><${Odd} fleet=${fleet} />
+      ${fleet.distances && html`<${Control} name="distances" wanted=${wanted} />`}</section>`;
+}
+
+export default function Fleet({ query: asked }) {
+  const [limits, setLimits] = useState(asked.limits ?? "");
+  const [text, setText] = useState(asked.q ?? "");
+  const [q, setQ] = useState(text);
+  const [trouble, setTrouble] = useState(null);
+  useEffect(() => {
+    const timer = setTimeout(() => setQ(text), 300);
+    return () => clearTimeout(timer);
+  }, [text]);
+  useEffect(() => remember({ q, limits }), [q, limits]);
+  const wanted = { q, limits };
+  const { data: fleet, error, again } = useGet(`/fleet${query(wanted)}`);
+  const build = () => post("/registry").then(again, setTrouble);
+  return html`<div class="page stack">
+    <div class="row spread"><h1>${t("fleet.title")}</h1>
+      ${fleet?.units > 0 && html`<a class="button narrow" href=${`/api/v1/fleet.csv${query(wanted)}`} download>${t("fleet.csv")}</a>`}</div>
+    <${Trouble} error=${error ?? trouble} retry=${again} />
+    ${!fleet && !error && html`<${Busy} />`}
+    ${fleet && !fleet.registry && html`<${NoRegistry} build=${build} may=${may("engineer")} />`}
+    ${fleet?.registry && html`<div class="row st-filter">
+      <input type="search" aria-label=${t("fleet.search")} placeholder=${t("fleet.search")} value=${text} onInput=${(event) => setText(event.target.value)} />
+      <label class="row">${t("fleet.limits")} <select value=${limits} onChange=${(event) => setLimits(event.target.value)}>
+        <option value="" selected=${!limits}>${t("fleet.own_limits")}</option>
+        ${fleet.known_limits.map((name) => html`<option key=${name} value=${name} selected=${name === limits}>${name}</option>`)}</select></label></div>
+      ${fleet.units ? html`<${Board} fleet=${fleet} wanted=${wanted} />` : html`<p class="soft">${t(q ? "units.nothing" : "fleet.empty")}</p>`}`}
+  </div>`;
+}

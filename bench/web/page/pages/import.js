@@ -1,0 +1,180 @@
+// Somebody else's table becomes a run: drop it, see what was understood, put it right, import.
+import { html, useEffect, useRef, useState } from "../lib/preact.js";
+import { finished, post, remove, upload, url } from "../lib/api.js";
+import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { may } from "../lib/store.js";
+import { duration, number, t } from "../lib/words.js";
+import { Chart } from "./stock/chart.js";
+import { sig, unitText, useGet } from "./stock/parts.js";
+
+const CAN_LOGS = /\.(blf|asc|log|trc)$/i;
+const UNIT = /^[A-Za-z0-9_+][A-Za-z0-9._+-]*$/;
+const ARROW = html`<svg viewBox="0 0 24 24" aria-hidden="true"><path d="M12 16V4m0 0L7 9m5-5 5 5M4 15v4a1 1 0 0 0 1 1h14a1 1 0 0 0 1-1v-4" fill="none" stroke="currentColor" stroke-width="2" stroke-linecap="round" stroke-linejoin="round" /></svg>`;
+
+const bytes = (size) => (size >= 1 << 30 ? `${number(size / (1 << 30), 1)} GiB` : `${number(size / (1 << 20), size < 10 << 20 ? 1 : 0)} MiB`);
+
+function Drop({ kinds, take, refused }) {
+  const [over, setOver] = useState(false);
+  const input = useRef(null);
+  const given = (list) => {
+    const files = [...list];
+    const dbc = files.find((file) => /\.dbc$/i.test(file.name));
+    const file = files.find((one) => one !== dbc);
+    if (file) take(file, dbc);
+  };
+  const drag = (on) => (event) => {
+    event.preventDefault();
+    setOver(on);
+  };
+  return html`<section class=${`st-drop ${over ? "over" : ""}`} aria-label=${t("import.drop")} onDragOver=${drag(true)} onDragLeave=${drag(false)}
+      onDrop=${(event) => { drag(false)(event); given(event.dataTransfer.files); }}>
+    ${ARROW}<h2>${t("import.drop")}</h2>
+    <p class="soft">${t("import.kinds", { kinds: kinds.endings.join(" "), most: bytes(kinds.most_bytes) })}</p>
+    <input ref=${input} type="file" multiple hidden accept=${[...kinds.endings, ".dbc"].join(",")} onChange=${(event) => given(event.target.files)} aria-label=${t("import.choose")} />
+    <button type="button" class="primary" onClick=${() => input.current.click()}>${t("import.choose")}</button>
+    <p class="small soft">${t("import.dbc")}</p>
+    <${Trouble} error=${refused} />
+  </section>`;
+}
+
+/** The columns and units that are chosen, as the server wants them; what is empty is left to the headers. */
+function columnsOf(chosen) {
+  const out = {};
+  for (const [channel, { column, unit }] of Object.entries(chosen)) {
+    if (column) out[channel] = unit ? { column, unit } : { column };
+  }
+  return out;
+}
+
+/** What was understood, as a first choice. */
+function choiceOf(understood) {
+  const out = { time: { column: understood.time.column ?? "", unit: understood.time.unit ?? "" } };
+  for (const one of understood.channels) out[one.channel] = { column: one.column, unit: one.unit };
+  return out;
+}
+
+/** What the headers alone tell, where the whole is not clear. */
+function guessOf({ guess, columns }) {
+  const unit = (name) => columns.find((one) => one.name === name)?.unit ?? "";
+  return Object.fromEntries(Object.entries(guess).map(([channel, column]) => [channel, { column, unit: unit(column) }]));
+}
+
+function Channel({ kind, seen, columns, choice, change }) {
+  const known = columns.find((one) => one.name === (choice.column || seen?.column));
+  const id = `unit-${kind.name}`;
+  return html`<tr class=${choice.column ? "" : "unused"}>
+    <th scope="row">${t(`import.channel.${kind.name}`)}${kind.required && html`<span class="soft small"> · ${t("import.required")}</span>`}</th>
+    <td><select aria-label=${t("import.column_of", { channel: t(`import.channel.${kind.name}`) })} value=${choice.column} onChange=${(event) => change({ column: event.target.value, unit: columns.find((one) => one.name === event.target.value)?.unit ?? "" })}>
+      <option value="" selected=${!choice.column}>–</option>
+      ${columns.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === choice.column}>${one.name}</option>`)}</select></td>
+    <td><input list=${id} size="8" aria-label=${t("import.unit_of", { channel: t(`import.channel.${kind.name}`) })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column} onChange=${(event) => change({ ...choice, unit: event.target.value.trim() })} />
+      <datalist id=${id}>${kind.examples.map((one) => html`<option key=${one} value=${one}></option>`)}</datalist></td>
+    <td class="n">${seen ? html`${sig(seen.low, 4)} … ${sig(seen.high, 4)} <span class="soft">${unitText(seen.to)}</span>` : html`<span class="soft">–</span>`}</td>
+    <td class="small soft mono wide">${known ? known.first.slice(0, 4).map((value) => sig(value, 4)).join(", ") : ""}</td></tr>`;
+}
+
+function Understood({ shown, kinds, choice, change, busy }) {
+  const { understood, columns } = shown;
+  const seen = (name) => understood?.channels.find((one) => one.channel === name);
+  const used = new Set([understood?.time.column, ...(understood?.channels ?? []).map((one) => one.column)]);
+  const rest = understood ? columns.filter((one) => !used.has(one.name)) : [];
+  return html`<section class="stack" aria-labelledby="understood" aria-busy=${busy ? "true" : "false"}><div class="row spread"><h2 id="understood">${t("import.understood")}</h2>
+      ${busy ? html`<${Busy}>${t("import.reading")}<//>` : understood ? html`<${Lamp} tone="good">${t("import.clear")}<//>` : html`<${Lamp} tone="warn">${t("import.unclear")}<//>`}</div>
+    ${shown.problem && html`<div class="notice warn" role="alert"><p>${shown.problem}</p></div>`}
+    ${understood?.warnings.map((text) => html`<div class="notice warn" key=${text}><p>${text}</p></div>`)}
+    <div class="scroll"><table class="st-map"><thead><tr><th scope="col">${t("import.channel")}</th><th scope="col">${t("import.column")}</th><th scope="col">${t("import.unit")}</th><th scope="col" class="n">${t("import.range")}</th><th scope="col" class="wide">${t("import.first")}</th></tr></thead>
+      <tbody>${kinds.channels.map((kind) => html`<${Channel} key=${kind.name} kind=${kind} columns=${columns} seen=${seen(kind.name)} choice=${choice[kind.name] ?? { column: "", unit: "" }} change=${(next) => change(kind.name, next)} />`)}</tbody></table></div>
+    ${rest.length > 0 && html`<p class="soft">${t("import.rest")} ${rest.map((one) => one.name).join(", ")}</p>`}
+    ${understood && html`<p>${t("import.summary", { n: understood.rows, took: duration(understood.duration_s), every: `${sig(understood.interval_s)} s` })}</p>
+      <details><summary>${t("import.segments", { n: understood.segments.length })}</summary><ol>${understood.segments.map((one) => html`<li key=${one.index}>${t(`import.direction.${one.direction}`)}, ${number(one.target_degc, 1)} °C, ${duration(one.to_s - one.from_s)}</li>`)}</ol></details>
+      <${Chart} figure=${shown.figure} words=${t("import.picture")} name="import" height=${340} />`}
+  </section>`;
+}
+
+function Done({ result, again }) {
+  const [unit] = result.run.split("/");
+  return html`<div class="panel stack"><h2><${Lamp} tone="good">${t("import.done")}<//></h2><p class="mono">${result.run}</p>
+    ${result.warnings.map((text) => html`<div class="notice warn" key=${text}><p>${text}</p></div>`)}
+    <div class="row"><a class="button primary" href=${`/workbench?run=${encodeURIComponent(result.run)}`}>${t("import.to_workbench")}</a>
+      <a class="button" href=${`/units/${encodeURIComponent(unit)}`}>${t("import.to_unit", { unit })}</a>
+      <button onClick=${again}>${t("import.another")}</button></div></div>`;
+}
+
+export default function Import() {
+  const { data: kinds, error } = useGet("/imports");
+  const [state, setState] = useState(/** @type {any} */ ({ step: "drop" }));
+  const [choice, setChoice] = useState({});
+  const [unit, setUnit] = useState("");
+  const turn = useRef(0);
+  const merge = (more) => setState((now) => ({ ...now, ...more }));
+  const place = state.id && url`/imports/${state.id}`;
+  useEffect(() => () => { turn.current = -1; }, []);
+
+  /** Show what a job understood, unless something newer was asked for. */
+  async function read(job, mine) {
+    const shown = await finished(job);
+    if (turn.current !== mine) return;
+    setChoice((now) => (shown.understood ? choiceOf(shown.understood) : Object.keys(now).length ? now : guessOf(shown)));
+    merge({ step: "look", shown, busy: false, error: null });
+  }
+  async function take(file, dbc) {
+    const mine = ++turn.current;
+    const form = new FormData();
+    if (dbc) form.append("dbc", dbc);
+    form.append("file", file);
+    setState({ step: "sending", file: file.name });
+    setChoice({});
+    try {
+      if (file.size > kinds.most_bytes) throw new Error(t("import.too_large", { size: bytes(file.size), most: bytes(kinds.most_bytes) }));
+      if (CAN_LOGS.test(file.name) && !dbc) throw new Error(t("import.needs_dbc"));
+      const taken = await upload("/imports", form);
+      merge({ step: "reading", id: taken.import, file: taken.file });
+      await read(taken.job, mine);
+    } catch (trouble) {
+      if (turn.current === mine) setState({ step: "drop", error: trouble });
+    }
+  }
+  async function change(channel, next) {
+    const wanted = { ...choice, [channel]: next };
+    const mine = ++turn.current;
+    setChoice(wanted);
+    merge({ busy: true });
+    try {
+      const { job } = await post(`${place}/preview`, { columns: columnsOf(wanted) });
+      await read(job, mine);
+    } catch (trouble) {
+      if (turn.current === mine) merge({ busy: false, error: trouble });
+    }
+  }
+  async function make(event) {
+    event.preventDefault();
+    merge({ making: true, error: null });
+    try {
+      const { job } = await post(place, { unit, columns: columnsOf(choice) });
+      setState({ step: "done", result: await finished(job) });
+    } catch (trouble) {
+      merge({ making: false, error: trouble });
+    }
+  }
+  const again = () => {
+    if (state.id && state.step !== "done") remove(place).catch(() => {});
+    turn.current += 1;
+    setState({ step: "drop" });
+  };
+  const wrong = unit && !UNIT.test(unit);
+  return html`<div class="page stack"><h1>${t("import.title")}</h1><p class="soft">${t("import.what")}</p>
+    <${Trouble} error=${error} />
+    ${!may("engineer") && html`<div class="notice"><p>${t("import.engineers")}</p></div>`}
+    ${kinds && may("engineer") && state.step === "drop" && html`<${Drop} kinds=${kinds} take=${take} refused=${state.error} />`}
+    ${["sending", "reading"].includes(state.step) && html`<section class="st-drop"><h2>${state.file}</h2><${Busy}>${t(`import.${state.step}`)}<//><button onClick=${again}>${t("import.give_up")}</button></section>`}
+    ${state.step === "look" && html`<div class="row spread"><p><b>${state.file}</b> <span class="soft">${t("import.rows", { n: state.shown.rows })}</span></p><button class="narrow" onClick=${again}>${t("import.give_up")}</button></div>
+      <form class="panel row" onSubmit=${make}>
+        <label for="unit">${t("import.serial")}</label>
+        <input id="unit" required maxlength="64" autocomplete="off" aria-invalid=${wrong ? "true" : undefined} aria-describedby="unit-hint" value=${unit} onInput=${(event) => setUnit(event.target.value.trim())} />
+        <button class="primary" disabled=${!state.shown.understood || state.busy || state.making || !unit || wrong}>${t(state.making ? "import.making" : "import.make")}</button>
+        <span id="unit-hint" class=${wrong ? "tone-bad" : "soft"}>${t(wrong ? "import.serial_wrong" : "import.serial_hint")}</span></form>
+      <${Trouble} error=${state.error} />
+      <${Understood} shown=${state.shown} kinds=${kinds} choice=${choice} change=${change} busy=${state.busy} />`}
+    ${state.step === "done" && html`<${Done} result=${state.result} again=${again} />`}
+  </div>`;
+}

@@ -1,0 +1,67 @@
+// Live runs: one of them whole, several side by side; the end of a run leads to its verdict.
+import { html, useEffect, useState } from "../lib/preact.js";
+import { get, url } from "../lib/api.js";
+import { traces, useLive } from "../lib/live.js";
+import { Busy, Trouble } from "../lib/parts.js";
+import { navigate } from "../lib/router.js";
+import { may } from "../lib/store.js";
+import { Trace } from "../lib/trace.js";
+import { t } from "../lib/words.js";
+import { Temperatures } from "./live/charts.js";
+import { Headline, RunView, Segments } from "./live/run.js";
+
+const isRun = (run, wanted) => run.run === wanted || run.runs?.includes(wanted);
+
+export default function Live({ params }) {
+  const now = useLive();
+  const wanted = params.unit && `${params.unit}/${params.run}`;
+  const run = wanted ? now.runs.find((one) => isRun(one, wanted)) : now.runs.length === 1 ? now.runs[0] : null;
+  const [shown, setShown] = useState(wanted);
+  useEffect(() => run && setShown(run.run), [run?.run]);
+  const ended = Object.values(now.ended).find((end) => (wanted ? isRun(end, wanted) : end.run === shown));
+  useEffect(() => {
+    if (ended && !run) navigate(`/verdict/${shown && !wanted ? shown : wanted}`, { replace: true });
+  }, [ended?.run, !run]);
+  if (run) return html`<${RunView} key=${run.run} run=${run} />`;
+  if (wanted) return html`<${Missing} key=${wanted} wanted=${wanted} params=${params} />`;
+  if (now.connected === null) return html`<div class="page"><${Busy} /></div>`;
+  return now.runs.length ? html`<${Several} runs=${now.runs} />` : html`<${Nothing} />`;
+}
+
+const Nothing = () => html`<div class="page empty">
+  <h1>${t("live.nothing")}</h1><p class="soft">${t("live.nothing_text")}</p>
+  ${may("operator") && html`<a class="button primary" href="/">${t("live.start_one")}</a>`}
+</div>`;
+
+/** The stream does not know it: it has ended, is just starting, or was never there; the server says which. */
+function Missing({ wanted, params }) {
+  const [error, setError] = useState(null);
+  useEffect(() => {
+    let timer = 0;
+    const look = () => get(url`/live/${params.unit}/${params.run}`).then(
+      (seen) => {
+        if (seen.condition === "ended") navigate(`/verdict/${wanted}`, { replace: true });
+        else timer = setTimeout(look, 1000);
+      },
+      (problem) => {
+        setError(problem);
+        timer = setTimeout(look, 3000);
+      },
+    );
+    look();
+    return () => clearTimeout(timer);
+  }, [wanted]);
+  return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy}>${t("live.looking")}<//>`}</div>`;
+}
+
+const EMPTY = new Trace();
+
+function Several({ runs }) {
+  return html`<div class="page several"><h1>${t("nav.live_count", { n: runs.length })}</h1>
+    <div class="several-runs">${runs.map((run) => html`<article key=${run.run} class="panel several-run">
+      <${Headline} run=${run} link />
+      <${Segments} run=${run} />
+      <${Temperatures} run=${run} trace=${traces.get(run.run) ?? EMPTY} height=${170} />
+    </article>`)}</div>
+  </div>`;
+}

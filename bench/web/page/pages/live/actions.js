@@ -1,0 +1,65 @@
+// What an operator may ask of a live run. Abort asks once; the safe answer has the focus, Escape keeps the run.
+import { html, useEffect, useRef, useState } from "../../lib/preact.js";
+import { post, url } from "../../lib/api.js";
+import { Dialog, Trouble } from "../../lib/parts.js";
+import { may } from "../../lib/store.js";
+import { t } from "../../lib/words.js";
+
+const POSSIBLE = { running: ["hold", "pause"], pausing: ["hold", "resume"], holding: ["resume"] };
+const SIGNS = {
+  hold: html`<path d="M8 5v14M16 5v14" />`,
+  pause: html`<path d="M6 6v12M11 6v12" /><path d="M16 6l4 6-4 6" />`,
+  resume: html`<path d="M7 5l12 7-12 7z" />`,
+  abort: html`<path d="M8 3h8l5 5v8l-5 5H8l-5-5V8z" />`,
+};
+const Sign = ({ action }) => html`<svg class="sign" viewBox="0 0 24 24" aria-hidden="true">${SIGNS[action]}</svg>`;
+
+export function Actions({ run }) {
+  const [asked, setAsked] = useState("");
+  const [error, setError] = useState(null);
+  const [sure, setSure] = useState(false);
+  useEffect(() => setAsked((action) => (action === "abort" ? action : "")), [run.state]);
+  if (!may("operator")) return null;
+  const ask = async (action) => {
+    setAsked(action);
+    setError(null);
+    const [unit, folder] = run.run.split("/");
+    try {
+      await post(url`/live/${unit}/${folder}/${action}`);
+      if (action !== "abort") setAsked("");
+    } catch (problem) {
+      setError(problem);
+      setAsked("");
+    }
+  };
+  const reached = run.condition !== "gone";
+  const ending = asked === "abort" || run.state === "ending";
+  return html`<div class="actions" role="group" aria-label=${t("actions.label")}>
+    <${Trouble} error=${error} />
+    <div class="actions-row">
+      ${!ending && (POSSIBLE[run.state] ?? []).map((action) => html`
+        <button type="button" key=${action} class=${action === "resume" ? "go" : ""} disabled=${!reached || asked !== ""} onClick=${() => ask(action)}>
+          <${Sign} action=${action} /> ${t(action === "resume" && run.state === "pausing" ? "actions.go_on" : `actions.${action}`)}</button>`)}
+      <span class="actions-gap soft">${ending ? t("actions.ending") : run.state === "pausing" ? t("actions.pausing") : run.state === "holding" ? t("actions.holding") : ""}</span>
+      <button type="button" class="stop" disabled=${!reached || ending} onClick=${() => setSure(true)}><${Sign} action="abort" /> ${t("actions.abort")}</button>
+    </div>
+    ${sure && html`<${Sure} run=${run} close=${() => setSure(false)} abort=${() => {
+      setSure(false);
+      ask("abort");
+    }} />`}
+  </div>`;
+}
+
+function Sure({ run, close, abort }) {
+  const keep = useRef(null);
+  useEffect(() => keep.current.focus(), []);
+  return html`<${Dialog} label=${t("abort.question")} onClose=${close}>
+    <h2>${t("abort.question")}</h2>
+    <p>${t("abort.consequence")}</p>
+    ${run.units?.length > 1 && html`<p><strong>${t("abort.all", { n: run.units.length })}</strong></p>`}
+    <div class="dialog-row">
+      <button type="button" ref=${keep} onClick=${close}>${t("abort.keep")}</button>
+      <button type="button" class="stop" onClick=${abort}>${t("abort.abort")}</button>
+    </div>
+  <//>`;
+}

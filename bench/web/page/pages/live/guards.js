@@ -1,0 +1,37 @@
+// Guards as traffic lights: colour, shape and word; trouble first.
+import { html } from "../../lib/preact.js";
+import { Lamp, Shape } from "../../lib/parts.js";
+import { number, or, t } from "../../lib/words.js";
+
+const TONES = { ok: "good", waiting: "warn", tripped: "bad" };
+const ORDER = Object.keys(TONES).reverse();
+const UNITS = {
+  chamber_temperature: "°C", unit_temperature: "°C", sensor_disagreement: "°C", frame_age: "s", disk_free_mb: "MB",
+  power: "%", frozen_s: "s", chamber_silent_s: "s", bus_failed_s: "s",
+};
+
+export const guardName = (guard) => or(`guard.${guard.name}`, guard.name);
+
+function valueOf({ signal, value }) {
+  if (!(signal in UNITS)) return ""; // yes or no: the light says it
+  if (value === null || value === undefined) return "–";
+  return `${number(value, Math.abs(value) >= 100 ? 0 : 1)} ${UNITS[signal]}`;
+}
+
+/** `old`: the lights are as they were last; none of them is green then. */
+export function Guards({ guards = [], old = false }) {
+  const sorted = [...guards].sort((one, other) => ORDER.indexOf(one.state) - ORDER.indexOf(other.state));
+  const worst = sorted[0]?.state;
+  const toneOf = (state) => (old && state === "ok" ? "idle" : TONES[state]);
+  const word = old ? "guards.old" : worst === "ok" ? "guards.all_ok" : `guards.${worst}`;
+  return html`<section class="guards panel" aria-label=${t("live.guards")}>
+    <header class="row spread"><h2>${t("live.guards")}</h2>
+      ${worst && html`<${Lamp} tone=${toneOf(worst)}>${t(word)}<//>`}</header>
+    <ul>${sorted.map((guard) => html`<li key=${guard.name} class=${guard.state}>
+      <span class=${`tone-${toneOf(guard.state)}`}><${Shape} tone=${toneOf(guard.state)} /></span>
+      <span class="guard-name">${guardName(guard)}<span class="unseen">: </span>
+        ${guard.text && html`<small lang="en">${guard.text}</small>`}</span>
+      <span class="guard-state figures">${guard.state === "ok" ? valueOf(guard) || t("guards.ok") : html`<b class=${`tone-${TONES[guard.state]}`}>${t(`guards.${guard.state}`)}</b>`}</span>
+    </li>`)}</ul>
+  </section>`;
+}

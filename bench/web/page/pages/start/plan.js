@@ -1,0 +1,42 @@
+// Which plan? Each with its temperature curve, how long it takes and what it is for.
+import { html, useState } from "../../lib/preact.js";
+import { Curve, range } from "../../lib/curve.js";
+import { degrees, duration, number, or, t } from "../../lib/words.js";
+
+/** A shipped plan has a name in every language; others are called what they are called. */
+export const planTitle = (plan) => or(`plan.${plan.id}`, plan.title);
+const planPurpose = (plan) => or(`plan.${plan.id}.for`, plan.summary);
+
+const MOST = 24;
+
+const fits = (plan, words) => {
+  const text = `${plan.id} ${planTitle(plan)} ${planPurpose(plan)}`.toLowerCase();
+  return words.toLowerCase().split(/\s+/).every((word) => text.includes(word));
+};
+
+export function PlanQuestion({ plans, station, answer }) {
+  const [words, setWords] = useState("");
+  const possible = plans.filter((plan) => !plan.problem && (plan.kind !== "rate" || station.rate_table));
+  const shown = possible.filter((plan) => fits(plan, words));
+  const broken = plans.filter((plan) => plan.problem);
+  return html`
+    ${possible.length > 9 && html`<p><label class="unseen" for="plan-filter">${t("plan.filter")}</label>
+      <input id="plan-filter" class="filter" type="search" placeholder=${t("plan.filter")} value=${words} onInput=${(event) => setWords(event.target.value)} /></p>`}
+    <div class="plans">
+      ${shown.slice(0, MOST).map((plan) => html`<${PlanCard} key=${plan.id} plan=${plan} choose=${() => answer({ plan: plan.id })} />`)}
+    </div>
+    ${shown.length > MOST && html`<p class="soft">${t("plan.more", { n: shown.length - MOST })}</p>`}
+    ${!shown.length && html`<p class="soft">${t("plan.none")}</p>`}
+    ${broken.length > 0 && html`<details><summary>${t("plan.broken", { n: broken.length })}</summary>
+      <ul>${broken.map((plan) => html`<li key=${plan.id} lang="en"><code>${plan.id}</code>: ${plan.problem}</li>`)}</ul></details>`}`;
+}
+
+function PlanCard({ plan, choose }) {
+  const [low, high] = range(plan.curve);
+  return html`<button type="button" class="plan" onClick=${choose}>
+    <strong>${planTitle(plan)}</strong>
+    <${Curve} curve=${plan.curve} />
+    <span class="facts figures"><b>${duration(plan.nominal_s)}</b><span>${low === high ? degrees(low, 0) : `${number(low, 0)} … ${degrees(high, 0)}`}</span></span>
+    <span class="purpose soft">${planPurpose(plan)}</span>
+  </button>`;
+}

@@ -1,0 +1,132 @@
+// Ready? What the check found, what will happen, and START.
+import { html, useEffect, useRef, useState } from "../../lib/preact.js";
+import { ApiError, compute, get, post, url } from "../../lib/api.js";
+import { Curve, range } from "../../lib/curve.js";
+import { Busy, Lamp, Shape, Trouble } from "../../lib/parts.js";
+import { navigate } from "../../lib/router.js";
+import { remembered } from "../../lib/store.js";
+import { degrees, duration, language, number, or, t } from "../../lib/words.js";
+import { planTitle } from "./plan.js";
+
+const TONES = { error: "bad", warning: "warn", info: "idle" };
+const LOOK_MS = 300;
+/** A bench that has not said anything of its run after so long is looked at by people. */
+const PATIENCE_MS = 120000;
+
+const lastLimits = remembered("limits", null);
+const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
+function useCheck(order) {
+  const [check, setCheck] = useState(/** @type {{key?: string, result?: any, error?: Error}} */ ({}));
+  const key = JSON.stringify([order.plan, order.station, order.units]);
+  const [round, again] = useState(0);
+  useEffect(() => {
+    const leaving = new AbortController();
+    setCheck({});
+    compute("/checks", { plan: order.plan, station: order.station, units: order.units }, { signal: leaving.signal }).then(
+      (result) => setCheck({ key, result }),
+      (error) => error.name !== "AbortError" && setCheck({ key, error }),
+    );
+    return () => leaving.abort();
+  }, [key, round]);
+  const { result, error } = check.key === key ? check : {};
+  return { result, error, again: () => again(round + 1) };
+}
+
+/** Start the run and wait until it has a folder; its id. Throws what the bench says when it refuses. */
+async function begin(order, limits) {
+  const { start } = await post("/starts", { ...order, ...(limits ? { limits } : {}) });
+  const until = Date.now() + PATIENCE_MS;
+  while (Date.now() < until) {
+    const seen = await get(url`/starts/${start}`);
+    if (seen.state === "refused") throw new ApiError(422, seen.message);
+    if (seen.runs.length) return seen.runs[0];
+    if (seen.state === "ended") throw new ApiError(422, seen.message || seen.sentence);
+    await pause(LOOK_MS);
+  }
+  throw new ApiError(504, t("ready.no_word"));
+}
+
+export function Ready({ order, plan, station, limits, begun }) {
+  const { result, error, again } = useCheck(order);
+  const [starting, setStarting] = useState(false);
+  const [refused, setRefused] = useState(null);
+  const [within, setWithin] = useState(limits.some(({ id }) => id === lastLimits.get()) ? lastLimits.get() : "");
+  const start = async () => {
+    setStarting(true);
+    setRefused(null);
+    try {
+      lastLimits.set(within || null);
+      const run = await begin(order, within);
+      begun();
+      navigate(`/live/${run}`);
+    } catch (problem) {
+      setRefused(problem);
+      setStarting(false);
+    }
+  };
+  const ready = result?.ok && !starting;
+  return html`<div class="ready">
+    <div class="ready-plan panel">
+      <${Facts} plan=${plan} result=${result} station=${station} units=${order.units} />
+      <${Curve} curve=${result?.curve ?? plan.curve} width=${760} height=${300} axes />
+    </div>
+    <div class="ready-go">
+      <${Checked} result=${result} error=${error} again=${again} />
+      ${limits.length > 0 && html`<div class="field"><label for="limits">${t("ready.limits")}</label>
+        <select id="limits" value=${within} onChange=${(event) => setWithin(event.target.value)}>
+          <option value="">${t("ready.no_limits")}</option>
+          ${limits.map((one) => html`<option key=${one.id} value=${one.id}>${or(`limits.${one.id}`, one.title ?? one.id)}</option>`)}
+        </select></div>`}
+      <${Trouble} error=${refused} />
+      <${StartButton} ready=${ready} starting=${starting} start=${start} />
+    </div>
+  </div>`;
+}
+
+function StartButton({ ready, starting, start }) {
+  const button = useRef(null);
+  useEffect(() => {
+    // Enter starts, once the check is there; not before, and not for who looks at something else meanwhile.
+    if (ready && (document.activeElement === document.body || document.activeElement?.id === "question")) button.current.focus();
+  }, [ready]);
+  return html`<button type="button" ref=${button} class="go giant" disabled=${!ready} onClick=${start}>
+    ${starting ? t("ready.starting") : t("ready.start")}
+  </button>
+  <p class="soft" role="status">${starting ? t("ready.starting_long") : ready ? t("ready.consequence") : ""}</p>`;
+}
+
+function Facts({ plan, result, station, units }) {
+  const curve = result?.curve ?? plan.curve;
+  const [low, high] = range(curve);
+  const time_s = result?.duration_s ?? plan.nominal_s;
+  const ends = new Intl.DateTimeFormat(language.get(), { weekday: "short", hour: "2-digit", minute: "2-digit" }).format(Date.now() + time_s * 1000);
+  return html`<dl class="ready-facts">
+    <div><dt>${t("ready.unit", { n: units.length })}</dt><dd class="mono">${units.length > 2 ? t("start.all_units", { n: units.length }) : units.join(", ")}</dd></div>
+    <div><dt>${t("ready.plan")}</dt><dd>${planTitle(plan)}</dd></div>
+    <div><dt>${t("ready.takes")}</dt><dd class="figures">${duration(time_s)}</dd><dd class="more">${station.simulated ? t("ready.simulated") : t("ready.ends", { time: ends })}</dd></div>
+    <div><dt>${t("ready.range")}</dt><dd class="figures">${low === high ? degrees(low, 0) : `${number(low, 0)} … ${degrees(high, 0)}`}</dd></div>
+  </dl>`;
+}
+
+/** What the check found: one lamp for all, and each finding. */
+function Checked({ result, error, again }) {
+  if (error) return html`<${Trouble} error=${error} retry=${again} />`;
+  if (!result) return html`<div class="panel"><${Busy}>${t("ready.checking")}<//></div>`;
+  const late = result.segments.filter((segment) => segment.outcome !== "done");
+  const findings = [
+    ...late.map((segment) => ({ level: "error", text: `${segment.name}: ${segment.reason}` })),
+    ...result.findings,
+  ].sort((one, other) => Object.keys(TONES).indexOf(one.level) - Object.keys(TONES).indexOf(other.level));
+  const [serious, notes] = [findings.filter(({ level }) => level !== "info"), findings.filter(({ level }) => level === "info")];
+  const tone = !result.ok ? "bad" : serious.length ? "warn" : "good";
+  return html`<div class=${`checked notice ${tone}`} role="status">
+    <p class="checked-word"><${Lamp} tone=${tone}>${t(`ready.${tone}`, { n: serious.length })}<//></p>
+    <${Findings} findings=${serious} />
+    ${notes.length > 0 && html`<details><summary>${t("ready.notes", { n: notes.length })}</summary><${Findings} findings=${notes} /></details>`}
+  </div>`;
+}
+
+const Findings = ({ findings }) => findings.length > 0 && html`<ul class="findings" lang="en">
+  ${findings.map(({ level, text }) => html`<li key=${text}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${text}</span></li>`)}
+</ul>`;

@@ -1,0 +1,82 @@
+// Which unit? Typed, scanned (a scanner types and sends Enter) or chosen from those of the stations.
+import { html, useEffect, useRef, useState } from "../../lib/preact.js";
+import { Trouble } from "../../lib/parts.js";
+import { t } from "../../lib/words.js";
+
+const same = (one, other) => one.trim().toLowerCase() === other.trim().toLowerCase();
+
+/** Stations that have this unit, and how they write its serial number. */
+export const whereIs = (stations, serial) =>
+  stations.flatMap((station) => {
+    const found = station.units.find((unit) => same(unit, serial));
+    return found ? [{ station, serial: found }] : [];
+  });
+
+export function UnitQuestion({ stations, last, answer }) {
+  const [asked, setAsked] = useState(null);
+  const [wrong, setWrong] = useState("");
+  const sound = stations.filter((station) => !station.problem);
+  const take = (serial) => {
+    const places = whereIs(sound, serial);
+    const place = places.length === 1 ? places[0] : null;
+    setWrong(places.length ? "" : serial.trim());
+    if (place) answer({ units: [place.serial], station: place.station.id });
+    else if (places.length) setAsked(places);
+  };
+  if (asked) return html`<${WhichStation} places=${asked} last=${last} answer=${answer} back=${() => setAsked(null)} />`;
+  return html`<${SerialField} take=${take} />
+    <div aria-live="assertive">${wrong && html`<div class="notice bad"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}</div>
+    <h2>${t("start.or_choose")}</h2>
+    <div class="stations">
+      ${sound.map((station) => html`<section key=${station.id} class="station" aria-label=${station.title}>
+        <h3>${station.title}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
+        <div class="row">
+          ${station.units.map((serial) => html`<button type="button" key=${serial} class="mono" onClick=${() => answer({ units: [serial], station: station.id })}>${serial}</button>`)}
+          ${station.units.length > 1 && html`<button type="button" onClick=${() => answer({ units: station.units, station: station.id })}>${t("start.all_units", { n: station.units.length })}</button>`}
+        </div>
+      </section>`)}
+    </div>
+    ${stations.filter((station) => station.problem).map((station) => html`<${Trouble} key=${station.id} error=${`${station.id}: ${station.problem}`} />`)}`;
+}
+
+/** A big field that has the focus, and gets it back when somebody (or a scanner) begins to type elsewhere. */
+function SerialField({ take }) {
+  const field = useRef(null);
+  useEffect(() => {
+    field.current.focus();
+    const typed = (event) => {
+      const elsewhere = !event.target.closest("input, select, textarea, button, a, dialog");
+      if (elsewhere && event.key.length === 1 && !event.ctrlKey && !event.metaKey && !event.altKey) field.current?.focus();
+    };
+    document.addEventListener("keydown", typed);
+    return () => document.removeEventListener("keydown", typed);
+  }, []);
+  const submit = (event) => {
+    event.preventDefault();
+    if (field.current.value.trim()) take(field.current.value);
+    field.current.select();
+  };
+  return html`<form class="serial" onSubmit=${submit}>
+    <label for="serial">${t("start.serial")}</label>
+    <div class="serial-row">
+      <input id="serial" ref=${field} name="serial" autocomplete="off" autocapitalize="characters" spellcheck="false" maxlength="80" aria-describedby="scan" />
+      <button type="submit" class="primary">${t("start.next")}</button>
+    </div>
+    <p id="scan" class="soft">${t("start.scan")}</p>
+  </form>`;
+}
+
+function WhichStation({ places, last, answer, back }) {
+  const first = useRef(null);
+  useEffect(() => first.current?.focus(), []);
+  const sorted = [...places].sort((one, other) => Number(other.station.id === last) - Number(one.station.id === last));
+  return html`<p class="lead">${t("start.which_station", { serial: places[0].serial })}</p>
+    <div class="choices">
+      ${sorted.map(({ station, serial }, index) => html`<button type="button" key=${station.id} class="choice" ref=${index ? null : first}
+        onClick=${() => answer({ units: [serial], station: station.id })}>
+        <strong>${station.title}</strong>
+        <span class="soft">${t("start.station_units", { n: station.units.length })}${station.rate_table ? ` · ${t("start.rate_table")}` : ""}${station.simulated ? ` · ${t("start.simulated")}` : ""}</span>
+      </button>`)}
+    </div>
+    <p><button type="button" class="quiet" onClick=${back}>${t("start.back")}</button></p>`;
+}

@@ -1,0 +1,90 @@
+// Pieces that the pages of units, fleet and imports share.
+import { html, useEffect, useState } from "../../lib/preact.js";
+import { get } from "../../lib/api.js";
+import { Lamp } from "../../lib/parts.js";
+import { language, or, t } from "../../lib/words.js";
+
+/** The answer of GET `path` as {data, error, busy}, and how to ask again; older data stays while newer is fetched. */
+export function useGet(path) {
+  const [state, setState] = useState(/** @type {{data?: any, error?: Error, busy: boolean}} */ ({ busy: true }));
+  const [turn, setTurn] = useState(0);
+  useEffect(() => {
+    if (path === null) return undefined;
+    const stop = new AbortController();
+    setState((now) => ({ ...now, busy: true, error: null }));
+    get(path, { signal: stop.signal }).then(
+      (data) => setState({ data, busy: false }),
+      (error) => error.name !== "AbortError" && setState({ error, busy: false }),
+    );
+    return () => stop.abort();
+  }, [path, turn]);
+  return { ...state, again: () => setTurn((count) => count + 1) };
+}
+
+/** A measured value to significant digits, with a real minus sign; a dash when there is none. */
+export function sig(value, digits = 3) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  const power = size ? Math.floor(Math.log10(size)) : 0;
+  const far = power < -4 || power >= 6;
+  const format = { maximumSignificantDigits: digits, minimumSignificantDigits: size ? Math.min(2, digits) : 1 };
+  const text = new Intl.NumberFormat(language.get(), format).format(far ? value / 10 ** power : value).replace(/^-/, "−");
+  return far ? `${text}·10${String(power).replace(/[-0-9]/g, (sign) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(sign)])}` : text;
+}
+
+/** A unit as people write it. */
+export const unitText = (unit) => (unit === "1" ? "" : (unit ?? "").replaceAll("degC", "°C").replaceAll("sqrt(h)", "√h"));
+
+/** A quantity by its name for people; one that the catalogue does not know as it is. */
+export const quantity = (name) => or(`units.q.${name}`, name);
+
+/** A day (ISO 8601) in this language. */
+export function day(iso) {
+  const date = new Date(iso);
+  if (!iso || Number.isNaN(date.valueOf())) return "–";
+  return new Intl.DateTimeFormat(language.get(), { dateStyle: "medium" }).format(date);
+}
+
+const TONES = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "bad", adequate: "good", pass: "good", fail: "bad" };
+const STATES = { done: "good", running: "link", aborted: "warn", failed: "bad" };
+
+/** A verdict or a standing in colour, shape and word. */
+export const Verdict = ({ word }) => word && html`<${Lamp} tone=${TONES[word] ?? "idle"}>${or(`units.word.${word}`, word)}<//>`;
+
+/** What became of a run: its verdict against limits, else that of the analysis, else its state. */
+export function Outcome({ run }) {
+  if (run.state && run.state !== "done") return html`<${Lamp} tone=${STATES[run.state] ?? "warn"}>${or(`units.state.${run.state}`, run.state)}<//>`;
+  return html`<${Verdict} word=${run.judged ?? run.verdict} />` ?? "–";
+}
+
+/** A line of values so small that it stands in a table; limits dashed, the last value a dot. */
+export function Spark({ values, lower, upper }) {
+  if (values.length < 2) return html`<span class="soft" aria-hidden="true">·</span>`;
+  const inside = [lower, upper].filter((end) => end !== null && end !== undefined);
+  const size = Math.max(...values.map(Math.abs));
+  const near = inside.filter((end) => Math.abs(end) < 6 * size);
+  const middle = (Math.min(...values) + Math.max(...values)) / 2;
+  // A tenth of the value fills at most the height: what hardly moves must not look like a slope.
+  const low = Math.min(...values, ...near, middle - 0.1 * size);
+  const high = Math.max(...values, ...near, middle + 0.1 * size);
+  const x = (i) => 3 + (114 * i) / (values.length - 1);
+  const y = (value) => 25 - 22 * ((value - low) / (high - low || 1));
+  const points = values.map((value, i) => `${x(i).toFixed(1)},${y(value).toFixed(1)}`).join(" ");
+  return html`<svg class="st-spark" viewBox="0 0 120 28" aria-hidden="true">
+    ${near.map((end) => html`<line class="limit" x1="0" x2="120" y1=${y(end)} y2=${y(end)} />`)}
+    <polyline points=${points} /><circle cx=${x(values.length - 1)} cy=${y(values[values.length - 1])} r="3" />
+  </svg>`;
+}
+
+/** One number on a card: what it is, how much, and what it means. */
+export const Tile = ({ what, value, unit, more, tone }) => html`<div class=${`st-tile ${tone ? `tone-${tone}` : ""}`}>
+  <span class="what">${what}</span><b>${value} ${unit && html`<small>${unit}</small>`}</b>${more && html`<span class="more">${more}</span>`}
+</div>`;
+
+/** No registry here: what that means, and for who may a way to one. */
+export function NoRegistry({ build, busy, may }) {
+  return html`<div class="panel stack">
+    <h2>${t("units.none.title")}</h2><p>${t("units.none.text")}</p>
+    ${may && html`<button class="primary" disabled=${busy} onClick=${build}>${t(busy ? "units.none.busy" : "units.none.build")}</button>`}
+  </div>`;
+}

@@ -1,0 +1,134 @@
+// One unit: what is in its memory, which calibration counts, how its quantities go on, what was run.
+import { html, useState } from "../lib/preact.js";
+import { url } from "../lib/api.js";
+import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { duration, moment, number, t } from "../lib/words.js";
+import { Chart } from "./stock/chart.js";
+import { day, Outcome, quantity, sig, Spark, Tile, unitText, useGet, Verdict } from "./stock/parts.js";
+
+const RAIL = [-60, 120];
+const STATUS_TONES = { in_unit: "good", newest: "link", superseded: "idle", not_passed: "bad" };
+
+const api = (path) => `/api/v1${path}`;
+const pdfOf = (serial, paper) => api(url`/units/${serial}/certificates/${paper.number}`);
+const reportOf = (run) => api(url`/runs/${run.split("/")[0]}/${run.split("/")[1]}/report`);
+
+/** How long ago, as people say it. */
+function age(days) {
+  if (days === null || days === undefined) return "–";
+  if (days < 1) return t("units.age.today");
+  if (days < 60) return t("units.age.days", { n: Math.floor(days) });
+  if (days < 730) return t("units.age.months", { n: Math.floor(days / 30.44) });
+  return t("units.age.years", { n: Math.floor(days / 365.25) });
+}
+
+/** The range of temperature over which a calibration holds, on one scale for all of them. */
+function Range({ validity }) {
+  const held = validity.temperature;
+  if (!held) return html`<span class="soft">${t("units.range.unknown")}</span>`;
+  const x = (degc) => 8 + (284 * (Math.min(RAIL[1], Math.max(RAIL[0], degc)) - RAIL[0])) / (RAIL[1] - RAIL[0]);
+  const [from, to] = [held.from, held.to].map((end) => number(end, 0));
+  const middle = (x(held.from) + x(held.to)) / 2;
+  return html`<svg class="st-range" viewBox="0 0 300 40" preserveAspectRatio="xMinYMid" role="img" aria-label=${t("units.range", { from, to })}>
+    <line class="rail" x1="8" x2="292" y1="26" y2="26" /><line class="held" x1=${x(held.from)} x2=${x(held.to)} y1="26" y2="26" />
+    <text x=${Math.min(230, Math.max(70, middle))} y="14" text-anchor="middle">${from} … ${to} °C</text>
+    ${x(held.from) > 60 && html`<text class="soft" x="8" y="14">${number(RAIL[0], 0)}</text>`}
+    ${x(held.to) < 240 && html`<text class="soft" x="292" y="14" text-anchor="end">${number(RAIL[1], 0)}</text>`}
+  </svg>`;
+}
+
+function Calibration({ one, serial }) {
+  const paper = one.certificate;
+  return html`<li class=${`st-card ${one.status}`}>
+    <div><div class="when">${day(one.created)} <span class="soft">· ${age(one.age_days)}</span></div>
+      <${Lamp} tone=${STATUS_TONES[one.status]}>${t(`units.status.${one.status}`)}<//></div>
+    <div><${Range} validity=${one.validity} />
+      <div class="small">${one.model} · <${Verdict} word=${one.judged ?? one.verdict} />${one.limits && html` <span class="soft">${t("units.against", { limits: one.limits })}</span>`}</div></div>
+    <div class="row">
+      ${paper?.pdf && html`<a class="button narrow" href=${pdfOf(serial, paper)} target="_blank" rel="noopener">${t("units.open_pdf")}</a>`}
+      ${paper && html`<span class="small soft mono">${paper.number}</span>`}
+      ${!paper && html`<span class="small soft">${t("units.no_paper")}</span>`}
+    </div></li>`;
+}
+
+function Memory({ unit }) {
+  const held = unit.memory;
+  const failed = unit.writes[0]?.state === "failed" ? unit.writes[0] : null;
+  return html`<section class="panel stack" aria-labelledby="memory"><h2 id="memory">${t("units.memory")}</h2>
+    ${failed && html`<div class="notice bad"><p>${t("units.memory.failed", { when: moment(failed.utc) })} ${failed.error}</p></div>`}
+    ${!held && html`<p>${t("units.memory.none")}</p>`}
+    ${held && html`<dl class="st-facts">
+      <dt>${t("units.memory.id")}</dt><dd class="mono">${held.calibration_id}</dd>
+      <dt>${t("units.memory.written")}</dt><dd>${moment(held.utc)}, ${held.operator ?? "–"}</dd>
+      <dt>${t("units.memory.of")}</dt><dd>${held.run ?? "–"}</dd>
+      <dt>${t("units.memory.place")}</dt><dd>${t("units.memory.bank", { bank: held.bank, set: held.coefficient_set, words: held.words })}</dd>
+      <dt>CRC</dt><dd class="mono">${held.crc}</dd>
+      <dt>${t("units.memory.before")}</dt><dd class="mono">${held.before ?? t("units.memory.nothing")}</dd>
+    </dl><p class="small soft">${t("units.memory.note")}</p>`}</section>`;
+}
+
+function Trends({ unit }) {
+  const [chosen, choose] = useState(unit.trends[0]?.name);
+  const one = unit.trends.find((trend) => trend.name === chosen);
+  const { data, error, again } = useGet(one ? url`/units/${unit.serial}/trends/${chosen}` : null);
+  if (!one) return html`<p class="soft">${t("units.trends.none")}</p>`;
+  const words = t("units.trends.words", { name: quantity(one.name), n: one.points.length, last: `${sig(one.last)} ${unitText(one.unit)}` });
+  return html`<div class="st-two">
+    <div class="scroll st-scroll" tabindex="0" role="region" aria-label=${t("units.quantity")}><table class="st-table st-quantities">
+      <thead><tr><th scope="col">${t("units.quantity")}</th><th scope="col">${t("units.course")}</th><th scope="col" class="n">${t("units.newest_value")}</th><th scope="col" class="n">${t("units.limit")}</th></tr></thead>
+      <tbody>${unit.trends.map((trend) => html`<tr key=${trend.name} aria-current=${trend.name === chosen ? "true" : undefined}>
+        <th scope="row"><button type="button" aria-pressed=${trend.name === chosen} onClick=${() => choose(trend.name)}>${quantity(trend.name)}</button></th>
+        <td><${Spark} values=${trend.points.map((point) => point.value)} lower=${trend.lower} upper=${trend.upper} /></td>
+        <td class="n">${trend.outside ? html`<${Lamp} tone="bad">${sig(trend.last)}<//>` : sig(trend.last)} <span class="soft">${unitText(trend.unit)}</span></td>
+        <td class="n">${[trend.lower !== null && `≥ ${sig(trend.lower)}`, trend.upper !== null && `≤ ${sig(trend.upper)}`].filter(Boolean).join(", ") || html`<span class="soft">–</span>`}</td>
+      </tr>`)}</tbody></table></div>
+    <div><h3>${quantity(one.name)}</h3>
+      <${Trouble} error=${error} retry=${again} />
+      ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`${unit.serial} ${one.name}`} height=${330} />` : !error && html`<${Busy} />`}</div>
+  </div>`;
+}
+
+function Runs({ unit }) {
+  return html`<div class="scroll"><table class="st-table">
+    <thead><tr>${["when", "kind", "profile", "outcome", "took"].map((key) => html`<th key=${key} scope="col">${t(`units.run.${key}`)}</th>`)}
+      <th scope="col" class="wide">${t("units.station")}</th><th scope="col" class="wide">${t("units.run.operator")}</th><th scope="col"><span class="unseen">${t("units.run.open")}</span></th></tr></thead>
+    <tbody>${unit.runs.map((run) => html`<tr key=${run.run}>
+      <th scope="row">${moment(run.created)}</th>
+      <td>${t(`units.kind.${run.kind}`)}</td>
+      <td>${run.profile}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
+      <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft">${run.cause}</div>`}</td>
+      <td>${duration(run.duration_s)}</td><td class="wide">${run.station ?? "–"}</td><td class="wide">${run.operator ?? "–"}</td>
+      <td><span class="st-links">${run.here ? html`<a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
+        ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
+    </tr>`)}</tbody></table></div>`;
+}
+
+function Summary({ unit }) {
+  const counts = unit.calibrations.find((one) => one.status === "in_unit") ?? unit.calibrations.find((one) => one.usable);
+  const error = unit.trends.find((trend) => trend.name === "residual_rms_dph");
+  const last = unit.runs[0];
+  return html`<div class="st-tiles">
+    <${Tile} what=${t("units.tile.counts")} value=${counts ? day(counts.created) : "–"} tone=${counts ? (counts.status === "in_unit" ? "good" : "warn") : "bad"}
+      more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}` : t("units.tile.no_calibration")} />
+    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${t("units.tile.holds_more")} />
+    ${error && html`<${Tile} what=${quantity("residual_rms_dph")} value=${sig(error.last)} unit=${unitText(error.unit)} tone=${error.outside ? "bad" : undefined}
+      more=${error.change === null ? t("units.tile.first") : t("units.tile.change", { change: `${error.change > 0 ? "+" : ""}${sig(error.change, 2)} ${unitText(error.unit)}` })} />`}
+    <${Tile} what=${t("units.runs")} value=${unit.runs.length} more=${last && t("units.tile.last", { when: moment(last.created) })} />
+  </div>`;
+}
+
+export default function Unit({ params }) {
+  const { data: unit, error, again } = useGet(url`/units/${params.serial}`);
+  const head = html`<p class="small"><a href="/units">← ${t("units.title")}</a></p>`;
+  if (error) return html`<div class="page stack">${head}<h1>${params.serial}</h1><${Trouble} error=${error} retry=${again} /></div>`;
+  if (!unit) return html`<div class="page stack">${head}<${Busy} /></div>`;
+  return html`<div class="page stack">${head}
+    <div class="st-head"><h1>${unit.serial}</h1>${unit.lot && html`<span class="soft">${t("units.lot")} ${unit.lot}</span>`}</div>
+    <${Summary} unit=${unit} />
+    <section class="stack" aria-labelledby="calibrations"><h2 id="calibrations">${t("units.calibrations")}</h2>
+      ${unit.calibrations.length ? html`<ol class="st-cards">${unit.calibrations.map((one) => html`<${Calibration} key=${one.run} one=${one} serial=${unit.serial} />`)}</ol>` : html`<p class="soft">${t("units.tile.no_calibration")}</p>`}</section>
+    <section class="stack" aria-labelledby="trends"><h2 id="trends">${t("units.trends")}</h2><${Trends} unit=${unit} /></section>
+    <${Memory} unit=${unit} />
+    <section class="stack" aria-labelledby="runs"><h2 id="runs">${t("units.runs")}</h2><${Runs} unit=${unit} /></section>
+  </div>`;
+}

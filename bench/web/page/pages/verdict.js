@@ -1,0 +1,143 @@
+// The verdict fills the screen: word, sentence, next step. A fault: what happened, what the bench did, what to do.
+import { html, useEffect, useRef, useState } from "../lib/preact.js";
+import { get, url } from "../lib/api.js";
+import { useLive } from "../lib/live.js";
+import { Busy, Lamp, Shape, Trouble } from "../lib/parts.js";
+import { navigate } from "../lib/router.js";
+import { may } from "../lib/store.js";
+import { number, or, t } from "../lib/words.js";
+import { planName } from "./live/words.js";
+import { judged, toneOf, worst } from "./verdict/judged.js";
+
+const LOOK_MS = 2000;
+
+/** The end of a run: from the stream when it is news, else asked for until its analysis is done. */
+function useEnd(params) {
+  const wanted = `${params.unit}/${params.run}`;
+  const told = useLive((now) => Object.values(now.ended).find((end) => end.run === wanted || end.runs?.includes(wanted)));
+  const [seen, setSeen] = useState(/** @type {{run?: any, end?: any, error?: Error}} */ ({}));
+  useEffect(() => {
+    let timer = 0;
+    let left = false;
+    const look = async () => {
+      try {
+        const run = await get(url`/live/${params.unit}/${params.run}`);
+        if (left) return;
+        setSeen({ run, end: run.ended });
+        if (!run.ended || run.ended.analysing || run.ended.units.some(({ analysed }) => !analysed)) timer = setTimeout(look, LOOK_MS);
+      } catch (error) {
+        if (!left) setSeen((before) => (before.end ? before : { error }));
+        if (!left) timer = setTimeout(look, LOOK_MS);
+      }
+    };
+    look();
+    return () => {
+      left = true;
+      clearTimeout(timer);
+    };
+  }, [wanted, told?.analysing]);
+  const end = told && (!seen.end || (seen.end.analysing && !told.analysing)) ? told : seen.end ?? told;
+  return { run: seen.run ?? told, end, error: seen.error };
+}
+
+export default function Verdict({ params }) {
+  const { run, end, error } = useEnd(params);
+  useEffect(() => {
+    if (run?.condition && run.condition !== "ended" && !end) navigate(`/live/${params.unit}/${params.run}`, { replace: true });
+  }, [run?.condition, !end]);
+  if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
+  const units = end.units?.length ? end.units : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
+  const words = units.map((unit) => judged(end, unit));
+  const word = worst(words);
+  const fault = end.state !== "done";
+  return html`<article class=${`verdict tone-${toneOf(word)}`}>
+    <${Word} word=${word} />
+    <div class="verdict-about">
+      <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}</p>
+      <p class="verdict-sentence">${t(`verdict.${word}.sentence`)}</p>
+      ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
+      ${["fail", "marginal", "invalid"].includes(word) && html`<${Reasons} unit=${units[words.indexOf(word)]} />`}
+      ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail" lang="en">${units[0].sentence}</p>`}
+      <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end))}</p></section>
+      <${Ways} units=${units} />
+    </div>
+  </article>`;
+}
+
+/** What to do; whoever cannot be sure of the safe state goes to the chamber first. */
+const next = (word, end) =>
+  end.state !== "done" && (end.safe === false || (end.state === "failed" && !end.safe)) ? "verdict.equipment_failed.next_unsafe" : `verdict.${word}.next`;
+
+function Word({ word }) {
+  const heading = useRef(null);
+  useEffect(() => heading.current.focus({ preventScroll: true }), [word]);
+  const letters = [...t(`verdict.${word}`)].reduce((sum, letter) => sum + (letter.codePointAt(0) > 0x2e80 ? 1.6 : 1), 0);
+  return html`<header class="verdict-word" ref=${(element) => element?.style.setProperty("--letters", letters)}>
+    ${word === "analysing" ? html`<span class="spinner"></span>` : html`<${Shape} tone=${toneOf(word)} />`}
+    <h1 tabindex="-1" ref=${heading} aria-live="assertive">${t(`verdict.${word}`)}</h1>
+  </header>`;
+}
+
+/** The workbench looks at one unit at a time. */
+const workbench = ({ run }) => `/workbench?run=${encodeURIComponent(run)}`;
+
+const Units = ({ units, words }) => html`<ul class="verdict-units">
+  ${units.map((unit, index) => html`<li key=${unit.unit} class=${`tone-${toneOf(words[index])}`}>
+    <${Shape} tone=${toneOf(words[index])} /><div><b class="mono">${unit.unit}</b><strong>${t(`verdict.${words[index]}`)}</strong>
+      ${unit.sentence && html`<span class="soft small" lang="en">${unit.sentence}</span>`}
+      ${unit.run && unit.analysed && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>
+        <a class="small" href=${workbench(unit)}>${t("verdict.workbench")}</a>`}</div>
+  </li>`)}
+</ul>`;
+
+/** Why the limits say so: what forbids a judgement, and each quantity that is not clearly inside. */
+function Reasons({ unit }) {
+  const [limits, setLimits] = useState(null);
+  useEffect(() => {
+    const [serial, folder] = unit.run.split("/");
+    get(url`/runs/${serial}/${folder}`).then((run) => setLimits(run.limits), () => setLimits(null));
+  }, [unit.run]);
+  if (!limits) return null;
+  const off = (limits.results ?? []).filter(({ verdict }) => verdict === limits.verdict);
+  return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.reasons")}>
+    ${(limits.refusals ?? []).map((text) => html`<li key=${text} lang="en"><span class="tone-bad"><${Shape} tone="bad" /></span><span>${text}</span></li>`)}
+    ${off.map((result) => html`<li key=${result.name}><span class=${`tone-${toneOf(result.verdict.toLowerCase())}`}><${Shape} tone=${toneOf(result.verdict.toLowerCase())} /></span>
+      <span class="figures">${allowed(result)}</span></li>`)}
+  </ul>`;
+}
+
+function allowed({ name, value, unit, lower, upper, reason }) {
+  const told = { what: or(`quantity.${name}`, name.replaceAll("_", " ")), value: number(value), unit: unit === "1" ? "" : unit.replace("deg/h", t("unit.dph")) };
+  const sides = [lower, upper].map((side) => side !== null && side !== undefined);
+  if (reason) return html`<span>${told.what}: <span lang="en">${reason}</span></span>`;
+  const key = sides[0] && sides[1] ? "between" : sides[0] ? "least" : "most";
+  return t(`verdict.limit.${key}`, { ...told, lower: number(lower), upper: number(upper) });
+}
+
+/** What happened and what the bench did, as it stands in the run's events. */
+function Fault({ end }) {
+  const steps = end.safe_state ?? [];
+  const who = /^aborted by (.+)$/.exec(end.cause ?? "")?.[1];
+  const safe = end.safe === true ? "good" : end.safe === false ? "bad" : "warn";
+  return html`<div class="fault">
+    <section><h2>${t("fault.happened")}</h2>
+      ${who ? html`<p>${t("fault.aborted_by", { who })}</p>` : html`<p lang="en">${end.cause || t("fault.unknown")}</p>`}</section>
+    <section><h2>${t("fault.did")}</h2>
+      <p><${Lamp} tone=${safe}>${t(`fault.safe.${safe}`)}<//></p>
+      ${steps.length > 0 && html`<details><summary>${t("fault.steps", { n: steps.length })}</summary><ul class="findings" lang="en">
+        ${steps.map(({ text, ok }) => html`<li key=${text}><span class=${`tone-${ok ? "good" : "bad"}`}><${Shape} tone=${ok ? "good" : "bad"} /></span><span>${text}</span></li>`)}
+      </ul></details>`}
+    </section>
+  </div>`;
+}
+
+function Ways({ units }) {
+  const one = units[0];
+  const written = one.analysed && one.run;
+  return html`<div class="verdict-ways">
+    ${may("operator") && html`<a class="button primary" href="/">${t("verdict.next_unit")}</a>`}
+    ${written && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
+    ${written && units.length === 1 && html`<a class="button" href=${workbench(one)}>${t("verdict.workbench")}</a>`}
+    ${units.length === 1 && html`<a class="button" href=${`/units/${encodeURIComponent(one.unit)}`}>${t("verdict.unit")}</a>`}
+  </div>`;
+}

@@ -1,0 +1,150 @@
+// The engineer's workbench: choose a run, see where the model fails, what is missing, add it, watch the error fall.
+import { html, t, api, number, useEffect, useRef, useState, unitOf } from "./parts.js";
+import { Chooser } from "./chooser.js";
+import { Chosen } from "./chosen.js";
+import { Compare } from "./compare.js";
+import { NextExperiment } from "./experiment.js";
+import { Ladder } from "./ladder.js";
+import { ModelPanel } from "./model.js";
+import { Pictures } from "./pictures.js";
+import { companions, known, likelyRole, useJob, useSession } from "./session.js";
+import { Suspects } from "./suspects.js";
+
+/** Body of an analysis of one model. */
+const analysisOf = (runs, model) => ({ ...runs, models: [model] });
+
+/** A rung of the ladder out of an analysis, or null while it is not there. */
+function rungOf(step, runs) {
+  const found = known("/analyses", analysisOf(runs, step.model))?.models[0];
+  return found ? { label: step.label, inSample: found.rms_dph, heldOut: found.held_out_rms_dph, heldOutBy: found.held_out_by } : null;
+}
+
+const WHERE = () => ({
+  check: t("workbench.ladder.by_check"),
+  blocks: t("workbench.ladder.by_blocks"),
+  segments: t("workbench.ladder.by_segments"),
+  soaks: t("workbench.ladder.by_blocks"),
+});
+
+function Tile({ value, floor, title, mark, hint, where }) {
+  return html`<div class="wb-tile"><span class="wb-tile-what"><span class=${`wb-mark wb-mark-${mark}`} aria-hidden="true"></span>${title}</span>
+    <b>${number(value)}</b>
+    <span class="wb-soft">${hint ?? (value && floor ? t("workbench.ladder.times_floor", { ratio: number(value / floor, 3) }) : "")}</span>
+    ${where && html`<span class="wb-soft">${where}</span>`}</div>`;
+}
+
+/** The error of each part of the run, as multiples of the floor. */
+function BySegment({ segments }) {
+  if (!segments?.length) return null;
+  const most = Math.max(1, ...segments.map((one) => one.floor_ratio ?? 0));
+  return html`<details class="wb-segments"><summary>${t("workbench.ladder.segments")}</summary>
+    <ul>${segments.map((one, i) => html`<li key=${i}><span>${one.name}</span>
+      <span class="wb-bar" aria-hidden="true"><span class="wb-fill" style=${{ width: `${(100 * (one.floor_ratio ?? 0)) / most}%` }}></span></span>
+      <b>${number(one.floor_ratio, 2)} ×</b></li>`)}</ul></details>`;
+}
+
+/** How well the model does: numbers, ladder, undo. */
+function Standing({ session, analysis, floor }) {
+  const { steps, runs, act } = session;
+  const rungs = steps.map((step) => rungOf(step, runs)).filter(Boolean);
+  const last = rungs[rungs.length - 1];
+  return html`<section class="wb-card wb-standing" aria-labelledby="wb-ladder-title" aria-busy=${analysis.running ? "true" : "false"}>
+    <div class="wb-card-head"><h2 id="wb-ladder-title">${t("workbench.ladder.title")}</h2>
+      ${steps.length > 1 && html`<button type="button" class="narrow" onClick=${() => act({ type: "undo" })}>↶ ${t("workbench.model.undo")}</button>`}</div>
+    ${analysis.failed && html`<p class="wb-bad" role="alert">${analysis.failed}</p>`}
+    ${last && html`<div class="wb-tiles" role="status">
+      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${WHERE()[last.heldOutBy]} />
+      <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />
+      <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t("workbench.ladder.noise")} />
+    </div>`}
+    ${last && html`<${Ladder} rungs=${rungs} floor=${floor} name=${`${runs.runs[0]} ladder`} />`}
+    <${BySegment} segments=${analysis.result?.models[0].segments} />
+    ${analysis.running && html`<p class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.analysis.running")}</p>`}
+  </section>`;
+}
+
+/** Bring a part into sight where it is not: what a click has changed must be seen to change. */
+const show = (part) => part.current?.scrollIntoView({ block: "nearest", behavior: "smooth" });
+
+function Bench({ session }) {
+  const { runs, model, steps, act } = session;
+  const [picked, setPicked] = useState(null);
+  const analysis = useJob("/analyses", analysisOf(runs, model));
+  const diagnosis = useJob("/diagnoses", { ...runs, model });
+  const floor = (analysis.result ?? analysis.stale)?.floor_dph ?? null;
+  // A picture belongs to the diagnosis that it came with.
+  const shown = picked && picked.of === diagnosis.result ? picked : null;
+  const [standing, pictures] = [useRef(null), useRef(null)];
+  const add = (suspect) => {
+    setPicked(null);
+    act({ type: "add", effect: suspect.add ?? { effect: suspect.effect, ...suspect.options } });
+    show(standing);
+  };
+  const pick = (picture) => {
+    setPicked(picture && { ...picture, of: diagnosis.result });
+    if (picture) show(pictures);
+  };
+  return html`<div class="wb-bench">
+    <div class="wb-side">
+      <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} /></div>
+      <section class="wb-card" aria-labelledby="wb-missing-title"><h2 id="wb-missing-title">${t("workbench.diagnosis.title")}</h2>
+        <${Suspects} found=${diagnosis.result} failed=${diagnosis.failed} busy=${analysis.running} picked=${shown?.id} onAdd=${add} onPicture=${pick} />
+      </section>
+      <${NextExperiment} next=${diagnosis.result?.next_experiment} unit=${unitOf(runs.runs[0])} />
+    </div>
+    <div class="wb-main">
+      <div ref=${pictures}><${Pictures} runs=${runs} model=${model} picked=${shown} onPickedOff=${() => setPicked(null)} /></div>
+      <${ModelPanel} model=${model} fitted=${analysis.result?.models[0]} steps=${steps} busy=${analysis.running} act=${act} />
+    </div>
+  </div>`;
+}
+
+/** Runs that the address names, so that a link or a reload shows the same. */
+const addressed = () => {
+  const asked = new URLSearchParams(location.search);
+  return ["fit", "check", "static"].flatMap((role) => asked.getAll(role === "fit" ? "run" : role).map((run) => ({ run, role, unit: unitOf(run) })));
+};
+
+function remember(chosen) {
+  const asked = new URLSearchParams(chosen.map((one) => [one.role === "fit" ? "run" : one.role, one.run]));
+  const address = `${location.pathname}${chosen.length ? `?${asked}` : ""}`;
+  if (address !== location.pathname + location.search) history.replaceState(history.state, "", address);
+}
+
+export function Page() {
+  const session = useSession();
+  const { chosen, act } = session;
+  const [mode, setMode] = useState("bench");
+  useEffect(() => {
+    const runs = addressed();
+    if (runs.length === 1) begin(runs[0]);
+    else if (runs.length) act({ type: "choose", runs });
+  }, []);
+  useEffect(() => remember(chosen), [chosen]);
+  const begin = async (row) => {
+    const own = { ...row, role: "fit" };
+    // What belongs to the run is looked up first: fitting it once alone and then with its check run would be work twice.
+    const near = await api.get(`/runs${api.query({ unit: row.unit, limit: 200 })}`)
+      .then((found) => companions(found.runs.find((one) => one.run === row.run) ?? row, found.runs), () => []);
+    act({ type: "choose", runs: [own, ...near] });
+    setMode("bench");
+  };
+  const take = (row) => {
+    act({ type: "take", run: { ...row, role: likelyRole(row, chosen) } });
+    setMode("bench");
+  };
+  const adding = mode === "add" && chosen.length > 0;
+  const choosing = !chosen.length || mode === "other" || adding;
+  const taken = new Set(chosen.map((one) => one.run));
+  return html`<div class="wb">
+    <h1 class=${choosing ? "" : "unseen"}>${t("workbench.title")}</h1>
+    ${choosing && !adding && html`<p class="wb-lead">${t("workbench.lead")}</p>`}
+    ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
+    ${choosing && html`<div class="wb-card"><${Chooser} taken=${taken} onChoose=${adding ? take : begin} label=${adding ? t("workbench.chooser.add") : null} />
+      ${chosen.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => setMode("bench")}>${t("workbench.chooser.back")}</button></p>`}</div>`}
+    ${!choosing && mode === "compare" && html`<${Compare} a=${chosen[0].run} onClose=${() => setMode("bench")} />`}
+    ${!choosing && mode !== "compare" && (session.runs ? html`<${Bench} session=${session} />` : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
+  </div>`;
+}
+
+export default Page;

@@ -1,0 +1,68 @@
+// The model in hand: its effects one by one, another one to begin with, a name to keep it by.
+import { html, t, api, measured, useEffect, useState } from "./parts.js";
+import { effectWord } from "./effects.js";
+import { OwnTerm } from "./term.js";
+
+const optionsOf = ({ effect: _, ...options }) => Object.entries(options).map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`).join(", ");
+
+/** Models out of the library, fetched once; `again()` after one was saved. */
+function useModels() {
+  const [models, setModels] = useState([]);
+  const again = () => api.get("/models").then((found) => setModels(found.models.filter((one) => one.model)), () => setModels([]));
+  useEffect(() => void again(), []);
+  return { models, again };
+}
+
+function Save({ model, onSaved }) {
+  const [name, setName] = useState("");
+  const [told, setTold] = useState(null);
+  const save = async (event) => {
+    event.preventDefault();
+    try {
+      await api.post("/models", { name, model: { ...model, name } });
+      setTold({ good: true, text: t("workbench.model.saved", { name }) });
+      onSaved();
+    } catch (error) {
+      setTold({ good: false, text: error.message });
+    }
+  };
+  return html`<form class="wb-save" onSubmit=${save}>
+    <label for="wb-model-name">${t("workbench.model.save_as")}</label>
+    <div class="wb-field">
+      <input id="wb-model-name" type="text" value=${name} placeholder="my_model" spellcheck=${false} autocomplete="off" onInput=${(event) => setName(event.target.value)} />
+      <button type="submit" class="narrow" disabled=${!name.trim()}>${t("workbench.model.save")}</button>
+    </div>
+    <p role="status" class=${told?.good ? "wb-good" : "wb-bad"}>${told ? `${told.good ? "✓" : "✕"} ${told.text}` : ""}</p>
+  </form>`;
+}
+
+/** Parameters that were searched for, of one effect of the fit. */
+function Found({ fitted, effect }) {
+  const own = (fitted?.parameters ?? []).filter(({ key }) => key.split(".")[0].replace(/_\d+$/, "") === effect);
+  return own.map((one) => html`<span key=${one.key} class="wb-parameter"><code>${one.key.split(".")[1]}</code> ${measured(one)}${
+    one.at_bound ? html` <span class="wb-warn">${t("workbench.suspect.at_bound")}</span>` : null}</span>`);
+}
+
+/** `steps` are the models so far, the last one in hand; `fitted` its scores; `act` changes it. */
+export function ModelPanel({ model, fitted, steps, busy, act }) {
+  const { models, again } = useModels();
+  const choose = (event) => {
+    const found = models.find((one) => one.name === event.target.value);
+    if (found) act({ type: "model", model: { ...found.model, name: found.name } });
+  };
+  return html`<section class="wb-card wb-model" aria-labelledby="wb-model-title">
+    <div class="wb-card-head"><h2 id="wb-model-title">${t("workbench.model.title")}</h2>
+      <label class="wb-inline">${t("workbench.model.begin")}
+        <select value=${steps[0].model.name} onChange=${choose}>
+          ${models.every((one) => one.name !== steps[0].model.name) && html`<option value=${steps[0].model.name}>${steps[0].model.name}</option>`}
+          ${models.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === steps[0].model.name}>${one.name}</option>`)}
+        </select></label></div>
+    <ol class="wb-effects">${model.effects.map((effect, i) => html`<li key=${`${i} ${effect.effect}`}>
+      <span>${effectWord(effect.effect)} <code>${effect.effect}</code> <span class="wb-soft">${optionsOf(effect)}</span> <${Found} fitted=${fitted} effect=${effect.effect} /></span>
+      ${model.effects.length > 1 && html`<button type="button" class="wb-x" disabled=${busy} aria-label=${t("workbench.model.remove", { effect: effectWord(effect.effect) })}
+        onClick=${() => act({ type: "remove", index: i })}>×</button>`}
+    </li>`)}</ol>
+    <${OwnTerm} busy=${busy} onAdd=${(effect) => act({ type: "add", effect })} />
+    <${Save} model=${model} onSaved=${again} />
+  </section>`;
+}

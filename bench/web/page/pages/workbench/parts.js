@@ -1,0 +1,25 @@
+// What every part of the workbench uses: preact, words, the API, numbers as people read them.
+export { html, useEffect, useLayoutEffect, useMemo, useReducer, useRef, useState } from "../../lib/preact.js";
+import { duration, language, moment, or, t } from "../../lib/words.js";
+import * as api from "../../lib/api.js";
+export { api, duration, moment, or, t };
+
+/** A number in a few significant digits, or a dash where there is none. */
+export const number = (value, digits = 3) =>
+  value === null || value === undefined || !Number.isFinite(value) ? "–"
+    : new Intl.NumberFormat(language.get(), {
+      maximumSignificantDigits: digits, minimumSignificantDigits: Number.isInteger(value) ? 1 : digits, useGrouping: Math.abs(value) >= 1e4,
+    }).format(value).replace("-", "−");
+
+/** "8.6 ± 1.2 s": as many digits as the uncertainty allows. */
+export function measured({ value, std, unit }) {
+  if (value === null || value === undefined) return "–";
+  if (!std || !Number.isFinite(std)) return `${number(value, 4)} ${unit ?? ""}`.trim();
+  const digits = Math.max(0, 1 - Math.floor(Math.log10(std)));
+  const written = digits > 6 ? [value.toExponential(2), std.toExponential(1)] : [value.toFixed(digits), std.toFixed(digits)];
+  return `${written[0].replace("-", "−")} ± ${written[1]} ${unit ?? ""}`.trim();
+}
+
+/** Folder of a run without its time stamp: what a person calls it. */
+export const runName = (run) => run.split("/").pop().replace(/^\d{8}T\d{6}Z_/, "");
+export const unitOf = (run) => run.split("/")[0];
