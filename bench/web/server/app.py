@@ -19,7 +19,6 @@ from bench.web.plans import checking, plans
 from bench.web.server.gate import Gate
 from bench.web.server.pages import add_pages
 from bench.web.shelf import fleet, runs, units
-from bench.web.shelf.indexing import Index
 from bench.web.shelf.stock import Stock
 from bench.web.workbench import analyses, diagnoses, figures, models
 
@@ -68,7 +67,6 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.state.settings = settings
     app.state.access = Access(settings)
-    app.state.index = Index(settings.out, settings.own)
     app.state.stock = Stock(settings.out)
     add_problems(app)
     for router in OPEN:

@@ -20,7 +20,7 @@ from bench.acquisition import LIVE
 from bench.record import RunFolder
 from bench.web.ground.policy import REPORT
 from bench.web.live import story
-from bench.web.shelf.indexing import RunEntry, index_of, ordered
+from bench.web.shelf.indexing import Index, RunEntry, index_of, ordered
 
 _MOST_EVENTS = 2000
 _BATCH_ROWS = 4096
@@ -31,7 +31,8 @@ router = APIRouter(tags=["runs"])
 
 @contextlib.asynccontextmanager
 async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-    """Read the list while nobody asks for it yet: the first time it takes seconds for ten thousand runs."""
+    """Read the list before the first request: the first time it takes seconds for ten thousand runs."""
+    app.state.index = Index(app.state.settings.out, app.state.settings.own)
     threading.Thread(target=app.state.index.entries, name="index", daemon=True).start()
     yield
 
