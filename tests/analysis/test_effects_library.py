@@ -233,5 +233,5 @@ def test_frequency_is_a_term_or_a_thermometer():
 def test_a_frequency_that_turns_back_is_refused_as_a_thermometer():
     data = ramp(0.2)
     folded = data.with_channel("frequency", 14000.0 - 0.001 * (data.channel("temperature") - 50.0) ** 2)
-    with pytest.raises(InputError, match="no thermometer"):
+    with pytest.raises(InputError, match="cannot serve as a thermometer"):
         effects.make("resonance_frequency", {"use": "thermometer"}).prepare([folded])

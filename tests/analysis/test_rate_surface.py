@@ -42,7 +42,7 @@ def experiment(seed: int = 0, noise: float = 0.0):
 
 
 def test_the_order_of_the_coefficients_is_by_total_degree():
-    assert surface_powers(5)[:6] == [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]
+    assert surface_powers(5)[:6] == ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
     assert len(surface_powers(5)) == 21
     assert surface_powers(5)[20] == (0, 5)
 
