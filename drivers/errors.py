@@ -15,17 +15,26 @@ from __future__ import annotations
 class DriverError(Exception):
     """Base of all errors that equipment drivers raise."""
 
+    exit_code = 4
+    """Of a program that ends with it: 2 where a file or value is to be mended, 4 where equipment failed."""
+
 
 class ConfigError(DriverError):
     """A description of equipment (register map, DBC, station entry) cannot be used."""
+
+    exit_code = 2
 
 
 class LimitError(DriverError):
     """A value outside the limits; raised before anything is sent, nothing is clipped."""
 
+    exit_code = 2
+
 
 class IdentityError(DriverError):
     """The equipment that answered is not the one that the station describes."""
+
+    exit_code = 2
 
 
 class LinkError(DriverError):

@@ -45,6 +45,8 @@ class Document:
     file: str
     content: Any
     lines: Mapping[Place, int]
+    text: str = ""
+    """As it was read, so that what is recorded is what was understood."""
 
     def line(self, path: Place) -> int:
         """Line (from 1) of the value at `path`, or of the nearest thing around it."""
@@ -134,7 +136,7 @@ def parse(text: str, file: Path | str) -> Document:
         if node is None:
             raise YamlError("is empty")
         builder = _Builder()
-        return Document(str(file), builder.build(node), builder.lines)
+        return Document(str(file), builder.build(node), builder.lines, text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         raise YamlError(f"not YAML: {error.problem}", mark.line + 1 if mark else None) from None

@@ -12,6 +12,7 @@ from .importer.tables import Table as Table
 from .importer.tables import read_table as read_table
 from .importer.tables import table_of as table_of
 from .importer.units import examples as examples
+from .profile.preflight import Finding as Finding
 from .profile.preflight import Recording as Recording
 from .profile.preflight import check_profile as check_profile
 from .profile.preflight import profile_picture as profile_picture
@@ -43,13 +44,16 @@ from .run.runner import Job as Job
 from .run.runner import RunResult as RunResult
 from .run.runner import UnitResult as UnitResult
 from .run.runner import run_job as run_job
+from .run.status import SegmentResult as SegmentResult
 from .run.status import Status as Status
 from .run.wiring import Continue as Continue
 from .run.wiring import Decider as Decider
 from .run.wiring import Stop as Stop
+from .station.doctor import Examination as Examination
 from .station.doctor import examine as examine
 from .station.memory import Compensated as Compensated
 from .station.memory import open_alone as open_alone
+from .station.serve import Served as Served
 from .station.serve import keep_running as keep_running
 from .station.serve import serve_station as serve_station
 from .station.serve import until_signal as until_signal

@@ -14,6 +14,7 @@ from .diagnosis.every_sample import compare_every_sample as compare_every_sample
 from .diagnosis.every_sample import of_seconds as of_seconds
 from .diagnosis.experiment import Proposal as Proposal
 from .diagnosis.experiment import next_experiment as next_experiment
+from .diagnosis.improve import Improvement as Improvement
 from .diagnosis.improve import add_effect as add_effect
 from .diagnosis.improve import improve as improve
 from .diagnosis.sentences import made_from as made_from
@@ -23,7 +24,7 @@ from .effects.base import Physical as Physical
 from .effects.base import Scale as Scale
 from .effects.base import Theta as Theta
 from .effects.base import options_of as options_of
-from .effects.catalogue import Entry as Entry
+from .effects.catalogue import CatalogueEntry as CatalogueEntry
 from .effects.catalogue import catalogue as catalogue
 from .effects.catalogue import entry as entry
 from .effects.expression import Expression as Expression
@@ -36,6 +37,7 @@ from .effects.registry import doc as doc
 from .effects.registry import effect_names as effect_names
 from .effects.registry import load_effect as load_effect
 from .effects.registry import make as make
+from .effects.signature import Signature as Signature
 from .effects.signature import signature as signature
 from .fit.every_sample import SampledRun as SampledRun
 from .fit.fitting import Coefficient as Coefficient

@@ -58,9 +58,9 @@ def check(profile: str | Path, station: str | Path | None = None) -> dict[str, A
     `duration_s` [s] and `segments` are those of a rehearsal on the chamber's model, `disk_bytes` what a run will need,
     `findings` what is doubtful. Raises InputError where the station cannot run the profile.
     """
-    from bench.commands import check_command
+    from bench.commands import check as rehearse
 
-    return check_command(Path(profile), _path(station)).content
+    return rehearse(Path(profile), _path(station)).to_json()
 
 
 def _path(file: str | Path | None) -> Path | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, Union
 
-from bench.analysis import Effect, Entry, Model
+from bench.analysis import CatalogueEntry, Effect, Model
 from bench.base import CHANNELS, Channel, InputError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def add(effect: str | Effect, model: ModelLike, **options: object) -> Model:
     return base.adding(effect)
 
 
-def effects() -> tuple[Entry, ...]:
+def effects() -> tuple[CatalogueEntry, ...]:
     """The catalogue of effects: name, family, summary, channels that it needs, parameters, options, documentation.
 
     >>> import bench

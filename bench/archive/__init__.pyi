@@ -1,5 +1,5 @@
 from .difference.differing import difference_of as difference_of
-from .difference.differing import lines as lines
+from .difference.results import BEYOND_CHANCE as BEYOND_CHANCE
 from .fleet.board import drawn as drawn
 from .fleet.board import overview as overview
 from .fleet.board import safe_csv as safe_csv
@@ -38,6 +38,7 @@ from .registry.ledger import is_archive as is_archive
 from .registry.opening import FILE as FILE
 from .registry.opening import Registry as Registry
 from .registry.opening import open_registry as open_registry
+from .registry.rebuild import Rebuilt as Rebuilt
 from .registry.rebuild import rebuild as rebuild
 from .registry.writing import register as register
 from .registry.writing import tell as tell

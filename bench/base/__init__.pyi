@@ -9,7 +9,6 @@ from .config import STRICT as STRICT
 from .config import PlacedError as PlacedError
 from .config import export_schema as export_schema
 from .config import load_config as load_config
-from .config import nearest as nearest
 from .digits import clock as clock
 from .digits import finite as finite
 from .digits import in_print as in_print
@@ -22,6 +21,9 @@ from .errors import EquipmentError as EquipmentError
 from .errors import InputError as InputError
 from .errors import RunAborted as RunAborted
 from .shipped import library as library
+from .spelling import closest as closest
+from .spelling import nearest as nearest
+from .spelling import nearest_or_all as nearest_or_all
 from .versions import __version__ as __version__
 from .versions import package_versions as package_versions
 from .yaml12 import Document as Document

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import re
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from bench.base.errors import InputError
+from bench.base.spelling import nearest
 from bench.base.yaml12 import Document, Place, dump, parse_yaml, read_text, read_yaml
 
 __all__ = [
@@ -176,14 +175,6 @@ def _spell(path: Place) -> str:
 def _kind(value: Any) -> str:
     names = {dict: "keys and values", list: "a list", str: "text", bool: "true or false", type(None): "nothing"}
     return names.get(type(value), "a number")
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """`; did you mean 'x'?`, or nothing when no known word is near."""
-    known = list(known)
-    longer = [name for name in known if len(word) > 2 and name.startswith(word.lower())]
-    close = longer or difflib.get_close_matches(word.lower(), known, 1, 0.5)
-    return f"; did you mean '{close[0]}'?" if close else ""
 
 
 def json_schema(model: type[BaseModel], title: str | None = None) -> dict[str, Any]:

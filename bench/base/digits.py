@@ -7,9 +7,11 @@ from datetime import UTC, datetime
 from math import floor, isfinite, log10
 
 
-def finite(value: float) -> float | None:
-    """The number, for JSON and for what leaves a gap; None where it does not exist."""
-    return float(value) if isfinite(value) else None
+def finite(value: float, decimals: int | None = None) -> float | None:
+    """The number (to so many decimals), for JSON and for what leaves a gap; None where it does not exist."""
+    if not isfinite(value):
+        return None
+    return float(value) if decimals is None else round(float(value), decimals)
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -9,31 +9,29 @@ import click
 
 from bench.cli.options import (
     answers,
-    check_option,
     effect_option,
-    json_option,
     limits_option,
     model_argument,
     model_option,
     out_option,
+    path_argument,
+    path_option,
     registers,
-    registry_option,
+    run_argument,
     runs_argument,
-    static_option,
+    unseen_options,
 )
 
 if TYPE_CHECKING:
-    from bench.commands import Answer
+    from bench.commands import Result
 
 
 @click.command()
 @runs_argument
 @model_option
 @effect_option
-@check_option
-@static_option
+@unseen_options
 @click.option("--every-sample", is_flag=True, help="Fit every sample, in one pass over the run, instead of its means.")
-@json_option
 @answers
 def compare(
     runs: tuple[Path, ...],
@@ -41,29 +39,25 @@ def compare(
     check_runs: tuple[Path, ...],
     static: Path | None,
     every_sample: bool,
-) -> Answer:
+) -> Result:
     """Model against measurement: in-sample and held-out error beside the noise floor, models side by side."""
     from bench import commands
 
-    if every_sample:
-        return commands.compare_every_sample(runs, models, check_runs, static)
-    return commands.compare(runs, models, check_runs, static)
+    compare = commands.compare_every_sample if every_sample else commands.compare
+    return compare(runs, models, check_runs, static)
 
 
 @click.command()
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@run_argument
 @model_option
 @effect_option
-@check_option
-@static_option
+@unseen_options
 @limits_option
-@registry_option
-@json_option
 @answers
 @registers(begin=False)
 def report(
     run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ...], static: Path | None, limits: Path | None
-) -> Answer:
+) -> Result:
     """Analyse RUN again and write its report; a killed run is recovered from its journals first.
 
     Its diagnosis is made anew with the --static and --check runs given, and saved as diagnosis.json; one that was made
@@ -77,11 +71,10 @@ def report(
 @click.command()
 @runs_argument
 @click.option("--model", "models", multiple=True, help="Model of its analysis that the run does not keep; repeatable.")
-@click.option("--with", "others", multiple=True, type=click.Path(path_type=Path), help="Further run of its analysis.")
+@path_option("--with", "others", multiple=True, help="Further run of its analysis.")
 @effect_option
-@json_option
 @answers
-def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, ...]) -> Answer:
+def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, ...]) -> Result:
     """Make the numbers of each RUN again from its raw frames; exit code 1 where a bit differs, and what it is."""
     from bench import commands
 
@@ -89,12 +82,11 @@ def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, 
 
 
 @click.command()
-@click.argument("a", metavar="A", type=click.Path(path_type=Path))
-@click.argument("b", metavar="B", type=click.Path(path_type=Path))
+@path_argument("a", metavar="A")
+@path_argument("b", metavar="B")
 @effect_option
-@json_option
 @answers
-def diff(a: Path, b: Path) -> Answer:
+def diff(a: Path, b: Path) -> Result:
     """What differs between the runs A and B, of one unit or of two: settings, coefficients, residuals, curves."""
     from bench import commands
 
@@ -102,17 +94,15 @@ def diff(a: Path, b: Path) -> Answer:
 
 
 @click.command("import")
-@click.argument("file", type=click.Path(path_type=Path))
-@click.option("--columns", type=click.Path(path_type=Path), help="Column map (YAML): which column, which unit.")
+@path_argument("file")
+@path_option("--columns", help="Column map (YAML): which column, which unit.")
 @click.option("--unit", "serial", default="unknown", show_default=True, help="Serial number of the unit.")
-@click.option("--dbc", type=click.Path(path_type=Path), help="Layout of a CAN log (BLF, ASC).")
+@path_option("--dbc", help="Layout of a CAN log (BLF, ASC).")
 @click.option("--preview", is_flag=True, help="Only say what was understood; write nothing.")
 @out_option
-@registry_option
-@json_option
 @answers
 @registers(begin=True)
-def import_(file: Path, serial: str, out: Path, columns: Path | None, dbc: Path | None, preview: bool) -> Answer:
+def import_(file: Path, serial: str, out: Path, columns: Path | None, dbc: Path | None, preview: bool) -> Result:
     """Make a run folder of somebody else's FILE: CSV, Parquet, MF4, BLF or ASC."""
     from bench import commands
 
@@ -122,11 +112,9 @@ def import_(file: Path, serial: str, out: Path, columns: Path | None, dbc: Path 
 @click.command()
 @runs_argument
 @model_argument
-@check_option
-@static_option
-@click.option("--plan", type=click.Path(path_type=Path), help="Where to write the profile that would separate a tie.")
+@unseen_options
+@path_option("--plan", help="Where to write the profile that would separate a tie.")
 @effect_option
-@json_option
 @answers
 def diagnose(
     runs: tuple[Path, ...],
@@ -134,7 +122,7 @@ def diagnose(
     static: Path | None,
     model: str,
     plan: Path | None,
-) -> Answer:
+) -> Result:
     """Where the model fails, which physical effect is missing, and which experiment would tell."""
     from bench import commands
 
@@ -144,11 +132,10 @@ def diagnose(
 @click.command()
 @click.argument("effect")
 @model_argument
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="The new model file.")
+@path_option("--out", required=True, help="The new model file.")
 @effect_option
-@json_option
 @answers
-def add(effect: str, model: str, out: Path) -> Answer:
+def add(effect: str, model: str, out: Path) -> Result:
     """Write a model with one more EFFECT; then `bench compare` shows whether the error falls."""
     from bench import commands
 
@@ -159,9 +146,8 @@ def add(effect: str, model: str, out: Path) -> Answer:
 @click.argument("action", type=click.Choice(["list", "show"]), default="list")
 @click.argument("name", required=False)
 @effect_option
-@json_option
 @answers
-def effects(action: str, name: str | None) -> Answer:
+def effects(action: str, name: str | None) -> Result:
     """The catalogue of physical effects; `show NAME` explains and draws one."""
     from bench import commands
 
@@ -173,11 +159,9 @@ def effects(action: str, name: str | None) -> Answer:
 @click.command()
 @runs_argument
 @model_argument
-@check_option
-@static_option
-@click.option("--out", type=click.Path(path_type=Path), help="Write the model that the walk ends with.")
+@unseen_options
+@path_option("--out", help="Write the model that the walk ends with.")
 @effect_option
-@json_option
 @answers
 def improve(
     runs: tuple[Path, ...],
@@ -185,7 +169,7 @@ def improve(
     static: Path | None,
     model: str,
     out: Path | None,
-) -> Answer:
+) -> Result:
     """The whole walk unattended: diagnose, add, prove on unseen data, until nothing more pays."""
     from bench import commands
 
@@ -195,10 +179,9 @@ def improve(
 @click.command()
 @click.option("--seed", type=click.IntRange(0), help="Same seed, same unit; default: a random one.")
 @click.option("--effects", "count", type=click.IntRange(1), default=1, show_default=True, help="How many are hidden.")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("mystery"), show_default=True, help="Its folder.")
-@json_option
+@path_option("--out", default=Path("mystery"), show_default=True, help="Its folder.")
 @answers
-def mystery(seed: int | None, count: int, out: Path) -> Answer:
+def mystery(seed: int | None, count: int, out: Path) -> Result:
     """Record a simulated unit with hidden effects, a check run and an isothermal run, and tell nothing."""
     from bench import commands
 
@@ -206,12 +189,11 @@ def mystery(seed: int | None, count: int, out: Path) -> Answer:
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@path_argument("folder")
 @model_argument
 @effect_option
-@json_option
 @answers
-def reveal(folder: Path, model: str) -> Answer:
+def reveal(folder: Path, model: str) -> Result:
     """Open the envelope of a mystery in FOLDER and score your model against the truth."""
     from bench import commands
 

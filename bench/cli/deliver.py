@@ -9,16 +9,18 @@ import click
 
 from bench.cli.options import (
     answers,
-    json_option,
     limits_option,
     out_option,
+    path_argument,
+    path_option,
+    quiet_option,
     registers,
-    registry_option,
+    run_argument,
     station_option,
 )
 
 if TYPE_CHECKING:
-    from bench.commands import Answer
+    from bench.commands import Result
 
 
 def _address(context: click.Context, parameter: click.Parameter, text: str) -> int:
@@ -33,7 +35,7 @@ def _address(context: click.Context, parameter: click.Parameter, text: str) -> i
 
 
 @click.command()
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@run_argument
 @click.option("--format", "format_", required=True, help="json, csv, c, hex, srec, eeprom or a2l.")
 @click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
 @click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
@@ -42,65 +44,60 @@ def _address(context: click.Context, parameter: click.Parameter, text: str) -> i
 @click.option("--name", default="calibration", show_default=True, help="Name of the files, and of the C functions.")
 @click.option("--address", default="0", callback=_address, help="Of the image in hex, srec and a2l, such as 0x8000.")
 @click.option("--force", is_flag=True, help="Deliver a calibration that must not be trusted; the answer says why.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the files; default: export in the run folder.")
-@json_option
+@path_option("--out", help="Folder of the files; default: export in the run folder.")
 @answers
-def export(run_folder: Path, format_: str, out: Path | None, **wishes: Any) -> Answer:
+def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> Result:
     """The calibration of RUN for its unit: C code, EEPROM image, hex files; worst error of each embedded form."""
     from bench import commands
     from bench.deliver import ExportOptions
 
-    return commands.export(run_folder, format_, ExportOptions(**wishes), out)
+    return commands.export(run_folder, format_, ExportOptions(**options), out)
 
 
 @click.command()
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.option("--verification", type=click.Path(path_type=Path), help="Independent run of the calibrated unit.")
+@run_argument
+@path_option("--verification", help="Independent run of the calibrated unit.")
 @limits_option
-@click.option("--equipment", type=click.Path(path_type=Path), help="Reference equipment with its due dates (YAML).")
-@click.option("--laboratory", type=click.Path(path_type=Path), help="Laboratory, customer, who signs (YAML).")
+@path_option("--equipment", help="Reference equipment with its due dates (YAML).")
+@path_option("--laboratory", help="Laboratory, customer, who signs (YAML).")
 @click.option("--issued", help="Day of issue, YYYY-MM-DD; default: today (UTC).")
-@click.option("--out", type=click.Path(path_type=Path), help="The PDF; default: certificate.pdf in the run folder.")
-@registry_option
-@json_option
+@path_option("--out", help="The PDF; default: certificate.pdf in the run folder.")
 @answers
 @registers(begin=False)
-def certificate(run_folder: Path, out: Path | None, **wishes: Any) -> Answer:
+def certificate(run_folder: Path, out: Path | None, **options: Any) -> Result:
     """Certificate of RUN as PDF, the same facts as JSON attached and beside it; refused where nothing is proven."""
     from bench import commands
 
-    return commands.certificate(run_folder, commands.CertificateOptions(**wishes), out)
+    return commands.certificate(run_folder, commands.CertificateOptions(**options), out)
 
 
 @click.command()
 @click.argument("unit")
-@click.option("--run", type=click.Path(path_type=Path), help="Take this run; default: the newest of the unit.")
-@click.option("--image", type=click.Path(path_type=Path), help="Write this image (docs/eeprom.md) as it is.")
+@path_option("--run", help="Take this run; default: the newest of the unit.")
+@path_option("--image", help="Write this image (docs/eeprom.md) as it is.")
 @click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
 @click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
 @click.option("--older", is_flag=True, help="Write a calibration that is older than the one in the unit.")
 @station_option
 @out_option
-@click.option("--quiet", is_flag=True, help="No progress display.")
-@json_option
+@quiet_option
 @answers
-def flash(unit: str, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
+def flash(unit: str, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
     """Write a calibration into UNIT: other bank, read back, CRC, switch, reset, read again; the old one stays whole."""
     from bench import commands
 
-    return commands.flash(unit, station, commands.FlashOptions(**wishes), out, quiet)
+    return commands.flash(unit, station, commands.FlashOptions(**options), out, quiet)
 
 
 @click.command()
-@click.argument("profile", type=click.Path(path_type=Path))
+@path_argument("profile")
 @click.option("--unit", "serial", required=True, help="Serial number.")
 @station_option
 @limits_option
 @out_option
-@click.option("--quiet", is_flag=True, help="No progress display.")
-@json_option
+@quiet_option
 @answers
-def verify(profile: Path, serial: str, station: Path | None, limits: Path | None, out: Path, quiet: bool) -> Answer:
+def verify(profile: Path, serial: str, station: Path | None, limits: Path | None, out: Path, quiet: bool) -> Result:
     """Run PROFILE with the unit's own correction on, and judge what it leaves; nothing is fitted."""
     from bench import commands
 
@@ -109,20 +106,17 @@ def verify(profile: Path, serial: str, station: Path | None, limits: Path | None
 
 @click.command()
 @click.option("--unit", "serial", required=True, help="Serial number of the unit.")
-@click.option("--plan", "plan", required=True, type=click.Path(path_type=Path), help="Plan file (YAML).")
+@path_option("--plan", "plan", required=True, help="Plan file (YAML).")
 @station_option
-@click.option("--junit", type=click.Path(path_type=Path), help="Write JUnit XML here: steps and limits as test cases.")
+@path_option("--junit", help="Write JUnit XML here: steps and limits as test cases.")
 @click.option("--release", metavar="REASON", help="Go on with a job that is held; who decided, and why.")
 @click.option("--new", "anew", is_flag=True, help="Begin a new job where one by this plan exists.")
 @out_option
-@click.option("--quiet", is_flag=True, help="No progress display.")
-@registry_option
-@json_option
+@quiet_option
 @answers
 @registers(begin=True)
-def calibrate(serial: str, plan: Path, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
+def calibrate(serial: str, plan: Path, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
     """From the shelf to a certificate: check, run, fit, diagnose, flash, verify, certificate; goes on where it was."""
     from bench import commands
-    from bench.commands import Order
 
-    return commands.calibrate_unit(Order.load(plan, station, serial, out, quiet), **wishes)
+    return commands.calibrate_unit(commands.Order.load(plan, station, serial, out, quiet), **options)

@@ -10,119 +10,98 @@ import click
 from bench.cli.options import (
     answers,
     effect_option,
-    json_option,
     limits_option,
-    live_argument,
+    live_options,
     model_option,
     out_option,
+    path_argument,
+    path_option,
+    quiet_option,
     registers,
-    registry_option,
-    server_option,
     station_option,
 )
 
 if TYPE_CHECKING:
-    from bench.commands import Answer
+    from bench.acquisition import Served
+    from bench.commands import Result
 
 
 @click.command()
-@click.argument("profile", type=click.Path(path_type=Path))
+@path_argument("profile")
 @station_option
 @click.option("--unit", "serials", multiple=True, help="Serial number; may be repeated. Default: all of the station.")
 @model_option
 @limits_option
 @click.option("--production", is_flag=True, help="Refuse to start without valid equipment.")
-@click.option(
-    "--equipment", type=click.Path(path_type=Path), help="Equipment with due dates (YAML) [production: registry's]"
-)
+@path_option("--equipment", help="Equipment with due dates (YAML) [production: registry's]")
 @effect_option
 @out_option
-@click.option("--quiet", is_flag=True, help="No progress display.")
+@quiet_option
 @click.option("--operator", default="", help="Who starts it, for the record. Default: the user.")
-@registry_option
-@json_option
 @answers
-@registers(begin=True)
-def run(profile: Path, station: Path | None, out: Path, quiet: bool, **wishes: Any) -> Answer:
+@registers(begin=True, tell=True)
+def run(profile: Path, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
     """Run PROFILE: drive the chamber, capture the units, fit the models, write the reports."""
     from bench import commands
 
-    registry = click.get_current_context().params["where"]  # taken by `registers` before it gets here
-    return commands.run_profile(profile, station, commands.RunOptions(**wishes, registry=registry), out, quiet)
+    return commands.run_profile(profile, station, commands.RunOptions(**options), out, quiet)
 
 
 @click.command()
-@click.argument("profile", type=click.Path(path_type=Path))
+@path_argument("profile")
 @station_option
-@json_option
 @answers
-def check(profile: Path, station: Path | None) -> Answer:
+def check(profile: Path, station: Path | None) -> Result:
     """Say everything about PROFILE that can be known before anything moves."""
     from bench import commands
 
-    return commands.check_command(profile, station)
+    return commands.check(profile, station)
 
 
 @click.command()
-@live_argument
-@out_option
-@server_option
-@json_option
+@live_options
 @answers
-def status(run_folder: Path | None, out: Path, server: str | None) -> Answer:
+def status(run_folder: Path | None, out: Path, server: str | None) -> Result:
     """What a live RUN does just now; without RUN: all of them."""
-    if server:
-        from bench import commands
-
-        return commands.server_status(commands.server_at(server), run_folder)
     from bench import commands
 
+    if server:
+        return commands.server_status(commands.server_at(server), run_folder)
     return commands.status(run_folder, out)
 
 
 @click.command()
-@live_argument
-@out_option
-@server_option
-@json_option
+@live_options
 @answers
-def hold(run_folder: Path | None, out: Path, server: str | None) -> Answer:
+def hold(run_folder: Path | None, out: Path, server: str | None) -> Result:
     """Hold a live RUN at once, where its chamber is; without RUN: the only one."""
     return _act("hold", run_folder, out, server)
 
 
 @click.command()
-@live_argument
-@out_option
-@server_option
-@json_option
+@live_options
 @answers
-def pause(run_folder: Path | None, out: Path, server: str | None) -> Answer:
+def pause(run_folder: Path | None, out: Path, server: str | None) -> Result:
     """Hold a live RUN after its present segment; without RUN: the only one."""
     return _act("pause", run_folder, out, server)
 
 
-def _act(action: str, run_folder: Path | None, out: Path, server: str | None) -> Answer:
+def _act(action: str, run_folder: Path | None, out: Path, server: str | None) -> Result:
     """Ask a live run for something, through a server where one is named."""
-    if server:
-        from bench import commands
-
-        return commands.server_act(commands.server_at(server), action, run_folder)
     from bench import commands
 
+    if server:
+        return commands.server_act(commands.server_at(server), action, run_folder)
     return commands.act_on_run(action, run_folder, out)
 
 
 @click.command()
-@live_argument
-@click.option("--station", type=click.Path(path_type=Path), help="Station file, where the one of the run is outdated.")
+@live_options
+@path_option("--station", help="Station file, where the one of the run is outdated.")
 @effect_option
-@out_option
-@server_option
-@click.option("--quiet", is_flag=True, help="No progress display.")
-@json_option
+@quiet_option
 @answers
-def resume(run_folder: Path | None, station: Path | None, out: Path, server: str | None, quiet: bool) -> Answer:
+def resume(run_folder: Path | None, station: Path | None, out: Path, server: str | None, quiet: bool) -> Result:
     """Go on: with a live RUN that holds, or with one whose bench was killed, from where its journals end."""
     if server:
         return _act("resume", run_folder, out, server)
@@ -132,27 +111,21 @@ def resume(run_folder: Path | None, station: Path | None, out: Path, server: str
 
 
 @click.command()
-@live_argument
-@out_option
-@server_option
-@json_option
+@live_options
 @answers
-def abort(run_folder: Path | None, out: Path, server: str | None) -> Answer:
+def abort(run_folder: Path | None, out: Path, server: str | None) -> Result:
     """End a live RUN and say what the safe state reached; asks nothing. Without RUN: the only one."""
-    if server:
-        from bench import commands
-
-        return commands.server_abort(commands.server_at(server), run_folder)
     from bench import commands
 
+    if server:
+        return commands.server_abort(commands.server_at(server), run_folder)
     return commands.abort(run_folder, out)
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@json_option
+@path_argument("folder")
 @answers
-def init(folder: Path) -> Answer:
+def init(folder: Path) -> Result:
     """Copy the shipped profiles, stations and models to FOLDER/profiles, as your own."""
     from bench import commands
 
@@ -164,23 +137,30 @@ def init(folder: Path) -> Answer:
 @click.option("--modbus-port", type=click.IntRange(0, 65535), default=0, help="Port of the chamber; 0: any free one.")
 @click.option("--can-port", type=click.IntRange(0, 65535), default=0, help="Port of the CAN bus; 0: any free one.")
 @click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True, help="Times wall time.")
-@click.option("--write-station", type=click.Path(path_type=Path), help="Write the station file that drives it.")
-@json_option
+@path_option("--write-station", help="Write the station file that drives it.")
 @answers
-def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, write_station: Path | None) -> Answer:
+def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, write_station: Path | None) -> Result:
     """Serve the simulated station on 127.0.0.1 until Ctrl-C: Modbus TCP, and CAN as python-can's `loopcan`."""
     from bench import commands
 
-    return commands.sim(station, (modbus_port, can_port), speed, write_station)
+    return commands.sim(station, (modbus_port, can_port), speed, write_station, _ready)
+
+
+def _ready(served: Served) -> None:
+    """Say where the servers are."""
+    port, map_ = served.station.modbus_port, served.settings.chamber.map
+    click.echo(f"chamber  Modbus TCP 127.0.0.1:{port} ({map_})", err=True)
+    for name, channel in served.can_ports.items():
+        click.echo(f"bus      {name}: python-can interface=loopcan channel={channel}", err=True)
+    click.echo("ready; Ctrl-C ends it", err=True)
 
 
 @click.command()
-@click.argument("station", required=False, type=click.Path(path_type=Path))
+@path_argument("station", required=False)
 @click.option("--listen", "listen_s", type=click.FloatRange(0.1, 600.0), default=2.0, help="Seconds at each bus.")
 @click.option("--contract", is_flag=True, help="Try the station's register map on a simulated controller instead.")
-@json_option
 @answers
-def doctor(station: Path | None, listen_s: float, contract: bool) -> Answer:
+def doctor(station: Path | None, listen_s: float, contract: bool) -> Result:
     """Ask the equipment of STATION what it is, read-only, and say what agrees with the file and what does not."""
     from bench import commands
 

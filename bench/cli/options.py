@@ -1,96 +1,147 @@
-"""Options that several commands share, and how an answer is printed."""
+"""Options that several commands share, and how a command answers: text or JSON, and an exit code."""
 
 from __future__ import annotations
 
 import json
 import sys
 from collections.abc import Callable
-from functools import wraps
+from dataclasses import dataclass
+from functools import reduce, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
 
 from bench.base import BenchError
-from drivers.errors import ConfigError, DriverError, IdentityError, LimitError
+from drivers.errors import DriverError
 
 if TYPE_CHECKING:
-    from bench.commands import Answer
+    from bench.commands import Result
 
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, nothing else.")
-station_option = click.option(
-    "--station",
-    type=click.Path(path_type=Path),
-    help="Station file (YAML); default: the embedded simulator.",
-)
+C = TypeVar("C", bound=Callable[..., Any])
+
+
+def path_option(name: str, *more: str, help: str, **options: Any) -> Callable[[C], C]:
+    """An option that is a path."""
+    return click.option(name, *more, type=click.Path(path_type=Path), help=help, **options)
+
+
+def path_argument(name: str, **options: Any) -> Callable[[C], C]:
+    """An argument that is a path."""
+    return click.argument(name, type=click.Path(path_type=Path), **options)
+
+
+def together(*options: Callable[[C], C]) -> Callable[[C], C]:
+    """Several options as one decorator, in the order of the help."""
+    return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
+
+
+station_option = path_option("--station", help="Station file (YAML); default: the embedded simulator.")
 model_option = click.option(
     "--model", "models", multiple=True, help="Model file or name; may be repeated. Default: the three of the papers."
 )
 model_argument = click.option("--model", required=True, help="Model file or name.")
-live_argument = click.argument("run_folder", metavar="[RUN]", required=False, type=click.Path(path_type=Path))
-runs_argument = click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
-check_option = click.option(
-    "--check", "check_runs", multiple=True, type=click.Path(path_type=Path), help="Held-out run; repeatable."
-)
-static_option = click.option(
-    "--static", type=click.Path(path_type=Path), help="Isothermal run of the same unit: tells the noise."
+run_argument = path_argument("run_folder", metavar="RUN")
+runs_argument = path_argument("runs", nargs=-1, required=True)
+unseen_options = together(
+    path_option("--check", "check_runs", multiple=True, help="Held-out run; repeatable."),
+    path_option("--static", help="Isothermal run of the same unit: tells the noise."),
 )
 effect_option = click.option("--effect", "own_effects", multiple=True, help="Effect of your own: file.py:Class.")
-limits_option = click.option("--limits", type=click.Path(path_type=Path), help="Limits file (YAML): its verdict too.")
-out_option = click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("reports"), show_default=True, help="Where run folders go."
-)
-server_option = click.option(
-    "--server",
-    envvar="BENCH_SERVER",
-    metavar="URL",
-    help="Ask this `bench ui` (its token in BENCH_TOKEN) instead of this machine; RUN is UNIT/RUN there.",
-)
-
+limits_option = path_option("--limits", help="Limits file (YAML): its verdict too.")
+out_option = path_option("--out", default=Path("reports"), show_default=True, help="Where run folders go.")
+quiet_option = click.option("--quiet", is_flag=True, help="No progress display.")
 registry_option = click.option(
     "--registry", "where", envvar="BENCH_REGISTRY", help="Registry: file, or postgresql://… [default: in --out]"
 )
+archive_options = together(out_option, registry_option)
+live_options = together(
+    path_argument("run_folder", metavar="[RUN]", required=False),
+    out_option,
+    click.option(
+        "--server",
+        envvar="BENCH_SERVER",
+        metavar="URL",
+        help="Ask this `bench ui` (its token in BENCH_TOKEN) instead of this machine; RUN is UNIT/RUN there.",
+    ),
+)
 
 
-def registers(begin: bool) -> Callable[[Callable[..., Answer]], Callable[..., Answer]]:
-    """Register the runs that a command's answer names; `begin` a registry where there is none."""
+@dataclass(frozen=True)
+class Registered:
+    """A result whose runs were registered; `warning` says where that failed."""
 
-    def decorate(command: Callable[..., Answer]) -> Callable[..., Answer]:
+    result: Result
+    warning: str
+
+    @property
+    def exit_code(self) -> int:
+        """That of the result: a registry that fails loses no run."""
+        return self.result.exit_code
+
+
+def registers(begin: bool, tell: bool = False) -> Callable[[Callable[..., Result]], Callable[..., Result | Registered]]:
+    """Register the runs of a command's result.
+
+    `begin` a registry where there is none; `tell` the command, too, which registry it is (`registry`).
+    """
+
+    def decorate(command: Callable[..., Result]) -> Callable[..., Result | Registered]:
+        @registry_option
         @wraps(command)
-        def wrapped(*args: Any, where: str | None = None, **kwargs: Any) -> Answer:
-            from bench.commands import registered
+        def wrapped(*args: Any, where: str | None = None, **kwargs: Any) -> Result | Registered:
+            from bench.commands import register_runs
 
-            return registered(command(*args, **kwargs), where, begin)
+            result = command(*args, **kwargs, **({"registry": where} if tell else {}))
+            warning = register_runs(result.runs, where, begin)
+            return result if warning is None else Registered(result, warning)
 
         return wrapped
 
     return decorate
 
 
-def answers(command: Callable[..., Answer]) -> Callable[..., None]:
-    """Print the answer as text or JSON; turn the errors of bench and drivers into one line and an exit code.
+def answers(command: Callable[..., Result | Registered]) -> Callable[..., None]:
+    """Give a command `--json` and have it `answer`; effects of the user's own are loaded first."""
 
-    Anything else is our bug and shows its traceback.
-    """
-
+    @json_option
     @wraps(command)
-    def wrapped(*args: Any, as_json: bool = False, own_effects: tuple[str, ...] = (), **kwargs: Any) -> None:
-        code: int
-        try:
+    def wrapped(*args: Any, as_json: bool, own_effects: tuple[str, ...] = (), **kwargs: Any) -> None:
+        def work() -> Result | Registered:
             if own_effects:
                 from bench.analysis import load_effect
 
                 for spec in own_effects:
                     load_effect(spec)
-            answer = command(*args, **kwargs)
-            click.echo(json.dumps(answer.content, allow_nan=False) if as_json else answer.text)
-            code = answer.exit_code
-        except BenchError as error:
-            print(f"bench: {error}", file=sys.stderr)
-            code = error.exit_code
-        except DriverError as error:
-            print(f"bench: {error}", file=sys.stderr)
-            code = 2 if isinstance(error, (ConfigError, LimitError, IdentityError)) else 4
-        sys.exit(code)
+            return command(*args, **kwargs)
+
+        answer(work, as_json)
 
     return wrapped
+
+
+def answer(work: Callable[[], Result | Registered], as_json: bool) -> NoReturn:
+    """Print a result and end with its exit code. An error that is not one of ours is a bug and shows its traceback."""
+    with exits():
+        result = work()
+        from bench.cli import rendering
+
+        if as_json:
+            click.echo(json.dumps(rendering.content(result), allow_nan=False))
+        else:
+            rendering.show(result)
+    sys.exit(result.exit_code)
+
+
+class exits:  # noqa: N801 - a context manager, named like a function
+    """Turn an error of bench or drivers into one line on stderr and its exit code."""
+
+    def __enter__(self) -> None:
+        """Nothing to do."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Raises SystemExit for an error that has an exit code."""
+        if isinstance(error, BenchError | DriverError):
+            print(f"bench: {error}", file=sys.stderr)
+            sys.exit(error.exit_code)

@@ -3,35 +3,42 @@
 from __future__ import annotations
 
 import shutil
-import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.base import InputError, library, load_config, read_text
-from bench.commands.analysis import DEFAULT_MODELS, report_on
-from bench.commands.answer import Answer
-from bench.commands.several import report_on_all
+from bench.base import Document, InputError, library, load_config, read_yaml
+from bench.commands.files import write
+from bench.commands.results.measure import Checked, Copied, StationServed
 
 if TYPE_CHECKING:
-    from bench.acquisition import Compensated, Job, RunResult, StationSettings
+    from bench.acquisition import Compensated, Job, Profile, RunResult, Served, StationSettings
     from bench.analysis import Limits
+    from bench.commands.results.analyse import Reported, UnitsReported
 
 BYTES_PER_S = 20_000.0
 """Disk of one unit at 500 Hz: 601 frames of 24 bytes a second, readings, and the compressed tables."""
 
 
-def load_station(path: Path | None) -> StationSettings:
-    """A station file; the embedded simulator for None."""
+def station_file(source: Path | Document | None) -> Document:
+    """A station file as it stands; that of the embedded simulator for None."""
+    if isinstance(source, Document):
+        return source
+    return read_yaml(library() / "stations" / "simulated.yaml" if source is None else source)
+
+
+def station_of(document: Document) -> StationSettings:
+    """The station of a file; files that it names are beside it."""
     from bench.acquisition import StationSettings
 
-    return load_config(_station_path(path), StationSettings).beside(_station_path(path).parent)
+    return load_config(document, StationSettings).beside(Path(document.file).parent)
 
 
-def _station_path(path: Path | None) -> Path:
-    return library() / "stations" / "simulated.yaml" if path is None else path
+def load_station(source: Path | Document | None) -> StationSettings:
+    """A station from its file; the embedded simulator for None."""
+    return station_of(station_file(source))
 
 
 @dataclass(frozen=True)
@@ -44,22 +51,26 @@ class RunOptions:
     production: bool = False
     equipment: Path | None = None
     registry: str | None = None
-    """Where the equipment of a production run stands without a file; None: in the folder of the runs."""
+    """Registry that holds the equipment of a production run without an equipment file; None: in the folder of the
+    runs.
+    """
     operator: str = ""
     """Who starts it, if not the user of this process."""
 
 
-def run_profile(profile_path: Path, station_path: Path | None, wishes: RunOptions, out: Path, quiet: bool) -> Answer:
+def run_profile(
+    profile_path: Path, station_path: Path | None, options: RunOptions, out: Path, quiet: bool
+) -> Reported | UnitsReported:
     """`bench run`: check everything, run, capture, fit, report."""
     from bench.analysis import load_model
+    from bench.commands.analysis import DEFAULT_MODELS, model_file
+    from bench.commands.several import report_on_units
 
-    chosen = [load_model(model) for model in wishes.models or DEFAULT_MODELS]
-    given, texts = _given(wishes, out)
-    texts |= {_model_file(i): model.to_yaml() for i, model in enumerate(chosen)}
-    result = conduct(profile_path, station_path, Task(wishes.serials, texts, out, operator=wishes.operator), quiet)
-    if len(result.units) > 1:
-        return report_on_all(result.units, chosen, given)
-    return report_on(result.run, chosen, result.error, limits=given)
+    chosen = [load_model(model) for model in options.models or DEFAULT_MODELS]
+    limits, texts = _given(options, out)
+    texts |= {model_file(i): model.to_yaml() for i, model in enumerate(chosen)}
+    task = Task(options.serials, texts, out, operator=options.operator)
+    return report_on_units(conduct(profile_path, station_path, task, quiet), chosen, limits)
 
 
 @dataclass(frozen=True)
@@ -73,30 +84,24 @@ class Task:
     operator: str = ""
 
 
-def conduct(profile_path: Path, station_path: Path | None, task: Task, quiet: bool) -> RunResult:
-    """Check and run a profile; analyses nothing."""
-    from bench.acquisition import Desk, run_job
-    from bench.commands.terminal.following import Following
-    from bench.commands.terminal.keyboard import Keyboard
-    from bench.commands.terminal.progress import Progress
-
-    job, desk = job_of(profile_path, station_path, task), Desk()
-    with Keyboard(desk) as keyboard, Progress(job.profile, quiet, lambda: keyboard.notice) as progress:
-        return run_job(job, Following(job.profile, desk, progress), desk)
+def conduct(profile: Path | Document, station: Path | Document | None, task: Task, quiet: bool) -> RunResult:
+    """Check and run a profile; the folder keeps the very texts that were run. Analyses nothing."""
+    return carry_out(job_of(profile, station, task), quiet)
 
 
-def job_of(profile_path: Path, station_path: Path | None, task: Task) -> Job:
+def job_of(profile: Path | Document, station: Path | Document | None, task: Task) -> Job:
     """What `run_job` executes, read and checked; InputError where the station cannot run the profile."""
     from bench.acquisition import Job, check_profile, load_profile, refuse_errors
 
-    profile = load_profile(profile_path)
-    station = load_station(station_path).remembering(task.out)
-    refuse_errors(check_profile(profile, station.limits()))
+    own = profile if isinstance(profile, Document) else read_yaml(profile)
+    place = station_file(station)
+    loaded, settings = load_profile(own), station_of(place).remembering(task.out)
+    refuse_errors(check_profile(loaded, settings.limits()))
     return Job(
-        profile=profile,
-        profile_text=read_text(profile_path),
-        station=station,
-        station_text=read_text(_station_path(station_path)),
+        profile=loaded,
+        profile_text=own.text,
+        station=settings,
+        station_text=place.text,
         model_texts=task.texts,
         serials=task.serials,
         out=task.out,
@@ -105,7 +110,19 @@ def job_of(profile_path: Path, station_path: Path | None, task: Task) -> Job:
     )
 
 
-def _given(wishes: RunOptions, out: Path) -> tuple[Limits | None, dict[str, str]]:
+def carry_out(job: Job, quiet: bool) -> RunResult:
+    """Run a job, with progress and keys in the terminal of this process."""
+    from bench.acquisition import Desk, run_job
+    from bench.commands.terminal.following import Following
+    from bench.commands.terminal.keyboard import Keyboard
+    from bench.commands.terminal.progress import Progress
+
+    desk = Desk()
+    with Keyboard(desk) as keyboard, Progress(job.profile, quiet, lambda: keyboard.notice) as progress:
+        return run_job(job, Following(job.profile, desk, progress), desk)
+
+
+def _given(options: RunOptions, out: Path) -> tuple[Limits | None, dict[str, str]]:
     """Limits, and the files that the run folder keeps; InputError where equipment is overdue, or unknown in production.
 
     The day is today's, as the run's is.
@@ -113,19 +130,19 @@ def _given(wishes: RunOptions, out: Path) -> tuple[Limits | None, dict[str, str]
     from bench.analysis import load_limits
     from bench.deliver import load_instruments, refuse_overdue
 
-    found: Limits | None = None
+    limits: Limits | None = None
     texts: dict[str, str] = {}
-    if wishes.limits is not None:
-        found = load_limits(wishes.limits)
-        texts["limits.yaml"] = read_text(wishes.limits)
-    if wishes.equipment is not None:
-        tools = load_instruments(wishes.equipment)
-        texts["equipment.yaml"] = read_text(wishes.equipment)
-        if wishes.production:
-            refuse_overdue(tools, datetime.now(UTC).date(), wishes.equipment)
-    elif wishes.production:
-        texts["equipment.yaml"] = _registered(out, wishes.registry)
-    return found, texts
+    if options.limits is not None:
+        file = read_yaml(options.limits)
+        limits, texts["limits.yaml"] = load_limits(file), file.text
+    if options.equipment is not None:
+        file = read_yaml(options.equipment)
+        equipment, texts["equipment.yaml"] = load_instruments(file), file.text
+        if options.production:
+            refuse_overdue(equipment, datetime.now(UTC).date(), options.equipment)
+    elif options.production:
+        texts["equipment.yaml"] = _registered(out, options.registry)
+    return limits, texts
 
 
 def _registered(out: Path, where: str | None) -> str:
@@ -148,44 +165,27 @@ def _registered(out: Path, where: str | None) -> str:
     return instruments_yaml(tools)
 
 
-def _model_file(order: int) -> str:
-    return "model.yaml" if order == 0 else f"model-{order + 1}.yaml"
-
-
-def check_command(profile_path: Path, station_path: Path | None) -> Answer:
+def check(profile_path: Path, station_path: Path | None) -> Checked:
     """`bench check`: everything about a profile that can be known before anything moves."""
-    from bench.acquisition import Recording, check_profile, load_profile, profile_picture, refuse_errors, rehearse
+    from bench.acquisition import check_profile, load_profile, refuse_errors
 
-    profile = load_profile(profile_path)
-    station = load_station(station_path)
+    profile, station = load_profile(profile_path), load_station(station_path)
     refuse_errors(check_profile(profile, station.limits()))
+    return check_on(profile, station)
+
+
+def check_on(profile: Profile, station: StationSettings) -> Checked:
+    """A profile without errors, rehearsed on a station."""
+    from bench.acquisition import Recording, check_profile, rehearse
+
     segments = rehearse(profile, station)
-    duration_s = segments[-1].to_s
-    recording = Recording(
-        bytes_per_s=BYTES_PER_S, units=len(station.units), free_bytes=shutil.disk_usage(Path.cwd()).free
-    )
+    duration_s, units = segments[-1].to_s, len(station.units)
+    recording = Recording(bytes_per_s=BYTES_PER_S, units=units, free_bytes=shutil.disk_usage(Path.cwd()).free)
     findings = check_profile(profile, station.limits(), recording, lambda _: duration_s)
-    late = [segment for segment in segments if segment.outcome != "done"]
-    lines = [f"{profile.name} on station {station.name}: {len(segments)} segments, {duration_s / 3600:.2f} h", ""]
-    lines += [profile_picture(profile), ""]
-    for segment in segments:
-        took_min = (segment.to_s - segment.from_s) / 60
-        lines.append(f"{segment.from_s / 60:8.1f} min  {segment.name:<36} {took_min:7.1f} min")
-    lines += ["", f"units: {', '.join(unit.serial for unit in station.units)}"]
-    lines += [str(finding) for finding in findings]
-    lines += [f"warning: {segment.name} would fail: {segment.reason}" for segment in late]
-    content = {
-        "profile": profile.name,
-        "station": station.name,
-        "duration_s": duration_s,
-        "disk_bytes": round(duration_s * BYTES_PER_S * len(station.units)),
-        "segments": [asdict(segment) for segment in segments],
-        "findings": [asdict(finding) for finding in findings],
-    }
-    return Answer(content, "\n".join(lines), 1 if late else 0)
+    return Checked(profile, station, segments, findings, round(duration_s * BYTES_PER_S * units))
 
 
-def init(folder: Path) -> Answer:
+def init(folder: Path) -> Copied:
     """`bench init`: the user's own copy of the shipped profiles, stations and models."""
     target = folder / "profiles"
     if target.exists():
@@ -194,27 +194,24 @@ def init(folder: Path) -> Answer:
         shutil.copytree(library(), target)
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}", target) from None
-    names = sorted(str(file.relative_to(folder)) for file in target.rglob("*.yaml"))
-    text = "\n".join([f"wrote {len(names)} files below {target}:", *names, "", f"next: cd {folder} && bench check ..."])
-    return Answer({"folder": str(target), "files": names}, text)
+    return Copied(target, tuple(sorted(str(file.relative_to(folder)) for file in target.rglob("*.yaml"))))
 
 
-def sim(station_path: Path | None, ports: tuple[int, int], speed: float, write_station: Path | None) -> Answer:
-    """`bench sim`: serve the simulated station until Ctrl-C or SIGTERM."""
+def sim(
+    station_path: Path | None,
+    ports: tuple[int, int],
+    speed: float,
+    write_station: Path | None,
+    ready: Callable[[Served], None],
+) -> StationServed:
+    """`bench sim`: serve the simulated station until Ctrl-C or SIGTERM; `ready` is called when it answers."""
     from bench.acquisition import keep_running, serve_station, until_signal
 
     settings = load_station(station_path)
     stopped = until_signal()
     with serve_station(settings, *ports) as served:
         if write_station is not None:
-            try:
-                write_station.write_text(served.station_yaml())
-            except OSError as error:
-                raise InputError(f"cannot be written: {error.strerror}", write_station) from None
-        print(f"chamber  Modbus TCP 127.0.0.1:{served.station.modbus_port} ({settings.chamber.map})", file=sys.stderr)
-        for name, port in served.can_ports.items():
-            print(f"bus      {name}: python-can interface=loopcan channel={port}", file=sys.stderr)
-        print("ready; Ctrl-C ends it", file=sys.stderr, flush=True)
+            write(write_station, served.station_yaml())
+        ready(served)
         keep_running(served, speed, stopped)
-        content = {"modbus_port": served.station.modbus_port, "can_ports": served.can_ports}
-    return Answer(content, "ended")
+        return StationServed(served.station.modbus_port, served.can_ports)

@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bench.base import BenchError, InputError
-from bench.commands.answer import Answer, ladder, limits_table
+from bench.commands.results.analyse import Compared, ComparedSamples, Imported, Reported
+from bench.commands.results.live import Recovered
 from bench.record import MANIFEST, RunFolder, open_run
 
 if TYPE_CHECKING:
-    from bench.analysis import Analysis, Limits, Model
+    from bench.analysis import Limits, Model
+    from bench.record import Dataset
 
 DEFAULT_MODELS = ("polynomial", "regression", "spline")
+
+
+def model_file(order: int) -> str:
+    """File of a run folder that keeps its first, second … model."""
+    return "model.yaml" if order == 0 else f"model-{order + 1}.yaml"
+
+
+def kept_models(folder: Path) -> list[Model]:
+    """The models that a run folder keeps, in their order; the usual ones where it keeps none."""
+    from bench.analysis import load_model
+
+    files = sorted(folder.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
+    return [load_model(model) for model in files or DEFAULT_MODELS]
 
 
 def report(
@@ -23,29 +37,20 @@ def report(
     check: Sequence[Path] = (),
     static: Path | None = None,
     limits_path: Path | None = None,
-) -> Answer:
+) -> Reported:
     """`bench report`: analyse a run again; a killed run is recovered from its journals first."""
     from bench.analysis import load_limits, load_model
 
-    given = None if limits_path is None else load_limits(limits_path)
+    limits = None if limits_path is None else load_limits(limits_path)
     folder = recover(path)
-    files = sorted(folder.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
-    chosen = [load_model(model) for model in models or files or DEFAULT_MODELS]
-    return report_on(folder, chosen, None, check, static, given)
+    chosen = [load_model(model) for model in models] if models else kept_models(folder.path)
+    return report_on(folder, chosen, None, check, static, limits)
 
 
-def resume(path: Path) -> Answer:
+def resume(path: Path) -> Recovered:
     """`bench resume`: make a run folder of what a killed run left; moves no equipment."""
     folder = recover(path)
-    manifest = folder.manifest()
-    done = sum(segment["outcome"] == "done" for segment in manifest["segments"])
-    lost = manifest.get("losses", {}).get("lost", 0)
-    content = {key: manifest.get(key) for key in ("state", "cause", "rows", "duration_s", "losses", "segments")}
-    text = (
-        f"{manifest['state']}: {manifest['cause']}; {manifest['rows']} rows, {done} of {len(manifest['segments'])} "
-        f"segments whole, {lost} samples lost\nrun     {folder.path}"
-    )
-    return Answer({"run": str(folder.path), **content}, text, 0 if manifest["state"] == "done" else 1)
+    return Recovered(folder.path, folder.manifest())
 
 
 def recover(path: Path) -> RunFolder:
@@ -58,6 +63,13 @@ def recover(path: Path) -> RunFolder:
     return open_run(path)
 
 
+def recovered(paths: Sequence[Path], interval_s: float | None = None) -> list[Dataset]:
+    """Datasets of runs, of means over `interval_s` [s] (None: the usual one), recovered first where they have to be."""
+    from bench.record import DEFAULT_INTERVAL_S, load
+
+    return [load(recover(path).path, interval_s or DEFAULT_INTERVAL_S) for path in paths]
+
+
 def report_on(
     folder: RunFolder,
     models: Sequence[Model],
@@ -65,7 +77,7 @@ def report_on(
     check: Sequence[Path] = (),
     static: Path | None = None,
     limits: Limits | None = None,
-) -> Answer:
+) -> Reported:
     """Analyse a run, write its report, and say how it ended; its limits are those given, or those it was made with."""
     from bench.analysis import LIMITS_YAML, analyse, judged_by, load_limits
     from bench.deliver import write_report
@@ -77,60 +89,30 @@ def report_on(
     if limits is not None:
         analysis = judged_by(analysis, limits)
     write_report(analysis)
-    content = {**analysis.to_json(), "report": str(folder.report), "state": analysis.manifest["state"]}
-    if error is not None:
-        content |= {"error": str(error)}
-        return Answer(content, f"{_summary(analysis)}\nbench: {error}", error.exit_code)
-    return Answer(content, _summary(analysis), 0 if analysis.within_limits else 1)
+    return Reported(analysis, error)
 
 
-def _summary(analysis: Analysis) -> str:
-    lines = [analysis.verdict.sentence]
-    if analysis.comparison is not None:
-        lines += ["", ladder(analysis.comparison.to_json())]
-    answer = analysis.diagnosed.answer
-    if answer is not None:
-        lines += ["", answer.sentence]
-        if answer.next_experiment:
-            lines += [f"next: bench run {answer.next_experiment['profile']}", str(answer.next_experiment["why"])]
-    if analysis.judgement is not None:
-        lines += ["", *limits_table(analysis.judgement.to_json()), ""]
-    lines += [f"warning: {text}" for text in analysis.warnings]
-    lines += ["", f"run     {analysis.run.path}", f"report  {analysis.run.report}"]
-    return "\n".join(lines)
-
-
-def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], static: Path | None = None) -> Answer:
+def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], static: Path | None = None) -> Compared:
     """`bench compare`: models side by side, in-sample and held-out, beside the noise floor."""
     from bench.analysis import compare as compare_models
     from bench.analysis import load_model
-    from bench.record import load
 
     chosen = [load_model(model) for model in models or DEFAULT_MODELS]
-    datasets = [load(recover(path).path) for path in runs]
-    checks = [load(recover(path).path) for path in check]
+    datasets, checks = recovered(runs), recovered(check)
     floor_dph = floor_of(runs, datasets[0].interval_s, static)
     # A model that nobody asked for may lack its channels; one that was asked for is an error without them.
-    content = compare_models(datasets, chosen, floor_dph, checks or None, strict=bool(models)).to_json()
-    return _compared(content, runs)
-
-
-def _compared(content: dict[str, Any], runs: Sequence[Path]) -> Answer:
-    """Scores as a table, with what could not be fitted and what is to be known."""
-    if not content["models"]:
-        raise InputError(content["refused"][0]["reason"], runs[0])
-    warned = [f"warning: {model['name']}: {text}" for model in content["models"] for text in model["warnings"]]
-    refused = [f"not fitted: {entry['name']}: {entry['reason']}" for entry in content["refused"]]
-    return Answer(content, "\n".join([ladder(content), *([""] if warned or refused else []), *refused, *warned]))
+    comparison = compare_models(datasets, chosen, floor_dph, checks or None, strict=bool(models))
+    if not comparison.scores:
+        raise InputError(comparison.refused[0][1], runs[0])
+    return Compared(comparison)
 
 
 def compare_every_sample(
     runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], static: Path | None = None
-) -> Answer:
+) -> ComparedSamples:
     """`bench compare --every-sample`: the same fitted to all samples of the runs in one pass over each."""
     from bench.analysis import SampledRun, Samples, load_model, of_seconds
     from bench.analysis import compare_every_sample as compare_models
-    from bench.base import finite
     from bench.record import load
 
     if check:
@@ -140,21 +122,14 @@ def compare_every_sample(
     records = [SampledRun(Samples(folder.data), load(folder.path, 1.0), load(folder.path)) for folder in folders]
     floor_dph = floor_of(runs, 1.0, static)
     comparison = compare_models(records, chosen, floor_dph, strict=bool(models))
+    if not comparison.scores:
+        raise InputError(comparison.refused[0][1], runs[0])
     seconds = [record.seconds for record in records]
     means = {
-        score.model.name: {
-            "rms_dph": finite(of_seconds(score.rms_dph, seconds)),
-            "held_out_rms_dph": finite(of_seconds(score.held_out.rms_dph, seconds)),
-        }
+        score.model.name: (of_seconds(score.rms_dph, seconds), of_seconds(score.held_out.rms_dph, seconds))
         for score in comparison.scores
     }
-    rows = sum(record.samples.rows for record in records)
-    content = {**comparison.to_json(), "samples": rows, "seconds": {"floor_dph": finite(floor_dph), "models": means}}
-    answer = _compared(content, runs)
-    # White noise of single samples drowns what the models differ in: their 1 s means show it.
-    table = {**content, "interval_s": 1.0, "floor_dph": finite(floor_dph)}
-    table["models"] = [{"name": name, **own} for name, own in means.items()]
-    return replace(answer, text=f"{answer.text}\n\n{ladder(table)}")
+    return ComparedSamples(comparison, sum(record.samples.rows for record in records), floor_dph, means)
 
 
 def floor_of(runs: Sequence[Path], interval_s: float, static: Path | None) -> float:
@@ -162,18 +137,14 @@ def floor_of(runs: Sequence[Path], interval_s: float, static: Path | None) -> fl
     commands.
     """
     from bench.analysis import noise_floor
-    from bench.record import load
 
-    fine = [load(recover(path).path, 1.0) for path in runs]
-    return noise_floor(fine, interval_s, load(recover(static).path, 1.0) if static else None).floor_dph
+    still = None if static is None else recovered([static], 1.0)[0]
+    return noise_floor(recovered(runs, 1.0), interval_s, still).floor_dph
 
 
-def import_table(file: Path, columns: Path | None, serial: str, dbc: Path | None, out: Path | None) -> Answer:
+def import_table(file: Path, columns: Path | None, serial: str, dbc: Path | None, out: Path | None) -> Imported:
     """`bench import`: a foreign table becomes a run folder below `out`; None only tells what was understood."""
     from bench.acquisition import load_columns, plan_import, write_import
 
     plan = plan_import(file, None if columns is None else load_columns(columns), serial, dbc)
-    if out is None:
-        return Answer({"run": None, **plan.to_json()}, plan.preview())
-    folder = write_import(plan, out)
-    return Answer({"run": str(folder.path), **plan.to_json()}, f"{plan.preview()}\n\nrun     {folder.path}")
+    return Imported(plan, None if out is None else write_import(plan, out).path)

@@ -36,11 +36,6 @@ class Calibration:
     run: Path | None = None
     model: str = ""
 
-    @property
-    def label(self) -> str:
-        """Calibration id as it is printed."""
-        return f"0x{self.image.calibration_id:08X}"
-
 
 class AlreadyThereError(Exception):
     """The unit holds this very image in force."""
@@ -95,7 +90,7 @@ def objection(new: Image, old: bytes, now_s: float, older: bool) -> str | None:
         return None
     return (
         f"stale: the calibration is of {_date(new.created)}, the unit holds a newer one of {_date(held.created)} "
-        f"(0x{held.calibration_id:08X}); --older writes it all the same"
+        f"({held.label}); --older writes it all the same"
     )
 
 
@@ -170,7 +165,7 @@ def _record(settings: StationSettings, unit: UnitSettings, calibration: Calibrat
         "run": None if calibration.run is None else str(calibration.run),
         "model": calibration.model,
         "form": calibration.image.form,
-        "calibration_id": calibration.label,
+        "calibration_id": calibration.image.label,
         "software": __version__,
     }
 
@@ -193,7 +188,7 @@ def _described(content: bytes, file: str) -> dict[str, Any]:
         "file": file,
         "sha256": hashlib.sha256(content).hexdigest(),
         "words": len(content) // 4,
-        "calibration_id": None if held is None else f"0x{held.calibration_id:08X}",
+        "calibration_id": None if held is None else held.label,
         "created": None if held is None else _date(held.created),
     }
 

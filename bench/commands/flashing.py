@@ -9,14 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.acquisition import StationSettings, UnitSettings, open_alone
-from bench.analysis import Verification, load_limits, refuse_same_profile
-from bench.analysis import verify as verify_run
-from bench.base import InputError, read_text
-from bench.commands.acquisition import Task, conduct, load_station
-from bench.commands.answer import Answer, number
+from bench.base import Document, InputError, read_yaml
+from bench.commands.acquisition import Task, conduct, load_station, station_file, station_of
 from bench.commands.flash_record import AlreadyThereError, Calibration, from_file, from_run, newest_record, newest_run
 from bench.commands.flash_record import flash as flash_unit
-from bench.deliver import to_words
+from bench.commands.results.deliver import Flashed, Verified
+from bench.deliver import read, to_words
 from bench.record import RunFolder
 
 
@@ -31,63 +29,56 @@ class FlashOptions:
     older: bool = False
 
 
-def flash(serial: str, station_path: Path | None, wishes: FlashOptions, out: Path, quiet: bool = False) -> Answer:
+def flash(
+    serial: str, station: Path | Document | None, options: FlashOptions, out: Path, quiet: bool = False
+) -> Flashed:
     """`bench flash`: write a calibration into its unit, and verify that it is there."""
-    settings = load_station(station_path)
+    settings = load_station(station)
     unit = settings.chosen([serial])[0]
-    calibration = _calibration(unit, wishes, out)
+    calibration = _calibration(unit, options, out)
 
     def tell(step: str) -> None:
         if not quiet:
             print(f"{step} …", file=sys.stderr, flush=True)
 
     try:
-        record = flash_unit(settings, unit, calibration, out, older=wishes.older, onlooker=tell)
+        return Flashed(flash_unit(settings, unit, calibration, out, older=options.older, onlooker=tell))
     except AlreadyThereError:
-        content = {"unit": serial, "state": "already there", "calibration_id": calibration.label}
-        return Answer(
-            content, f"unit {serial} has calibration {calibration.label} in force already; nothing was written"
-        )
-    old = record["old"]["calibration_id"] if record.get("old") else "none"
-    lines = [
-        f"unit {serial}: calibration {calibration.label} ({calibration.model or 'image'}, {record['form']}, "
-        f"{record['new']['words']} words) in force in bank {record['bank']}, before: {old}",
-        f"read back equal word by word, CRC {record['crc']}, coefficient set {record['coefficient_set']} on the bus",
-        f"record  {record['record']}",
-    ]
-    return Answer(record, "\n".join(lines))
+        return Flashed({"unit": serial, "state": "already there", "calibration_id": calibration.image.label})
 
 
-def _calibration(unit: UnitSettings, wishes: FlashOptions, out: Path) -> Calibration:
-    if wishes.image is not None:
-        if wishes.run is not None or wishes.form is not None or wishes.model is not None:
-            raise InputError("--image is an image as it is: leave out --run, --form and --model")
-        return from_file(wishes.image)
-    return from_run(wishes.run or newest_run(out, unit.serial), unit, wishes.form, wishes.model)
+def _calibration(unit: UnitSettings, options: FlashOptions, out: Path) -> Calibration:
+    if options.image is not None:
+        if options.run is not None or options.form is not None or options.model is not None:
+            raise InputError("--image is written as it is: leave out --run, --form and --model")
+        return from_file(options.image)
+    return from_run(options.run or newest_run(out, unit.serial), unit, options.form, options.model)
 
 
 def verify(
     profile_path: Path, serial: str, station_path: Path | None, limits_path: Path | None, out: Path, quiet: bool
-) -> Answer:
+) -> Verified:
     """`bench verify`: another profile with the unit's own correction on; what it leaves, judged."""
-    settings = load_station(station_path)
+    from bench.analysis import load_limits, refuse_same_profile
+    from bench.analysis import verify as verify_run
+
+    station = station_file(station_path)
+    settings = station_of(station)
     unit = settings.chosen([serial])[0]
-    allowed = None if limits_path is None else load_limits(limits_path)
+    limits = None if limits_path is None else read_yaml(limits_path)
+    allowed = None if limits is None else load_limits(limits)
     record = newest_record(out, serial)
     calibration = Path(record["run"]) if record and record.get("run") else None
     if calibration is not None and not calibration.is_dir():
         calibration = None
-    refuse_same_profile(profile_path, calibration)
+    profile = read_yaml(profile_path)
+    refuse_same_profile(profile, calibration)
     inside = in_unit(settings, unit, record, out)
-    texts = {} if limits_path is None else {"limits.yaml": read_text(limits_path)}
-    result = conduct(profile_path, station_path, Task([serial], texts, out, "on"), quiet)
+    texts = {} if limits is None else {"limits.yaml": limits.text}
+    result = conduct(profile, station, Task([serial], texts, out, "on"), quiet)
     if result.error is not None and result.run.manifest().get("rows", 0) == 0:
         raise result.error
-    found = verify_run(RunFolder(result.run.path), calibration, allowed, inside)
-    content = {**found.to_json(), "run": str(result.run.path)}
-    if result.error is not None:
-        return Answer({**content, "error": str(result.error)}, f"bench: {result.error}", result.error.exit_code)
-    return Answer(content, _told(found), 0 if found.verdict.within else 1)
+    return Verified(verify_run(RunFolder(result.run.path), calibration, allowed, inside), result.error)
 
 
 def in_unit(
@@ -96,34 +87,17 @@ def in_unit(
     """The calibration that is in force in the unit, read over its bus; InputError where there is none."""
     with open_alone(settings.remembering(out), unit) as store:
         bank = store.active()
-        image = store.read(bank) if bank else b""
-    if not image:
-        text = f"unit {unit.serial} holds no calibration; write one with `bench flash {unit.serial}`"
-        raise InputError(text)
-    label = f"0x{to_words(image)[5]:08X}"
+        content = store.read(bank) if bank else b""
+    if not content:
+        raise InputError(f"unit {unit.serial} holds no calibration; write one with `bench flash {unit.serial}`")
+    try:
+        image = read(to_words(content))
+    except InputError as error:
+        raise InputError(f"unit {unit.serial}: {error}; write one with `bench flash {unit.serial}`") from None
     flashed = (record or {}).get("calibration_id")
-    if record is not None and label != flashed:
-        text = f"unit {unit.serial} holds calibration {label}, the last one that was flashed from here is {flashed}"
-        raise InputError(f"{text}; flash it again, or name the folder of its runs with --out")
-    return {"bank": bank, "calibration_id": label, "words": len(image) // 4}
-
-
-def _told(found: Verification) -> str:
-    after, before, floor = found.after, found.before, found.floor.floor_dph
-    rows = [f"{'':<18}{'before':>10} {'after':>10}   [deg/h, {after.interval_s:g} s means]"]
-    for name in ("rms", "mean", "scatter", "peak", "span"):
-        old = None if before is None else getattr(before, f"{name}_dph")
-        rows.append(f"{name:<18}{number(old):>10} {number(getattr(after, f'{name}_dph')):>10}")
-    rows.append(f"{'noise floor':<18}{'':>10} {number(floor):>10}")
-    fell = "" if before is None else f", {found.factor:.1f} times less than before"
-    lines = [
-        f"{found.verdict.value}: the unit's own output is {found.over_floor:.2f} times its noise floor{fell}",
-        "",
-        *rows,
-        *(f"refused: {text}" for text in found.judged.get("refusals") or ()),
-        "",
-        f"run     {found.run.path}",
-    ]
-    if (judged := found.judged.get("limits")) is not None:
-        lines += [f"{r['verdict'] or '-':<9} {r['name']} = {number(r['value'])} {r['unit']}" for r in judged["results"]]
-    return "\n".join(lines)
+    if record is not None and image.label != flashed:
+        raise InputError(
+            f"unit {unit.serial} holds calibration {image.label}, the last one that was flashed from here is "
+            f"{flashed}; flash it again, or name the folder of its runs with --out"
+        )
+    return {"bank": bank, "calibration_id": image.label, "words": len(content) // 4}

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.base import InputError, finite, number
-from bench.commands.answer import Answer
+from bench.base import InputError, finite
+from bench.commands.results.stock import Refitted
 
 if TYPE_CHECKING:
     from bench.archive import Engine, Record
@@ -31,8 +31,8 @@ class RefitOptions:
 
 
 def refit(
-    model_name: str, root: Path, where: str | None, moments: Path | None, records: Path | None, work: RefitOptions
-) -> Answer:
+    model_name: str, root: Path, where: str | None, moments: Path | None, records: Path | None, options: RefitOptions
+) -> Refitted:
     """Refit the moments of a file, by default those of the registry's runs, and write a record a unit."""
     from bench.analysis import check, load_model
     from bench.archive import GROUP, stored_count, stored_groups, write_records
@@ -44,31 +44,23 @@ def refit(
         moments, refused = _collected(root, where)
     units = stored_count(moments)
     target = records or moments.with_name(f"refit_{model.name.replace(' ', '_')}.parquet")
-    name, engine = _engine(work, -(-units // GROUP))
+    name, engine = _engine(options, -(-units // GROUP))
     summary = _Summary()
     begun = time.perf_counter()
     count, failed = write_records(target, model, summary.of(engine(model, stored_groups(moments))))
     took_s = time.perf_counter() - begun
-    content = {
-        "model": model.name,
-        "units": count,
-        "failed": failed,
-        "without_moments": refused,
-        "engine": name,
-        "seconds": took_s,
-        "units_per_s": count / took_s,
-        "rms_dph": summary.quantiles(),
-        "failures": summary.failures,
-        "records": str(target),
-    }
-    middle = summary.quantiles()
-    lines = [f"{count} units refitted with {model.name} in {took_s:.1f} s ({count / took_s:.0f} a second, {name})"]
-    lines += [f"RMS [deg/h]: median {number(middle['median'])}, 95 % below {number(middle['p95'])}"]
-    lines += [f"failed: {failed} units"] if failed else []
-    lines += [f"  {line}" for line in summary.failures]
-    lines += [f"no moments: {line}" for line in refused]
-    lines += [f"records {target}"]
-    return Answer(content, "\n".join(lines), 1 if failed or refused else 0)
+    return Refitted(
+        model=model.name,
+        units=count,
+        failed=failed,
+        without_moments=refused,
+        engine=name,
+        seconds=took_s,
+        units_per_s=count / took_s,
+        rms_dph=summary.quantiles(),
+        failures=summary.failures,
+        records=target,
+    )
 
 
 def _collected(root: Path, where: str | None) -> tuple[Path, list[str]]:
@@ -85,19 +77,19 @@ def _collected(root: Path, where: str | None) -> tuple[Path, list[str]]:
     return path, done.refused
 
 
-def _engine(work: RefitOptions, groups: int) -> tuple[str, Engine]:
+def _engine(options: RefitOptions, groups: int) -> tuple[str, Engine]:
     from bench.archive import dask_engine, local_engine
 
-    if work.workers is not None and work.workers < 1:
-        raise InputError(f"--workers is {work.workers}, at least 1 is needed")
-    workers = work.workers or os.cpu_count() or 1
-    name = work.engine
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers is {options.workers}, at least 1 is needed")
+    workers = options.workers or os.cpu_count() or 1
+    name = options.engine
     if name == "auto":
-        name = "dask" if work.scheduler else "serial" if groups <= SMALL else "pool"
-    if work.scheduler and name != "dask":
+        name = "dask" if options.scheduler else "serial" if groups <= SMALL else "pool"
+    if options.scheduler and name != "dask":
         raise InputError(f"--scheduler is for --engine dask, not {name}")
     if name == "dask":
-        return f"dask, {work.scheduler or f'{workers} workers'}", dask_engine(workers, work.scheduler)
+        return f"dask, {options.scheduler or f'{workers} workers'}", dask_engine(workers, options.scheduler)
     if name == "serial" or workers == 1:
         return "serial", local_engine(1)
     return f"pool, {workers} workers", local_engine(workers)

@@ -17,8 +17,8 @@ from typing import Any
 from urllib.parse import quote, urlsplit
 
 from bench.base import BenchError, EquipmentError, InputError
-from bench.commands.answer import Answer
-from bench.commands.live import ENDING_S, REACHED, how_it_ended, text_of
+from bench.commands.live import ENDING_S
+from bench.commands.results.live import Aborted, Asked, LiveRuns
 
 PATIENCE_S = 30.0
 _ANSWER_BYTES = 8 << 20
@@ -86,11 +86,9 @@ def server_at(url: str) -> Server:
     return Server(url, os.environ.get("BENCH_TOKEN"))
 
 
-def server_status(server: Server, run: Path | None) -> Answer:
+def server_status(server: Server, run: Path | None) -> LiveRuns:
     """`bench status --server`: one live run, or all of them."""
-    runs = _live(server) if run is None else [server.get(f"/live/{_id(run)}")]
-    text = "\n\n".join(text_of(run) for run in runs) or f"no live run at {server.url}"
-    return Answer({"runs": runs}, text, 4 if any(run["state"] == "silent" for run in runs) else 0)
+    return LiveRuns(f"at {server.url}", _live(server) if run is None else [server.get(f"/live/{_id(run)}")])
 
 
 def _live(server: Server) -> list[dict[str, Any]]:
@@ -100,23 +98,19 @@ def _live(server: Server) -> list[dict[str, Any]]:
     return runs
 
 
-def server_act(server: Server, action: str, run: Path | None) -> Answer:
+def server_act(server: Server, action: str, run: Path | None) -> Asked:
     """`bench hold`, `pause` and `resume` with `--server`."""
     which = _the_run(server, run)
-    answer = server.post(f"/live/{which}/{action}")
-    states, words = REACHED[action]
-    if answer["state"] in states:
-        return Answer(answer, f"{which}: {words}")
-    return Answer(answer, f"{which}: asked to {action}, but the run is {answer['state']}", 1)
+    return Asked(action, which, server.post(f"/live/{which}/{action}"))
 
 
-def server_abort(server: Server, run: Path | None) -> Answer:
+def server_abort(server: Server, run: Path | None) -> Aborted:
     """`bench abort --server`: end a live run, and say what the safe state reached."""
     which = _the_run(server, run)
     answer = server.post(f"/live/{which}/abort?wait_s={ENDING_S:g}", ENDING_S + PATIENCE_S)
     if "safe" not in answer:
         raise EquipmentError(f"{which}: told to abort, but how it ended is not known; LOOK AT THE CHAMBER")
-    return how_it_ended({"run": which, **answer})
+    return Aborted({"run": which, **answer})
 
 
 def _the_run(server: Server, run: Path | None) -> str:

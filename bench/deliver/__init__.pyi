@@ -12,8 +12,8 @@ from .certificate.laboratory import refuse_overdue as refuse_overdue
 from .certificate.typeset import facts_text as facts_text
 from .certificate.typeset import require_typst as require_typst
 from .certificate.typeset import typeset_pdf as typeset_pdf
+from .export.delivering import Delivered as Delivered
 from .export.delivering import ExportOptions as ExportOptions
-from .export.delivering import error_table as error_table
 from .export.delivering import files_of as files_of
 from .export.delivering import prepare as prepare
 from .export.image import Image as Image

@@ -10,6 +10,7 @@ from .folder import Manifest as Manifest
 from .folder import RunFolder as RunFolder
 from .folder import copy_whole as copy_whole
 from .folder import create_run as create_run
+from .folder import new_folder as new_folder
 from .folder import open_run as open_run
 from .folder import read_json as read_json
 from .folder import sha256 as sha256

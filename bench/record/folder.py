@@ -171,7 +171,7 @@ def create_run(
     parent = root / slug(unit)
     try:
         parent.mkdir(parents=True, exist_ok=True)
-        run = RunFolder(_new_folder(parent, stem))
+        run = RunFolder(new_folder(parent, stem))
         run.journal.mkdir()
         for name, text in (files or {}).items():
             (run.path / name).write_text(text, encoding="utf-8")
@@ -180,15 +180,16 @@ def create_run(
     return run
 
 
-def _new_folder(parent: Path, stem: str) -> Path:
+def new_folder(parent: Path, stem: str) -> Path:
+    """A folder that did not exist: `parent`/`stem`, or with _2, _3 … behind it; InputError where all are taken."""
     for suffix in ("", *(f"_{n}" for n in range(2, 1000))):
         path = parent / f"{stem}{suffix}"
         try:
-            path.mkdir()
+            path.mkdir(parents=True)
         except FileExistsError:
             continue
         return path
-    raise InputError(f"a thousand runs named {stem} already exist; clear the folder", parent)
+    raise InputError(f"a thousand folders named {stem} already exist; clear the folder", parent)
 
 
 def open_run(path: Path) -> RunFolder:

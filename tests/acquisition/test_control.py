@@ -17,7 +17,7 @@ from bench.acquisition.run import control, remote
 from bench.acquisition.run.control import Desk
 from bench.acquisition.run.status import Status
 from bench.base.errors import EquipmentError, InputError
-from bench.commands.live import text_of
+from bench.cli.rendering.live import live_run
 from drivers.canbus import CaptureHealth
 from drivers.chamber import ChamberReading
 
@@ -39,7 +39,8 @@ def test_status_shows_how_far_the_capture_is_behind_each_bus(desk):
     desk.look(STATION, status())
     (bus,) = desk.status()["buses"]
     assert bus == {"bus": "can0", "state": "ok", "frames": 1200, "behind_s": 0.31, "most_behind_s": 1.5}
-    assert "bus      can0: ok, 1200 frames, 0.31 s behind, at most 1.50 s" in text_of({"run": "r", **desk.status()})
+    told = live_run({"run": "r", **desk.status()})
+    assert "  bus      can0: ok, 1200 frames, 0.31 s behind, at most 1.50 s" in list(told)
 
 
 class Sequencer:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,7 @@ from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.runner import UnitResult, run_job
 from bench.analysis.effects.model import load_model
 from bench.base.errors import EquipmentError, InputError, RunAborted
-from bench.cli import main
-from bench.commands.answer import Answer
+from bench.cli import main, rendering
 from bench.commands.several import report_on_all
 from bench.record.folder import RunFolder, create_run, open_run, sha256
 from drivers.clock import SimClock
@@ -257,6 +257,14 @@ def test_what_the_watchdog_did_is_part_of_the_run(tmp_path, ok, state, said):
     assert "watchdog.jsonl" in manifest["files"]
 
 
+@dataclass(frozen=True)
+class Analysed:
+    run: str
+    verdict: str
+    exit_code: int
+    sentence: str = "so be it."
+
+
 def unit(serial, error=None):
     return UnitResult(serial, RunFolder(Path("reports") / serial), error)
 
@@ -266,16 +274,17 @@ def test_the_answer_for_several_is_the_worst_and_one_that_cannot_be_analysed_los
         if run.path.name == "G2":
             raise InputError("too little data")
         word, code = ("adequate", 0) if error is None else ("partial", error.exit_code)
-        return Answer({"run": str(run.path), "verdict": word, "sentence": "so be it.", "rms_dph": 0.1}, "text", code)
+        return Analysed(str(run.path), word, code)
 
     monkeypatch.setattr(bench.commands.several, "report_on", report_on)
     answer = report_on_all([unit("G1"), unit("G2"), unit("G3", EquipmentError("dropped: silent"))], [])
-    assert answer.content["verdict"] == "partial"
-    assert [content["verdict"] for content in answer.content["units"]] == ["adequate", "unproven", "partial"]
-    assert answer.content["units"][1]["error"] == "too little data"
+    content, text = rendering.content(answer), rendering.plain(answer)
+    assert content["verdict"] == "partial"
+    assert [unit["verdict"] for unit in content["units"]] == ["adequate", "unproven", "partial"]
+    assert content["units"][1]["error"] == "too little data"
     assert answer.exit_code == 4
-    assert "G2  unproven: not analysed: too little data" in answer.text
-    assert "bench: dropped: silent" in answer.text
+    assert "G2  unproven: not analysed: too little data" in text
+    assert "bench: dropped: silent" in text
 
 
 UP_AND_DOWN = """\
@@ -294,15 +303,17 @@ def test_four_units_of_which_one_dies_in_mid_ramp_give_three_calibrations_and_on
     result = run_job(acquisition.job(tmp_path, UP_AND_DOWN, settings), die)
     answer = report_on_all(result.units, [load_model("polynomial")])
     assert answer.exit_code == 4
-    assert answer.content["verdict"] == "partial"
-    dead = answer.content["units"].pop(2)
+    told = rendering.content(answer)
+    assert told["verdict"] == "partial"
+    dead = told["units"].pop(2)
     assert (dead["unit"], dead["state"], dead["complete"]) == ("SIM-0003", "failed", False)
     assert dead["error"] == "dropped: no sound rate frame for 5.0 s, 5 s allowed"
-    for content in answer.content["units"]:
+    for content in told["units"]:
         assert (content["state"], content["complete"], content["losses"]["lost"]) == ("done", True, 0)
         calibration = json.loads((Path(content["run"]) / "calibration.json").read_text())
         assert calibration["calibration"] is not None
-    assert [line for line in answer.text.splitlines() if line.startswith("bench: ")] == [f"bench: {dead['error']}"]
+    text = rendering.plain(answer)
+    assert [line for line in text.splitlines() if line.startswith("bench: ")] == [f"bench: {dead['error']}"]
 
 
 def test_several_units_are_run_with_one_command_and_one_unit_answers_as_ever(tmp_path):

@@ -16,6 +16,7 @@ from bench.analysis.judging.limits import MEANING, Limit, Limits, Quantity, Quan
 from bench.analysis.judging.quantities import quantities
 from bench.analysis.judging.validity import refusals
 from bench.base.errors import InputError
+from bench.cli import rendering
 from bench.commands.analysis import report
 from tests.support.report_runs import looped, quick
 from tests.support.run_folders import make_run, ramp_run
@@ -192,13 +193,14 @@ def test_report_writes_the_verdict_and_its_exit_code_is_the_limits(tmp_path):
     tight = tmp_path / "tight.yaml"
     tight.write_text("name: tight\nlimits: [{quantity: residual_rms_dph, unit: deg/h, upper: 0.001, reason: none}]\n")
     answers = {path.stem: report(run, ["spline"], (), None, path) for path in (wide, tight)}
+    contents = {name: rendering.content(answer) for name, answer in answers.items()}
     assert answers["wide"].exit_code == 0
-    assert answers["wide"].content["limits"]["verdict"] == "PASS"
-    assert answers["wide"].content["verdict"] == "adequate"
+    assert contents["wide"]["limits"]["verdict"] == "PASS"
+    assert contents["wide"]["verdict"] == "adequate"
     assert answers["tight"].exit_code == 1
-    assert answers["tight"].content["limits"]["verdict"] == "FAIL"
-    assert json.loads((run / "limits.json").read_text()) == answers["tight"].content["limits"]
-    assert "FAIL against limits 'tight'" in answers["tight"].text
+    assert contents["tight"]["limits"]["verdict"] == "FAIL"
+    assert json.loads((run / "limits.json").read_text()) == contents["tight"]["limits"]
+    assert "FAIL against limits 'tight'" in rendering.plain(answers["tight"])
     page = (run / "report.html").read_text()
     assert page.index('id="limits"') < page.index('id="profile"')
     assert "FAIL against the limits" in page

@@ -5,9 +5,9 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from bench.cli import main
-from bench.commands.answer import Answer
-from bench.commands.registering import registered
+from bench.cli import main, rendering
+from bench.cli.options import Registered
+from bench.commands import Asked, register_runs
 from tests.support.run_folders import make_run, ramp_run
 
 
@@ -93,23 +93,22 @@ def test_lots_and_operators_survive_the_loss_of_the_registry(reports):
 
 
 def test_a_run_is_registered_beside_its_folder(reports):
-    run = str(reports / "U-1" / "r1")
-    said = registered(Answer({"run": run}, "done"), None, begin=True)
-    assert said.content["registry"] == {"registered": True}
+    assert register_runs([reports / "U-1" / "r1"], None, begin=True) == ""
     assert answer("registry", "list", "--out", reports)["runs"][0]["path"] == "U-1/r1"
 
 
 def test_a_registry_that_fails_is_a_warning_and_the_answer_stands(reports):
-    run = str(reports / "U-1" / "r1")
-    said = registered(Answer({"run": run}, "done", 1), "postgresql://bench@127.0.0.1:1/x", begin=True)
+    warning = register_runs([reports / "U-1" / "r1"], "postgresql://bench@127.0.0.1:1/x", begin=True)
+    assert warning.startswith("not registered: ")
+    assert f"bench registry rebuild --out {reports}" in warning
+    said = Registered(Asked("hold", "r1", {"state": "running"}), warning)
     assert said.exit_code == 1
-    assert said.text.startswith("done\nwarning: not registered: ")
-    assert f"bench registry rebuild --out {reports}" in said.text
+    assert rendering.plain(said).endswith(f"\nwarning: {warning}")
+    assert rendering.content(said)["registry"] == {"registered": False, "warning": warning}
 
 
 def test_a_report_on_a_folder_outside_an_archive_makes_no_registry(reports):
-    said = Answer({"run": str(reports / "U-1" / "r1")}, "done")
-    assert registered(said, None, begin=False) == said
+    assert register_runs([reports / "U-1" / "r1"], None, begin=False) is None
     assert not list(reports.glob("*.*"))
 
 

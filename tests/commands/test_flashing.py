@@ -15,7 +15,7 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit import fit_model
 from bench.analysis.judging.limits import Verdict
 from bench.analysis.judging.verification import Figures, refuse_same_profile, verify
-from bench.base.errors import EquipmentError, InputError
+from bench.base import EquipmentError, InputError, read_yaml
 from bench.commands.flash_record import (
     AlreadyThereError,
     Calibration,
@@ -139,7 +139,7 @@ def test_runs_that_must_not_be_flashed(tmp_path, short_run):
 def test_images_in_files(tmp_path):
     path = tmp_path / "x.bin"
     path.write_bytes(calibration().content)
-    assert from_file(path).label == calibration().label
+    assert from_file(path).image.label == calibration().image.label
     path.write_bytes(b"nothing")
     with pytest.raises(InputError, match="no calibration image"):
         from_file(path)
@@ -227,9 +227,9 @@ def test_a_unit_that_starts_anew_and_corrects_again_ends_the_run(flashed, monkey
 
 def test_the_profile_of_the_calibration_does_not_verify_it(short_run):
     with pytest.raises(InputError, match="is the profile of the calibration run"):
-        refuse_same_profile(short_run.path / "profile.yaml", short_run.path)
-    refuse_same_profile(short_run.path / "station.yaml", short_run.path)
-    refuse_same_profile(short_run.path / "profile.yaml", None)
+        refuse_same_profile(read_yaml(short_run.path / "profile.yaml"), short_run.path)
+    refuse_same_profile(read_yaml(short_run.path / "station.yaml"), short_run.path)
+    refuse_same_profile(read_yaml(short_run.path / "profile.yaml"), None)
 
 
 def test_figures_say_what_they_are(short_run):

@@ -8,8 +8,8 @@ import threading
 import pytest
 from click.testing import CliRunner
 
-from bench.cli import main
-from bench.commands.live import how_it_ended
+from bench.cli import main, rendering
+from bench.commands import Aborted
 from bench.record.folder import open_run
 from bench.web.ground.settings import Settings
 from bench.web.people import people
@@ -100,10 +100,10 @@ def test_a_server_of_another_kind_is_said_in_one_line(said):
 
 
 def test_of_an_end_that_nobody_saw_nothing_good_is_said():
-    told = how_it_ended({"run": "G-1/r", "cause": "the bench was killed", "safe": None, "safe_state": []})
+    told = Aborted({"run": "G-1/r", "cause": "the bench was killed", "safe": None, "safe_state": []})
     assert told.exit_code == 4
-    assert "nothing had moved" not in told.text
-    assert "SAFE STATE NOT VERIFIED" in told.text
+    assert "nothing had moved" not in rendering.plain(told)
+    assert "SAFE STATE NOT VERIFIED" in rendering.plain(told)
 
 
 def test_a_token_is_not_carried_on_to_where_a_server_points():

@@ -155,9 +155,9 @@ class Profile(BaseModel):
         return np.array(times), np.array(temperatures)
 
 
-def load_profile(path: Path | str) -> Profile:
-    """Profile from its file; InputError with everything that is wrong, by line."""
-    return from_document(read_yaml(path))
+def load_profile(source: Path | str | Document) -> Profile:
+    """Profile from its file, or from one that was read; InputError with everything that is wrong, by line."""
+    return from_document(source if isinstance(source, Document) else read_yaml(source))
 
 
 def profile_from_text(text: str, file: str = "profile") -> Profile:

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bench.base import finite
+
 CAPACITY = 4096
 """Points; after a day at a tick a second each spans 32 s."""
 _PAGE_BYTES = 40_000
@@ -140,7 +142,7 @@ def _larger(one: float, other: float) -> float:
 
 def _point(row: Sequence[float], units: int) -> list[Any]:
     """`[t_s, set point, chamber, [unit…], [[rate_min, rate_max]…]]`."""
-    known = [round(value, 3) if math.isfinite(value) else None for value in row]
+    known = [finite(value, 3) for value in row]
     rates = known[3 + units :]
     spans = [[low, high] for low, high in zip(rates[::2], rates[1::2], strict=True)]
     return [*known[:3], known[3 : 3 + units], spans]

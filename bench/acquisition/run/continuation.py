@@ -8,7 +8,6 @@ same folder, on the same bench time; the gap stays a gap (docs/decisions/0005-pa
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -22,7 +21,7 @@ from bench.acquisition.recording import parts
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.recording.journals import BenchJournal, read_bench
 from bench.acquisition.station.settings import StationSettings, UnitSettings
-from bench.base import InputError
+from bench.base import InputError, finite
 from bench.record import MANIFEST, RunFolder, open_run
 from drivers.chamber import ChamberReading
 from drivers.journal import Damage
@@ -256,17 +255,17 @@ def _zero(journal: BenchJournal, path: Path) -> datetime:
 
 
 def _chamber(reading: ChamberReading) -> dict[str, Any]:
-    return {"chamber_degc": _number(reading.temperature), "setpoint_degc": _number(reading.setpoint), "on": reading.on}
+    return {
+        "chamber_degc": finite(reading.temperature, 3),
+        "setpoint_degc": finite(reading.setpoint, 3),
+        "on": reading.on,
+    }
 
 
 def _chamber_of(readings: Any) -> dict[str, Any]:
     last = readings[-1]
     on = bool(last["on"])
-    return {"chamber_degc": _number(last["temperature"]), "setpoint_degc": _number(last["setpoint"]), "on": on}
-
-
-def _number(value: float) -> float | None:
-    return round(float(value), 3) if math.isfinite(value) else None
+    return {"chamber_degc": finite(last["temperature"], 3), "setpoint_degc": finite(last["setpoint"], 3), "on": on}
 
 
 def _say(state: Mapping[str, Any]) -> str:

@@ -1,11 +1,11 @@
 """Physical effects, one a file. `registry.py` lists them, `base.py` says what an effect is."""
 
-from bench.analysis.effects.catalogue import Entry, catalogue, entry, markdown
-from bench.analysis.effects.registry import doc, effect_names, get, load_effect, make, nearest, register
+from bench.analysis.effects.catalogue import CatalogueEntry, catalogue, entry, markdown
+from bench.analysis.effects.registry import doc, effect_names, get, load_effect, make, register
 from bench.analysis.effects.signature import Signature, signature
 
 __all__ = [
-    "Entry",
+    "CatalogueEntry",
     "Signature",
     "catalogue",
     "doc",
@@ -15,7 +15,6 @@ __all__ = [
     "load_effect",
     "make",
     "markdown",
-    "nearest",
     "register",
     "signature",
 ]

@@ -14,7 +14,7 @@ _EXAMPLE = "k * dT_dt * quadrature"
 
 
 @dataclass(frozen=True)
-class Entry:
+class CatalogueEntry:
     """One effect: what rankings, command line and documentation want to know."""
 
     name: str
@@ -35,15 +35,15 @@ class Entry:
         return tuple(dict.fromkeys(word for word in words if word in effect_names() and word != self.name))
 
 
-def catalogue() -> tuple[Entry, ...]:
+def catalogue() -> tuple[CatalogueEntry, ...]:
     """All effects that are registered, the built-in ones first."""
     return tuple(entry(name) for name in effect_names())
 
 
-def entry(name: str) -> Entry:
+def entry(name: str) -> CatalogueEntry:
     """Catalogue entry of one effect; InputError for an unknown name."""
     effect = make(name, {"formula": _EXAMPLE} if name == "expression" else None)
-    return Entry(
+    return CatalogueEntry(
         name=name,
         family=effect.family,
         summary=doc(name).strip().split("\n", 1)[0].rstrip("."),

@@ -8,7 +8,6 @@ parameter, if bounds are given for it.
 from __future__ import annotations
 
 import ast
-import difflib
 import math
 import warnings
 from collections.abc import Callable, Collection, Mapping
@@ -18,7 +17,7 @@ from typing import Any, cast
 import numpy as np
 
 from bench.analysis.effects.operators import play, ramp_invariant_lag, slope
-from bench.base import CHANNELS, FloatArray, InputError
+from bench.base import CHANNELS, FloatArray, InputError, closest
 from bench.record import STILL_DEGC_PER_MIN, Dataset
 
 FUNCTIONS: dict[str, int] = {
@@ -202,8 +201,8 @@ def _times(factor: ast.expr, op: ast.operator, other: ast.expr) -> ast.expr:
 def _hint(names: Collection[str]) -> str:
     """A likely slip of the pen: a parameter that nearly is a channel."""
     known = (*variables(), *FUNCTIONS)
-    close = {name: difflib.get_close_matches(name, known, n=1, cutoff=0.8) for name in sorted(names)}
-    return "".join(f"; did you mean '{near[0]}' by '{name}'?" for name, near in close.items() if near)
+    close = {name: closest(name, known, 0.8) for name in sorted(names)}
+    return "".join(f"; did you mean '{near}' by '{name}'?" for name, near in close.items() if near)
 
 
 def _names(node: ast.AST) -> set[str]:

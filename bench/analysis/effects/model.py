@@ -18,7 +18,7 @@ from typing import Any
 
 from bench.analysis import effects
 from bench.analysis.effects.base import Effect, options_of
-from bench.base import Document, InputError, dump, library, read_yaml
+from bench.base import Document, InputError, dump, library, nearest_or_all, read_yaml
 
 ROWS = ("all", "heating", "cooling", "soaks_2", "soaks_3", "bins")
 """Rows that a model is fitted to: all, one branch only, the means of 2 or 3 soaks (fixed-temperature method), or, of a
@@ -74,15 +74,17 @@ def _entry(effect: Effect) -> Any:
     return {effect.name: options} if options else effect.name
 
 
-def load_model(name_or_path: str | Path) -> Model:
-    """Model from a YAML file, by the name of a file in profiles/models, or an effect's name (that effect alone).
+def load_model(source: str | Path | Document) -> Model:
+    """Model from a YAML file (or one that was read), by the name of a file in profiles/models, or of an effect alone.
 
     Raises InputError: no such model, not YAML, unknown key, effect or option (with the nearest known word and line).
     """
-    path = Path(name_or_path)
+    if isinstance(source, Document):
+        return model_from(source.content, source)
+    path = Path(source)
     if path.is_file():
         return _read(path)
-    name = str(name_or_path)
+    name = str(source)
     if path.suffix in {".yaml", ".yml"} or path.parent != Path():
         raise InputError("no such model file", path)
     for folder in _libraries():
@@ -91,7 +93,7 @@ def load_model(name_or_path: str | Path) -> Model:
     if name in effects.effect_names():
         return Model(name, (effects.make(name),))
     known = {file.stem for folder in _libraries() for file in folder.glob("*.yaml")} | set(effects.effect_names())
-    raise InputError(f"unknown model '{name}'{effects.nearest(name, tuple(sorted(known)))}")
+    raise InputError(f"unknown model '{name}'{nearest_or_all(name, tuple(sorted(known)))}")
 
 
 def _libraries() -> tuple[Path, ...]:
@@ -112,7 +114,7 @@ def model_from(content: object, document: Document | None = None) -> Model:
         for key in content:
             if key not in _KEYS:
                 with _at(document, key):
-                    raise InputError(f"unknown key '{key}'{effects.nearest(str(key), _KEYS)}")
+                    raise InputError(f"unknown key '{key}'{nearest_or_all(str(key), _KEYS)}")
         name, entries, rows = content.get("name"), content.get("effects"), content.get("rows", "all")
         if not isinstance(name, str) or not name:
             raise InputError("a model needs a 'name'")

@@ -9,7 +9,6 @@ from functools import lru_cache
 from importlib.metadata import entry_points
 from typing import Any, cast
 
-from bench import base
 from bench.analysis.effects.aging import Aging
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.bias_jump import BiasJump
@@ -33,7 +32,7 @@ from bench.analysis.effects.surface import Surface
 from bench.analysis.effects.temperature_rate import TemperatureRate
 from bench.analysis.effects.thermal_lag import ThermalLag
 from bench.analysis.effects.warm_up import WarmUp
-from bench.base import InputError
+from bench.base import InputError, nearest_or_all
 
 _BUILT_IN = (
     Polynomial,
@@ -76,7 +75,7 @@ def get(name: str) -> type[Effect]:
     if name in _BROKEN:
         raise InputError(_BROKEN[name])
     if name not in _REGISTRY:
-        raise InputError(f"unknown effect '{name}'{nearest(name, effect_names())}")
+        raise InputError(f"unknown effect '{name}'{nearest_or_all(name, effect_names())}")
     return _REGISTRY[name]
 
 
@@ -115,15 +114,10 @@ def make(name: str, options: Mapping[str, Any] | None = None) -> Effect:
     known = tuple(item.name for item in fields(cast(Any, kind)) if not item.metadata.get("fitted"))
     for option in options:
         if option not in known:
-            raise InputError(f"effect '{name}' has no option '{option}'{nearest(str(option), known)}")
+            raise InputError(f"effect '{name}' has no option '{option}'{nearest_or_all(str(option), known)}")
     return kind(**options)
 
 
 def doc(name: str) -> str:
     """Documentation page of an effect: its module's docstring (equation, units, source, symptoms)."""
     return sys.modules[get(name).__module__].__doc__ or ""
-
-
-def nearest(word: str, known: tuple[str, ...]) -> str:
-    """Ending of an error message: the nearest known word, or all of them."""
-    return base.nearest(word, known) or f"; known are {', '.join(known) or 'none'}"

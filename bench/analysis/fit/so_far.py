@@ -16,7 +16,7 @@ from bench.analysis.fit.normal import held_out_rms, penalised_rms
 from bench.analysis.fit.smooth import roughness, spline_normal
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.fit.state import State
-from bench.base import FloatArray
+from bench.base import FloatArray, finite
 
 MARGIN_DEGC = 20.0
 """A unit may be so much warmer or colder than its chamber's set points; what lies beyond is left out, and counted."""
@@ -90,8 +90,4 @@ def _scored(cells: Cells, sums: FloatArray, name: str, intervals: int, ends: str
     penalty *= _TRACE * np.trace(groups.gram.sum(axis=0)) / np.trace(penalty)
     rms = penalised_rms(groups.sum(), penalty)
     held_out = held_out_rms(groups, penalty) if len(groups.right) > 1 else np.inf
-    return {"name": name, "rms_dph": _known(rms), "held_out_rms_dph": _known(held_out)}
-
-
-def _known(value: float) -> float | None:
-    return round(value, 4) if np.isfinite(value) else None
+    return {"name": name, "rms_dph": finite(rms, 4), "held_out_rms_dph": finite(held_out, 4)}

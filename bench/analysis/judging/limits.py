@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, Field, field_validator, model_validator
 
-from bench.base import STRICT, PlacedError, finite, load_config
+from bench.base import STRICT, Document, PlacedError, finite, load_config
 
 COVERAGE = 2.0
 """Coverage factor k of every expanded uncertainty."""
@@ -265,9 +265,9 @@ class Judgement:
         }
 
 
-def load_limits(path: Path | str) -> Limits:
-    """Limits from a file; InputError with file and line where something is wrong."""
-    return load_config(Path(path), Limits)
+def load_limits(source: Path | str | Document) -> Limits:
+    """Limits from a file, or from one that was read; InputError with file and line where something is wrong."""
+    return load_config(source, Limits)
 
 
 def judge_limits(limits: Limits, quantities: Iterable[Quantity], refusals: Sequence[str] = ()) -> Judgement:

@@ -18,8 +18,8 @@ from bench.analysis.diagnosis.compare import HeldOut, error_of
 from bench.analysis.judging.limits import Limits, Quantity, Verdict, judge_limits
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.analysis.thresholds import VERIFIED_RATIO
-from bench.base import InputError, finite
-from bench.record import VERIFICATION_JSON, Dataset, RunFolder, load, sha256, write_json
+from bench.base import Document, InputError, finite, read_text
+from bench.record import VERIFICATION_JSON, Dataset, RunFolder, load, write_json
 
 _MEASURED = {
     "residual_rms_dph",
@@ -100,11 +100,13 @@ class Verification:
         }
 
 
-def refuse_same_profile(profile: Path, calibration: Path | None) -> None:
+def refuse_same_profile(profile: Document, calibration: Path | None) -> None:
     """InputError where the profile is the one that the calibration was fitted to."""
     known = None if calibration is None else calibration / "profile.yaml"
-    if known is not None and known.is_file() and profile.is_file() and sha256(profile) == sha256(known):
-        raise InputError(f"is the profile of the calibration run {known.parent.name}; verify with another one", profile)
+    if known is not None and known.is_file() and read_text(known) == profile.text:
+        raise InputError(
+            f"is the profile of the calibration run {known.parent.name}; verify with another one", profile.file
+        )
 
 
 def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, serials: Mapping[str, Any]) -> Verification:

@@ -11,7 +11,7 @@ from bench.commands.calibration.job import ENDED, HELD, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.steps import STEPS, AgainError, Step
 from bench.record import slug
-from drivers.errors import ConfigError, DriverError, IdentityError, LimitError
+from drivers.errors import DriverError
 
 MOST_REPEATS = 1
 """How often a step that was done may turn out to have to be repeated in one go."""
@@ -65,7 +65,7 @@ def _go_on(order: Order, job: JobFile, steps: Sequence[Step], boundary: Boundary
             for later in _from(steps, again.name):
                 job.forget(later, f"repeated: {again}")
         except (BenchError, DriverError) as error:
-            job.fail(step.name, str(error), _code(error))
+            job.fail(step.name, str(error), error.exit_code)
             return
 
 
@@ -103,9 +103,3 @@ def _end(job: JobFile, steps: Sequence[Step]) -> None:
     word = "MARGINAL" if "MARGINAL" in words else "PASS"
     released = "; ".join(entry["reason"] for entry in job.content["releases"])
     job.end(word, f"calibrated and verified{f' (released: {released})' if released else ''}", 0)
-
-
-def _code(error: BenchError | DriverError) -> int:
-    if isinstance(error, BenchError):
-        return error.exit_code
-    return 2 if isinstance(error, (ConfigError, LimitError, IdentityError)) else 4

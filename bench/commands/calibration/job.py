@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.base import InputError, __version__
-from bench.record import slug, write_json
+from bench.record import new_folder, slug, write_json
 
 JOB = "job.json"
 FORMAT = 1
@@ -57,7 +57,7 @@ class JobFile:
         """A new job; InputError where it cannot be written."""
         created = datetime.now(UTC)
         try:
-            folder = _new_folder(unit_folder, f"{created:%Y%m%dT%H%M%SZ}_calibrate_{slug(plan)}")
+            folder = new_folder(unit_folder, f"{created:%Y%m%dT%H%M%SZ}_calibrate_{slug(plan)}")
             content = {"format": FORMAT, "unit": serial, "plan": plan, "digest": digest, "bench": __version__,
                        "created": created.isoformat(timespec="seconds"), "state": RUNNING, "verdict": None,
                        "sentence": "", "exit_code": None, "releases": [], "epochs": {}, "steps": {}}  # fmt: skip
@@ -169,17 +169,6 @@ class JobFile:
         self.content |= {"state": state, "verdict": verdict, "sentence": sentence, "exit_code": exit_code}
         self.content["ended"] = _now()
         self.save()
-
-
-def _new_folder(parent: Path, stem: str) -> Path:
-    for suffix in ("", *(f"_{n}" for n in range(2, 1000))):
-        path = parent / f"{stem}{suffix}"
-        try:
-            path.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        return path
-    raise InputError(f"a thousand jobs named {stem} already exist; clear the folder", parent)
 
 
 def _read(path: Path) -> dict[str, Any] | None:

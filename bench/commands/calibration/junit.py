@@ -8,18 +8,13 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from bench.base import InputError
 from bench.commands.calibration.job import JobFile
-from bench.record import write_atomically
+from bench.commands.files import write
 
 
 def write_junit(job: JobFile, steps: tuple[str, ...], path: Path) -> None:
     """Write it; InputError where that cannot be."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, junit(job, steps))
-    except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", path) from None
+    write(path, junit(job, steps))
 
 
 def junit(job: JobFile, steps: tuple[str, ...]) -> bytes:

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bench.base import InputError, load_config, read_text, read_yaml
+from bench.analysis import Model, load_model
+from bench.base import Document, InputError, load_config, read_yaml
+from bench.commands.acquisition import station_file
 from bench.commands.calibration.plan import Plan
 
 
 @dataclass(frozen=True)
 class Order:
-    """A plan for one unit: everything that the steps need to know."""
+    """A plan for one unit: everything that the steps need to know. Each file is read once, when the order is made."""
 
     plan: Plan
     path: Path
     station: Path | None
+    documents: Mapping[Path, Document]
+    """The plan and all files behind it."""
     serial: str
     out: Path
     quiet: bool = False
@@ -25,19 +29,31 @@ class Order:
     @classmethod
     def load(cls, path: Path, station: Path | None, serial: str, out: Path, quiet: bool = False) -> Order:
         """Read the plan; InputError where it, or a file that it names, is wrong or missing."""
-        order = cls(load_config(path, Plan), path, station, serial, out, quiet)
-        for file in order.files():
-            read_text(file)
-        return order
+        own = read_yaml(path)
+        order = cls(load_config(own, Plan), path, station, {path: own}, serial, out, quiet)
+        return replace(order, documents={path: own} | {file: read_yaml(file) for file in order.files() if file != path})
 
     def file(self, name: str) -> Path:
         """A file that the plan names."""
         return self.path.parent / name
 
+    def document(self, name: str) -> Document:
+        """A file that the plan names, as it was read."""
+        return self.documents[self.file(name)]
+
+    def station_file(self) -> Document:
+        """The station, as it was read."""
+        return station_file(None) if self.station is None else self.documents[self.station]
+
     def model(self, name: str) -> str | Path:
         """A model that the plan names: a file beside it, or a name."""
         beside = self.file(name)
         return beside if beside.is_file() else name
+
+    def load_model(self, name: str) -> Model:
+        """The same, loaded."""
+        wanted = self.model(name)
+        return load_model(self.documents[wanted] if isinstance(wanted, Path) else wanted)
 
     def files(self) -> Iterator[Path]:
         """The plan and all files behind it."""
@@ -51,11 +67,11 @@ class Order:
 
     def digest(self) -> str:
         """SHA-256 of the unit and of all files: another plan is another job."""
-        texts = [self.serial, *(read_text(file) for file in self.files())]
+        texts = [self.serial, *(self.documents[file].text for file in self.files())]
         return hashlib.sha256("\0".join(texts).encode()).hexdigest()
 
     def refuse_same(self) -> None:
         """InputError where fit and verification would be the same profile: that proves nothing."""
-        first, second = (self.file(name) for name in (self.plan.profile, self.plan.verification))
-        if read_yaml(first).content.get("segments") == read_yaml(second).content.get("segments"):
+        first, second = (self.document(name).content for name in (self.plan.profile, self.plan.verification))
+        if first.get("segments") == second.get("segments"):
             raise InputError("verification has the segments of the calibration run: take another profile", self.path)

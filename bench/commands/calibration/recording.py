@@ -36,7 +36,7 @@ def recorded(
     if found is not None:
         job.renew(step)
     task = Task([order.serial], {**texts, MARK: _mark(job, step)}, order.out, compensation)
-    return _whole(conduct(order.file(profile), order.station, task, order.quiet)), False
+    return _whole(conduct(order.document(profile), order.station_file(), task, order.quiet)), False
 
 
 def _mark(job: JobFile, step: str) -> str:

@@ -18,8 +18,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from bench.analysis import Model, load_limits, load_model
-from bench.base import InputError, read_text
+from bench.acquisition import load_profile
+from bench.analysis import Model, load_limits
+from bench.base import InputError
 from bench.commands import acquisition, analysis
 from bench.commands.calibration.doubts import decided, doubts, judged, verdict_of
 from bench.commands.calibration.job import Case, Done, JobFile
@@ -61,19 +62,19 @@ class Check:
         """See the protocol."""
         plan = order.plan
         order.refuse_same()
-        load_limits(order.file(plan.limits))
+        load_limits(order.document(plan.limits))
         for model in plan.models:
-            load_model(order.model(model))
-        unit = acquisition.load_station(order.station).chosen([order.serial])[0]
+            order.load_model(model)
+        station = acquisition.station_of(order.station_file())
+        unit = station.chosen([order.serial])[0]
         if unit.identity is None and not any(map(str.isdigit, order.serial)):
             raise InputError(f"unit '{order.serial}' has no number for its image; give its `identity`", order.station)
         warnings = self._equipment(order)
-        late = []
-        for profile in (plan.profile, plan.verification):
-            found = acquisition.check_command(order.file(profile), order.station)
-            late += [s["name"] for s in found.content["segments"] if s["outcome"] != "done"]
-            warned = [finding["text"] for finding in found.content["findings"] if finding["level"] == "warning"]
-            warnings += [f"{profile}: {text}" for text in warned]
+        late: list[str] = []
+        for name in (plan.profile, plan.verification):
+            checked = acquisition.check_on(load_profile(order.document(name)), station)
+            late += [segment.name for segment in checked.late]
+            warnings += [f"{name}: {finding.text}" for finding in checked.findings if finding.level == "warning"]
         if late:
             raise InputError(f"segments of the profiles would fail on this station: {', '.join(late)}", order.path)
         cases = [Case("warnings", text="; ".join(warnings))]
@@ -87,11 +88,11 @@ class Check:
 
             require_typst()
         if plan.laboratory is not None:
-            load_laboratory(order.file(plan.laboratory))
+            load_laboratory(order.document(plan.laboratory))
         if plan.equipment is None:
             return ["no equipment in the plan: the results are not metrologically traceable"]
-        path = order.file(plan.equipment)
-        refuse_overdue(load_instruments(path), datetime.now(UTC).date(), path)
+        tools = load_instruments(order.document(plan.equipment))
+        refuse_overdue(tools, datetime.now(UTC).date(), order.file(plan.equipment))
         return []
 
 
@@ -113,12 +114,11 @@ class Run:
 def texts(order: Order) -> dict[str, str]:
     """Files of the plan that its run folders keep."""
     plan = order.plan
-    kept = {"limits.yaml": read_text(order.file(plan.limits)), "plan.yaml": read_text(order.path)}
+    kept = {"limits.yaml": order.document(plan.limits).text, "plan.yaml": order.documents[order.path].text}
     if plan.equipment is not None:
-        kept["equipment.yaml"] = read_text(order.file(plan.equipment))
-    for i, name in enumerate(plan.models):
-        kept["model.yaml" if i == 0 else f"model-{i + 1}.yaml"] = load_model(order.model(name)).to_yaml()
-    return kept
+        kept["equipment.yaml"] = order.document(plan.equipment).text
+    models = {analysis.model_file(i): order.load_model(name).to_yaml() for i, name in enumerate(plan.models)}
+    return kept | models
 
 
 def run_of(job: JobFile, step: str = "run") -> Path:
@@ -135,17 +135,18 @@ class Fit:
     def do(self, order: Order, job: JobFile) -> Done:
         """See the protocol."""
         folder = run_of(job)
-        models = [load_model(order.model(name)) for name in order.plan.models]
+        models = [order.load_model(name) for name in order.plan.models]
+        limits = load_limits(order.document(order.plan.limits))
         steps: list[dict[str, Any]] = []
         if order.plan.improve:
             improved, steps = _walk(folder, models[0])
             if improved is not None:
                 models.append(improved)
                 write_atomically(folder / IMPROVED, improved.to_yaml().encode())
-        answer = analysis.report_on(RunFolder(folder), models, None, limits=load_limits(order.file(order.plan.limits)))
-        content = answer.content
-        if not content["admissible"]:
+        reported = analysis.report_on(RunFolder(folder), models, None, limits=limits)
+        if not reported.analysis.admissible:
             raise AgainError("run", "the parts of the run do not fit together at their joints")
+        content = reported.analysis.to_json()
         word = str(content["limits"]["verdict"])
         hold, stop = verdict_of(word, order.plan.policy, "the calibration run")
         keys = ("model", "rms_dph", "held_out_rms_dph", "held_out_by", "floor_dph", "uncompensated_rms_dph")
@@ -160,7 +161,8 @@ def _walk(folder: Path, model: Model) -> tuple[Model | None, list[dict[str, Any]
     from bench.analysis import improve
     from bench.record import load
 
-    found = improve([load(folder)], (), model, floor_dph=analysis.floor_of([folder], 30.0, None))
+    data = load(folder)
+    found = improve([data], (), model, floor_dph=analysis.floor_of([folder], data.interval_s, None))
     steps = []
     for step in found.steps:
         suspects = {s.effect: s for s in step.diagnosis.suspects}
@@ -210,11 +212,12 @@ class Flash:
         """See the protocol."""
         from bench.commands.flashing import FlashOptions, flash
 
-        wishes = FlashOptions(run=run_of(job), form=order.plan.form)
-        content = flash(order.serial, order.station, wishes, order.out, order.quiet).content
+        options = FlashOptions(run=run_of(job), form=order.plan.form)
+        flashed = flash(order.serial, order.station_file(), options, order.out, order.quiet)
         keys = ("calibration_id", "form", "bank", "crc", "coefficient_set")
-        facts = {key: content.get(key) for key in keys}
-        return Done(f"calibration {content['calibration_id']} {content.get('state', '')} in the unit", facts)
+        facts = {key: flashed.record.get(key) for key in keys}
+        how = "was in the unit already" if flashed.already_there else "written into the unit"
+        return Done(f"calibration {flashed.calibration_id} {how}", facts)
 
 
 @dataclass(frozen=True)
@@ -231,7 +234,7 @@ class Verify:
         if inside["calibration_id"] != job.facts("flash")["calibration_id"]:
             raise AgainError("flash", f"the unit holds calibration {inside['calibration_id']}")
         run, _ = recorded(order, job, self.name, order.plan.verification, "on", texts(order))
-        found = verify(run, run_of(job), load_limits(order.file(order.plan.limits)), inside)
+        found = verify(run, run_of(job), load_limits(order.document(order.plan.limits)), inside)
         content, word = found.to_json(), found.verdict.value
         hold, stop = verdict_of(word, order.plan.policy, "the verification")
         facts = {"run": run.path.name, "rms_dph": content["after"]["rms_dph"],
@@ -248,7 +251,7 @@ def _in_unit(order: Order) -> dict[str, Any]:
     from bench.commands.flash_record import newest_record
     from bench.commands.flashing import in_unit
 
-    settings = acquisition.load_station(order.station)
+    settings = acquisition.station_of(order.station_file())
     unit = settings.chosen([order.serial])[0]
     return in_unit(settings, unit, newest_record(order.out, order.serial), order.out)
 
@@ -266,16 +269,16 @@ class Certify:
         if not order.plan.certificate:
             return Done("not wanted by the plan", {"pdf": None}, [Case("certificate", skipped=True, text="not wanted")])
         plan = order.plan
-        wishes = CertificateOptions(
+        options = CertificateOptions(
             verification=run_of(job, "verify"),
             equipment=None if plan.equipment is None else order.file(plan.equipment),
             laboratory=None if plan.laboratory is None else order.file(plan.laboratory),
         )
-        content = certificate(run_of(job), wishes, job.folder / "certificate.pdf").content
-        word = content["verdict"]
+        facts = certificate(run_of(job), options, job.folder / "certificate.pdf").facts
+        word = facts["verdict"]
         hold, stop = verdict_of(word or "PASS", plan.policy, "the certificate")
-        facts = {"pdf": "certificate.pdf", "number": content["number"]}
-        return Done(f"{content['number']}: {word}", facts, (), word, hold, stop)
+        kept = {"pdf": "certificate.pdf", "number": facts["number"]}
+        return Done(f"{facts['number']}: {word}", kept, (), word, hold, stop)
 
 
 STEPS: tuple[Step, ...] = (Check(), Run(), Fit(), Diagnose(), Flash(), Verify(), Certify())

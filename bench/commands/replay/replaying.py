@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -80,18 +80,3 @@ def replay(path: Path, models: Sequence[str] = (), others: Sequence[Path] = ()) 
 def _now(then: dict[str, str]) -> dict[str, str]:
     now = package_versions()
     return {name: now.get(name, "unknown") for name in then} if then else now
-
-
-def lines(found: Replay, most: int = 20) -> Iterator[str]:
-    """The answer for a terminal."""
-    source = "from its raw frames" if found.from_frames else "from data.parquet (an import has no frames)"
-    what = "tables and results" if found.analysed else "tables (no analysis in the folder)"
-    yield f"{found.run.path}: {'identical' if found.identical else 'DIFFERENT'}; {what} made again {source}"
-    yield from (f"  not the recorded file: {change.file}" for change in found.tampered)
-    yield from (f"  {change}" for change in found.differences[:most])
-    if len(found.differences) > most:
-        yield f"  and {len(found.differences) - most} more differences; --json lists all"
-    if found.failed:
-        yield f"  not made again: {found.failed}"
-    other = [f"{name} {then} -> {found.now[name]}" for name, then in found.then.items() if found.now[name] != then]
-    yield f"  software: {', '.join(other) or 'the same versions'}"

@@ -14,6 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from bench.acquisition import time_left
+from bench.base import clock
 
 if TYPE_CHECKING:
     from bench.acquisition import Profile, Station, Status
@@ -67,9 +68,9 @@ class Progress:
     def _line(self, station: Station, status: Status) -> str:
         losses = station.losses()
         return (
-            f"[{_clock(status.t_s)}] {status.leg.index + 1}/{status.legs} {status.leg.name}: "
+            f"[{clock(status.t_s)}] {status.leg.index + 1}/{status.legs} {status.leg.name}: "
             f"chamber {status.reading.temperature:.1f} degC, {_units_text(station, status)}, "
-            f"{losses['received']} frames, {losses['lost']} lost, {_clock(self.left_s(status))} left"
+            f"{losses['received']} frames, {losses['lost']} lost, {clock(self.left_s(status))} left"
         )
 
     def _table(self, station: Station, status: Status) -> Table:
@@ -80,7 +81,7 @@ class Progress:
         grid.add_column()
         grid.add_row("segment", f"{status.leg.index + 1}/{status.legs}  {status.leg.name}")
         grid.add_row("", ProgressBar(total=max(self._nominal_s, 1.0), completed=status.t_s, width=50))
-        grid.add_row("time", f"{_clock(status.t_s)}, {_clock(self.left_s(status))} left")
+        grid.add_row("time", f"{clock(status.t_s)}, {clock(self.left_s(status))} left")
         grid.add_row(
             "chamber", f"{status.reading.temperature:7.2f} degC   set point {status.reading.setpoint:7.2f} degC"
         )
@@ -119,8 +120,3 @@ def _unit_rows(station: Station, status: Status) -> Iterator[tuple[str, str]]:
         losses = unit.decoder.losses
         text = f"{degc} degC   {losses.received} frames, {losses.lost} lost"
         yield unit.serial, f"left: {reasons[unit.serial]}" if unit.serial in reasons else text
-
-
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, Field, model_validator
 
-from bench.base import STRICT, InputError, dump, load_config
+from bench.base import STRICT, Document, InputError, dump, load_config
 
 
 class Instrument(BaseModel):
@@ -102,9 +102,9 @@ class Laboratory(BaseModel):
     """Further remarks, such as deviations from the method."""
 
 
-def load_instruments(path: Path) -> tuple[Instrument, ...]:
+def load_instruments(source: Path | Document) -> tuple[Instrument, ...]:
     """The instruments of a file; InputError with file and line where something is wrong."""
-    return load_config(path, InstrumentsFile).equipment
+    return load_config(source, InstrumentsFile).equipment
 
 
 def instrument_of_registry(row: Mapping[str, Any]) -> Instrument:
@@ -118,9 +118,9 @@ def instruments_yaml(instruments: Sequence[Instrument]) -> str:
     return dump({"equipment": [tool.model_dump(mode="json", exclude_none=True) for tool in instruments]})
 
 
-def load_laboratory(path: Path) -> Laboratory:
+def load_laboratory(source: Path | Document) -> Laboratory:
     """The laboratory of a file; InputError with file and line where something is wrong."""
-    return load_config(path, Laboratory)
+    return load_config(source, Laboratory)
 
 
 def refuse_overdue(instruments: Sequence[Instrument], on: date, where: Path | str | None = None) -> None:

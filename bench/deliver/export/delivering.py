@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -19,7 +18,7 @@ from bench.deliver.export.exact import correction
 from bench.deliver.export.formats import FORMATS, Files, Package
 from bench.deliver.export.forms import FORMS
 from bench.deliver.export.image import read, words_of
-from bench.deliver.export.measure import Worst, best_form, raw_id, worst_errors
+from bench.deliver.export.measure import best_form, raw_id, worst_errors
 from bench.deliver.export.signals import to_counts
 from bench.record import Dataset
 
@@ -110,13 +109,3 @@ def _created(folder: Path) -> int:
         return int(datetime.fromisoformat(str(created)).timestamp())
     except ValueError:
         return 0
-
-
-def error_table(rows: Sequence[Worst]) -> str:
-    """Worst errors of the forms for a terminal."""
-    lines = [f"{'form':<12} {'whole box':>11} {'near rest':>11} {'in motion':>11} {'words':>6}   [deg/h]"]
-    for row in rows:
-        lines.append(
-            f"{row.form:<12} {row.everywhere:>11.2g} {row.near_rest:>11.2g} {row.moving:>11.2g} {row.words:>6}"
-        )
-    return "\n".join(lines)

@@ -42,6 +42,11 @@ class Image:
     coefficients: tuple[int, ...]
 
     @property
+    def label(self) -> str:
+        """Calibration id as it is printed."""
+        return f"0x{self.calibration_id:08X}"
+
+    @property
     def floats(self) -> bool:
         """Whether coefficients are single-precision numbers."""
         return self.form in {"float32", "split"}

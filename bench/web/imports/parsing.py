@@ -90,16 +90,15 @@ def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
 def make(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """Make the run folder and register it."""
     from bench.acquisition import plan_table, write_import
-    from bench.commands import Answer, registered
+    from bench.commands import register_runs
 
     out = Path(wanted["out"])
     plan = plan_table(_table(wanted), _columns(wanted), wanted["serial"])
     folder = write_import(plan, out, operator=wanted["operator"])
-    answer = registered(Answer({"run": str(folder.path)}, ""), None, begin=True)
-    told = answer.content.get("registry", {})
+    failed = register_runs([folder.path], None, begin=True)
     return {
         "run": folder.path.relative_to(out).as_posix(),
-        "warnings": [shortened(text) for text in (*plan.warnings, *filter(None, [told.get("warning")]))],
+        "warnings": [shortened(text) for text in (*plan.warnings, *filter(None, [failed]))],
     }
 
 

@@ -6,16 +6,15 @@ diagnosis proposed are in the server's own folder. Computing processes use this 
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bench.acquisition import Profile, StationSettings, check_profile, load_profile
+from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile
 from bench.analysis import effect_names, load_limits
-from bench.base import BenchError, InputError, library, load_config
-from bench.commands import check_command
+from bench.base import BenchError, InputError, library, nearest
+from bench.commands import check_on, load_station
 from drivers.errors import DriverError
 
 MOST_CORNERS = 256
@@ -61,9 +60,7 @@ def named(listing: Mapping[str, Path], name: str, what: str) -> Path:
     """The file of this id; InputError with the known ids."""
     if name in listing:
         return listing[name]
-    near = difflib.get_close_matches(name, listing, 1)
-    guess = f", did you mean '{near[0]}'?" if near else ""
-    raise InputError(f"no {what} '{name[:60]}'{guess}; there are {', '.join(listing) or 'none'}")
+    raise InputError(f"no {what} '{name[:60]}'{nearest(name, listing)}; there are {', '.join(listing) or 'none'}")
 
 
 class Read:
@@ -124,7 +121,7 @@ def curve(profile: Profile) -> list[tuple[float, float]]:
 
 def station(path: Path) -> StationSettings:
     """A station; InputError, DriverError or OSError when it cannot be read."""
-    return load_config(path, StationSettings)
+    return load_station(path)
 
 
 def equipment(settings: StationSettings) -> frozenset[str]:
@@ -135,8 +132,7 @@ def equipment(settings: StationSettings) -> frozenset[str]:
 
 def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """`bench check` of files `plan` and `station`, in a computing process; `ok` where nothing prevents the run."""
-    path, where = Path(wanted["plan"]), Path(wanted["station"])
-    profile, settings = load_profile(path), station(where)
+    profile, settings = load_profile(Path(wanted["plan"])), station(Path(wanted["station"]))
     units = settings.chosen(wanted["units"])
     drawn = {"profile": profile.name, "station": settings.name, "curve": curve(profile)}
     drawn["units"] = [unit.serial for unit in units]
@@ -144,10 +140,9 @@ def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
     errors = [finding for finding in findings if finding.level == "error"]
     if errors:  # the page shows all of them, not the first line
         return {**drawn, "ok": False, "duration_s": None, "segments": [], "findings": _told(findings)}
-    answer = check_command(path, where)
-    return {**answer.content, **drawn, "ok": answer.exit_code == 0, "findings": _told(answer.content["findings"])}
+    checked = check_on(profile, settings)
+    return {**checked.to_json(), **drawn, "ok": not checked.late, "findings": _told(checked.findings)}
 
 
-def _told(findings: Iterable[Any]) -> list[dict[str, Any]]:
-    plain = [finding if isinstance(finding, dict) else vars(finding) for finding in findings]
-    return [{key: finding[key] for key in ("level", "text", "line")} for finding in plain]
+def _told(findings: Iterable[Finding]) -> list[dict[str, Any]]:
+    return [{"level": finding.level, "text": finding.text, "line": finding.line} for finding in findings]

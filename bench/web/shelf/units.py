@@ -236,9 +236,8 @@ def rebuild(stock: Stocked, who: Engineer) -> Rebuilt:
     """Make the registry from the run folders, as `bench registry rebuild` does."""
     from bench.commands import registry_rebuild as build
 
-    content = build(stock.root, stock.where, False).content
-    rows = content["rows"]
-    return Rebuilt(units=rows["units"], runs=rows["runs"], unreadable=content["unreadable"])
+    done = build(stock.root, stock.where, False).rebuilt
+    return Rebuilt(units=done.counts["units"], runs=done.counts["runs"], unreadable=list(done.unreadable))
 
 
 def _known(stock: Stock, serial: str) -> None:

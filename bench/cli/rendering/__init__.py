@@ -1,0 +1,6 @@
+"""Text and JSON of what the commands return: one function a kind of result."""
+
+from bench.cli.rendering import analyse, deliver, live, measure, stock
+from bench.cli.rendering.printing import content, lines, plain, show
+
+__all__ = ["analyse", "content", "deliver", "lines", "live", "measure", "plain", "show", "stock"]

@@ -1,0 +1,352 @@
+"""Results of commands on recorded runs and models."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+from bench.base import finite
+from bench.cli.rendering.difference import difference
+from bench.cli.rendering.printing import bound, content, lines, number, table
+from bench.commands import (
+    Compared,
+    ComparedSamples,
+    Diagnosed,
+    Differs,
+    EffectAdded,
+    Effects,
+    EffectShown,
+    Imported,
+    Improved,
+    MysteryMade,
+    NotAnalysed,
+    Replayed,
+    Reported,
+    Revealed,
+    UnitsReported,
+)
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from bench.analysis import Comparison, Diagnosis
+
+_MOST_CHANGES = 20
+
+
+def ladder(models: Iterable[tuple[str, float, float]], floor_dph: float, interval_s: float) -> Table:
+    """Models (name, in-sample and held-out RMS [deg/h]) beside the noise floor of means over `interval_s`."""
+    rows = []
+    for name, inside, outside in models:
+        ratio = outside / floor_dph if floor_dph else float("nan")
+        rows.append((name, number(inside), number(outside), f"{ratio:.2f} x" if isfinite(ratio) else "-", ""))
+    unit = f"[deg/h RMS, {interval_s:g} s means]"
+    floor = ("noise floor", number(floor_dph), "", "", "")
+    return table(("model", ">in-sample", ">held-out", ">over floor", unit), [*rows, floor])
+
+
+def _compared(comparison: Comparison) -> Table:
+    models = ((score.model.name, score.rms_dph, score.held_out.rms_dph) for score in comparison.scores)
+    return ladder(models, comparison.floor_dph, comparison.interval_s)
+
+
+@lines.register(Compared)
+def _(result: Compared) -> Iterator[str | Table]:
+    comparison = result.comparison
+    yield _compared(comparison)
+    notes = [f"not fitted: {name}: {reason}" for name, reason in comparison.refused]
+    notes += [f"warning: {score.model.name}: {text}" for score in comparison.scores for text in score.fit.warnings]
+    yield from ["", *notes] if notes else []
+    if isinstance(result, ComparedSamples):
+        yield ""
+        means = ((name, inside, outside) for name, (inside, outside) in result.seconds.items())
+        yield ladder(means, result.seconds_floor_dph, 1.0)
+
+
+@content.register(Compared)
+def _(result: Compared) -> dict[str, Any]:
+    return result.comparison.to_json()
+
+
+@content.register(ComparedSamples)
+def _(result: ComparedSamples) -> dict[str, Any]:
+    means = {
+        name: {"rms_dph": finite(inside), "held_out_rms_dph": finite(outside)}
+        for name, (inside, outside) in result.seconds.items()
+    }
+    seconds = {"floor_dph": finite(result.seconds_floor_dph), "models": means}
+    return {**result.comparison.to_json(), "samples": result.samples, "seconds": seconds}
+
+
+@lines.register(Reported)
+def _(result: Reported) -> Iterator[str | Table]:
+    analysis = result.analysis
+    yield analysis.verdict.sentence
+    if analysis.comparison is not None:
+        yield ""
+        yield _compared(analysis.comparison)
+    answer = analysis.diagnosed.answer
+    if answer is not None:
+        yield ""
+        yield answer.sentence
+        yield from _next(answer)
+    if analysis.judgement is not None:
+        yield ""
+        yield from judged(analysis.judgement.to_json())
+    yield from (f"warning: {text}" for text in analysis.warnings)
+    yield ""
+    yield f"run     {analysis.run.path}"
+    yield f"report  {analysis.run.report}"
+    yield from [f"bench: {result.error}"] if result.error is not None else []
+
+
+@content.register(Reported)
+def _(result: Reported) -> dict[str, Any]:
+    analysis = result.analysis
+    error = {} if result.error is None else {"error": str(result.error)}
+    return {**analysis.to_json(), "report": str(analysis.run.report), "state": analysis.manifest["state"], **error}
+
+
+def judged(judgement: Mapping[str, Any]) -> Iterator[str]:
+    """Verdict against limits: what did not pass, and how many did."""
+    yield f"{judgement['verdict']} against limits '{judgement['name']}'"
+    yield from (f"  INVALID   {text}" for text in judgement["refusals"])
+    results = judgement["results"]
+    for one in results:
+        if one["verdict"] not in {"PASS", None}:
+            value = one["reason"] if one["value"] is None else f"{one['value']:.4g}"
+            spread = "" if None in (one["low"], one["high"]) else f" ({one['low']:.4g} to {one['high']:.4g})"
+            allowed = f"{bound(one['lower'])} to {bound(one['upper'])} {one['unit']}"
+            yield f"  {one['verdict']:<9} {one['name']} {value}{spread}, limits {allowed}"
+    skipped = [one["name"] for one in results if one["verdict"] is None]
+    rest = f"; not measured: {', '.join(skipped)}" if skipped else ""
+    yield f"  {sum(one['verdict'] == 'PASS' for one in results)} of {len(results)} pass{rest}"
+    yield ""
+
+
+@content.register(NotAnalysed)
+def _(result: NotAnalysed) -> dict[str, Any]:
+    sentence = f"not analysed: {result.error}"
+    return {"run": str(result.run), "verdict": result.verdict, "sentence": sentence, "rms_dph": None,
+            "error": result.error}  # fmt: skip
+
+
+@lines.register(UnitsReported)
+def _(result: UnitsReported) -> Iterator[str]:
+    width = max(len(unit.serial) for unit in result.units)
+    for unit in result.units:
+        told = content(unit.result)
+        word = f"{told['limits']['verdict']}, " if told.get("limits") else ""
+        yield f"{unit.serial:<{width}}  {word}{told['verdict']}: {told['sentence']}"
+        yield f"{'':<{width}}  {told.get('report') or told['run']}"
+    yield from (f"bench: {text}" for text in sorted({str(unit.error) for unit in result.units if unit.error}))
+
+
+@content.register(UnitsReported)
+def _(result: UnitsReported) -> dict[str, Any]:
+    return {
+        "verdict": result.verdict,
+        "units": [{"unit": unit.serial, **content(unit.result)} for unit in result.units],
+    }
+
+
+@lines.register(Imported)
+def _(result: Imported) -> Iterator[str]:
+    yield result.plan.preview()
+    if result.run is not None:
+        yield ""
+        yield f"run     {result.run}"
+
+
+@content.register(Imported)
+def _(result: Imported) -> dict[str, Any]:
+    return {"run": None if result.run is None else str(result.run), **result.plan.to_json()}
+
+
+@lines.register(Diagnosed)
+def _(result: Diagnosed) -> Iterator[str | Table]:
+    from bench.analysis import made_from
+
+    found = result.diagnosis
+    yield found.sentence
+    yield ""
+    inside, outside, floor = map(number, (found.rms_dph, found.held_out_rms_dph, found.floor_dph))
+    yield f"in-sample {inside}, held-out {outside} ({found.held_out_by}), noise floor {floor} deg/h RMS"
+    yield ""
+    yield from _where(found)
+    yield from _suspects(found)
+    if found.smallest_detectable:
+        small = ", ".join(f"{item.effect} {item.rms_dph:.3f}" for item in found.smallest_detectable)
+        yield f"This run would have shown [deg/h RMS]: {small}"
+    yield from (f"Not testable here: {', '.join(names)}: {why}" for why, names in _by_reason(found).items())
+    yield from (f"note: {note}" for note in (found.noise_finding, made_from(found), *found.notes) if note)
+    if found.next_experiment:
+        yield ""
+        yield from _next(found)
+
+
+@content.register(Diagnosed)
+def _(result: Diagnosed) -> dict[str, Any]:
+    return result.diagnosis.to_json()
+
+
+def _next(found: Diagnosis) -> Iterator[str]:
+    if found.next_experiment:
+        yield f"next: bench run {found.next_experiment['profile']}"
+        yield str(found.next_experiment["why"])
+
+
+def _where(found: Diagnosis) -> Iterator[str | Table]:
+    if found.where:
+        yield "Where it fails"
+        rows = []
+        for p in found.where:
+            ratio = f"{p.floor_ratio:.2f} x floor" if isfinite(p.floor_ratio) else f"{p.rms_dph:.4g} deg/h RMS"
+            rows.append((p.channel, f"{p.low:.4g} to {p.high:.4g} {p.unit}", f"{ratio}, p = {p.p:.1e}", p.note))
+        yield table(("", "", "", ""), rows, indent=2)
+        yield ""
+
+
+def _suspects(found: Diagnosis) -> Iterator[str | Table]:
+    if found.suspects:
+        rows = []
+        for suspect in found.suspects:
+            removes = f"{100 * suspect.removes:.0f} %" if isfinite(suspect.removes) else "-"
+            held_out, alike = number(suspect.held_out_rms_dph), ", ".join(suspect.look_alikes)
+            mark = "*" if suspect.found else " "
+            rows.append((f"{mark} {suspect.effect}", f"{suspect.evidence:.1f}", held_out, removes, alike))
+        yield table(("Suspects", ">evidence", ">held-out", ">removes", "look-alikes"), rows)
+        yield f"  evidence above {found.threshold:.1f} is beyond chance; * belongs to the explanation"
+        yield ""
+
+
+def _by_reason(found: Diagnosis) -> dict[str, list[str]]:
+    """Effects that the runs cannot show, by the reason; the name of the run only where there are several."""
+    reasons: dict[str, list[str]] = {}
+    for name, why in found.not_excited.items():
+        short = why if len(found.runs) > 1 else why.removeprefix(f"{found.runs[0]} has ").removeprefix(found.runs[0])
+        reasons.setdefault(short.removeprefix(": "), []).append(name)
+    return reasons
+
+
+@lines.register(Improved)
+def _(result: Improved) -> Iterator[str | Table]:
+    model = result.improvement.model
+    yield table(("", "", ""), [(step.action, step.effect, step.sentence) for step in result.improvement.steps])
+    yield ""
+    yield f"{model.name}: {' + '.join(effect.name for effect in model.effects)}"
+    yield from [f"wrote {result.out}"] if result.out is not None else []
+
+
+@content.register(Improved)
+def _(result: Improved) -> dict[str, Any]:
+    return result.improvement.to_json()
+
+
+@lines.register(EffectAdded)
+def _(result: EffectAdded) -> Iterator[str]:
+    yield f"wrote {result.model}: {' + '.join(result.effects)}"
+
+
+@lines.register(Effects)
+def _(result: Effects) -> Iterator[str | Table]:
+    yield table(("", ""), [(entry.name, entry.summary) for entry in result.effects])
+    yield ""
+    yield "bench effects show NAME explains one"
+
+
+@content.register(Effects)
+def _(result: Effects) -> dict[str, Any]:
+    return {
+        "effects": [
+            {"effect": e.name, "family": e.family, "summary": e.summary, "needs": list(e.needs), "options": e.options}
+            for e in result.effects
+        ]
+    }
+
+
+@lines.register(EffectShown)
+def _(result: EffectShown) -> Iterator[str]:
+    from bench.cli.rendering.drawing import plot
+
+    drawn = result.signature
+    yield result.doc
+    yield ""
+    yield "On an example run, peak scaled to 1 deg/h:"
+    yield plot(drawn.time_s / 3600.0, drawn.contribution, "h", "deg/h")
+    yield plot(drawn.temperature, drawn.contribution, "degC", "deg/h")
+
+
+@content.register(EffectShown)
+def _(result: EffectShown) -> dict[str, Any]:
+    entry, drawn = result.entry, result.signature
+    shape = {key: getattr(drawn, key).tolist() for key in ("time_s", "temperature", "contribution")}
+    known = {"effect": entry.name, "family": entry.family, **entry.sections, "look_alikes": list(entry.look_alikes)}
+    return known | shape
+
+
+@lines.register(Replayed)
+def _(result: Replayed) -> Iterator[str]:
+    for one in result.replays:
+        source = "from its raw frames" if one.from_frames else "from data.parquet (an import has no frames)"
+        what = "tables and results" if one.analysed else "tables (no analysis in the folder)"
+        yield f"{one.run.path}: {'identical' if one.identical else 'DIFFERENT'}; {what} made again {source}"
+        yield from (f"  not the recorded file: {change.file}" for change in one.tampered)
+        yield from (f"  {change}" for change in one.differences[:_MOST_CHANGES])
+        if len(one.differences) > _MOST_CHANGES:
+            yield f"  and {len(one.differences) - _MOST_CHANGES} more differences; --json lists all"
+        if one.failed:
+            yield f"  not made again: {one.failed}"
+        other = [f"{name} {then} -> {one.now[name]}" for name, then in one.then.items() if one.now[name] != then]
+        yield f"  software: {', '.join(other) or 'the same versions'}"
+
+
+@content.register(Replayed)
+def _(result: Replayed) -> dict[str, Any]:
+    return {"identical": result.identical, "runs": [one.to_json() for one in result.replays]}
+
+
+@lines.register(Differs)
+def _(result: Differs) -> Iterator[str]:
+    yield from difference(result.difference)
+
+
+@content.register(Differs)
+def _(result: Differs) -> dict[str, Any]:
+    return dict(result.difference)
+
+
+@lines.register(MysteryMade)
+def _(result: MysteryMade) -> Iterator[str]:
+    run, check = result.run, result.check
+    yield f"""Unit MYSTERY-{result.seed} hides something. Find it:
+
+  bench diagnose {run} --check {check} --static {result.static} --model spline
+  bench add EFFECT --model spline --out mine.yaml
+  bench compare {run} --check {check} --model spline --model mine.yaml
+  bench reveal {result.folder} --model mine.yaml"""
+
+
+@content.register(MysteryMade)
+def _(result: MysteryMade) -> dict[str, Any]:
+    return {"seed": result.seed, "run": str(result.run), "check": str(result.check), "static": str(result.static)}
+
+
+@lines.register(Revealed)
+def _(result: Revealed) -> Iterator[str]:
+    score = result.score
+    for item in score.hidden:
+        known = item["effect"] or "not in it"
+        yield f"hidden   {item['mechanism']} (strength {item['strength']} x noise; library: {known})"
+    for word in ("right", "wrong", "missed"):
+        yield f"{word:<8} {', '.join(getattr(score, word)) or '-'}"
+    yield (
+        f"held-out {score.held_out_rms_dph:.4f} deg/h RMS; the true model {score.true_model_rms_dph:.4f}, "
+        f"perfect knowledge {score.floor_dph:.4f}"
+    )
+
+
+@content.register(Revealed)
+def _(result: Revealed) -> dict[str, Any]:
+    return result.score.to_json()

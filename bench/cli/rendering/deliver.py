@@ -1,0 +1,174 @@
+"""Results of commands that take a calibration to its unit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from bench.cli.rendering.printing import content, lines, number, table
+from bench.commands import Calibrated, Certified, Exported, Flashed, Verified
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+_NEXT = {
+    "held": 'a person decides: the same command with --release "name: reason" goes on, --new begins anew',
+    "failed": "the same command takes it up again at this step",
+    "ended": "this job has ended; the same command with --new calibrates the unit again",
+}
+
+
+@lines.register(Exported)
+def _(result: Exported) -> Iterator[str | Table]:
+    from bench.deliver import best_form
+
+    delivered, package = result.delivered, result.delivered.package
+    image = package.image
+    yield f"{delivered.source.fit.model.name}, unit {package.unit}: worst errors against double precision"
+    rows = [
+        (row.form, f"{row.everywhere:.2g}", f"{row.near_rest:.2g}", f"{row.moving:.2g}", row.words, "")
+        for row in package.worst
+    ]
+    yield table(("form", ">whole box", ">near rest", ">in motion", ">words", "[deg/h]"), rows)
+    yield ""
+    why = " (least error)" if best_form(package.worst).form == image.form else ""
+    yield (
+        f"form {image.form}{why}, {4 * len(package.words)} bytes, serial {image.serial}, calibration {image.label}, "
+        f"CRC 0x{package.words[-1]:08X}"
+    )
+    yield f"delivered and fitted model are {delivered.apart_dph:.2g} deg/h apart on the run's rows"
+    yield from (f"forced: {text}" for text in delivered.source.objections)
+    yield from map(str, result.files)
+
+
+@content.register(Exported)
+def _(result: Exported) -> dict[str, Any]:
+    delivered, package = result.delivered, result.delivered.package
+    image = package.image
+    return {
+        "run": str(result.run),
+        "format": result.format,
+        "files": [str(path) for path in result.files],
+        "model": delivered.source.fit.model.name,
+        "form": image.form,
+        "unit": package.unit,
+        "serial": image.serial,
+        "calibration_id": image.calibration_id,
+        "crc": package.words[-1],
+        "words": len(package.words),
+        "worst_error_dph": next(row.worst for row in package.worst if row.form == image.form),
+        "model_apart_dph": delivered.apart_dph,
+        "forms": [asdict(row) for row in package.worst],
+        "objections": list(delivered.source.objections),
+    }
+
+
+@lines.register(Certified)
+def _(result: Certified) -> Iterator[str]:
+    facts = result.facts
+    left, expanded = facts["as_left"], facts["uncertainty"]["expanded_dph"]
+    yield f"Certificate {facts['number']}{' (simulated: certifies nothing)' if facts['simulated'] else ''}"
+    yield f"as found {facts['as_found']['rms_dph']:.4g} deg/h RMS, as left {left['rms_dph']:.4g} deg/h ({left['what']})"
+    yield f"U = {expanded:.2g} deg/h (k = 2); conformity: {facts['verdict'] or 'no limits given'}"
+    if facts["verification"] is not None:
+        yield _covered(facts["verification"])
+    if not facts["equipment"]:
+        yield "warning: no equipment was stated: the results are not metrologically traceable"
+    if facts["laboratory"] is None:
+        yield "warning: no laboratory was stated"
+    yield ""
+    yield f"pdf   {result.pdf}"
+    yield f"json  {result.json}"
+
+
+def _covered(known: Mapping[str, Any]) -> str:
+    (low, high), (first, last) = known["covered_degc"], known["validity_degc"]
+    covers = f"{known['covered_percent']:.0f} % of {first:.1f} to {last:.1f} degC ({low:.1f} to {high:.1f} degC)"
+    return f"verification: {known['verdict'] or 'not judged by itself'}, goes through {covers}"
+
+
+@content.register(Certified)
+def _(result: Certified) -> dict[str, Any]:
+    keys = ("number", "verdict", "issued", "as_found", "as_left", "simulated")
+    known = {key: result.facts[key] for key in keys}
+    return {"run": str(result.run), "pdf": str(result.pdf), "json": str(result.json), **known}
+
+
+@lines.register(Flashed)
+def _(result: Flashed) -> Iterator[str]:
+    record = result.record
+    if result.already_there:
+        yield f"unit {record['unit']} has calibration {result.calibration_id} in force already; nothing was written"
+        return
+    old = record["old"]["calibration_id"] if record.get("old") else "none"
+    yield (
+        f"unit {record['unit']}: calibration {result.calibration_id} ({record['model'] or 'image'}, {record['form']}, "
+        f"{record['new']['words']} words) in force in bank {record['bank']}, before: {old}"
+    )
+    yield f"read back equal word by word, CRC {record['crc']}, coefficient set {record['coefficient_set']} on the bus"
+    yield f"record  {record['record']}"
+
+
+@content.register(Flashed)
+def _(result: Flashed) -> dict[str, Any]:
+    return dict(result.record)
+
+
+@lines.register(Verified)
+def _(result: Verified) -> Iterator[str | Table]:
+    if result.error is not None:
+        yield f"bench: {result.error}"
+        return
+    found = result.verification
+    after, before = found.after, found.before
+    fell = "" if before is None else f", {found.factor:.1f} times less than before"
+    yield f"{found.verdict.value}: the unit's own output is {found.over_floor:.2f} times its noise floor{fell}"
+    yield ""
+    rows = []
+    for name in ("rms", "mean", "scatter", "peak", "span"):
+        old = None if before is None else getattr(before, f"{name}_dph")
+        rows.append((name, number(old), number(getattr(after, f"{name}_dph")), ""))
+    rows.append(("noise floor", "", number(found.floor.floor_dph), ""))
+    yield table(("", ">before", ">after", f"[deg/h, {after.interval_s:g} s means]"), rows)
+    yield from (f"refused: {text}" for text in found.judged.get("refusals") or ())
+    yield ""
+    yield f"run     {found.run.path}"
+    for one in (found.judged.get("limits") or {}).get("results", ()):
+        yield f"{one['verdict'] or '-':<9} {one['name']} = {number(one['value'])} {one['unit']}"
+
+
+@content.register(Verified)
+def _(result: Verified) -> dict[str, Any]:
+    error = {} if result.error is None else {"error": str(result.error)}
+    return {**result.verification.to_json(), "run": str(result.verification.run.path), **error}
+
+
+@lines.register(Calibrated)
+def _(result: Calibrated) -> Iterator[str | Table]:
+    job = result.job
+    known = job.content
+    yield f"{known['verdict'] or 'NOT DONE'}: unit {known['unit']}, plan {known['plan']}: {known['sentence']}"
+    yield ""
+    steps = {name: job.step(name) for name in result.steps}
+    rows = [(name, step.get("state", "not reached"), step.get("sentence", "")) for name, step in steps.items()]
+    yield table(("", "", ""), rows)
+    yield ""
+    yield from [_NEXT[job.state]] if job.state in _NEXT else []
+    yield f"job     {job.folder}"
+
+
+@content.register(Calibrated)
+def _(result: Calibrated) -> dict[str, Any]:
+    job = result.job
+    run, verification = result.run_of("run"), result.run_of("verify")
+    pdf = job.facts("certificate").get("pdf")
+    return {
+        **{key: job.content[key] for key in ("unit", "plan", "state", "verdict", "sentence", "releases")},
+        "job": str(job.folder),
+        "run": None if run is None else str(run),
+        "verification": None if verification is None else {**job.facts("verify"), "run": str(verification)},
+        "certificate": None if pdf is None else str(job.folder / pdf),
+        "steps": [{"name": name, **job.step(name)} for name in result.steps if job.step(name)],
+        **({"error": job.content["sentence"]} if job.state == "failed" else {}),
+    }

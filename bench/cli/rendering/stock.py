@@ -1,0 +1,156 @@
+"""Results of commands on many units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from bench.base import number
+from bench.cli.options import Registered
+from bench.cli.rendering.printing import content, lines, table
+from bench.commands import (
+    EquipmentListed,
+    FleetJudged,
+    Noted,
+    Refitted,
+    RegisteredRuns,
+    RegistryEntry,
+    RegistryRebuilt,
+)
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+_RUN = {"unit": "unit", "created": "created", "profile": "profile", "state": "state", "verdict": "verdict",
+        "judged": "limits", "path": "run"}  # fmt: skip
+_EQUIPMENT = ("name", "serial", "kind", "calibrated_on", "due_on", "state")
+_QUANTITY = ("quantity", ">mean", ">lower", ">upper", ">Cpk", ">Ppk", ">outside")
+
+
+@lines.register(Registered)
+def _(result: Registered) -> Iterator[str | Table]:
+    yield from lines(result.result)
+    yield from [f"warning: {result.warning}"] if result.warning else []
+
+
+@content.register(Registered)
+def _(result: Registered) -> dict[str, Any]:
+    failed = {"registered": False, "warning": result.warning}
+    return {**content(result.result), "registry": failed if result.warning else {"registered": True}}
+
+
+@lines.register(RegisteredRuns)
+def _(result: RegisteredRuns) -> Iterator[str | Table]:
+    rows = [[row[key] for key in _RUN] for row in result.rows]
+    yield table(tuple(_RUN.values()), rows) if rows else "no runs"
+
+
+@content.register(RegisteredRuns)
+def _(result: RegisteredRuns) -> dict[str, Any]:
+    return {"registry": result.registry, "runs": list(result.rows)}
+
+
+@lines.register(RegistryEntry)
+def _(result: RegistryEntry) -> Iterator[str]:
+    from bench.archive import plain
+
+    for i, (title, found) in enumerate(result.tables.items()):
+        yield from [""] if i else []
+        yield f"{title}:"
+        for row in found if isinstance(found, list) else [found]:
+            yield from (f"  {line}" for line in _described(plain(row)))
+
+
+def _described(row: Mapping[str, Any]) -> Iterator[str]:
+    if set(row) == {"run", "name", "unit", "value"}:
+        yield f"{row['name']:<32} {row['value']:.6g} {row['unit'] or ''}".rstrip()
+    else:
+        yield from (f"{key:<22} {value}" for key, value in row.items() if value is not None)
+
+
+@content.register(RegistryEntry)
+def _(result: RegistryEntry) -> dict[str, Any]:
+    return dict(result.tables)
+
+
+@lines.register(RegistryRebuilt)
+def _(result: RegistryRebuilt) -> Iterator[str]:
+    done = result.rebuilt
+    verb = "differs from the run folders" if result.only_compared else "corrected"
+    yield from (f"{verb}: {line}" for line in done.differences)
+    yield from (f"cannot be read: {line}" for line in done.unreadable)
+    counted = ", ".join(f"{count} {name}" for name, count in done.counts.items() if name != "archives")
+    yield f"{result.registry}: {counted}"
+    differ = result.only_compared and done.differences
+    same = f"{len(done.differences)} rows differ" if differ else "equal to the run folders"
+    yield f"{same}; digest of all rows {done.digest}"
+
+
+@content.register(RegistryRebuilt)
+def _(result: RegistryRebuilt) -> dict[str, Any]:
+    done = result.rebuilt
+    return {"registry": result.registry, "archive": done.archive, "rows": done.counts,
+            "differences": list(done.differences), "unreadable": list(done.unreadable),
+            "digest": done.digest}  # fmt: skip
+
+
+@lines.register(Noted)
+def _(result: Noted) -> Iterator[str]:
+    entry = result.entry
+    if entry["kind"] == "lot":
+        yield f"{len(entry['units'])} units are of lot {entry['lot']}"
+    elif entry["kind"] == "operator":
+        yield f"operator {entry['name']}"
+    else:
+        yield f"{entry['name']} {entry['serial']} ({entry['type']}), due {entry['due_on'] or 'never'}"
+
+
+@content.register(Noted)
+def _(result: Noted) -> dict[str, Any]:
+    return {"ledger": str(result.ledger), **result.entry}
+
+
+@lines.register(EquipmentListed)
+def _(result: EquipmentListed) -> Iterator[str | Table]:
+    rows = [[row[key] for key in _EQUIPMENT] for row in result.equipment]
+    yield table(_EQUIPMENT, rows) if rows else "no equipment"
+
+
+@lines.register(FleetJudged)
+def _(result: FleetJudged) -> Iterator[str | Table]:
+    from bench.archive import sentence
+
+    found, passes = result.statistics, result.statistics.passes
+    yield f"{len(found.fleet.newest)} units. {sentence(found)}"
+    if passes.judged:
+        low, high = (100 * end for end in passes.interval)
+        share = 100 * passes.first / passes.judged
+        yield f"first-pass yield {share:.1f} % ({low:.1f} to {high:.1f}), {passes.first} of {passes.judged}"
+    rows = [
+        (one.name, *map(number, (able.mean, one.lower, one.upper, able.cpk, able.ppk)), able.outside)
+        for one in found.measured
+        if (able := one.capability) is not None
+    ]
+    if rows:
+        yield ""
+        yield table(_QUANTITY, rows)
+    yield from (f"wrote   {path}" for path in (result.html, result.csv) if path is not None)
+
+
+@content.register(FleetJudged)
+def _(result: FleetJudged) -> dict[str, Any]:
+    files = {key: None if path is None else str(path) for key, path in (("html", result.html), ("csv", result.csv))}
+    return {**result.statistics.to_json(), **files}
+
+
+@lines.register(Refitted)
+def _(result: Refitted) -> Iterator[str]:
+    yield (
+        f"{result.units} units refitted with {result.model} in {result.seconds:.1f} s "
+        f"({result.units_per_s:.0f} a second, {result.engine})"
+    )
+    yield f"RMS [deg/h]: median {number(result.rms_dph['median'])}, 95 % below {number(result.rms_dph['p95'])}"
+    yield from [f"failed: {result.failed} units"] if result.failed else []
+    yield from (f"  {line}" for line in result.failures)
+    yield from (f"no moments: {line}" for line in result.without_moments)
+    yield f"records {result.records}"

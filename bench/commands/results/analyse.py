@@ -1,0 +1,207 @@
+"""Results of commands on recorded runs and models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.commands.results.result import Result
+
+if TYPE_CHECKING:
+    from bench.acquisition import ImportPlan
+    from bench.analysis import Analysis, CatalogueEntry, Comparison, Diagnosis, Improvement, Signature
+    from bench.base import BenchError
+    from bench.commands.replay.replaying import Replay
+    from bench.mystery import Score
+
+
+WORST_FIRST = ("no_data", "partial", "unproven", "model_error", "unknown_effect", "missing_effect", "adequate")
+"""Verdicts of an analysis."""
+
+
+@dataclass(frozen=True)
+class Reported(Result):
+    """An analysed run; `error` ended it before its time."""
+
+    analysis: Analysis
+    error: BenchError | None = None
+
+    @property
+    def verdict(self) -> str:
+        """Word of the analysis."""
+        return self.analysis.verdict.word
+
+    @property
+    def exit_code(self) -> int:
+        """That of the error, else 1 outside limits."""
+        return (0 if self.analysis.within_limits else 1) if self.error is None else self.error.exit_code
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """The run."""
+        return (self.analysis.run.path,)
+
+
+@dataclass(frozen=True)
+class NotAnalysed(Result):
+    """A run of which no analysis could be made, and why."""
+
+    run: Path
+    error: str
+    code: int
+    verdict: str = "unproven"
+
+    @property
+    def exit_code(self) -> int:
+        """That of the error."""
+        return self.code
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """The run."""
+        return (self.run,)
+
+
+@dataclass(frozen=True)
+class UnitReport:
+    """What became of one unit of a run; `error` is why it left, or what ended the run for it."""
+
+    serial: str
+    result: Reported | NotAnalysed
+    error: BenchError | None = None
+
+
+@dataclass(frozen=True)
+class UnitsReported(Result):
+    """Several units that went through one run."""
+
+    units: tuple[UnitReport, ...]
+
+    @property
+    def verdict(self) -> str:
+        """The worst one."""
+        return min((unit.result.verdict for unit in self.units), key=WORST_FIRST.index)
+
+    @property
+    def exit_code(self) -> int:
+        """The highest one."""
+        return max(unit.result.exit_code for unit in self.units)
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """Those of all units."""
+        return tuple(run for unit in self.units for run in unit.result.runs)
+
+
+@dataclass(frozen=True)
+class Imported(Result):
+    """A table of somebody else as it was understood; `run` is None for a preview."""
+
+    plan: ImportPlan
+    run: Path | None
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """The run that it became."""
+        return () if self.run is None else (self.run,)
+
+
+@dataclass(frozen=True)
+class Compared(Result):
+    """Models beside the noise floor."""
+
+    comparison: Comparison
+
+
+@dataclass(frozen=True)
+class ComparedSamples(Compared):
+    """The same fitted to every sample; white noise of samples hides differences that their 1 s means show."""
+
+    samples: int
+    seconds_floor_dph: float
+    """Noise floor of 1 s means [deg/h]."""
+    seconds: Mapping[str, tuple[float, float]]
+    """In-sample and held-out RMS of 1 s means, by model [deg/h]."""
+
+
+@dataclass(frozen=True)
+class Diagnosed(Result):
+    """Where a model fails and what is missing."""
+
+    diagnosis: Diagnosis
+
+
+@dataclass(frozen=True)
+class Improved(Result):
+    """A model improved step by step; `out` is the file that it was written to."""
+
+    improvement: Improvement
+    out: Path | None
+
+
+@dataclass(frozen=True)
+class EffectAdded(Result):
+    """A model file with one more effect."""
+
+    model: Path
+    effects: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Effects(Result):
+    """The catalogue of effects."""
+
+    effects: Sequence[CatalogueEntry]
+
+
+@dataclass(frozen=True)
+class EffectShown(Result):
+    """One effect, its documentation, and what it does to an example run."""
+
+    entry: CatalogueEntry
+    doc: str
+    signature: Signature
+
+
+@dataclass(frozen=True)
+class Replayed(Result):
+    """Runs made again from their raw frames."""
+
+    replays: tuple[Replay, ...]
+
+    @property
+    def identical(self) -> bool:
+        """Every number of every run is the same."""
+        return all(replay.identical for replay in self.replays)
+
+    @property
+    def exit_code(self) -> int:
+        """1 where a number differs."""
+        return int(not self.identical)
+
+
+@dataclass(frozen=True)
+class Differs(Result):
+    """What differs between two runs (`bench.archive.difference_of`)."""
+
+    difference: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class MysteryMade(Result):
+    """A recorded unit with something hidden, in `folder`."""
+
+    seed: int
+    run: Path
+    check: Path
+    static: Path
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Revealed(Result):
+    """A model scored against the truth."""
+
+    score: Score

@@ -1,0 +1,100 @@
+"""Results of commands that take a calibration to its unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.commands.results.result import Result
+
+if TYPE_CHECKING:
+    from bench.analysis import Verification
+    from bench.base import BenchError
+    from bench.commands.calibration.job import JobFile
+    from bench.deliver import Delivered
+
+
+@dataclass(frozen=True)
+class Exported(Result):
+    """Files of a calibration for its unit."""
+
+    run: Path
+    format: str
+    files: tuple[Path, ...]
+    delivered: Delivered
+
+
+@dataclass(frozen=True)
+class Certified(Result):
+    """A certificate; `facts` are what it says."""
+
+    run: Path
+    pdf: Path
+    json: Path
+    facts: Mapping[str, Any]
+    within: bool
+
+    @property
+    def exit_code(self) -> int:
+        """1 outside limits."""
+        return int(not self.within)
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """The run."""
+        return (self.run,)
+
+
+@dataclass(frozen=True)
+class Flashed(Result):
+    """The record of a calibration that was written into its unit, or was there already."""
+
+    record: Mapping[str, Any]
+
+    @property
+    def calibration_id(self) -> str:
+        """As it is printed."""
+        return str(self.record["calibration_id"])
+
+    @property
+    def already_there(self) -> bool:
+        """Nothing was written."""
+        return str(self.record["state"]) == "already there"
+
+
+@dataclass(frozen=True)
+class Verified(Result):
+    """A run with the unit's own correction on, judged; `error` ended it before its time."""
+
+    verification: Verification
+    error: BenchError | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """That of the error, else 1 outside limits."""
+        return (0 if self.verification.verdict.within else 1) if self.error is None else self.error.exit_code
+
+
+@dataclass(frozen=True)
+class Calibrated(Result):
+    """The job of a calibration as it stands; `steps` are the names of all its steps."""
+
+    job: JobFile
+    steps: tuple[str, ...]
+
+    def run_of(self, step: str) -> Path | None:
+        """Folder of the run that a step made."""
+        run = self.job.facts(step).get("run")
+        return None if run is None else self.job.folder.parent / str(run)
+
+    @property
+    def exit_code(self) -> int:
+        """The verdict of the job."""
+        return int(self.job.content["exit_code"])
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """Calibration run and verification."""
+        return tuple(run for step in ("run", "verify") if (run := self.run_of(step)) is not None)

@@ -1,0 +1,100 @@
+"""Results of commands on many units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.commands.results.result import Result
+
+if TYPE_CHECKING:
+    from datetime import date
+
+    from bench.archive import Entry, Rebuilt, Statistics
+
+
+@dataclass(frozen=True)
+class RegisteredRuns(Result):
+    """Runs of a registry, the newest first."""
+
+    registry: str
+    rows: Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class RegistryEntry(Result):
+    """All that a registry knows of a unit or a run, by table."""
+
+    tables: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class RegistryRebuilt(Result):
+    """A registry made from the run folders, or only compared with them."""
+
+    registry: str
+    rebuilt: Rebuilt
+    only_compared: bool
+
+    @property
+    def exit_code(self) -> int:
+        """1 where a comparison found a difference, or a folder cannot be read."""
+        return int(bool(self.rebuilt.unreadable) or (self.only_compared and bool(self.rebuilt.differences)))
+
+
+@dataclass(frozen=True)
+class Noted(Result):
+    """What a person said, as it stands in the ledger now."""
+
+    ledger: Path
+    entry: Entry
+
+
+@dataclass(frozen=True)
+class EquipmentListed(Result):
+    """Equipment of a registry, judged by a day; `state` of each is valid, overdue or no due date."""
+
+    on: date
+    equipment: Sequence[Mapping[str, Any]]
+
+    @property
+    def exit_code(self) -> int:
+        """1 where a calibration is overdue."""
+        return int(any(row["state"] == "overdue" for row in self.equipment))
+
+
+@dataclass(frozen=True)
+class FleetJudged(Result):
+    """Statistics of all units, and the files that they were written to."""
+
+    statistics: Statistics
+    html: Path | None
+    csv: Path | None
+
+    @property
+    def exit_code(self) -> int:
+        """1 where a judged unit is outside its limits."""
+        return int(self.statistics.passes.final < self.statistics.passes.judged)
+
+
+@dataclass(frozen=True)
+class Refitted(Result):
+    """Units refitted with a model. `failures` are the first reasons, `rms_dph` quantiles of the error [deg/h]."""
+
+    model: str
+    units: int
+    failed: int
+    without_moments: Sequence[str]
+    engine: str
+    seconds: float
+    units_per_s: float
+    rms_dph: Mapping[str, float | None]
+    failures: Sequence[str]
+    records: Path
+
+    @property
+    def exit_code(self) -> int:
+        """1 where a unit could not be refitted."""
+        return int(bool(self.failed or self.without_moments))

@@ -1,0 +1,130 @@
+"""The keys of `--json` are fixed: what programs read may gain keys, and lose none."""
+
+import json
+from datetime import date
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from bench.cli import main, rendering
+from bench.commands import (
+    Aborted,
+    Asked,
+    Calibrated,
+    Flashed,
+    LiveRuns,
+    NotAnalysed,
+    StationServed,
+    UnitReport,
+    UnitsReported,
+)
+from bench.commands.calibration.job import JobFile
+from bench.commands.calibration.steps import NAMES
+from tests.support.run_folders import make_run, ramp_run
+
+PROFILE = """
+name: tiny
+segments:
+  - {kind: ramp, to_degc: 30, rate_degc_per_min: 2}
+  - {kind: soak, duration_min: 1}
+"""
+REPORT = """run verdict sentence complete model rms_dph held_out_rms_dph held_out_by floor_dph bias_span_dph
+    uncompensated_rms_dph samples missing_samples losses admissible gaps warnings diagnosis report state"""
+COMPARE = "runs check floor_dph interval_s models refused"
+DIAGNOSE = """verdict sentence runs check static model floor_dph rms_dph held_out_rms_dph held_out_by where suspects
+    next_experiment unexplained threshold not_excited smallest_detectable noise_finding notes"""
+IMPORT = "run file unit rows interval_s time channels branches warnings"
+REGISTRY = "registry archive rows differences unreadable digest"
+KEYS = {
+    "check PROFILE": "profile station duration_s disk_bytes segments findings",
+    "doctor --contract": "map agrees behaviours",
+    "doctor --listen 0.1": "station agrees findings latency_s",
+    "init OUT/mine": "folder files",
+    "status --out OUT": "runs",
+    "compare RUN --model polynomial": COMPARE,
+    "compare RUN --model polynomial --every-sample": f"{COMPARE} samples seconds",
+    "report RUN --model polynomial": REPORT,
+    "diagnose RUN --model polynomial": DIAGNOSE,
+    "add aging --model spline --out OUT/m.yaml": "model effects",
+    "effects": "effects",
+    "effects show aging": "effect family look_alikes time_s temperature contribution",
+    "import TABLE --preview": IMPORT,
+    "import TABLE --out OUT": f"{IMPORT} registry",
+    "replay RUN": "identical runs",
+    "diff RUN RUN": "a b facts profile station versions segments losses quantities coefficients curves",
+    "export RUN --format csv --model polynomial --force": """run format files model form unit serial calibration_id crc
+        words worst_error_dph model_apart_dph forms objections""",
+    "registry rebuild --out ROOT": REGISTRY,
+    "registry rebuild --out ROOT --check": REGISTRY,
+    "registry list --out ROOT": "registry runs",
+    "registry show U-1 --out ROOT": "unit runs calibrations",
+    "registry lot L U-1 --out ROOT": "ledger kind lot units",
+    "registry operator Ada --out ROOT": "ledger kind name",
+    "registry equipment add c s --kind chamber --out ROOT": "ledger kind name serial type calibrated_on due_on",
+    "registry equipment list --out ROOT": "on equipment",
+    "fleet --out ROOT": "units html csv",
+    "fleet refit --model polynomial --out ROOT": """model units failed without_moments engine seconds units_per_s
+        rms_dph failures records""",
+}
+NO_SUBSET = {"effects show aging", "registry show U-1 --out ROOT", "fleet --out ROOT"}
+"""These have further keys by what there is: sections of the documentation, tables, statistics."""
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory):
+    """What the words in capitals stand for."""
+    root = tmp_path_factory.mktemp("keys")
+    profile, table = root / "tiny.yaml", root / "log.csv"
+    profile.write_text(PROFILE)
+    rows = "\n".join(f"{t},{10 + t / 100},{20 + t / 50}" for t in range(400))
+    table.write_text(f"time,rate,temperature\n{rows}\n")
+    run = make_run(root / "reports" / "U-1" / "r1", **ramp_run(), unit="U-1", run="r1")
+    (root / "out").mkdir()
+    return {"PROFILE": profile, "TABLE": table, "RUN": run, "ROOT": root / "reports", "OUT": root / "out"}
+
+
+def asked(command, places):
+    words = command.split()
+    for name, place in places.items():
+        words = [str(place) + word.removeprefix(name) if word.split("/")[0] == name else word for word in words]
+    answer = CliRunner().invoke(main, [*words, "--json"], catch_exceptions=False)
+    assert answer.exit_code in {0, 1}, answer.stderr
+    return json.loads(answer.stdout)
+
+
+@pytest.mark.parametrize("command", KEYS)
+def test_a_command_answers_with_its_keys(command, places):
+    found, wanted = set(asked(command, places)), set(KEYS[command].split())
+    assert found >= wanted
+    if command not in NO_SUBSET:
+        assert found == wanted
+
+
+def test_results_of_equipment_and_live_runs_have_their_keys(tmp_path):
+    live = {"run": "r", "state": "holding", "folders": []}
+    assert rendering.content(LiveRuns("here", [live])) == {"runs": [live]}
+    assert rendering.content(Asked("hold", "r", live)) == live
+    end = {"run": "r", "state": "aborted", "cause": "c", "safe": True, "safe_state": []}
+    assert rendering.content(Aborted(end)) == end
+    assert rendering.content(StationServed(502, {"can0": 1})) == {"modbus_port": 502, "can_ports": {"can0": 1}}
+    record = {"unit": "U", "state": "already there", "calibration_id": "0x1"}
+    assert rendering.content(Flashed(record)) == record
+    units = UnitsReported((UnitReport("U", NotAnalysed(Path("r"), "why", 2)),))
+    (unit,) = rendering.content(units)["units"]
+    assert set(unit) == {"unit", "run", "verdict", "sentence", "rms_dph", "error"}
+    job = JobFile.create(tmp_path, "U", "plan", f"{date.today()}")
+    assert set(rendering.content(Calibrated(job, NAMES))) == {
+        "unit", "plan", "state", "verdict", "sentence", "releases", "job", "run", "verification", "certificate",
+        "steps",
+    }  # fmt: skip
+
+
+def test_a_pipe_gets_tables_in_full_width_and_without_colour(places, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "40")
+    answer = CliRunner().invoke(main, ["compare", str(places["RUN"]), "--model", "polynomial"])
+    title, row, *_ = answer.stdout.splitlines()
+    assert title.split()[:3] == ["model", "in-sample", "held-out"]
+    assert row.startswith("polynomial ")
+    assert row.endswith(" x")
+    assert "\x1b" not in answer.stdout
