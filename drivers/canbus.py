@@ -19,8 +19,8 @@ from typing import Protocol
 import can
 import numpy as np
 
-from drivers.capture import Recorder, event, one_line, raise_priority, stop_when, summarise
-from drivers.errors import DriverError, LinkError
+from drivers.capture import Recorder, event, raise_priority, stop_when, summarise
+from drivers.errors import DriverError, LinkError, one_line
 from drivers.frames import NO_FRAMES, joined, to_frames, to_record
 from drivers.health import Beat, CaptureHealth, Tally
 from drivers.interfaces import BusSettings, open_bus

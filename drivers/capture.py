@@ -16,7 +16,7 @@ from typing import Any
 import can
 
 from drivers.backoff import BackOff
-from drivers.errors import DriverError
+from drivers.errors import DriverError, one_line
 from drivers.frames import to_record
 from drivers.health import Beat, Tally
 from drivers.journal import JournalWriter, Kind
@@ -216,11 +216,6 @@ def summarise(writer: JournalWriter, tally: Tally, t_s: float, quiet: bool = Fal
     counts = {"error_frames": tally.error_frames, "unreadable": tally.unreadable, "recoveries": tally.recoveries}
     behind = {"most_behind_ms": tally.most_behind_ns // 1_000_000, "behind_spells": tally.spells}
     event(writer, text, t_s, **counts, **behind, **({} if wrong else {"no_news": 1}))
-
-
-def one_line(error: BaseException) -> str:
-    """Text of an error without line breaks; its type when it has none."""
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _shut(bus: can.BusABC) -> None:

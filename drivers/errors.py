@@ -51,3 +51,8 @@ class RefusedError(DriverError):
 
 class ReadBackError(DriverError):
     """What was written does not read back."""
+
+
+def one_line(error: BaseException) -> str:
+    """Text of an error without line breaks; its type when it has none."""
+    return " ".join(str(error).split()) or type(error).__name__

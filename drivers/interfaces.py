@@ -11,13 +11,13 @@ import socket
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import can
-
-from drivers.capture import one_line
-from drivers.errors import ConfigError, LinkError
+from drivers.errors import ConfigError, LinkError, one_line
 from drivers.wire import load_dbc
+
+if TYPE_CHECKING:
+    import can
 
 _RECEIVE_BUFFER = 8 << 20
 _SO_RCVBUFFORCE = 33
@@ -74,6 +74,8 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 
     Our own frames are never received: what was sent to a unit must not look as if the unit had sent it.
     """
+    import can
+
     if settings.interface not in can.VALID_INTERFACES:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         raise ConfigError(f"{settings}: python-can has no interface {settings.interface!r}; it has {known}")
@@ -126,6 +128,8 @@ def _options(settings: BusSettings) -> dict[str, Any]:
 
 def _timing(settings: BusSettings, given: Mapping[str, Any]) -> can.BitTiming | can.BitTimingFd:
     """Bit timing from its fields; from bit rate and sample point (`from_sample_point`) where the fields say so."""
+    import can
+
     kind = can.BitTimingFd if settings.fd else can.BitTiming
     by_point = "sample_point" in given or "nom_sample_point" in given
     try:

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from bench.base import CHANNELS, DPH_PER_DPS, BoolArray, FloatArray, InputError, IntArray
 from bench.record.folder import MANIFEST, read_json
-from bench.record.means import write_means
+from bench.record.means import floats, write_means
 
 __all__ = ["Dataset", "Segment", "load", "write_means"]
 
@@ -218,14 +219,14 @@ def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S, *, whol
     if not path.is_file():
         raise InputError("missing; the run was not finished: recover it with `bench resume` or `bench report`", path)
     try:
-        table = pd.read_parquet(path)
+        table = pq.read_table(path)
     except Exception as error:  # pyarrow raises several unrelated types on a truncated file
         raise InputError(f"not a readable Parquet file ({error})", path) from error
-    if len(table) == 0:
+    if table.num_rows == 0:
         raise InputError("holds zero rows: nothing was captured", path)
     for name in ("time", "rate", "temperature"):
-        if name not in table:
-            raise InputError(f"required column '{name}' is missing; it has {', '.join(map(str, table.columns))}", path)
+        if name not in table.column_names:
+            raise InputError(f"required column '{name}' is missing; it has {', '.join(table.column_names)}", path)
     base = _dataset(table, manifest, folder)
     base = base if whole else base.select(_steady(base))
     return base.select(_lasting(base, interval_s / 2)).average(interval_s)
@@ -248,8 +249,8 @@ def _lasting(base: Dataset, least_s: float) -> BoolArray:
     return rows
 
 
-def _dataset(table: pd.DataFrame, manifest: Mapping[str, Any], folder: Path) -> Dataset:
-    columns = {str(name): table[name].to_numpy(dtype=np.float64) for name in table.columns}
+def _dataset(table: pa.Table, manifest: Mapping[str, Any], folder: Path) -> Dataset:
+    columns = {name: np.array(floats(table.column(name).combine_chunks())) for name in table.column_names}
     names = [name for name in CHANNELS if name in columns and name != "time"]
     time = columns["time"]
     segment = columns["segment"] if "segment" in columns else np.full(time.shape, -1.0)

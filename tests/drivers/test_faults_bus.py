@@ -12,7 +12,8 @@ from drivers.canbus import BusSettings, InProcessCapture, open_bus
 from drivers.gyro import GyroBlock, GyroDecoder
 from drivers.journal import FLAG_ERROR, JournalWriter, Kind, read_blocks
 from drivers.sim.can_gyro import CanGyro
-from drivers.sim.faults.bus import FAULTS, FaultyBus
+from drivers.sim.faults.bus import FaultyBus
+from drivers.sim.faults.named import ON_BUS
 
 NUMBER, SERIAL = 2, 77
 
@@ -239,7 +240,7 @@ def test_faults_repeat_with_their_seed(tmp_path):
 def test_a_fault_that_does_not_exist_is_refused(bench):
     with pytest.raises(ValueError, match="must be one of loss"):
         bench.bus.inject("nonsense")
-    assert len(FAULTS) == 11
+    assert len(ON_BUS) == 11
 
 
 def test_a_heartbeat_with_a_flipped_bit_is_not_believed_and_one_that_comes_again_is(bench):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from bench.acquisition.profile.guards import Guards, Signal, guards_of
 from bench.acquisition.profile.profile import Profile
@@ -17,12 +17,14 @@ from bench.acquisition.run.signals import told_by
 from bench.acquisition.run.status import SegmentResult
 from bench.acquisition.run.wiring import Wiring
 from bench.acquisition.station.settings import StationSettings
-from bench.acquisition.station.station import Station
 from bench.base import BenchError
 from drivers.chamber import ChamberReading
 from drivers.clock import SimClock
 from drivers.registers import load_map
 from drivers.sim.plant import Plant, PlantParameters
+
+if TYPE_CHECKING:
+    from bench.acquisition.station.station import Station
 
 
 class _Chamber:
@@ -104,7 +106,7 @@ def rehearse(profile: Profile, settings: StationSettings) -> Sequence[SegmentRes
     InputError for a guard on a signal that the controller of this station never tells.
     """
     guards_of(settings.guards, profile.guards, told_by(load_map(settings.chamber.map)))
-    sequencer = Sequencer(cast(Station, _Bench(settings)), Guards(()), cast(Recorder, _NoRecorder()), Wiring())
+    sequencer = Sequencer(cast("Station", _Bench(settings)), Guards(()), cast(Recorder, _NoRecorder()), Wiring())
     try:
         sequencer.check_before_start()
         sequencer.start_chamber()

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from bench.acquisition.profile.guards import Guards
 from bench.acquisition.profile.profile import Leg
@@ -25,9 +25,11 @@ from bench.acquisition.run.status import Outcome, SegmentResult, Status
 from bench.acquisition.run.wiring import Stop, Wiring
 from bench.acquisition.station.links import ChamberLink
 from bench.acquisition.station.safety import home_leg
-from bench.acquisition.station.station import Station
 from bench.base import EquipmentError, RunAborted
 from drivers.chamber import ChamberReading
+
+if TYPE_CHECKING:
+    from bench.acquisition.station.station import Station
 
 TICK_S = 1.0
 APPEAR_S = 10.0

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from typing import TYPE_CHECKING
 
 from bench.acquisition.profile.guards import Signal
 from bench.acquisition.run.wiring import Surroundings
 from bench.acquisition.station.links import SAME_DEGC, ChamberLink
-from bench.acquisition.station.station import Station
 from drivers.chamber import ChamberReading
 from drivers.registers import RegisterMap
+
+if TYPE_CHECKING:
+    from bench.acquisition.station.station import Station
 
 OFF_S = 10.0
 """A chamber that says that it is off for longer than this while the run is on was switched off by somebody."""

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import BaseModel, Field
 
 from bench.base import STRICT
-from drivers.sim.faults import bus, proxy
+from drivers.sim.faults.named import ON_BUS, ON_MODBUS
 
 CHAMBER = "chamber"
 PANEL = {
@@ -22,12 +22,12 @@ PANEL = {
 }
 """What the controller of the chamber can show, whatever its wire does."""
 REPLACED = "other_unit"
-WIRE = {name: text for name, text in proxy.FAULTS.items() if name != "echo"}
+WIRE = {name: text for name, text in ON_MODBUS.items() if name != "echo"}
 OF_CHAMBER = WIRE | PANEL
-OF_UNIT = {name: text for name, text in bus.FAULTS.items() if name != "bus_off"} | {
+OF_UNIT = {name: text for name, text in ON_BUS.items() if name != "bus_off"} | {
     REPLACED: "another unit answers in its place, with serial number `value`"
 }
-OF_BUS = {name: text for name, text in bus.FAULTS.items() if name not in ("reset", "silent_reset", "twin")}
+OF_BUS = {name: text for name, text in ON_BUS.items() if name not in ("reset", "silent_reset", "twin")}
 NEED_VALUE = ("setpoint", "limits", REPLACED)
 
 

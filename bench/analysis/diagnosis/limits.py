@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
 from bench.analysis.diagnosis.refine import Refiner, Start
 from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
+from bench.analysis.noise.probability import normal_share
 from bench.analysis.thresholds import TIE
 from bench.base import FloatArray
 
@@ -74,4 +74,4 @@ def expected_gap(
 
 def probability(gap: float) -> float:
     """Probability that a realised gap exceeds a tie when D is expected: Phi((D - tie) / (2 sqrt(D)))."""
-    return float(norm.cdf((gap - TIE) / (2.0 * np.sqrt(gap)))) if gap > 0.0 else 0.0
+    return float(normal_share((gap - TIE) / (2.0 * np.sqrt(gap)))) if gap > 0.0 else 0.0

@@ -13,10 +13,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
-from scipy.stats import chi2
 
 from bench.analysis.diagnosis.candidates import Problem, orthonormal, outside
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
+from bench.analysis.noise.probability import chi2_tail
 from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
 from bench.base import BoolArray, FloatArray
 
@@ -108,7 +108,7 @@ def _finding(probe: Probe, moved: FloatArray, residual: FloatArray, sigma2: floa
     singly = (moved.T @ residual) / scale**2
     return Finding(
         probe.name,
-        float(chi2.sf(statistic, rank)) if rank else 1.0,
+        chi2_tail(statistic, rank) if rank else 1.0,
         statistic,
         rank,
         probe.columns @ fitted,
@@ -154,7 +154,7 @@ def noise_test(problem: Problem, lattice: NoiseLattice, point: Point) -> Finding
     statistic = max(0.0, joint - sum(alone))
     ratio = float(np.sqrt(sizes[0] / sizes[1]))
     note = f"white noise of the run is {ratio:.2f} times that of the isothermal run"
-    return Finding("noise", float(chi2.sf(statistic, 3)), statistic, 3, np.zeros(len(problem.y)), note=note)
+    return Finding("noise", chi2_tail(statistic, 3), statistic, 3, np.zeros(len(problem.y)), note=note)
 
 
 def cells(temperature: FloatArray, direction: FloatArray, bins: int = 8) -> Probe:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq, minimize, minimize_scalar
-from scipy.stats import chi2
 
 from bench.analysis.diagnosis.candidates import (
     Candidate,
@@ -22,11 +21,12 @@ from bench.analysis.diagnosis.candidates import (
     to_unit,
 )
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
+from bench.analysis.noise.probability import chi2_quantile
 from bench.base import FloatArray
 
 _STARTS = 4
 _DIFFERENCE = 2e-3  # of a parameter's range, for slopes
-_WITHIN = float(chi2.ppf(0.95, 1))
+_WITHIN = float(chi2_quantile(0.95, 1))
 Goal = Callable[[Candidate, Theta, Point], float]
 
 

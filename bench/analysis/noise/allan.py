@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from bench.analysis.noise.probability import chi2_quantile
 from bench.base import FloatArray, InputError, IntArray
 
 SECONDS_PER_HOUR = 3600.0
@@ -139,8 +139,8 @@ def _curve(terms: list[tuple[int, float, int]], interval_s: float, samples: int)
     whole = np.minimum(samples, counts + 2 * factors - 1)
     slope = np.gradient(np.log(deviation), np.log(tau_s)) if len(tau_s) > 1 else np.array([-0.5])
     freedom = np.array([_freedom(n, m, s) for n, m, s in zip(whole, factors, slope, strict=True)])
-    low = deviation * np.sqrt(freedom / chi2.ppf(0.975, freedom))
-    high = deviation * np.sqrt(freedom / chi2.ppf(0.025, freedom))
+    low = deviation * np.sqrt(freedom / chi2_quantile(0.975, freedom))
+    high = deviation * np.sqrt(freedom / chi2_quantile(0.025, freedom))
     return AllanCurve(tau_s, deviation, low, high, counts)
 
 

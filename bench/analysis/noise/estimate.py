@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import chi2
 
 from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Record, Surface, gls, zeros
+from bench.analysis.noise.probability import chi2_quantile
 from bench.analysis.noise.whitening import Ratios, covariance
 from bench.base import FloatArray, InputError
 
@@ -146,7 +146,7 @@ def estimate_noise(blocks: Sequence[FloatArray], interval_s: float, trend: int =
         if surface.height(simple) <= surface.height(best) + price:
             chosen = simple
             break
-    inside = [*surface.region(best, float(chi2.ppf(0.95, 1))), chosen]
+    inside = [*surface.region(best, float(chi2_quantile(0.95, 1))), chosen]
     values = np.array([_coefficients(surface, p) for p in inside])
     ends = zip(values.min(axis=0).tolist(), values.max(axis=0).tolist(), strict=True)
     value = _coefficients(surface, chosen)

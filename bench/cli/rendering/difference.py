@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from bench.archive import BEYOND_CHANCE
-
 _MOST = 12
 
 
@@ -49,6 +47,8 @@ def _coefficients(found: Mapping[str, Any]) -> Iterator[str]:
     for entry in found["differ"]:
         z = "not known" if entry["z"] is None else f"{entry['z']:+.1f}"
         rows.append(f"{entry['key']}: {entry['a']:.6g} | {entry['b']:.6g} {entry['unit'] or ''}, z = {z}")
+    from bench.archive import BEYOND_CHANCE
+
     yield from _some("Coefficients", rows)
     yield f"  {found['agree']} coefficients agree within {BEYOND_CHANCE:g} standard deviations"
 

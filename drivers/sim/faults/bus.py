@@ -18,22 +18,8 @@ import numpy as np
 
 from drivers.frames import NO_FRAMES, to_frames, to_messages, to_record
 from drivers.journal import FLAG_ERROR, FRAME, FrameArray
+from drivers.sim.faults.named import ON_BUS
 from drivers.sim.faults.units import Layout
-
-FAULTS = {
-    "loss": "a `share` of the frames is missing",
-    "duplicate": "a `share` of the frames comes twice",
-    "reorder": "a `share` of the frames is overtaken by the next one",
-    "corrupt": "one bit of a `share` of the payloads flips: the CRC of the unit no longer fits",
-    "burst": "frames are held back until `seconds` have passed, then come at once, stamped late",
-    "silence": "nothing is heard",
-    "bus_off": "the controller is off the bus: sending and receiving raise CanOperationError",
-    "error_frames": "a `share` of the frames is preceded by an error frame",
-    "reset": "the unit starts anew: `seconds` of nothing, boot-up heartbeat, counter from 0",
-    "silent_reset": "the same without the boot-up heartbeat",
-    "twin": "a second unit with the same number: its own counter and serial number",
-}
-"""What can be injected, and what it does."""
 
 
 @dataclass
@@ -69,8 +55,8 @@ class FaultyBus(can.BusABC):
 
     def inject(self, name: str, *, share: float = 1.0, seconds: float = 0.0) -> None:
         """Switch a fault on; several work one after the other, in the order in which they were switched on."""
-        if name not in FAULTS:
-            raise ValueError(f"fault {name!r} on a CAN bus: must be one of {', '.join(FAULTS)}")
+        if name not in ON_BUS:
+            raise ValueError(f"fault {name!r} on a CAN bus: must be one of {', '.join(ON_BUS)}")
         self._faults.append(Fault(name, share, seconds, NO_FRAMES))
 
     def clear(self, name: str | None = None) -> None:

@@ -19,27 +19,10 @@ from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from drivers.sim.faults.named import ON_MODBUS
+
 Front = Literal["tcp", "rtu+tcp", "rtu"]
 Write = Callable[[bytes], Awaitable[None]]
-
-FAULTS = {
-    "delay": "the answer comes `seconds` later",
-    "drop": "the device does what was asked; its answer is lost",
-    "silence": "the request never reaches the device",
-    "truncate": "half of the answer, then nothing",
-    "garble": "one bit flips: wrong CRC on RTU, wrong protocol id on TCP",
-    "transaction": "TCP: the answer carries another transaction id",
-    "device": "the answer carries another device id",
-    "function": "the answer carries another function code",
-    "count": "the answer holds one register less, all lengths consistent",
-    "exception": "the device answers with exception `code`",
-    "echo": "RTU: the adapter hears its own request before the answer",
-    "split": "the answer comes in two pieces (harmless)",
-    "stuck": "the data that a request read first are read for ever",
-    "close": "the connection ends in the middle of the answer",
-    "refuse": "no connection is accepted, open ones end",
-}
-"""What can be injected, and what it does."""
 
 _ONLY = {"transaction": ("tcp",), "echo": ("rtu+tcp", "rtu"), "close": ("tcp", "rtu+tcp"), "refuse": ("tcp", "rtu+tcp")}
 _PIECES_S = 0.02
@@ -91,8 +74,8 @@ class ModbusProxy:
         self, name: str, *, share: float = 1.0, times: int | None = None, seconds: float = 0.0, code: int = 6
     ) -> None:
         """Switch a fault on; of several, the one that was switched on first and is drawn strikes."""
-        if name not in FAULTS or self.front not in _ONLY.get(name, (self.front,)):
-            raise ValueError(f"fault {name!r} on {self.front}: must be one of {', '.join(FAULTS)}")
+        if name not in ON_MODBUS or self.front not in _ONLY.get(name, (self.front,)):
+            raise ValueError(f"fault {name!r} on {self.front}: must be one of {', '.join(ON_MODBUS)}")
         self._call(self._set((*self._faults, Fault(name, share, times, seconds, code))))
 
     def clear(self, name: str | None = None) -> None:

@@ -16,7 +16,6 @@ from typing import ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict
-from scipy.signal import lfilter
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -150,6 +149,8 @@ class OrnsteinUhlenbeck:
         return taken
 
     def _block(self) -> FloatArray:
+        from scipy.signal import lfilter  # a second of imports, which only a run needs
+
         total = np.zeros(self.BLOCK)
         for i, (keep, kick) in enumerate(zip(self._keep, self._kick, strict=True)):
             white = kick * self._rng.standard_normal(self.BLOCK)

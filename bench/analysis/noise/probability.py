@@ -1,0 +1,25 @@
+"""Probabilities of the normal and the chi-square distribution, as `scipy.stats` computes them.
+
+That package takes a second to import; these are the functions of `scipy.special` behind it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from scipy.special import chdtrc, gammaincinv, ndtr
+
+
+def chi2_quantile(share: float, freedom: Any) -> Any:
+    """Value below which a chi-square variable of `freedom` degrees lies with this probability."""
+    return 2 * gammaincinv(freedom / 2, share)
+
+
+def chi2_tail(value: float, freedom: float) -> float:
+    """Probability that a chi-square variable of `freedom` degrees exceeds a value."""
+    return float(chdtrc(freedom, value))
+
+
+def normal_share(value: float) -> float:
+    """Probability that a standard normal variable is below a value."""
+    return float(ndtr(value))
