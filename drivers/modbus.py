@@ -19,16 +19,16 @@ import select
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias, Union
 from urllib.parse import parse_qsl, urlsplit
-
-from pymodbus.client import ModbusSerialClient, ModbusTcpClient
-from pymodbus.exceptions import ModbusException
-from pymodbus.framer import FramerType
-from pymodbus.pdu import ModbusPDU
 
 from drivers.backoff import BackOff
 from drivers.errors import ConfigError, LinkError, RefusedError
 from drivers.registers import Register, Value, block_of
+
+if TYPE_CHECKING:  # imported where a link is opened: a rehearsal opens none
+    from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+    from pymodbus.pdu import ModbusPDU
 
 # pymodbus logs its recent traffic at every error; our errors already say what happened.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
@@ -49,7 +49,12 @@ _MOST_DRAINS = 20
 _BUSY_PAUSE_S = 0.05
 _SERIAL_KEYS = {"baudrate": int, "bytesize": int, "parity": str, "stopbits": int}
 
-_Client = ModbusTcpClient | ModbusSerialClient
+_Client: TypeAlias = Union["ModbusTcpClient", "ModbusSerialClient"]
+
+
+def prepare() -> None:
+    """Import what a link needs: a process that must act at once has no time for it then."""
+    import pymodbus.client  # noqa: F401
 
 
 @dataclass
@@ -144,6 +149,8 @@ class ModbusLink:
         raise AssertionError("unreachable")
 
     def _exchange(self, code: int, address: int, count: int, words: Sequence[int]) -> Sequence[int]:
+        from pymodbus.exceptions import ModbusException
+
         if not self._client.connected:
             if not self._client.connect():
                 raise LinkError("no connection")
@@ -180,6 +187,8 @@ class ModbusLink:
 
     def _resynchronise(self) -> None:
         """Make sure that the next answer belongs to the next request."""
+        from pymodbus.exceptions import ModbusException
+
         if self._numbered or not self._client.connected:
             self.close()
             return
@@ -194,6 +203,8 @@ class ModbusLink:
 
     def _discard_waiting(self) -> None:
         """Throw away what an RTU gateway sent without being asked; on a serial line pymodbus does it."""
+        from pymodbus.client import ModbusSerialClient
+
         client = self._client
         if self._numbered or isinstance(client, ModbusSerialClient) or client.socket is None:
             return
@@ -207,6 +218,9 @@ class ModbusLink:
 
 def _client(url: str, timeout_s: float) -> tuple[_Client, bool]:
     """The pymodbus client for `url`, and whether its framing numbers the requests."""
+    from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+    from pymodbus.framer import FramerType
+
     try:
         parts = urlsplit(url)
         options = dict(parse_qsl(parts.query, strict_parsing=bool(parts.query)))

@@ -219,7 +219,8 @@ def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S, *, whol
     if not path.is_file():
         raise InputError("missing; the run was not finished: recover it with `bench resume` or `bench report`", path)
     try:
-        table = pq.read_table(path)
+        with pq.ParquetFile(path) as file:  # read_table would import pandas
+            table = file.read()
     except Exception as error:  # pyarrow raises several unrelated types on a truncated file
         raise InputError(f"not a readable Parquet file ({error})", path) from error
     if table.num_rows == 0:

@@ -29,7 +29,7 @@ from bench.base import EquipmentError
 from drivers.chamber import Chamber, SafeStep, Write
 from drivers.clock import WallClock
 from drivers.errors import DriverError
-from drivers.modbus import ModbusLink
+from drivers.modbus import ModbusLink, prepare
 from drivers.registers import load_map
 
 EVENTS = "watchdog.jsonl"
@@ -206,6 +206,7 @@ def main() -> int:
         return 0
     settings = StationSettings.model_validate_json(json.dumps(task["station"]))
     log = Log(Path(task["folder"]), int(task["started_monotonic_ns"]))
+    prepare()
     load_map(settings.chamber.map)  # what cannot be loaded now could not be when it is needed
     listener = Listener(sys.stdin.fileno(), settings.watchdog.silent_s)
     os.write(sys.stdout.fileno(), b"ready\n")
