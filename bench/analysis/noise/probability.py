@@ -17,7 +17,7 @@ def chi2_quantile(share: float, freedom: Any) -> Any:
 
 def chi2_tail(value: float, freedom: float) -> float:
     """Probability that a chi-square variable of `freedom` degrees exceeds a value."""
-    return float(chdtrc(freedom, value))
+    return float(chdtrc(freedom, max(value, 0.0)))
 
 
 def normal_share(value: float) -> float:
