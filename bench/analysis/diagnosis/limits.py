@@ -74,4 +74,4 @@ def expected_gap(
 
 def probability(gap: float) -> float:
     """Probability that a realised gap exceeds a tie when D is expected: Phi((D - tie) / (2 sqrt(D)))."""
-    return float(normal_share((gap - TIE) / (2.0 * np.sqrt(gap)))) if gap > 0.0 else 0.0
+    return normal_share((gap - TIE) / (2.0 * np.sqrt(gap))) if gap > 0.0 else 0.0
