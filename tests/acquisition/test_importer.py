@@ -100,11 +100,11 @@ def test_numbers_are_read_to_the_last_digit(tmp_path):
         ("time,rate,temperature\n0,1,20\n1,1,20\n1,1,20\n", "FILE:4: time stands still: 'time' is 1 after 1"),
         ("time,rate,temperature\n0,1,20\n,1,20\n", "FILE:3: 'time' (time) has no value"),
         ("time,rate,temperature\n0,,20\n1,,20\n", "FILE: column 'rate' (rate) has no value in any row"),
-        ("time,volts,temperature\n0,1,20\n1,1,20\n", "FILE: no column is named like rate; the columns are time, volts"),
+        ("time,volts,temperature\n0,1,20\n1,1,20\n", "FILE: no column is rate; the table has time, volts, temperature"),
         ("time,gx_dph,gy_dph,temp_C\n0,1,1,20\n1,1,1,20\n", "FILE: several columns could be rate: gx_dph, gy_dph"),
         ("time,gz,temp_C\n0,1,20\n1,1,20\n", "FILE: 'gz' does not say its unit"),
         ("sample,rate,temperature\n0,1,20\n1,1,20\n", "FILE: 'sample' counts samples, and nothing says how long"),
-        ("rate,temperature\n1,20\n1,20\n", "FILE: no column is named like time"),
+        ("rate,temperature\n1,20\n1,20\n", "FILE: no column is time"),
         ("time,rate [Hz],temperature\n0,1,20\n1,1,20\n", "FILE: 'Hz' does not measure rate"),
     ],
 )  # fmt: skip
