@@ -12,12 +12,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.clock import Clock
-from drivers.controller import ILLEGAL_ADDRESS, Controller, Identity, Write
-from drivers.errors import ConfigError, DriverError, IdentityError, LimitError, ReadBackError, RefusedError
+from drivers.controller import ILLEGAL_ADDRESS, Controller, Identity, Known, Write
+from drivers.errors import (
+    ConfigError,
+    DriverError,
+    IdentityError,
+    LimitError,
+    LinkError,
+    NoConnectionError,
+    ReadBackError,
+    RefusedError,
+    UnreadableError,
+)
 from drivers.modbus import ModbusLink
 from drivers.registers import Register, RegisterMap, Value
 
-__all__ = ["Chamber", "ChamberReading", "Identity", "SafeStep", "Write"]
+__all__ = ["Chamber", "ChamberReading", "Identity", "Known", "SafeStep", "Write"]
 
 SAFE_STEP_S = 30.0
 """Longest time [s] for one step to the safe state."""
@@ -55,12 +65,23 @@ class SafeStep:
     what: str
     ok: bool
     detail: str
+    sent: bool = False
+    """Not verified, but the command was sent to its address."""
+
+
+@dataclass(frozen=True)
+class _Command:
+    """A step to the safe state: how it is done and read back, and how it is sent when nothing can be read."""
+
+    what: str
+    verified: Callable[[], None]
+    unverified: Callable[[], None]
 
 
 class Chamber:
     """One control loop of one chamber. All methods raise DriverError subclasses, except `safe`."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - each option has its default
         self,
         link: ModbusLink,
         registers: RegisterMap,
@@ -69,11 +90,15 @@ class Chamber:
         *,
         journal: Callable[[Write], None] | None = None,
         secondary_s: float = 5.0,
+        known: Known | None = None,
     ) -> None:
-        """`limits` [degC] are the station's; `journal` sees every write; alarms are read every `secondary_s` [s]."""
+        """`limits` [degC] are the station's; `journal` sees every write; alarms are read every `secondary_s` [s].
+
+        `known` is what another process read of this controller when the run started: `safe` needs no more.
+        """
         if not (limits[0] < limits[1] and all(map(math.isfinite, limits))):
             raise ConfigError(f"chamber limits {limits[0]} to {limits[1]} degC are no range")
-        self._controller = Controller(link, registers, limits, clock, journal)
+        self._controller = Controller(link, registers, limits, clock, journal, known)
         self._clock = clock
         self._secondary_s = secondary_s
         self._secondary_due_s = -math.inf
@@ -92,6 +117,11 @@ class Chamber:
     def limits(self) -> tuple[float, float]:
         """Set points [degC] that station and controller both allow; the station's before `identify`."""
         return self._controller.limits
+
+    @property
+    def known(self) -> Known | None:
+        """What `identify` read first; None before. Hand it to whoever may have to make the chamber safe."""
+        return self._controller.known
 
     @property
     def commanded(self) -> float | None:
@@ -215,15 +245,33 @@ class Chamber:
     def safe(self, ambient: float, limit_s: float = SAFE_STEP_S) -> list[SafeStep]:
         """Set point to `ambient` [degC] first, ramp off, then chamber off; each step read back; never raises.
 
-        A later step is tried even when an earlier one failed. Each step has `limit_s` [s]; only a request that is on
-        its way then still gets its answer or its timeout.
+        Every step is tried whatever became of the others. Each has `limit_s` [s]; a request that was sent before its
+        end still gets its answer or its timeout. As soon as one of them cannot be verified, this step and all after it
+        are sent at once without verification, with the decimals and limits that were read at the start: off waits for
+        no answer. The steps after it are then tried again, verified.
         """
         steps = [
-            (f"set point to {ambient:g} degC", lambda: self._safe_setpoint(ambient)),
-            ("ramp off", self._ramp_off),
-            ("chamber off", self._off),
+            _Command(
+                f"set point to {ambient:g} degC",
+                lambda: self._safe_setpoint(ambient),
+                lambda: self._controller.send_target(ambient),
+            ),
+            _Command("ramp off", lambda: self._ramp_off(always=True), self._send_ramp_off),
+            _Command("chamber off", lambda: self._off(always=True), self._send_off),
         ]  # ambient first: should off fail, the chamber is driven to where it does no harm
-        return [self._attempt(what, action, limit_s) for what, action in steps]
+        self._controller.identity = None  # proves again who answers; without that proof nothing counts as verified
+        done: list[SafeStep] = []
+        sent: dict[str, bool] = {}
+        first: Exception | None = None
+        for at, step in enumerate(steps):
+            trouble = self._verified(step.verified, limit_s)
+            if trouble is not None and not sent:
+                sent = {later.what: self._sent(later, trouble) for later in steps[at:]}
+            first = first or trouble
+            done.append(
+                SafeStep(step.what, trouble is None, _why(trouble, first), trouble is not None and sent[step.what])
+            )
+        return done
 
     # ---- inside -----------------------------------------------------------------------------------------------------
 
@@ -267,29 +315,49 @@ class Chamber:
         self._missing.add(register.name)
         return None
 
-    def _attempt(self, what: str, action: Callable[[], None], limit_s: float) -> SafeStep:
+    def _verified(self, action: Callable[[], None], limit_s: float) -> Exception | None:
+        """Do it and read it back; what kept it from being verified, None when it was."""
         try:
             with self._controller.within(limit_s):
                 if self._controller.identity is None:
                     self._controller.recognise()  # a sensor break does not keep us from switching off
                 action()
-        except DriverError as error:
-            return SafeStep(what, False, str(error))
         except Exception as error:  # the way to the safe state goes on whatever happens
-            return SafeStep(what, False, f"{type(error).__name__}: {error}")
-        return SafeStep(what, True, "read back")
+            return error
+        return None
+
+    def _sent(self, step: _Command, trouble: Exception) -> bool:
+        """Send a step without verification; whether it went out.
+
+        A controller that says that it is another one, or shows another unit, would take our set point for another
+        temperature: it is only switched off.
+        """
+        stranger = isinstance(trouble, IdentityError) and not isinstance(trouble, UnreadableError)
+        if stranger and step.what.startswith("set point"):
+            return False
+        try:
+            step.unverified()
+        except (IdentityError, LimitError, NoConnectionError):
+            return False
+        except Exception:
+            pass
+        return True
 
     def _safe_setpoint(self, ambient: float) -> None:
         self._controller.check_target(ambient)
-        self._controller.write_target(ambient)
+        self._controller.write_target(ambient, always=True)
         self._commanded = ambient
 
-    def _ramp_off(self) -> None:
+    def _ramp_off(self, *, always: bool = False) -> None:
         for name, value in self._map.ramp.off.items() if self._map.ramp else ():
-            self._controller.write(name, value)
+            self._controller.write(name, value, always=always)
 
-    def _off(self) -> None:
-        self._controller.write(self._map.run.register, self._map.run.off)
+    def _send_ramp_off(self) -> None:
+        if self._map.ramp:
+            self._controller.send(self._map.ramp.off)
+
+    def _off(self, *, always: bool = False) -> None:
+        self._controller.write(self._map.run.register, self._map.run.off, always=always)
         state = self._map[self._map.run.state]
         for reading in range(_STATE_READINGS):
             if self._controller.read(state) == self._map.run.off:
@@ -299,9 +367,21 @@ class Chamber:
                 self._clock.sleep_until(self._clock.now() + 1.0)
         raise ReadBackError(f"{state.name} is not {self._map.run.off} {_STATE_READINGS - 1} s after it was commanded")
 
+    def _send_off(self) -> None:
+        self._controller.send({self._map.run.register: self._map.run.off})
+
     def _switched(self, *, on: bool) -> None:
         if self._on is not on:
             self._on, self._switched_s = on, self._clock.now()
+
+
+def _why(trouble: Exception | None, first: Exception | None) -> str:
+    """What a step has to say: of several that failed for want of an answer, all give the reason of the first."""
+    if trouble is None:
+        return "read back"
+    wanting = (LinkError, RefusedError, IdentityError)
+    shown = first if isinstance(trouble, wanting) and isinstance(first, wanting) else trouble
+    return str(shown) if isinstance(shown, DriverError) else f"{type(shown).__name__}: {shown}"
 
 
 def _number(value: Value | None) -> float | None:

@@ -8,13 +8,21 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from drivers.clock import Clock
-from drivers.errors import IdentityError, LimitError, LinkError, ReadBackError, RefusedError
+from drivers.errors import (
+    DriverError,
+    IdentityError,
+    LimitError,
+    LinkError,
+    ReadBackError,
+    RefusedError,
+    UnreadableError,
+)
 from drivers.modbus import ModbusLink
 from drivers.registers import Register, RegisterMap, Value
 
@@ -41,6 +49,21 @@ class Identity:
 
 
 @dataclass(frozen=True)
+class Known:
+    """What a controller said when it was recognised first, as far as a command needs it that goes out unverified."""
+
+    decimals: Mapping[str, int]
+    """Implied decimals, by the register that tells them."""
+    limits: tuple[float, float]
+    """Set points that station and controller both allowed [degC]."""
+    words: Mapping[str, int] = field(default_factory=dict)
+    """Whole words of the registers of which only some bits are written."""
+
+
+NOT_READ = "not read back"
+
+
+@dataclass(frozen=True)
 class Write:
     """One write for the journal."""
 
@@ -61,11 +84,14 @@ class Controller:
         limits: tuple[float, float],
         clock: Clock,
         journal: Callable[[Write], None] | None = None,
+        known: Known | None = None,
     ) -> None:
-        """`limits` [degC] are the station's; `journal` sees every write."""
+        """`limits` [degC] are the station's; `journal` sees every write; `known` is what was read before."""
         self.map = registers
         """The map; its implied decimals are known after `recognise`."""
         self.identity: Identity | None = None
+        self.known = known
+        """From the first recognition; what is read later must not contradict it."""
         self.writes = 0
         """Registers written since this object was made: what a memory that wears out has lost."""
         self._described = registers
@@ -110,6 +136,9 @@ class Controller:
                 raise IdentityError(f"{model}: {rule.register} reads {text!r}; {rule.why}")
             answers.append((rule.register, text))
         places = {name: round(float(self._identifying(name))) for name in self._described.decimals}
+        if self.known is not None and places != self.known.decimals:
+            text = f"implies decimals {places}, and {dict(self.known.decimals)} when it was recognised first"
+            raise IdentityError(f"{model}: {text}; somebody changed its display")
         answers += [(name, str(count)) for name, count in places.items()]
         self.map = self._described.with_decimals(places)
         low, high = self._station_limits
@@ -119,6 +148,10 @@ class Controller:
             high = min(high, float(self._identifying("setpoint_high")))
         if low >= high:
             raise IdentityError(f"{model}: station and controller allow no common set point ({low:g}, {high:g})")
+        if self.known is None:
+            masked = [register for register in self.map.writable if register.mask is not None]
+            words = {register.name: int(float(self.read(register.whole_word))) for register in masked}
+            self.known = Known(places, (low, high), words)
         self.identity = Identity(model, tuple(answers), (low, high))
         self._identified_at = self._link.counters.connections
         return self.identity
@@ -151,13 +184,13 @@ class Controller:
                 f"set point {target:g} degC is outside the limits {low:g} to {high:g} degC; nothing was sent"
             )
 
-    def write_target(self, target: float) -> None:
+    def write_target(self, target: float, *, always: bool = False) -> None:
         """Write the set point, and those that have to be the same."""
         for name in ("setpoint", *self.map.setpoint_copies):
-            self.write(name, target)
+            self.write(name, target, always=always)
 
-    def write(self, name: str, value: Value) -> None:
-        """Write when it changes something, and read back."""
+    def write(self, name: str, value: Value, *, always: bool = False) -> None:
+        """Write when it changes something, or `always`, and read back."""
         if self.identity is None:
             raise IdentityError(f"{self.map.model}: nothing is written before identify()")
         words = self.map[name].encode(value)
@@ -167,7 +200,7 @@ class Controller:
             words = self.map[name].encode(value)
             if name in ("setpoint", *self.map.setpoint_copies):
                 self.check_target(float(value))
-        if words == old_words:
+        if words == old_words and not always:
             return
         register = self.map[name]
         self._spare_memory()
@@ -178,7 +211,51 @@ class Controller:
         if not register.agrees(value, read_back):
             raise ReadBackError(f"{name}: wrote {value} {register.unit}, reads back {read_back} {register.unit}")
 
+    def send_target(self, target: float) -> None:
+        """As `send`: the set point, and those that have to be the same; LimitError outside the limits of the start."""
+        known, registers = self._as_known()
+        low, high = known.limits
+        if not low <= target <= high:
+            raise LimitError(f"set point {target:g} degC is outside the limits {low:g} to {high:g} degC")
+        self.send({name: target for name in ("setpoint", *registers.setpoint_copies)})
+
+    def send(self, settings: Mapping[str, Value]) -> None:
+        """Send writes once, unverified, with what was known at the start; nothing is read before or after them.
+
+        For the safe state of a controller whose answers cannot be trusted. All are sent whatever became of the others;
+        then LinkError or RefusedError when one got no sound answer: the controller may have done it all the same.
+        """
+        troubles: list[DriverError] = []
+        for name, value in settings.items():
+            try:
+                self._send_unverified(name, value)
+            except DriverError as error:
+                troubles.append(error)
+        if troubles:
+            raise troubles[0]
+
+    def _send_unverified(self, name: str, value: Value) -> None:
+        known, registers = self._as_known()
+        register = registers[name]
+        words = register.encode(value)
+        sent, content = register, value
+        if register.mask is not None:
+            others = known.words.get(name, 0) & ~register.mask
+            sent, content = register.whole_word, float(others | words[0])
+        self.writes += 1
+        try:
+            self._link.send(sent, content)
+        finally:
+            if self._journal:
+                self._journal(Write(self._clock.now(), name, NOT_READ, value, NOT_READ))
+
     # ---- inside -----------------------------------------------------------------------------------------------------
+
+    def _as_known(self) -> tuple[Known, RegisterMap]:
+        """What was read at the start, and the map with its decimals."""
+        if self.known is None:
+            raise IdentityError(f"{self._described.model}: it was never recognised")
+        return self.known, self._described.with_decimals(self.known.decimals)
 
     def _ask(self, request: Callable[[], _T]) -> _T:
         """One request, unless its time is over; refusals in the words of this controller."""
@@ -199,7 +276,7 @@ class Controller:
         except RefusedError as error:
             if error.code in NOT_NOW:  # says nothing of who it is
                 raise
-            raise IdentityError(f"{self.map.model}: {name} cannot be read: {error}") from error
+            raise UnreadableError(f"{self.map.model}: {name} cannot be read: {error}") from error
         except LimitError as error:
             raise IdentityError(f"{self.map.model}: {error}") from error
 
@@ -209,7 +286,10 @@ class Controller:
         else:
             word = register.whole_word
             (bits,) = words
-            others = int(float(self.read(word))) & ~register.mask
+            held = int(float(self.read(word)))
+            if self.known is not None:
+                self.known = replace(self.known, words={**self.known.words, register.name: held})
+            others = held & ~register.mask
             self._ask(lambda: self._link.write(word, float(others | bits)))
         self.writes += 1
 

@@ -4,7 +4,9 @@ DriverError                 anything the equipment or its link refuses or fails 
 ├── ConfigError             a register map, DBC or station entry is wrong: fix the file
 ├── LimitError              a value outside the limits of the equipment; nothing was sent
 ├── IdentityError           the equipment that answered is not the one described; nothing was written
+│   └── UnreadableError     it could not be asked who it is: nothing is known against it
 ├── LinkError               no answer, a torn or a foreign answer: retry, reconnect or go safe
+│   └── NoConnectionError   nothing was sent
 ├── RefusedError            the equipment answered with an exception code: do not retry blindly
 └── ReadBackError           what was written is not what reads back: go safe
 """
@@ -37,8 +39,16 @@ class IdentityError(DriverError):
     exit_code = 2
 
 
+class UnreadableError(IdentityError):
+    """A register that tells who the equipment is was refused: nothing is known for it or against it."""
+
+
 class LinkError(DriverError):
     """No answer in time, a torn answer, or one that belongs to another request."""
+
+
+class NoConnectionError(LinkError):
+    """There was no connection to send a request over."""
 
 
 class RefusedError(DriverError):

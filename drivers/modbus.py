@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, TypeAlias, Union
 from urllib.parse import parse_qsl, urlsplit
 
 from drivers.backoff import BackOff
-from drivers.errors import ConfigError, LinkError, RefusedError
+from drivers.errors import ConfigError, LinkError, NoConnectionError, RefusedError
 from drivers.registers import Register, Value, block_of
 
 if TYPE_CHECKING:  # imported where a link is opened: a rehearsal opens none
@@ -125,6 +125,28 @@ class ModbusLink:
             raise ConfigError(f"{register.name} is not a register that may be written")
         self._request(register.write, register.address, register.count, register.encode(value))
 
+    def send(self, register: Register, value: Value) -> None:
+        """Write once over a fresh connection, whatever the answers to earlier requests were; does not read back.
+
+        NoConnectionError when nothing was sent; LinkError without a sound answer and RefusedError for an exception
+        response, although the device may have done it all the same.
+        """
+        if register.write is None:
+            raise ConfigError(f"{register.name} is not a register that may be written")
+        words = register.encode(value)
+        if not isinstance(self._client, ModbusSerialClient):
+            self.close()
+        self.counters.requests += 1
+        where = f"{self.url}: function {register.write}, address {register.address}, {register.count} words"
+        try:
+            self._exchange(register.write, register.address, register.count, words)
+        except RefusedError as error:
+            raise RefusedError(f"{where}: {error}", error.code) from None
+        except LinkError as error:
+            self.counters.faults += 1
+            self._resynchronise()
+            raise type(error)(f"{where}: {error}") from None
+
     def _request(self, code: int, address: int, count: int, words: Sequence[int] = ()) -> Sequence[int]:
         """One request with its bounded repetitions; the words that were read."""
         where = f"{self.url}: function {code}, address {address}, {count} words"
@@ -153,7 +175,7 @@ class ModbusLink:
 
         if not self._client.connected:
             if not self._client.connect():
-                raise LinkError("no connection")
+                raise NoConnectionError("no connection")
             self.counters.connections += 1
         self._discard_waiting()
         self._sent_s = time.monotonic()
@@ -161,6 +183,8 @@ class ModbusLink:
             answer = self._send(code, address, count, words)
         except (ModbusException, OSError) as error:
             raise LinkError(f"no valid answer: {error}") from error
+        except Exception as error:  # pymodbus decodes what a device sends: garbage may end it anywhere
+            raise LinkError(f"no valid answer: {type(error).__name__}: {error}") from error
         if answer.function_code == code | 0x80:
             number = answer.exception_code
             raise RefusedError(f"exception {number}, {EXCEPTIONS.get(number, 'unknown')}", number)

@@ -141,6 +141,11 @@ def test_a_chamber_that_comes_back_in_time_is_made_safe(at):
 
 def test_the_order_to_the_operator_names_the_equipment():
     chamber, table = SafeStep("chamber off", False, "no answer"), SafeStep("rate table stands", False, "no answer")
+    sent = SafeStep("chamber off", False, "no answer", sent=True)
+    ramp = SafeStep("ramp off", False, "no answer", sent=True)
+    assert failures([ramp, sent]).startswith(
+        "SAFE STATE NOT VERIFIED: ramp off (sent), chamber off (sent): no answer; "
+    )
     assert failures([chamber]).endswith("; switch the chamber off by hand")
     assert failures([table]).endswith("; press the emergency stop of the rate table")
     assert failures([table, chamber]).endswith("of the rate table and switch the chamber off by hand")

@@ -320,6 +320,131 @@ class TestSafeState:
         steps = ready.chamber.safe(25.0)
         assert [step.ok for step in steps] == [False, False, False]
         assert all("attempts" in step.detail for step in steps)
+        assert not any(step.sent for step in steps)
+
+
+def unreadable(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def nonsense(registers):
+        raise LinkError("the answer belongs to function 4")
+
+    monkeypatch.setattr(bench.link, "read_block", nonsense)
+
+
+class TestSafeStateOfAControllerThatCannotBeRead:
+    def test_every_command_is_sent_and_nothing_called_verified(self, ready: Bench, monkeypatch: pytest.MonkeyPatch):
+        ready.chamber.ramp_to(80.0, 2.0)
+        ready.chamber.start()
+        unreadable(ready, monkeypatch)
+        ready.writes.clear()
+        steps = ready.chamber.safe(25.0)
+        assert [(step.ok, step.sent, step.detail) for step in steps] == [
+            (False, True, "the answer belongs to function 4")
+        ] * 3
+        assert ready.server.commands() == ChamberCommands(25.0, False, None)
+        assert [(write.register, write.read_back) for write in ready.writes] == [
+            ("setpoint", "not read back"),
+            ("ramp_action", "not read back"),
+            ("mode", "not read back"),
+        ]
+
+    def test_off_is_sent_even_when_every_write_is_answered_by_nonsense(self, ready: Bench, monkeypatch):
+        ready.chamber.set_point(80.0)
+        ready.chamber.start()
+        unreadable(ready, monkeypatch)
+        send = ready.link.send
+
+        def and_then_fail(register, value):
+            send(register, value)
+            raise LinkError("the answer echoes another write")
+
+        monkeypatch.setattr(ready.link, "send", and_then_fail)
+        assert [step.sent for step in ready.chamber.safe(25.0)] == [True] * 3
+        assert ready.server.commands() == ChamberCommands(25.0, False, None)
+
+    def test_a_display_in_degf_gets_no_set_point_and_is_switched_off(self, ready: Bench):
+        ready.chamber.set_point(80.0)
+        ready.chamber.start()
+        ready.server.set_words("temperature_unit", [30])
+        steps = ready.chamber.safe(25.0)
+        assert [(step.ok, step.sent) for step in steps] == [(False, False), (False, True), (False, True)]
+        assert all("degF" in step.detail for step in steps)
+        assert ready.server.commands() == ChamberCommands(80.0, False, None)
+
+    def test_other_decimals_than_at_the_start_get_no_set_point(self):
+        bench = Bench(load_map("watlow_f4"))
+        bench.chamber.identify()
+        bench.chamber.set_point(80.0)
+        bench.chamber.start()
+        bench.server.set_words("decimals", [0])
+        steps = bench.chamber.safe(25.0)
+        assert [(step.ok, step.sent) for step in steps] == [(False, False), (False, True), (False, True)]
+        assert "when it was recognised first" in steps[0].detail
+        bench.close()
+
+    def test_the_set_point_goes_out_with_the_decimals_of_the_start(self, monkeypatch):
+        bench = Bench(load_map("watlow_f4"))
+        bench.chamber.identify()
+        bench.chamber.set_point(80.0)
+        bench.chamber.start()
+        unreadable(bench, monkeypatch)
+        bench.chamber.safe(25.0)
+        assert bench.server.commands().setpoint == 25.0
+        assert not bench.server.commands().on
+        bench.close()
+
+    def test_outside_the_limits_of_the_start_only_off_goes_out(self, ready: Bench, monkeypatch):
+        ready.chamber.set_point(80.0)
+        ready.chamber.start()
+        unreadable(ready, monkeypatch)
+        assert [step.sent for step in ready.chamber.safe(200.0)] == [False, True, True]
+        assert ready.server.commands() == ChamberCommands(80.0, False, None)
+
+    def test_a_watchdog_goes_by_what_the_bench_read(self, ready: Bench, monkeypatch):
+        ready.chamber.set_point(80.0)
+        ready.chamber.start()
+        unreadable(ready, monkeypatch)
+        other = Chamber(ready.link, F4T, (-40.0, 85.0), ready.clock, known=ready.chamber.known)
+        assert [step.sent for step in other.safe(25.0)] == [True] * 3
+        assert ready.server.commands() == ChamberCommands(25.0, False, None)
+
+    def test_one_that_was_never_recognised_gets_nothing(self, bench: Bench, monkeypatch):
+        bench.server.set_words("mode", [10])
+        unreadable(bench, monkeypatch)
+        assert not any(step.sent for step in bench.chamber.safe(25.0))
+        assert bench.server.commands().on
+
+    def test_of_a_word_that_holds_more_only_our_bits_change(self, monkeypatch):
+        bench = Bench(load_map("binder_mb2"))
+        bench.server._words[0x1158] = 0x0101
+        bench.chamber.identify()
+        bench.chamber.set_point(80.0)
+        bench.chamber.start()
+        sent = []
+        send = bench.link.send
+        monkeypatch.setattr(bench.link, "send", lambda register, value: sent.append(value) or send(register, value))
+        unreadable(bench, monkeypatch)
+        bench.chamber.safe(25.0)
+        assert sent[-1] == 0x0103
+        assert not bench.server.commands().on
+        bench.close()
+
+    def test_it_is_verified_again_as_soon_as_it_can_be_read(self, ready: Bench, monkeypatch):
+        ready.chamber.set_point(80.0)
+        ready.chamber.start()
+        read, fails = ready.link.read_block, [True]
+
+        def once(registers):
+            if fails and fails.pop():
+                raise LinkError("no valid answer")
+            return read(registers)
+
+        monkeypatch.setattr(ready.link, "read_block", once)
+        assert [(step.ok, step.sent) for step in ready.chamber.safe(25.0)] == [
+            (False, True),
+            (True, False),
+            (True, False),
+        ]
+        assert all(step.ok for step in ready.chamber.safe(25.0))
 
 
 def test_the_link_comes_back_by_itself_after_the_controller_did(ready: Bench):
@@ -352,8 +477,9 @@ class TestSafeStateInTime:
         monkeypatch.setattr(ready.link, "read", slow)
         begun_s = ready.clock.now()
         steps = ready.chamber.safe(25.0, limit_s=10.0)
-        assert [step.ok for step in steps] == [False, True, False]  # the ramp was off already
-        assert all("time limit" in step.detail for step in steps if not step.ok)
+        assert [(step.ok, step.sent) for step in steps] == [(False, True)] * 3
+        assert all("time limit" in step.detail for step in steps)
+        assert ready.server.commands() == ChamberCommands(25.0, False, None)
         assert ready.clock.now() - begun_s <= 3 * 60.0
 
     def test_is_reached_without_waiting_for_the_compressor(self):

@@ -28,7 +28,8 @@ class Watch:
         clock = self._station.clock
         if not isinstance(clock, WallClock):
             return
-        self._watchdog = Watchdog(self._station.settings, self._recorder.run.path, clock.started_monotonic_ns)
+        station, path = self._station, self._recorder.run.path
+        self._watchdog = Watchdog(station.settings, path, clock.started_monotonic_ns, station.chamber.known)
         self._watchdog.arm()
         pid = self._watchdog.pid
         self._recorder.event("watchdog", f"process {pid} watches over this run", pid=pid)

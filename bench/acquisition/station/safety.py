@@ -1,7 +1,8 @@
 """The safe state of a station, for the run that ends and for the watchdog that outlives it.
 
 Set point to ambient, warmed up first where it is cold inside so that nothing frosts, then off; every step limited in
-time, read back, and tried again for a while where the chamber does not answer. Nothing here raises.
+time, read back, and tried again for a while where the chamber does not answer. Where nothing can be read back, each
+command is sent all the same, and the chamber counts as not verified. Nothing here raises.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from bench.acquisition.station.settings import SafeStateSettings, StationSetting
 from drivers.backoff import BackOff
 from drivers.chamber import Chamber, ChamberReading, SafeStep
 from drivers.clock import Clock
-from drivers.errors import DriverError
 
 Event = tuple[str, str, dict[str, Any]]
 """Kind, text and numbers of an event."""
@@ -83,11 +83,12 @@ class SafeState:
                 break
             failures += 1
             if failures == 1:
-                text = "; ".join(f"{step.what}: {step.detail}" for step in failed)
-                self.report("safe_state", f"not reached yet, trying again for {self.retry_s:.0f} s: {text}")
+                text = f"not reached yet, trying again for {self.retry_s:.0f} s: {_listed(failed)}"
+                self.report("safe_state", text)
             self._wait(RETRY.wait_s(failures), until_s)
         for step in (*table, *steps):
-            self.report("safe_state", f"{step.what}: {step.detail}", ok=step.ok)
+            sent = {"sent": True} if step.sent else {}
+            self.report("safe_state", f"{step.what}: {step.detail}", ok=step.ok, **sent)
         return [*table, *steps]
 
     def _wait(self, wait_s: float, until_s: float) -> None:
@@ -114,8 +115,8 @@ class SafeState:
                 self.beat()
                 self.clock.sleep_until(self.clock.now() + LOOK_S)
                 reading = self.chamber.poll()
-        except DriverError:
-            return  # what cannot be read or commanded is not waited for
+        except Exception:  # what cannot be read or commanded is not waited for, and off is still to come
+            return
         self._warmed = True
         took_s = self.clock.now() - since_s
         text = f"warmed up from {from_degc:.1f} to {reading.temperature:.1f} degC in {took_s:.0f} s"
@@ -135,5 +136,12 @@ def failures(steps: list[SafeStep]) -> str:
     table = [step for step in failed if step.what.startswith("rate table")]
     orders = ["press the emergency stop of the rate table"] if table else []
     orders += ["switch the chamber off by hand"] if len(table) < len(failed) else []
-    text = "; ".join(f"{step.what}: {step.detail}" for step in failed)
-    return f"SAFE STATE NOT VERIFIED: {text}; {' and '.join(orders)}"
+    return f"SAFE STATE NOT VERIFIED: {_listed(failed)}; {' and '.join(orders)}"
+
+
+def _listed(steps: Sequence[SafeStep]) -> str:
+    """The steps with what became of them; a reason that several share is given once."""
+    shared: dict[str, list[str]] = {}
+    for step in steps:
+        shared.setdefault(step.detail, []).append(f"{step.what} (sent)" if step.sent else step.what)
+    return "; ".join(f"{', '.join(names)}: {detail}" for detail, names in shared.items())

@@ -18,15 +18,18 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
+
+from pydantic import TypeAdapter
 
 from bench.acquisition.station.rate_table import halt
 from bench.acquisition.station.safety import SafeState, failures
 from bench.acquisition.station.settings import StationSettings
 from bench.base import EquipmentError
-from drivers.chamber import Chamber, SafeStep, Write
+from drivers.chamber import Chamber, Known, SafeStep, Write
 from drivers.clock import WallClock
 from drivers.errors import DriverError
 from drivers.modbus import ModbusLink, prepare
@@ -42,12 +45,18 @@ UNVERIFIED = 4
 class Watchdog:
     """The bench's end: started before anything moves, told at every tick that the bench is alive."""
 
-    def __init__(self, settings: StationSettings, folder: Path, started_monotonic_ns: int) -> None:
-        """Start the process and wait until it is ready; EquipmentError when it is not."""
+    def __init__(
+        self, settings: StationSettings, folder: Path, started_monotonic_ns: int, known: Known | None = None
+    ) -> None:
+        """Start the process and wait until it is ready; EquipmentError when it is not.
+
+        `known` is what the chamber's controller said at the start, for the case that its answers make no sense later.
+        """
         task = {
             "station": settings.model_dump(mode="json"),
             "folder": str(folder.resolve()),
             "started_monotonic_ns": started_monotonic_ns,
+            "known": None if known is None else asdict(known),
         }
         self._process = subprocess.Popen(
             [sys.executable, "-m", "bench.acquisition.station.watchdog"],
@@ -213,18 +222,19 @@ def main() -> int:
     why = listener.wait()
     if not why or not listener.armed:
         return 0
-    return _replace(bench, listener, settings, log, why)
+    known = None if task["known"] is None else TypeAdapter(Known).validate_python(task["known"])
+    return _replace(bench, listener, _Safe(settings, log, known), why)
 
 
-def _replace(bench: _Process, listener: Listener, settings: StationSettings, log: Log, why: str) -> int:
+def _replace(bench: _Process, listener: Listener, safe: _Safe, why: str) -> int:
     """The bench is gone or hangs: make the equipment safe in its place."""
-    started_s = time.monotonic()
+    started_s, log = time.monotonic(), safe.log
     log.event("watchdog", f"{why}: making the equipment safe", reason=why)
     grace_s = 0.0 if listener.hangs else KILLED_S  # a pipe closes a moment before its process is gone
     if not listener.failed and bench.kill(grace_s):  # a bench that gave up closes its link and writes its report
         log.event("watchdog", "killed the bench, which hung")
     try:
-        steps = _make_safe(settings, log)
+        steps = safe.make()
     except DriverError as error:  # a file of the station that was right when the run started
         steps = [SafeStep("chamber", False, str(error))]
     took_s = time.monotonic() - started_s
@@ -234,23 +244,32 @@ def _replace(bench: _Process, listener: Listener, settings: StationSettings, log
     return UNVERIFIED if trouble else 0
 
 
-def _make_safe(settings: StationSettings, log: Log) -> list[SafeStep]:
-    connection, chamber = settings.chamber.connection, settings.chamber
-    assert connection is not None  # only real stations are watched
-    clock = WallClock()
-    with contextlib.closing(
-        ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
-    ) as link:
-        limits = chamber.lowest_degc, chamber.highest_degc
-        return SafeState(
-            chamber=Chamber(link, load_map(chamber.map), limits, clock, journal=log.write),
-            clock=clock,
-            settings=settings.safe_state,
-            ambient_degc=settings.ambient_degc,
-            retry_s=60.0 * settings.watchdog.retry_min,
-            stop_table=lambda: halt(settings),
-            report=log.event,
-        ).make()
+@dataclass(frozen=True)
+class _Safe:
+    """Makes the equipment of a station safe over a link of its own."""
+
+    settings: StationSettings
+    log: Log
+    known: Known | None
+
+    def make(self) -> list[SafeStep]:
+        settings, log = self.settings, self.log
+        connection, chamber = settings.chamber.connection, settings.chamber
+        assert connection is not None  # only real stations are watched
+        clock = WallClock()
+        with contextlib.closing(
+            ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
+        ) as link:
+            limits = chamber.lowest_degc, chamber.highest_degc
+            return SafeState(
+                chamber=Chamber(link, load_map(chamber.map), limits, clock, journal=log.write, known=self.known),
+                clock=clock,
+                settings=settings.safe_state,
+                ambient_degc=settings.ambient_degc,
+                retry_s=60.0 * settings.watchdog.retry_min,
+                stop_table=lambda: halt(settings),
+                report=log.event,
+            ).make()
 
 
 class _Process:
