@@ -176,12 +176,13 @@ def check(profile_path: Path, station_path: Path | None) -> Checked:
 
 def check_on(profile: Profile, station: StationSettings) -> Checked:
     """A profile without errors, rehearsed on a station."""
-    from bench.acquisition import Recording, check_profile, rehearse
+    from bench.acquisition import Recording, check_profile, guards_told, rehearse
 
     segments = rehearse(profile, station)
     duration_s, units = segments[-1].to_s, len(station.units)
     recording = Recording(bytes_per_s=BYTES_PER_S, units=units, free_bytes=shutil.disk_usage(Path.cwd()).free)
-    findings = check_profile(profile, station.limits(), recording, lambda _: duration_s)
+    guarded = guards_told(station.standing_guards())
+    findings = check_profile(profile, station.limits(), recording, lambda _: duration_s, guarded)
     return Checked(profile, station, segments, findings, round(duration_s * BYTES_PER_S * units))
 
 

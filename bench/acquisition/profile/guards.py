@@ -30,6 +30,10 @@ Action = Literal["hold", "safe", "abort"]
 Name = Literal[
     "chamber_temperature",
     "unit_temperature",
+    "unit_coldest",
+    "unit_excess",
+    "setpoint_excess",
+    "display_degf",
     "sensor_disagreement",
     "frame_age",
     "disk_free_mb",
@@ -56,11 +60,13 @@ class GuardSettings(BaseModel):
     name: Annotated[str, Field(min_length=1)]
     """What the guard is called in events and messages."""
     signal: Name
-    """Chamber air [degC], the unit's own sensor [degC], the absolute difference of the two, age of the unit's newest
-    frame [s], free space where the run is written [MB], 1 while the chamber reports an alarm, its output [%] (heating
-    positive), how long its temperature has not changed by a bit although its output is not 0 [s], 1 while its door is
-    open, 1 while its sensor is broken, 1 while set point or mode are not ours, how long the chamber has not answered
-    [s], how long the capture of a bus has failed [s]."""
+    """Chamber air [degC], the unit's own sensor (the warmest, the coldest of several) [degC], how far a unit is outside
+    all that the air was within its lag [K], how much further the air is from its set point than the chamber's speed
+    explains [K], 1 while the air reads as the units would in degF before the start, the absolute difference of air and
+    unit [K], age of the unit's newest frame [s], free space where the run is written [MB], 1 while the chamber reports an
+    alarm, its output [%] (heating positive), how long its temperature has not changed by a bit although its output is not
+    0 [s], 1 while its door is open, 1 while its sensor is broken, 1 while set point or mode are not ours, how long the
+    chamber has not answered [s], how long the capture of a bus has failed [s]."""
     above: float | None = None
     """Trips above this value."""
     below: float | None = None
@@ -114,16 +120,21 @@ def guards_of(
     profile: Sequence[GuardSettings],
     told: Collection[str],
     patience_s: float = 0.0,
+    standing: Sequence[GuardSettings] = (),
 ) -> tuple[GuardSettings, ...]:
-    """The guards of a run; `told` are the optional signals that this station delivers.
+    """The guards of a run; `told` are the optional signals that this station delivers, `standing` guards stay always.
 
     A chamber that does not answer is judged by its link: the guards of every run wait at least `patience_s` for what it
     tells. Raises InputError for a guard that would watch a signal which never comes.
     """
     own = {guard.name for guard in station}
+    for rule in (*station, *profile):
+        if rule.name in {guard.name for guard in standing}:
+            text = f"guard {rule.name!r} bears the name of one that every run has and no file replaces"
+            raise InputError(f"{text}; give it another name")
     default = [
         rule.model_copy(update={"max_age_s": max(rule.max_age_s, patience_s)})
-        for rule in DEFAULT_GUARDS
+        for rule in (*standing, *DEFAULT_GUARDS)
         if rule.name not in own and _is_told(rule, told)
     ]
     for rule in (*station, *profile):

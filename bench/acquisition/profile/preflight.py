@@ -74,8 +74,12 @@ def check_profile(
     limits: Limits,
     recording: Recording | None = None,
     plant_duration_s: Callable[[Profile], float] | None = None,
+    guarded: str = "",
 ) -> tuple[Finding, ...]:
-    """All findings, the worst first. `plant_duration_s` predicts the duration [s] better than the rate curves do."""
+    """All findings, the worst first. `plant_duration_s` predicts the duration [s] better than the rate curves do.
+
+    `guarded` says which guards every run has.
+    """
     duration_s = plant_duration_s(profile) if plant_duration_s is not None else expected_duration_s(profile, limits)
     rules: tuple[Iterator[Finding], ...] = (
         _outside(profile, limits),
@@ -86,6 +90,7 @@ def check_profile(
         _separates(profile),
         _soaks(profile),
         _record(profile, duration_s, recording or Recording()),
+        (_find(profile, "info", text) for text in filter(None, [guarded])),
     )
     order = ("error", "warning", "info")
     found = [finding for rule in rules for finding in rule]

@@ -105,7 +105,8 @@ def rehearse(profile: Profile, settings: StationSettings) -> Sequence[SegmentRes
 
     InputError for a guard on a signal that the controller of this station never tells.
     """
-    guards_of(settings.guards, profile.guards, told_by(load_map(settings.chamber.map)))
+    standing = [one.guard for one in settings.standing_guards()]
+    guards_of(settings.guards, profile.guards, told_by(load_map(settings.chamber.map)), standing=standing)
     sequencer = Sequencer(cast("Station", _Bench(settings)), Guards(()), cast(Recorder, _NoRecorder()), Wiring())
     try:
         sequencer.check_before_start()

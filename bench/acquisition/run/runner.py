@@ -24,6 +24,7 @@ from bench.acquisition.run import signals
 from bench.acquisition.run.continuation import Continuation
 from bench.acquisition.run.control import Desk, serve_desk
 from bench.acquisition.run.ending import as_bench_error, cannot_record, make_safe
+from bench.acquisition.run.plausible import Plausible
 from bench.acquisition.run.remote import whoami
 from bench.acquisition.run.sequencer import Sequencer
 from bench.acquisition.run.status import Status
@@ -190,7 +191,8 @@ def _guards(job: Job, station: Station) -> Guards:
     """The guards of the run. InputError when one watches what this controller, asked now, does not tell."""
     told = signals.told(station.chamber.poll())
     patience_s = job.station.chamber.link.lost_after_s + 30.0
-    return Guards(guards_of(job.station.guards, job.profile.guards, told, patience_s))
+    standing = [one.guard for one in job.station.standing_guards()]
+    return Guards(guards_of(job.station.guards, job.profile.guards, told, patience_s, standing))
 
 
 def _conduct(
@@ -214,6 +216,7 @@ def _conduct(
         table=station.turntable,
         heart=watch,
         surroundings=lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)},
+        plausible=Plausible(job.station.limits(), job.station.protection.unit_lag_min),
     )
     if others.decider is not None:
         wiring = replace(wiring, decider=others.decider)

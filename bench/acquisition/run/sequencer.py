@@ -61,7 +61,7 @@ class Sequencer:
         self._guards, self._recorder, self._wiring = guards, recorder, wiring
         self._link = ChamberLink(station.chamber, station.clock, station.settings.chamber.link, recorder.event)
         self._operating = Operating(recorder.event)
-        self._signals = Signals(station, self._link, wiring.surroundings)
+        self._signals = Signals(station, self._link, wiring.surroundings, wiring.plausible)
         self.results: list[SegmentResult] = []
         self.moved = False
         """Whether the chamber was commanded; if not, it is still as it was found."""

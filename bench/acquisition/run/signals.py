@@ -6,6 +6,7 @@ from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from bench.acquisition.profile.guards import Signal
+from bench.acquisition.run.plausible import Plausible
 from bench.acquisition.run.wiring import Surroundings
 from bench.acquisition.station.links import SAME_DEGC, ChamberLink
 from drivers.chamber import ChamberReading
@@ -33,8 +34,14 @@ def told(reading: ChamberReading) -> Collection[str]:
 class Signals:
     """Collects them once a tick; a signal that is not known now is left out."""
 
-    def __init__(self, station: Station, link: ChamberLink, surroundings: Surroundings = dict) -> None:
-        self._surroundings = surroundings
+    def __init__(
+        self,
+        station: Station,
+        link: ChamberLink,
+        surroundings: Surroundings = dict,
+        plausible: Plausible | None = None,
+    ) -> None:
+        self._surroundings, self._plausible = surroundings, plausible
         self._station, self._clock, self._link = station, station.clock, link
         self._reading: ChamberReading | None = None
         self._changed_s = 0.0
@@ -45,6 +52,8 @@ class Signals:
         before, self._reading = self._reading, reading
         still = before is not None and reading.temperature == before.temperature and reading.power
         self._changed_s = self._changed_s if still else reading.t_s
+        if self._plausible is not None:
+            self._plausible.take(reading, ours_on)
         if not ours_on or reading.on:
             self._off_since = None
         elif self._off_since is None:
@@ -97,9 +106,13 @@ class Signals:
         if known and len(known) == len(units):
             oldest_s = min(signal.t_s for signal in known)
             signals["unit_temperature"] = Signal(max(signal.value for signal in known), oldest_s)
+            signals["unit_coldest"] = Signal(min(signal.value for signal in known), oldest_s)
             if self._reading is not None:
                 air = self._reading.temperature
                 apart = max(abs(signal.value - air) for signal in known)
                 text = f"air {air:.2f} degC, unit sensors {', '.join(f'{s.value:.2f}' for s in known)} degC"
                 signals["sensor_disagreement"] = Signal(apart, min(oldest_s, self._reading.t_s), text)
+        if self._plausible is not None and self._reading is not None:
+            complete = known if len(known) == len(units) else []
+            signals |= self._plausible.signals(self._reading, complete)
         return signals

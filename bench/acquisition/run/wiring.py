@@ -12,6 +12,7 @@ from typing import Protocol
 
 from bench.acquisition.profile.guards import Signal
 from bench.acquisition.profile.profile import Leg
+from bench.acquisition.run.plausible import Plausible
 from bench.acquisition.run.status import Status
 from bench.acquisition.station.turning import Turning
 
@@ -91,3 +92,5 @@ class Wiring:
     table: Table | None = None
     heart: Heart = field(default_factory=_NoHeart)
     surroundings: Surroundings = dict
+    plausible: Plausible | None = None
+    """What says whether air, set point and units fit together."""

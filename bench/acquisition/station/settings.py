@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, PositiveFloat, model_validator
 
 from bench.acquisition.profile.guards import GuardSettings
 from bench.acquisition.profile.preflight import Limits
+from bench.acquisition.profile.standing import ProtectionSettings, Standing, standing_guards
 from bench.acquisition.station.faults import FaultSettings
 from bench.base import STRICT, InputError, PlacedError
 from drivers.flash_objects import Addresses
@@ -277,6 +278,8 @@ class StationSettings(BaseModel):
     """Gyros that may be tested here."""
     guards: tuple[GuardSettings, ...] = ()
     """Interlocks, beside those of every run; one with the name of one of those takes its place."""
+    protection: ProtectionSettings = ProtectionSettings()
+    """Margins of the guards that every run has."""
     safe_state: SafeStateSettings = SafeStateSettings()
     """How the safe state is reached."""
     watchdog: WatchdogSettings = WatchdogSettings()
@@ -382,6 +385,10 @@ class StationSettings(BaseModel):
             self.ambient_degc,
             None if self.rate_table is None else self.rate_table.highest_dps,
         )
+
+    def standing_guards(self) -> tuple[Standing, ...]:
+        """The guards that every run on this station has."""
+        return standing_guards(self.limits(), self.protection)
 
     def seeds(self, occasion: str) -> dict[str, int]:
         """Seeds that make a simulated run repeatable; two occasions (profiles) do not share their noise."""
