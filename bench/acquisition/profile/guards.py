@@ -63,10 +63,10 @@ class GuardSettings(BaseModel):
     """Chamber air [degC], the unit's own sensor (the warmest, the coldest of several) [degC], how far a unit is outside
     all that the air was within its lag [K], how much further the air is from its set point than the chamber's speed
     explains [K], 1 while the air reads as the units would in degF before the start, the absolute difference of air and
-    unit [K], age of the unit's newest frame [s], free space where the run is written [MB], 1 while the chamber reports an
-    alarm, its output [%] (heating positive), how long its temperature has not changed by a bit although its output is not
-    0 [s], 1 while its door is open, 1 while its sensor is broken, 1 while set point or mode are not ours, how long the
-    chamber has not answered [s], how long the capture of a bus has failed [s]."""
+    unit [K], age of the unit's newest frame [s], free space where the run is written [MB], 1 while the chamber reports
+    an alarm, its output [%] (heating positive), how long its temperature has not changed by a bit although its output
+    is not 0 [s], 1 while its door is open, 1 while its sensor is broken, 1 while set point or mode are not ours, how
+    long the chamber has not answered [s], how long the capture of a bus has failed [s]."""
     above: float | None = None
     """Trips above this value."""
     below: float | None = None
