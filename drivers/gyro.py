@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,25 +23,11 @@ from drivers.errors import ConfigError
 from drivers.identity import Identity, Impostors
 from drivers.journal import FLAG_EXTENDED, FrameArray
 from drivers.samples import CounterTrack, FloatArray, IntArray, SampleClock
-from drivers.wire import NOT_SIMPLE, ByteArray, Message, load_dbc
+from drivers.slow import Reference, SlowMessage, check_simple, factor_of, is_slow
+from drivers.wire import ByteArray, Message, load_dbc
 
 __all__ = ["GyroBlock", "GyroDecoder", "Identity", "Losses", "SampleClock", "Series"]
 
-_CHANNELS = {
-    "Temperature": "temperature",
-    "ResonanceFrequency": "frequency",
-    "DriveAmplitude": "drive",
-    "QuadratureAmplitude": "quadrature",
-    "SupplyVoltage": "supply",
-}
-_UNITS: dict[str, dict[str, float]] = {  # channel: unit in the DBC: factor to the unit of the channel
-    "rate": {"deg/h": 1.0, "deg/s": 3600.0, "rad/s": 3600.0 * 180.0 / np.pi},
-    "temperature": {"degC": 1.0},
-    "frequency": {"Hz": 1.0, "kHz": 1e3},
-    "drive": {"V": 1.0, "mV": 1e-3},
-    "quadrature": {"V": 1.0, "mV": 1e-3},
-    "supply": {"V": 1.0, "mV": 1e-3},
-}
 _GOOD = {"RateValid": 1, "LoopLocked": 1, "RateSaturated": 0}
 _WORD = np.dtype("<u8")
 _HEAD, _IDENTIFIED = np.uint64(0xFFFF_FFFF_FFFF), np.uint64(0xFF_FFFF_FFFF)
@@ -111,12 +96,12 @@ class GyroDecoder:
         self.interval_s = self._rate.cycle_ms * 1e-3
         self._interval_ns = round(self._rate.cycle_ms * 1e6)
         self._heartbeat = _one_with(messages, dbc, "Serial", "State")
-        self._rate_factor = _factor("rate", self._rate, "Rate")
+        self._rate_factor = factor_of("rate", self._rate, "Rate")
         self.rate_step_dph = self._rate.signals["Rate"].scale * self._rate_factor
         flags = [self._rate.signals[name] for name in _GOOD if name in self._rate.signals]
         self._flag_mask = np.uint64(sum(flag.bits(-1) for flag in flags))
         self._flags_good = np.uint64(sum(flag.bits(_GOOD[flag.name]) for flag in flags))
-        self._slow = [_SlowMessage(message, self.interval_s) for message in messages.values() if _is_slow(message)]
+        self._slow = [SlowMessage(message, self.interval_s) for message in messages.values() if is_slow(message)]
         self.counter_bits = self._rate.signals["SampleCounter"].length
         self._track = CounterTrack(self.counter_bits, self._interval_ns, late_s)
         self._look = b"?"  # heads of the last block; found in it: how many frames, and which have the right length
@@ -263,79 +248,9 @@ class GyroDecoder:
         return series
 
 
-class Reference(NamedTuple):
-    """Sound rate frames (n,) in the order of arrival."""
-
-    sample: IntArray
-    counter: IntArray
-    t_ns: IntArray
-
-
-class _SlowMessage:
-    """One slow message of the family and the last sample that it delivered."""
-
-    def __init__(self, message: Message, interval_s: float) -> None:
-        _check_simple(message)
-        self.message = message
-        self.channels = {
-            _CHANNELS[name]: (name, _factor(_CHANNELS[name], message, name))
-            for name in message.signals
-            if name in _CHANNELS
-        }
-        self._interval_ns = round(interval_s * 1e9)
-        self._every = round((message.cycle_ms or 0.0) * 1e-3 / interval_s)
-        self._last: int | None = None
-
-    def place(
-        self, data: ByteArray, at: IntArray, t_ns: IntArray, rate_at: IntArray, rate: Reference
-    ) -> tuple[IntArray, IntArray, int, int]:
-        """Sample indices and rows that are new, in order; how many were repeated, and how many are missing."""
-        if not len(at):
-            return at, at, 0, 0
-        near = np.maximum(np.searchsorted(rate_at, at) - 1, 0)
-        elapsed: IntArray | int = 0
-        signal = self.message.signals["SlowCounter"]
-        half = 1 << signal.length - 1
-        if np.abs(t_ns - rate.t_ns[near]).max() > half // 4 * self._interval_ns:
-            # Host time bridges an outage. After a stall the frame ahead in the queue is far, the next one near.
-            ahead = np.minimum(near + 1, len(rate_at) - 1)
-            near = np.where(np.abs(t_ns - rate.t_ns[ahead]) < np.abs(t_ns - rate.t_ns[near]), ahead, near)
-            elapsed = np.rint((t_ns - rate.t_ns[near]) / self._interval_ns).astype(np.int64)
-        off = signal.unpack(data).astype(np.int64) - rate.counter[near] - elapsed
-        index = rate.sample[near] + elapsed + ((off + half) & (2 * half - 1)) - half
-        rows = np.arange(len(at))
-        if (index[1:] <= index[:-1]).any():
-            index, rows = np.unique(index, return_index=True)
-        if self._last is not None and index[0] <= self._last:
-            fresh = index > self._last
-            index, rows = index[fresh], rows[fresh]
-        lost = 0
-        if len(index):
-            first = self._last if self._last is not None else int(index[0]) - self._every
-            lost = (int(index[-1]) - first) // self._every - len(index) if self._every else 0
-            self._last = int(index[-1])
-        return index, rows, len(at) - len(index), max(lost, 0)
-
-
-def _is_slow(message: Message) -> bool:
-    return "SlowCounter" in message.signals and any(name in _CHANNELS for name in message.signals)
-
-
 def _one_with(messages: Mapping[str, Message], dbc: str | Path, *signals: str) -> Message:
     found = [message for message in messages.values() if set(signals) <= set(message.signals)]
     if len(found) != 1:
         raise ConfigError(f"DBC {dbc}: {len(found)} messages with {' and '.join(signals)}, must be exactly one")
-    _check_simple(found[0])
+    check_simple(found[0])
     return found[0]
-
-
-def _check_simple(message: Message) -> None:
-    if not message.is_simple:
-        raise ConfigError(f"{message.name} {NOT_SIMPLE}")
-
-
-def _factor(channel: str, message: Message, signal: str) -> float:
-    unit, known = message.signals[signal].unit, _UNITS[channel]
-    if unit not in known:
-        raise ConfigError(f"{message.name}.{signal} is in '{unit}'; the DBC must say one of {', '.join(known)}")
-    return known[unit]

@@ -60,10 +60,10 @@ def outage(name: str, fault: str, **options: Any) -> Case:
                 )  # fmt: skip
 
 
-def lost(name: str, fault: str, **options: Any) -> Case:
-    """A chamber that does not answer any more."""
+def lost(name: str, fault: str, *, reached: bool = False, **options: Any) -> Case:
+    """A chamber that does not answer any more, or none of whose answers can be believed: commands still reach it."""
     return Case("Wire of the chamber", f"{name}, for good", "failed", 4, "link: chamber lost: silent for 60",
-                "frames whole to the end of the run", ({"fault": fault, **options},), safe=False, station=NO_RETRY,
+                "frames whole to the end of the run", ({"fault": fault, **options},), safe=reached, station=NO_RETRY,
                 cause="SAFE STATE NOT VERIFIED.*switch the chamber off by hand")  # fmt: skip
 
 
@@ -92,7 +92,10 @@ CHAMBER = (
     outage("connections refused", "refuse"),
     lost("silence", "silence"),
     lost("connections refused", "refuse"),
-    lost("wrong function code", "function"),
+    lost("wrong function code", "function", reached=True),
+    lost("wrong device id", "device", reached=True),
+    lost("answers cut in half", "truncate", reached=True),
+    lost("connection closed in every answer", "close", reached=True),
     Case("Wire of the chamber", "exception 2, illegal address, once", "done", 0, "",
          "whole; asked register by register from then on", ({"fault": "exception", "code": 2, "times": 1},)),
     Case("Wire of the chamber", "exception 2, illegal address, for 5 s", "failed", 4,
