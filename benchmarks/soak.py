@@ -28,7 +28,7 @@ import pyarrow.parquet as pq
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run.runner import Job, run_job
 from bench.acquisition.run.status import Status
-from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import Station
 from bench.base import config
 from bench.record.folder import RunFolder
@@ -144,10 +144,10 @@ def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: flo
     after = len(os.listdir("/proc/self/fd")), threading.active_count()  # noqa: PTH208
     told = episodes(result.run)
     time_axis = axis(result.run)
-    scenario = watcher.station.scenario  # type: ignore[union-attr]
-    struck = {on: dict(wire.counts) for on, wire in scenario.wires.items()}
-    no_crc = scenario.wires[BUS].struck["corrupt", HEARTBEAT] if BUS in scenario.wires else 0
-    struck[CHAMBER] = dict(scenario.proxy.counts)
+    injection = watcher.station.injection  # type: ignore[union-attr]
+    struck = {on: dict(wire.counts) for on, wire in injection.wires.items()}
+    no_crc = injection.wires[BUS].struck["corrupt", HEARTBEAT] if BUS in injection.wires else 0
+    struck[CHAMBER] = dict(injection.proxy.counts)
     manifest = result.run.manifest()
     figures = {
         "hours": round(manifest["duration_s"] / 3600, 3),

@@ -30,7 +30,7 @@ from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run.runner import Job, run_job
 from bench.acquisition.run.status import Status
 from bench.acquisition.run.wiring import Continue, Stop
-from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.base import BenchError, config
 from benchmarks.spoiling import KINDS, SpoilingProxy
 from drivers.errors import DriverError

@@ -58,6 +58,6 @@ from .station.serve import Served as Served
 from .station.serve import keep_running as keep_running
 from .station.serve import serve_station as serve_station
 from .station.serve import until_signal as until_signal
-from .station.settings import StationSettings as StationSettings
-from .station.settings import UnitSettings as UnitSettings
+from .station.settings.station import StationSettings as StationSettings
+from .station.settings.unit import UnitSettings as UnitSettings
 from .station.station import Station as Station

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from bench.acquisition.station.doctor import examine
 from bench.acquisition.station.serve import keep_running, serve_station
-from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.cli import main
 from bench.commands.acquisition import load_station
 from drivers.errors import ConfigError

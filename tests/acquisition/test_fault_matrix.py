@@ -24,7 +24,7 @@ from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.continuation import plan
 from bench.acquisition.run.runner import Job, run_job
-from bench.acquisition.station.faults import PANEL
+from bench.acquisition.station.settings.faults import PANEL
 from bench.base import config
 from bench.base.errors import BenchError
 from bench.record.folder import RunFolder
@@ -118,11 +118,11 @@ class Lab:
         outcome = Outcome([unit.run for unit in result.units], error.exit_code if error else 0, str(error or ""))
         commands = self.world[-1].chamber.commands()
         outcome.chamber = (commands.setpoint, commands.on, commands.ramp_rate_degc_per_min)
-        if stations and stations[0].scenario is not None:
-            scenario = stations[0].scenario
-            for bus in scenario.wires.values():
+        if stations and stations[0].injection is not None:
+            injection = stations[0].injection
+            for bus in injection.wires.values():
                 outcome.struck |= bus.struck
-            for wire in (*scenario.wires.values(), *filter(None, [scenario.proxy])):
+            for wire in (*injection.wires.values(), *filter(None, [injection.proxy])):
                 outcome.counts |= wire.counts
         return outcome
 

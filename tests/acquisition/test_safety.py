@@ -3,7 +3,7 @@
 import pytest
 
 from bench.acquisition.station.safety import SafeState, failures
-from bench.acquisition.station.settings import SafeStateSettings
+from bench.acquisition.station.settings.safety import SafeStateSettings
 from drivers.chamber import Chamber, SafeStep
 from drivers.clock import SimClock
 from drivers.modbus import ModbusLink

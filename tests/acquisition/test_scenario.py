@@ -8,7 +8,7 @@ import yaml
 from click.testing import CliRunner
 
 from bench.acquisition.run.runner import run_job
-from bench.acquisition.station.faults import OF_BUS, OF_CHAMBER, OF_UNIT
+from bench.acquisition.station.settings.faults import OF_BUS, OF_CHAMBER, OF_UNIT
 from bench.base.errors import InputError
 from bench.cli import main
 from tests.acquisition.test_several import FOUR, SERIALS, UP_AND_DOWN

@@ -9,7 +9,8 @@ from bench.acquisition.profile.guards import DEFAULT_GUARDS, Guards, GuardSettin
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run.sequencer import Sequencer
 from bench.acquisition.run.wiring import Continue, Stop, Wiring
-from bench.acquisition.station.settings import LinkSettings, SafeStateSettings
+from bench.acquisition.station.settings.link import LinkSettings
+from bench.acquisition.station.settings.safety import SafeStateSettings
 from bench.base.errors import EquipmentError, RunAborted
 from drivers.chamber import ChamberReading
 from drivers.clock import SimClock

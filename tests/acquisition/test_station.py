@@ -11,7 +11,7 @@ import pytest
 from bench.acquisition.recording.journals import read_bench
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.station.serve import serve_station
-from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import open_station
 from bench.base import config
 from bench.base.errors import EquipmentError, InputError

@@ -15,7 +15,7 @@ from bench.acquisition.profile.profile import Leg, profile_from_text
 from bench.acquisition.run.runner import Job, run_job
 from bench.acquisition.station.rate_table import halt
 from bench.acquisition.station.serve import keep_running, serve_station
-from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import open_station
 from bench.acquisition.station.turning import Turntable
 from bench.base import config

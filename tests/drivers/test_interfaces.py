@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from bench.acquisition.station.settings import Bus, UnitSettings
+from bench.acquisition.station.settings.bus import Bus
+from bench.acquisition.station.settings.unit import UnitSettings
 from drivers.canbus import BusSettings, InProcessCapture, open_bus
 from drivers.errors import ConfigError, LinkError
 from drivers.interfaces import NEEDS, _options, unit_filters

@@ -10,7 +10,7 @@ from typing import Any
 from bench.acquisition.profile.profile import Profile, profile_from_text
 from bench.acquisition.run.runner import Job
 from bench.acquisition.run.status import Status
-from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import Station
 from bench.base import config
 

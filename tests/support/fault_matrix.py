@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench.acquisition.station.faults import OF_BUS, OF_CHAMBER, OF_UNIT
+from bench.acquisition.station.settings.faults import OF_BUS, OF_CHAMBER, OF_UNIT
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 UNIT, BUS = "SIM-0001", "can0"
@@ -244,7 +244,8 @@ the losses are exactly these frames.
 
 Exit codes: 0 the run was completed, 3 aborted by operator or guard, 4 equipment failed, 2 bad input. *safe*: the
 chamber itself is at ambient and off; *left*: nothing had been commanded, and it is as it was before; *not reached*: it
-could not be reached, and the bench reported this on stderr. An unverified state is never called safe. –: a simulated
+could not be reached, and the bench reported this on stderr; *safe, but not verified*: only its answers were wrong, it
+was switched off, and the bench reported this on stderr. An unverified state is never called safe. –: a simulated
 chamber ends with its process.
 """
 MEASURED = """\

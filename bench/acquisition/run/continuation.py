@@ -20,7 +20,8 @@ from bench.acquisition.profile.profile import STEP_DEGC_PER_MIN, Leg, Profile
 from bench.acquisition.recording import parts
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.recording.journals import BenchJournal, read_bench
-from bench.acquisition.station.settings import StationSettings, UnitSettings
+from bench.acquisition.station.settings.station import StationSettings
+from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import InputError, finite
 from bench.record import MANIFEST, RunFolder, open_run
 from drivers.chamber import ChamberReading

@@ -16,7 +16,7 @@ from bench.acquisition.run.sequencer import Sequencer
 from bench.acquisition.run.signals import told_by
 from bench.acquisition.run.status import SegmentResult
 from bench.acquisition.run.wiring import Wiring
-from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.base import BenchError
 from drivers.chamber import ChamberReading
 from drivers.clock import SimClock

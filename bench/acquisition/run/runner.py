@@ -31,7 +31,7 @@ from bench.acquisition.run.status import Status
 from bench.acquisition.run.watch import Watch
 from bench.acquisition.run.wiring import Decider, Wiring
 from bench.acquisition.station.memory import Compensated, Output
-from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import LiveUnit, Station, open_station
 from bench.base import BenchError, EquipmentError, InputError, package_versions
 from bench.record import RunFolder, create_run

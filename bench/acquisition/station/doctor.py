@@ -16,7 +16,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from bench.acquisition.station.serve import serve_station
-from bench.acquisition.station.settings import Bus, ChamberSettings, StationSettings, UnitSettings
+from bench.acquisition.station.settings.bus import Bus
+from bench.acquisition.station.settings.chamber import ChamberSettings
+from bench.acquisition.station.settings.station import StationSettings
+from bench.acquisition.station.settings.unit import UnitSettings
 from drivers.canbus import open_bus
 from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock

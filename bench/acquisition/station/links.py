@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from typing import Any, Literal
 
-from bench.acquisition.station.settings import LinkSettings
+from bench.acquisition.station.settings.link import LinkSettings
 from bench.base import EquipmentError
 from drivers.chamber import Chamber, ChamberReading
 from drivers.clock import Clock

@@ -11,7 +11,9 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Literal
 
-from bench.acquisition.station.settings import Bus, StationSettings, UnitSettings
+from bench.acquisition.station.settings.bus import Bus
+from bench.acquisition.station.settings.station import StationSettings
+from bench.acquisition.station.settings.unit import UnitSettings
 from bench.acquisition.station.station import Station, open_station
 from bench.acquisition.station.unit import LiveUnit
 from bench.base import EquipmentError, InputError

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from contextlib import ExitStack, closing
 
 from bench.acquisition.station.records import Journal
-from bench.acquisition.station.settings import Bus, RateTableSettings, StationSettings
+from bench.acquisition.station.settings.bus import Bus
+from bench.acquisition.station.settings.rate_table import RateTableSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.turning import Turntable
 from drivers.aerosmith_table import AerosmithTable, Line
 from drivers.canbus import open_bus

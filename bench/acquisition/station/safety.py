@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bench.acquisition.profile.profile import Leg
-from bench.acquisition.station.settings import SafeStateSettings, StationSettings
+from bench.acquisition.station.settings.safety import SafeStateSettings
+from bench.acquisition.station.settings.station import StationSettings
 from drivers.backoff import BackOff
 from drivers.chamber import Chamber, ChamberReading, SafeStep
 from drivers.clock import Clock

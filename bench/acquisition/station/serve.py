@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import Bus, simulate
 from bench.base import EquipmentError
 from drivers.clock import Clock, WallClock

@@ -14,11 +14,14 @@ from pathlib import Path
 import can
 
 from bench.acquisition.recording.recorder import Recorder
-from bench.acquisition.station.injected import TIMEOUT_S, Scenario
+from bench.acquisition.station.fault_injection import TIMEOUT_S, FaultInjection
 from bench.acquisition.station.links import Link
 from bench.acquisition.station.rate_table import open_table, simulate_table
 from bench.acquisition.station.records import Records
-from bench.acquisition.station.settings import LOCAL_INTERFACES, Bus, Connection, StationSettings, UnitSettings
+from bench.acquisition.station.settings.bus import LOCAL_INTERFACES, Bus
+from bench.acquisition.station.settings.chamber import Connection
+from bench.acquisition.station.settings.station import StationSettings
+from bench.acquisition.station.settings.unit import UnitSettings
 from bench.acquisition.station.turning import Turntable
 from bench.acquisition.station.unit import LiveUnit, Trouble
 from bench.base import EquipmentError
@@ -61,7 +64,7 @@ class Opened:
     """Those that live inside this process."""
     turntable: Turntable | None = None
     """The rate table that the units are on, where there is one."""
-    scenario: Scenario | None = None
+    injection: FaultInjection | None = None
     """What goes wrong in a simulated station on purpose."""
     records: Records = field(default_factory=Records)
     """Where all of it is recorded."""
@@ -93,7 +96,7 @@ class Station:
         self.everyone = tuple(LiveUnit(unit, clock) for unit in units)
         self.units = list(self.everyone)
         self.dropped: list[Dropped] = []
-        self.scenario = opened.scenario
+        self.injection = opened.injection
         self.turntable = opened.turntable
         self.buses = opened.buses
         self._local_buses, self._records = opened.local_buses, opened.records
@@ -239,7 +242,7 @@ def open_station(
     `occasion`, the name of what is run, makes the noise of a simulated station its own. Bench time begins at `start_s`.
     """
     registers = load_map(settings.chamber.map)
-    scenario: Scenario | None = None
+    injection: FaultInjection | None = None
     records = Records()
     with ExitStack() as stack:
         clock: Clock
@@ -249,10 +252,10 @@ def open_station(
             simulation = stack.enter_context(closing(simulate(settings, units, buses, stack, occasion)))
             connection = Connection(url=f"tcp://127.0.0.1:{simulation.modbus_port}")
             if settings.faults:
-                scenario = Scenario(settings, units, simulation, registers, stack, records)
-                clock.attach(scenario.advance)
-                if scenario.proxy is not None:
-                    connection = Connection(url=scenario.proxy.url, timeout_s=TIMEOUT_S)
+                injection = FaultInjection(settings, units, simulation, registers, stack, records)
+                clock.attach(injection.advance)
+                if injection.proxy is not None:
+                    connection = Connection(url=injection.proxy.url, timeout_s=TIMEOUT_S)
             else:
                 clock.attach(simulation.advance)
         else:
@@ -266,11 +269,11 @@ def open_station(
             if buses[name].interface in LOCAL_INTERFACES:
                 bus = open_bus(buses[name].to_driver())
                 stack.callback(bus.shutdown)
-                if scenario is not None and name in scenario.where:
-                    bus = scenario.around(name, bus, unit)
+                if injection is not None and name in injection.where:
+                    bus = injection.around(name, bus, unit)
                 local_buses[name] = bus
         turntable = open_table(settings, clock, buses, stack, records)
-        opened = Opened(buses, local_buses, turntable, scenario, records)
+        opened = Opened(buses, local_buses, turntable, injection, records)
         station = Station(settings, clock, link, registers, units, opened)
         station.chamber.identify()
         stack.callback(station.stop_capture)

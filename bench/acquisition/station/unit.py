@@ -12,7 +12,7 @@ import numpy as np
 from bench.acquisition.profile.guards import Signal
 from bench.acquisition.recording.assemble import Decoded
 from bench.acquisition.recording.trace import Envelope
-from bench.acquisition.station.settings import UnitSettings
+from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import FloatArray, InputError
 from drivers.clock import Clock
 from drivers.gyro import GyroDecoder

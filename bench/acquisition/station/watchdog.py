@@ -27,7 +27,7 @@ from pydantic import TypeAdapter
 
 from bench.acquisition.station.rate_table import halt
 from bench.acquisition.station.safety import SafeState, failures
-from bench.acquisition.station.settings import StationSettings
+from bench.acquisition.station.settings.station import StationSettings
 from bench.base import EquipmentError
 from drivers.chamber import Chamber, Known, SafeStep, Write
 from drivers.clock import WallClock

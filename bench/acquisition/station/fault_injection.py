@@ -8,9 +8,10 @@ from typing import Any
 
 import can
 
-from bench.acquisition.station.faults import CHAMBER, REPLACED, WIRE, FaultSettings
 from bench.acquisition.station.records import Journal
-from bench.acquisition.station.settings import StationSettings, UnitSettings
+from bench.acquisition.station.settings.faults import CHAMBER, REPLACED, WIRE, FaultSettings
+from bench.acquisition.station.settings.station import StationSettings
+from bench.acquisition.station.settings.unit import UnitSettings
 from drivers.registers import RegisterMap
 from drivers.sim.faults.bus import FaultyBus
 from drivers.sim.faults.proxy import ModbusProxy
@@ -20,7 +21,7 @@ TIMEOUT_S = 0.25
 """A chamber behind a faulty wire is waited for so long [s of wall time]; bench time stands still meanwhile."""
 
 
-class Scenario:
+class FaultInjection:
     """The faults of one simulated run; `advance` takes the place of that of the simulated station."""
 
     def __init__(

@@ -1,0 +1,1 @@
+"""The station file by its sections, checked whole before anything is opened."""

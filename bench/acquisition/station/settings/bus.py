@@ -1,0 +1,67 @@
+"""The section of the station file on its CAN buses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field, model_validator
+
+from bench.acquisition.station.settings.link import LinkSettings
+from bench.acquisition.station.settings.unit import UnitSettings
+from bench.base import STRICT, PlacedError
+from drivers.interfaces import BusSettings, unit_filters
+
+Text = Annotated[str, Field(min_length=1)]
+
+LOCAL_INTERFACES = ("virtual", "blocks")
+"""python-can interfaces that live inside one process: captured in it. Everything else gets a process of its own."""
+
+
+class Bus(BaseModel):
+    """One CAN bus, by the name of its python-can interface."""
+
+    model_config = STRICT
+
+    interface: Text
+    """python-can interface: socketcan, pcan, kvaser, …; `blocks` or `virtual` in a simulated station."""
+    channel: Text
+    """Channel of that interface, such as can0."""
+    bitrate: Annotated[int, Field(gt=0)] | None = None
+    """Bit rate [bit/s]; left out where the operating system sets it."""
+    fd: bool = False
+    """CAN FD; frames of up to 8 bytes are captured, longer ones counted."""
+    data_bitrate: Annotated[int, Field(gt=0)] | None = None
+    """Bit rate [bit/s] of the data phase of CAN FD."""
+    timing: dict[str, int | float] | None = None
+    """Instead of bit rates: fields of python-can's BitTiming, or of BitTimingFd with `fd`; with a sample point in them,
+    those of its `from_sample_point`."""
+    filtered: bool = True
+    """Only frames of the station's units are received; off: the journal keeps everything on the bus."""
+    options: dict[str, Any] = Field(default_factory=dict)
+    """Further options of the interface."""
+    link: LinkSettings = LinkSettings(degraded_after_s=1.0, lost_after_s=4.0)
+    """What a failure of its capture means; units on a bus that is lost leave the run, where others are left."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> Bus:
+        if self.data_bitrate is not None and not self.fd:
+            text = f"data_bitrate is {self.data_bitrate}: only CAN FD has one; add `fd: true`"
+            raise PlacedError(text, ("data_bitrate",))
+        if self.timing is not None and (self.bitrate or self.data_bitrate):
+            raise PlacedError("timing and bit rates exclude each other; leave one of them out", ("timing",))
+        return self
+
+    def to_driver(self, units: Iterable[UnitSettings] = ()) -> BusSettings:
+        """The same for the driver; filtered for these units, if there are any."""
+        heard = [(unit.gyro, unit.number) for unit in units] if self.filtered else []
+        return BusSettings(
+            interface=self.interface,
+            channel=self.channel,
+            bitrate=self.bitrate,
+            options=self.options,
+            fd=self.fd,
+            data_bitrate=self.data_bitrate,
+            timing=self.timing,
+            filters=unit_filters(heard),
+        )

@@ -1,0 +1,168 @@
+"""The station file: chamber, buses, units and interlocks of a bench, checked whole before anything is opened."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field, model_validator
+
+from bench.acquisition.profile.guards import GuardSettings
+from bench.acquisition.profile.preflight import Limits
+from bench.acquisition.profile.standing import ProtectionSettings, Standing, standing_guards
+from bench.acquisition.station.settings.bus import LOCAL_INTERFACES, Bus
+from bench.acquisition.station.settings.chamber import ChamberSettings, Degc
+from bench.acquisition.station.settings.faults import FaultSettings
+from bench.acquisition.station.settings.rate_table import RateTableSettings
+from bench.acquisition.station.settings.safety import SafeStateSettings, WatchdogSettings
+from bench.acquisition.station.settings.unit import UnitSettings
+from bench.base import STRICT, InputError, PlacedError
+from drivers.registers import is_map_file
+
+Text = Annotated[str, Field(min_length=1)]
+
+MOST_TIMEOUTS = 6
+"""Time for which one question to a silent chamber may hold the bench up: three attempts, each with the wait for a late
+answer to its end."""
+
+
+class StationSettings(BaseModel):
+    """A station: the equipment of a bench."""
+
+    model_config = STRICT
+
+    name: Text
+    """What the station is called."""
+    simulated: bool = False
+    """The embedded simulator takes the place of all equipment."""
+    seed: Annotated[int, Field(ge=0)] = 1
+    """Of a simulated station: same seed, same run."""
+    ambient_degc: Degc = 23.0
+    """Where the safe state takes the chamber."""
+    chamber: ChamberSettings
+    """The thermal chamber."""
+    buses: dict[str, Bus]
+    """CAN buses by a name of your own."""
+    rate_table: RateTableSettings | None = None
+    """The rate table, where there is one."""
+    units: Annotated[tuple[UnitSettings, ...], Field(min_length=1)]
+    """Gyros that may be tested here."""
+    guards: tuple[GuardSettings, ...] = ()
+    """Interlocks, beside those of every run; one with the name of one of those takes its place."""
+    protection: ProtectionSettings = ProtectionSettings()
+    """Margins of the guards that every run has."""
+    safe_state: SafeStateSettings = SafeStateSettings()
+    """How the safe state is reached."""
+    watchdog: WatchdogSettings = WatchdogSettings()
+    """When a real station is made safe without the bench."""
+    faults: tuple[FaultSettings, ...] = ()
+    """What goes wrong in a simulated station, and when: for rehearsals."""
+    eeproms: Text | None = None
+    """Folder where simulated units keep their calibration memory; left out: `.units` beside the run folders."""
+    unit_silent_s: Annotated[float, Field(gt=0, le=3600)] = 5.0
+    """A unit that sends nothing sound for this long leaves a run of several units [s]."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> StationSettings:
+        chamber = self.chamber
+        if not chamber.lowest_degc <= self.ambient_degc <= chamber.highest_degc:
+            text = f"ambient_degc is {self.ambient_degc:g}, outside the chamber's {chamber.lowest_degc:g} to"
+            raise PlacedError(f"{text} {chamber.highest_degc:g} degC: there would be no safe state", ("ambient_degc",))
+        if not self.simulated and chamber.connection is None:
+            raise PlacedError("a real station needs a `connection`", ("chamber",))
+        if chamber.connection is not None and self.watchdog.silent_s < MOST_TIMEOUTS * chamber.connection.timeout_s:
+            text = f"silent_s is {self.watchdog.silent_s:g}: a bench that waits for a chamber which does not answer is"
+            text += f" silent for up to {MOST_TIMEOUTS} times its timeout_s, {chamber.connection.timeout_s:g}; raise it"
+            raise PlacedError(text, ("watchdog", "silent_s"))
+        for name, bus in self.buses.items():
+            if self.simulated != (bus.interface in LOCAL_INTERFACES):
+                local = " or ".join(LOCAL_INTERFACES)
+                text = f"a simulated station runs on {local}, a real one never does; this one is on {bus.interface!r}"
+                raise PlacedError(text, ("buses", name, "interface"))
+        self._check_units()
+        self._check_table()
+        self._check_faults()
+        for guard in self.guards:
+            if guard.name == "unit silent" and guard.above is not None and guard.above < self.unit_silent_s:
+                text = f"unit_silent_s is {self.unit_silent_s:g}: the guard `unit silent` ends the run of all units"
+                raise PlacedError(f"{text} before, at {guard.above:g} s", ("unit_silent_s",))
+        return self
+
+    def _check_faults(self) -> None:
+        if self.faults and not self.simulated:
+            raise PlacedError("faults are rehearsed on a simulated station; this one is real", ("faults",))
+        for i, fault in enumerate(self.faults):
+            if text := fault.wrong(set(self.buses), {unit.serial for unit in self.units}):
+                raise PlacedError(text, ("faults", i))
+
+    def _check_table(self) -> None:
+        table = self.rate_table
+        if table is None:
+            return
+        if self.simulated and table.driver != "cia402":
+            raise PlacedError("a simulated station has a table with driver cia402", ("rate_table", "driver"))
+        if table.bus is not None and table.bus not in self.buses:
+            text = f"bus {table.bus!r} is not in this station; known: {', '.join(self.buses)}"
+            raise PlacedError(text, ("rate_table", "bus"))
+        for i, unit in enumerate(self.units):
+            if unit.bus == table.bus:
+                text = f"{unit.serial} is on {unit.bus}, the bus of the rate table, whose frames may have the same"
+                raise PlacedError(f"{text} identifiers; give the table a bus of its own", ("units", i, "bus"))
+
+    def _check_units(self) -> None:
+        for i, unit in enumerate(self.units):
+            if unit.bus not in self.buses:
+                known = ", ".join(self.buses)
+                raise PlacedError(f"bus {unit.bus!r} is not in this station; known: {known}", ("units", i, "bus"))
+            for other in self.units[:i]:
+                if other.serial == unit.serial:
+                    raise PlacedError(f"serial number {unit.serial} stands twice", ("units", i, "serial"))
+                if (other.bus, other.number) == (unit.bus, unit.number):
+                    text = f"{unit.serial} and {other.serial} are both number {unit.number} on {unit.bus}"
+                    raise PlacedError(text, ("units", i))
+
+    def chosen(self, serials: Sequence[str] = ()) -> tuple[UnitSettings, ...]:
+        """The units with these serial numbers, or all; InputError that lists them where one is not known."""
+        known = {unit.serial: unit for unit in self.units}
+        for serial in serials:
+            if serial not in known:
+                text = f"unit {serial!r} is not in station {self.name!r}; choose from {[*known]} with --unit"
+                raise InputError(text)
+        return tuple(known[serial] for serial in dict.fromkeys(serials)) or self.units
+
+    def beside(self, folder: Path) -> StationSettings:
+        """The same with the files that it names by relative paths looked for in `folder`, that of the station file."""
+        found: dict[str, Any] = {}
+        if is_map_file(self.chamber.map):
+            found["chamber"] = self.chamber.model_copy(update={"map": str(folder / self.chamber.map)})
+        if self.eeproms is not None:
+            found["eeproms"] = str(folder / self.eeproms)
+        return self.model_copy(update=found)
+
+    def remembering(self, out: Path) -> StationSettings:
+        """The same with simulated units that find below `out`, the folder of the runs, what was flashed before."""
+        if not self.simulated or self.eeproms is not None:
+            return self
+        return self.model_copy(update={"eeproms": str(out / ".units")})
+
+    def limits(self) -> Limits:
+        """What the station allows and its chamber can do."""
+        chamber = self.chamber
+        return Limits(
+            chamber.lowest_degc,
+            chamber.highest_degc,
+            chamber.heating_degc_per_min,
+            chamber.cooling_degc_per_min,
+            self.ambient_degc,
+            None if self.rate_table is None else self.rate_table.highest_dps,
+        )
+
+    def standing_guards(self) -> tuple[Standing, ...]:
+        """The guards that every run on this station has."""
+        return standing_guards(self.limits(), self.protection)
+
+    def seeds(self, occasion: str) -> dict[str, int]:
+        """Seeds that make a simulated run repeatable; two occasions (profiles) do not share their noise."""
+        return {"station": self.seed, "run": zlib.crc32(f"{self.seed} {occasion}".encode())} if self.simulated else {}

@@ -1,0 +1,61 @@
+"""The section of the station file on the units under test."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field
+
+from bench.base import STRICT
+from drivers.flash_objects import Addresses
+
+Number = Annotated[int, Field(ge=0, le=15)]
+Text = Annotated[str, Field(min_length=1)]
+
+
+class FlashSettings(BaseModel):
+    """How the unit's calibration memory is reached, on the bus of the unit."""
+
+    model_config = STRICT
+
+    protocol: Literal["canopen", "uds"] = "canopen"
+    """CANopen SDO, or UDS over ISO-TP."""
+    node: Annotated[int, Field(ge=1, le=127)] | None = None
+    """CANopen: node number; left out: 16 + the unit's number."""
+    transfer: Literal["segmented", "expedited"] = "segmented"
+    """CANopen: a whole image in one transfer, or word by word for units without segmented transfer."""
+    request: Annotated[int, Field(ge=0, le=0x7FF)] | None = None
+    """UDS: CAN identifier of our requests; left out: 0x6C0 + the unit's number."""
+    answer: Annotated[int, Field(ge=0, le=0x7FF)] | None = None
+    """UDS: CAN identifier of its answers; left out: 0x6D0 + the unit's number."""
+
+    def addresses(self, number: int) -> Addresses:
+        """For the unit of this number."""
+        usual = Addresses.usual(number)
+        return Addresses(
+            self.protocol,
+            usual.node if self.node is None else self.node,
+            usual.request if self.request is None else self.request,
+            usual.answer if self.answer is None else self.answer,
+        )
+
+
+class UnitSettings(BaseModel):
+    """One gyro under test."""
+
+    model_config = STRICT
+
+    serial: Text
+    """Serial number as it stands on the unit."""
+    identity: Annotated[int, Field(ge=0)] | None = None
+    """Serial number in the unit's heartbeat; a unit that says another is refused. Left out: not checked."""
+    bus: Text
+    """Name of the bus that it is on."""
+    number: Number = 0
+    """Added to the CAN identifiers of the layout."""
+    gyro: Text = "vibratory"
+    """Name of a shipped DBC, or the path of a DBC file."""
+    flash: FlashSettings = FlashSettings()
+    """How its calibration memory is reached."""
+    simulation: dict[str, Any] | None = None
+    """Truth, noise and channels of a simulated unit; left out: the default unit."""
