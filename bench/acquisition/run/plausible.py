@@ -55,12 +55,13 @@ class UnitExcess:
     def __init__(self, lag_min: float) -> None:
         self._lag_s = 60.0 * lag_min
         self._range: tuple[float, float] | None = None
-        self._at_s = -math.inf
+        self._at_s: float | None = None
 
     def take(self, t_s: float, air_degc: float, units_degc: Sequence[float]) -> float:
         """Excess of the unit that is furthest outside [K]; what units are at first is not doubted."""
         low, high = self._range or (min(air_degc, *units_degc), max(air_degc, *units_degc))
-        forgets = 1.0 - math.exp(-min(max(t_s - self._at_s, 0.0), LONGEST_S) / self._lag_s)
+        passed_s = 0.0 if self._at_s is None else min(max(t_s - self._at_s, 0.0), LONGEST_S)
+        forgets = 1.0 - math.exp(-passed_s / self._lag_s)
         low += (air_degc - low) * (1.0 if air_degc < low else forgets)
         high += (air_degc - high) * (1.0 if air_degc > high else forgets)
         self._range, self._at_s = (low, high), t_s
