@@ -105,7 +105,7 @@ def kill_once(station: Path, out: Path, wait_s: float) -> Kill:
     events = list(run.events())
     safe = any(event["kind"] == "watchdog" and event.get("ok") for event in events)
     moved = any(event["kind"] == "write" for event in events)
-    gaps = manifest["losses"]["lost"]
+    gaps = manifest.losses["lost"]
     return Kill(round(killed_s, 3), round(killed_s - float(times[-1]), 3), len(blocks),
                 damage.skipped_bytes + damage.torn_bytes, gaps, safe or not moved)  # fmt: skip
 

@@ -150,16 +150,16 @@ def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: flo
     struck[CHAMBER] = dict(injection.proxy.counts)
     manifest = result.run.manifest()
     figures = {
-        "hours": round(manifest["duration_s"] / 3600, 3),
+        "hours": round(manifest.duration_s / 3600, 3),
         "seed": seed,
         "wall_s": round(took_s, 1),
         "faults": len(faults),
         "faults_by_name": dict(Counter(f"{fault['on']} {fault['fault']}" for fault in faults)),
         "struck": struck,
         "corrupt_heartbeats": no_crc,
-        "state": manifest["state"],
-        "cause": manifest["cause"],
-        "losses": manifest["losses"],
+        "state": manifest.state,
+        "cause": manifest.cause,
+        "losses": manifest.losses,
         "events": told,
         **time_axis,
         "rss_kb": [round(kb) for _, kb, _, _ in watcher.seen],

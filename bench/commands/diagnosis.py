@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import secrets
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,6 +19,7 @@ from bench.commands.results.analyse import (
     MysteryMade,
     Revealed,
 )
+from bench.record import DiagnosisRecord
 
 
 def effects() -> Effects:
@@ -56,7 +56,7 @@ def diagnose(
         profile = plan or runs[0] / "next.yaml"
         write(profile, proposal.profile_yaml)
         found = replace(found, next_experiment=proposal.to_json(str(profile)))
-    write(runs[0] / "diagnosis.json", json.dumps(found.to_json(), indent=1, allow_nan=False))
+    write(runs[0] / DiagnosisRecord.FILE, DiagnosisRecord.model_validate(found.to_json()).text())
     return Diagnosed(found)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import getpass
 import hashlib
-import json
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,11 +18,10 @@ from typing import Any
 from bench.acquisition import StationSettings, UnitSettings, open_alone
 from bench.base import InputError, __version__
 from bench.deliver import ExportOptions, Image, prepare, read, to_bytes, to_words
-from bench.record import MANIFEST, slug, write_atomically, write_json
+from bench.record import CalibrationRecord, FlashRecord, LimitsRecord, Manifest, StoredImage, slug, write_atomically
 from drivers.coefficients import Programmed, program
 from drivers.errors import DriverError
 
-FLASH_JSON = "flash.json"
 _REFUSED = {"FAIL", "INVALID"}
 
 
@@ -43,16 +41,16 @@ class AlreadyThereError(Exception):
 
 def from_run(folder: Path, unit: UnitSettings, form: str | None = None, model: str | None = None) -> Calibration:
     """The calibration of a run; InputError where it is of another unit, did not pass, or may not be delivered."""
-    manifest = _json(folder / MANIFEST)
-    if (of := manifest.get("unit")) != unit.serial:
-        raise InputError(f"is a run of unit {of}, this is unit {unit.serial}", folder)
-    if manifest.get("purpose") == "verification":
+    manifest = Manifest.read(folder)
+    if manifest.unit != unit.serial:
+        raise InputError(f"is a run of unit {manifest.unit}, this is unit {unit.serial}", folder)
+    if manifest.purpose == "verification":
         raise InputError("is a verification: its unit corrected itself, nothing is fitted to it", folder)
-    for reason in _json(folder / "calibration.json").get("refusals") or ():
+    for reason in CalibrationRecord.read(folder).refusals:
         raise InputError(f"not flashed: {reason}", folder)
-    judged = _json(folder / "limits.json") if (folder / "limits.json").is_file() else {}
-    if (verdict := judged.get("verdict")) in _REFUSED:
-        raise InputError(f"not flashed: the run's verdict against limits {judged.get('name')} is {verdict}", folder)
+    judged = LimitsRecord.find(folder)
+    if judged is not None and judged.verdict in _REFUSED:
+        raise InputError(f"not flashed: the run's verdict against limits {judged.name} is {judged.verdict}", folder)
     package = prepare(folder, ExportOptions(form=form, serial=unit.identity, model=model)).package
     return Calibration(to_bytes(package.words), package.image, folder, package.delivery.model)
 
@@ -71,14 +69,14 @@ def from_file(path: Path) -> Calibration:
 
 def newest_run(out: Path, unit: str) -> Path:
     """The unit's newest run folder that holds a calibration; InputError when there is none."""
-    found = [path.parent for path in (out / slug(unit)).glob("*/calibration.json")]
-    usable = [folder for folder in found if _json(folder / "calibration.json").get("calibration")]
-    raw = [folder for folder in usable if _json(folder / MANIFEST).get("purpose") != "verification"]
+    found = [path.parent for path in (out / slug(unit)).glob(f"*/{CalibrationRecord.FILE}")]
+    usable = [folder for folder in found if CalibrationRecord.read(folder).calibration is not None]
+    raw = [folder for folder in usable if Manifest.read(folder).purpose != "verification"]
     if not raw:
         raise InputError(
             f"no run of unit {unit} with a calibration here; name one with --run or an image with --image", out
         )
-    return max(raw, key=lambda folder: str(_json(folder / MANIFEST).get("created")))
+    return max(raw, key=lambda folder: Manifest.read(folder).created)
 
 
 def objection(new: Image, old: bytes, now_s: float, older: bool) -> str | None:
@@ -102,7 +100,7 @@ def flash(
     *,
     older: bool = False,
     onlooker: Callable[[str], None] = lambda step: None,
-) -> dict[str, Any]:
+) -> FlashRecord:
     """Program the unit and verify; the record, which is also left on disk.
 
     InputError for a calibration that must not go into this unit, AlreadyThereError for the one in force, DriverError
@@ -113,13 +111,14 @@ def flash(
     folder.mkdir(parents=True, exist_ok=True)
     stem = _free(folder, f"{now:%Y%m%dT%H%M%SZ}")
     record = _record(settings, unit, calibration, now)
+    before: list[StoredImage | None] = []
 
     def archive(old: bytes) -> None:
         if old == calibration.content:
             raise AlreadyThereError
         if text := objection(calibration.image, old, now.timestamp(), older):
             raise InputError(f"not flashed: {text}")
-        record["old"] = _described(old, f"{stem}_old.bin") if old else None
+        before.append(_described(old, f"{stem}_old.bin") if old else None)
         for name, content in (("old", old), ("new", calibration.content)):
             if content:
                 write_atomically(folder / f"{stem}_{name}.bin", content)
@@ -128,46 +127,55 @@ def flash(
         with open_alone(settings.remembering(out), unit) as store:
             done = program(store, calibration.content, archive, onlooker)
     except DriverError as error:
-        write_json(folder / f"{stem}.json", {**record, "state": "failed", "error": str(error)})
+        failed = {**_old(before), "state": "failed", "error": str(error)}
+        record.model_copy(update=failed).write(folder, f"{stem}.json")
         raise
-    record |= {
+    record = record.model_copy(update={
+        **_old(before),
         "state": "done",
         "new": _described(calibration.content, f"{stem}_new.bin"),
         **_outcome(done),
         "record": str(folder / f"{stem}.json"),
-    }
-    write_json(folder / f"{stem}.json", record)
+    })  # fmt: skip
+    record.write(folder, f"{stem}.json")
     if calibration.run is not None:
-        write_json(calibration.run / FLASH_JSON, record)
+        record.write(calibration.run)
     return record
 
 
-def newest_record(out: Path, unit: str) -> dict[str, Any] | None:
+def newest_record(out: Path, unit: str) -> FlashRecord | None:
     """The record of the last flash of this unit that succeeded; None when there is none."""
-    records = [_json(path) for path in sorted((out / slug(unit) / "flash").glob("*.json"))]
-    found = next((record for record in reversed(records) if record.get("state") == "done"), None)
-    if found is not None and found.get("run") and not Path(found["run"]).is_dir():
-        found["run"] = str(out / slug(unit) / Path(found["run"]).name)  # the whole folder was moved
+    paths = sorted((out / slug(unit) / "flash").glob("*.json"), reverse=True)
+    found = next(
+        (record for path in paths if (record := FlashRecord.read(path.parent, path.name)).state == "done"), None
+    )
+    if found is not None and found.run and not Path(found.run).is_dir():
+        moved = str(out / slug(unit) / Path(found.run).name)  # with the whole folder
+        return found.model_copy(update={"run": moved})
     return found
 
 
-def _record(settings: StationSettings, unit: UnitSettings, calibration: Calibration, now: datetime) -> dict[str, Any]:
+def _old(before: list[StoredImage | None]) -> dict[str, StoredImage | None]:
+    return {"old": before[0]} if before else {}
+
+
+def _record(settings: StationSettings, unit: UnitSettings, calibration: Calibration, now: datetime) -> FlashRecord:
     addresses = unit.flash.addresses(unit.number)
-    return {
-        "format": 1,
-        "unit": unit.serial,
-        "serial": calibration.image.serial,
-        "utc": now.isoformat(timespec="seconds"),
-        "operator": _operator(),
-        "station": settings.name,
-        "simulated": settings.simulated,
-        "protocol": addresses.protocol,
-        "run": None if calibration.run is None else str(calibration.run),
-        "model": calibration.model,
-        "form": calibration.image.form,
-        "calibration_id": calibration.image.label,
-        "software": __version__,
-    }
+    return FlashRecord(
+        unit=unit.serial,
+        serial=calibration.image.serial,
+        utc=now.isoformat(timespec="seconds"),
+        operator=_operator(),
+        station=settings.name,
+        simulated=settings.simulated,
+        protocol=addresses.protocol,
+        run=None if calibration.run is None else str(calibration.run),
+        model=calibration.model,
+        form=calibration.image.form,
+        calibration_id=calibration.image.label,
+        software=__version__,
+        state="begun",
+    )
 
 
 def _outcome(done: Programmed) -> dict[str, Any]:
@@ -182,15 +190,15 @@ def _outcome(done: Programmed) -> dict[str, Any]:
     }
 
 
-def _described(content: bytes, file: str) -> dict[str, Any]:
+def _described(content: bytes, file: str) -> StoredImage:
     held = _held(content)
-    return {
-        "file": file,
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "words": len(content) // 4,
-        "calibration_id": None if held is None else held.label,
-        "created": None if held is None else _date(held.created),
-    }
+    return StoredImage(
+        file=file,
+        sha256=hashlib.sha256(content).hexdigest(),
+        words=len(content) // 4,
+        calibration_id=None if held is None else held.label,
+        created=None if held is None else _date(held.created),
+    )
 
 
 def _held(content: bytes) -> Image | None:
@@ -215,14 +223,3 @@ def _date(seconds: int) -> str:
 def _free(folder: Path, stem: str) -> str:
     names = (stem, *(f"{stem}_{n}" for n in range(2, 1000)))
     return next(name for name in names if not list(folder.glob(f"{name}[._]*")))
-
-
-def _json(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        hint = "make it with `bench report`" if path.parent.is_dir() else "no such run folder"
-        raise InputError(f"missing; {hint}", path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InputError(f"not readable as JSON ({error})", path) from None
-    return content if isinstance(content, dict) else {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from bench.commands.flash_record import AlreadyThereError, Calibration, from_fil
 from bench.commands.flash_record import flash as flash_unit
 from bench.commands.results.deliver import Flashed, Verified
 from bench.deliver import read, to_words
-from bench.record import RunFolder
+from bench.record import FlashRecord, RunFolder
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,8 @@ def flash(
             print(f"{step} …", file=sys.stderr, flush=True)
 
     try:
-        return Flashed(flash_unit(settings, unit, calibration, out, older=options.older, onlooker=tell))
+        record = flash_unit(settings, unit, calibration, out, older=options.older, onlooker=tell)
+        return Flashed(record.content())
     except AlreadyThereError:
         return Flashed({"unit": serial, "state": "already there", "calibration_id": calibration.image.label})
 
@@ -68,7 +68,7 @@ def verify(
     limits = None if limits_path is None else read_yaml(limits_path)
     allowed = None if limits is None else load_limits(limits)
     record = newest_record(out, serial)
-    calibration = Path(record["run"]) if record and record.get("run") else None
+    calibration = Path(record.run) if record and record.run else None
     if calibration is not None and not calibration.is_dir():
         calibration = None
     profile = read_yaml(profile_path)
@@ -76,14 +76,12 @@ def verify(
     inside = in_unit(settings, unit, record, out)
     texts = {} if limits is None else {"limits.yaml": limits.text}
     result = conduct(profile, station, Task([serial], texts, out, "on"), quiet)
-    if result.error is not None and result.run.manifest().get("rows", 0) == 0:
+    if result.error is not None and result.run.manifest().rows == 0:
         raise result.error
     return Verified(verify_run(RunFolder(result.run.path), calibration, allowed, inside), result.error)
 
 
-def in_unit(
-    settings: StationSettings, unit: UnitSettings, record: Mapping[str, Any] | None, out: Path
-) -> dict[str, Any]:
+def in_unit(settings: StationSettings, unit: UnitSettings, record: FlashRecord | None, out: Path) -> dict[str, Any]:
     """The calibration that is in force in the unit, read over its bus; InputError where there is none."""
     with open_alone(settings.remembering(out), unit) as store:
         bank = store.active()
@@ -94,7 +92,7 @@ def in_unit(
         image = read(to_words(content))
     except InputError as error:
         raise InputError(f"unit {unit.serial}: {error}; write one with `bench flash {unit.serial}`") from None
-    flashed = (record or {}).get("calibration_id")
+    flashed = record.calibration_id if record else None
     if record is not None and image.label != flashed:
         raise InputError(
             f"unit {unit.serial} holds calibration {image.label}, the last one that was flashed from here is "

@@ -60,7 +60,7 @@ def resume(
     whole = (folder / MANIFEST).exists()
     run = analysis.recover(folder)
     (folder / LIVE).unlink(missing_ok=True)  # its process is gone
-    if not whole and run.manifest()["state"] == "done":
+    if not whole and run.manifest().state == "done":
         return analysis.resume(folder)
     return go_on(run, station, quiet)
 

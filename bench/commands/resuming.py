@@ -51,7 +51,7 @@ def _rest(run: RunFolder, station_path: Path | None) -> Job:
         station_text=station_file.text,
         model_texts={},
         serials=continuation.serials,
-        compensation="on" if run.manifest().get("purpose") == "verification" else "off",
+        compensation="on" if run.manifest().purpose == "verification" else "off",
         continuation=continuation,
     )
 

@@ -1,4 +1,7 @@
-"""JSON Schemas of the files that users write, so that editors complete them: `python -m bench.commands.schemas`."""
+"""JSON Schemas of the files that users write, so that editors complete them, and of the bench's own records.
+
+`python -m bench.commands.schemas` writes them.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from bench.analysis import Limits
 from bench.base import export_schema
 from bench.commands.calibration.plan import Plan
 from bench.deliver import InstrumentsFile, Laboratory
+from bench.record import RECORDS
 
 SCHEMAS: dict[str, type[BaseModel]] = {
     "profile": Profile,
@@ -23,10 +27,13 @@ SCHEMAS: dict[str, type[BaseModel]] = {
 }
 """Kinds of files, by the name of their schema."""
 
+RECORD_SCHEMAS: dict[str, type[BaseModel]] = {f"records/{record.TITLE}": record for record in RECORDS}
+"""Files that the bench writes and reads again."""
+
 
 def export(folder: Path) -> tuple[Path, ...]:
     """Write `<kind>.json` for every kind of file; returns those that changed."""
-    paths = {folder / f"{kind}.json": (kind, model) for kind, model in SCHEMAS.items()}
+    paths = {folder / f"{kind}.json": (kind, model) for kind, model in (SCHEMAS | RECORD_SCHEMAS).items()}
     return tuple(path for path, (kind, model) in paths.items() if export_schema(model, path, kind))
 
 

@@ -27,7 +27,7 @@ from bench.analysis import Model, fit_model, make
 from bench.base import FloatArray, InputError, __version__, read_text
 from bench.mystery import virtual
 from bench.mystery.hidden import CHANNELS, HIDDEN, NOISE, Entry, draw, scaled, static_curve
-from bench.record import Dataset, RunFolder, create_run, load, write_means
+from bench.record import Dataset, Manifest, RunFolder, create_run, load, write_means
 from drivers.sim.resonator import UnitSettings
 
 ENVELOPE = "envelope.txt"
@@ -160,24 +160,23 @@ def _write(run: RunFolder, samples: virtual.Samples, trace: virtual.Trace, about
     pq.write_table(table, run.data, compression="zstd", write_page_checksum=True)
     write_means(run.data, run.means)
     (run.path / "events.jsonl").write_text("")
-    run.write_manifest(
-        {
-            "run": run.path.name,
-            **about,
-            "created": about["created"].isoformat(timespec="seconds"),
-            "state": "done",
-            "cause": "finished",
-            "simulated": True,
-            "sample_rate_hz": virtual.RATE_HZ,
-            "rows": len(samples.time),
-            "duration_s": float(trace.seconds),
-            "segments": list(trace.segments),
-            "losses": {},
-            "versions": {"bench": __version__, "numpy": np.__version__},
-            "seeds": {},
-            "files": run.hashes(),
-        }
-    )
+    Manifest(
+        run=run.path.name,
+        unit=about["unit"],
+        profile=about["profile"],
+        created=about["created"].isoformat(timespec="seconds"),
+        state="done",
+        cause="finished",
+        simulated=True,
+        sample_rate_hz=virtual.RATE_HZ,
+        rows=len(samples.time),
+        duration_s=float(trace.seconds),
+        segments=trace.segments,
+        losses={},
+        versions={"bench": __version__, "numpy": np.__version__},
+        seeds={},
+        files=run.hashes(),
+    ).write(run.path)
 
 
 def _seal(path: Path, content: Mapping[str, Any]) -> None:

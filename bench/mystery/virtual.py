@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from bench.acquisition import Leg, Profile
 from bench.base import EquipmentError, FloatArray, IntArray
+from bench.record import ExecutedSegment
 from drivers.sim.plant import Plant, PlantState
 from drivers.sim.resonator import DIVIDER, Environment, Resonator, UnitSettings
 
@@ -34,7 +34,7 @@ class Trace:
     compressor: FloatArray
     heater: FloatArray
     segment: IntArray
-    segments: tuple[dict[str, Any], ...]
+    segments: tuple[ExecutedSegment, ...]
 
     @property
     def seconds(self) -> int:
@@ -45,7 +45,8 @@ class Trace:
 def chamber(profile: Profile, seed: int, plant: Plant | None = None) -> Trace:
     """Run a chamber through all legs of a profile, cut to whole steps; EquipmentError where a leg does not end."""
     plant = plant or Plant(seed=seed)
-    states, index, segments = [plant.state], [0], []
+    states, index = [plant.state], [0]
+    segments: list[ExecutedSegment] = []
     for leg in profile.legs():
         begin = len(states) - 1
         _run_leg(leg, plant, states)
@@ -94,19 +95,19 @@ def _ended(leg: Leg, states: list[PlantState]) -> bool:
     return abs(dwell[-1].case - dwell[0].case) / (len(dwell) / 60.0) <= rule.slope_degc_per_min
 
 
-def _segment(leg: Leg, begin: int, end: int) -> dict[str, Any]:
-    return {
-        "index": leg.index,
-        "name": leg.name,
-        "kind": leg.kind,
-        "from_s": float(begin),
-        "to_s": float(end),
-        "target_degc": leg.target_degc,
-        "rate_degc_per_min": leg.rate_degc_per_min,
-        "direction": leg.direction,
-        "settled": True,
-        "outcome": "done",
-    }
+def _segment(leg: Leg, begin: int, end: int) -> ExecutedSegment:
+    return ExecutedSegment(
+        index=leg.index,
+        name=leg.name,
+        kind=leg.kind,
+        from_s=float(begin),
+        to_s=float(end),
+        target_degc=leg.target_degc,
+        rate_degc_per_min=leg.rate_degc_per_min,
+        direction=leg.direction,
+        settled=True,
+        outcome="done",
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.base import CHANNELS, DPH_PER_DPS, BoolArray, FloatArray, InputError, IntArray
-from bench.record.folder import MANIFEST, read_json
 from bench.record.means import floats, write_means
+from bench.record.records.manifest import ExecutedSegment, Manifest
 
 __all__ = ["Dataset", "Segment", "load", "write_means"]
 
@@ -43,6 +42,20 @@ class Segment:
     def settles(self) -> bool:
         """Whether the temperature comes to stand still in it: a soak, or a step and its rest."""
         return self.direction == "constant" or self.kind in {"soak", "step"}
+
+    @classmethod
+    def of(cls, entry: ExecutedSegment) -> Segment:
+        """As the manifest lists it."""
+        return cls(
+            index=entry.index,
+            name=entry.name,
+            kind=entry.kind,
+            from_s=entry.from_s,
+            to_s=entry.to_s,
+            direction=entry.direction,
+            target=entry.target_degc,
+            rate=entry.rate_degc_per_min,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,19 +215,30 @@ class Dataset:
             return mean, total, np.where(total > 1, square / (total - 1), np.nan)
 
 
-def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S, *, whole: bool = False) -> Dataset:
-    """Dataset of a finished or recovered run from its `means.parquet` and `manifest.json`, averaged to `interval_s`.
+def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
+    """Dataset of a finished or recovered run, `averaged` to `interval_s` [s]; InputError as `seconds_of`."""
+    return averaged(seconds_of(run_folder), interval_s)
+
+
+def averaged(seconds: Dataset, interval_s: float, *, whole: bool = False) -> Dataset:
+    """The 1 s means of a run averaged to `interval_s` [s].
 
     Stretches of a segment shorter than half of `interval_s` are left out, and, unless `whole`, seconds in which a rate
     table accelerates: milliseconds between its clock and the unit's would pass for hundreds of deg/h of bias.
+    """
+    base = seconds if whole else seconds.select(_steady(seconds))
+    return base.select(_lasting(base, interval_s / 2)).average(interval_s)
+
+
+def seconds_of(run_folder: Path | str) -> Dataset:
+    """All 1 s means of a finished or recovered run, from its `means.parquet` and `manifest.json`.
 
     Raises InputError, one line, when the folder, the manifest or the means are missing, broken or without rows.
     """
     folder = Path(run_folder)
     if not folder.is_dir():
         raise InputError("no such run folder", folder)
-    missing = "missing: this folder is not a run; `bench import FILE` makes one from a table"
-    manifest = read_json(folder / MANIFEST, missing)
+    manifest = Manifest.read(folder)
     path = folder / "means.parquet"
     if not path.is_file():
         raise InputError("missing; the run was not finished: recover it with `bench resume` or `bench report`", path)
@@ -228,9 +252,7 @@ def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S, *, whol
     for name in ("time", "rate", "temperature"):
         if name not in table.column_names:
             raise InputError(f"required column '{name}' is missing; it has {', '.join(table.column_names)}", path)
-    base = _dataset(table, manifest, folder)
-    base = base if whole else base.select(_steady(base))
-    return base.select(_lasting(base, interval_s / 2)).average(interval_s)
+    return _dataset(table, manifest, folder)
 
 
 def _steady(base: Dataset) -> BoolArray:
@@ -250,17 +272,17 @@ def _lasting(base: Dataset, least_s: float) -> BoolArray:
     return rows
 
 
-def _dataset(table: pa.Table, manifest: Mapping[str, Any], folder: Path) -> Dataset:
+def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
     columns = {name: np.array(floats(table.column(name).combine_chunks())) for name in table.column_names}
     names = [name for name in CHANNELS if name in columns and name != "time"]
     time = columns["time"]
     segment = columns["segment"] if "segment" in columns else np.full(time.shape, -1.0)
     return Dataset(
-        name=str(manifest.get("run", folder.name)),
+        name=manifest.run or folder.name,
         time=time,
         channels={name: columns[name] for name in names},
         segment=np.where(np.isnan(segment), -1, segment).astype(np.int64),
-        segments=tuple(_segment(entry) for entry in manifest.get("segments", [])),
+        segments=tuple(map(Segment.of, manifest.segments)),
         interval_s=1.0,
         corrected=_is_corrected(manifest),
         counts={name: columns[f"{name}_count"] for name in names if f"{name}_count" in columns},
@@ -268,24 +290,6 @@ def _dataset(table: pa.Table, manifest: Mapping[str, Any], folder: Path) -> Data
     )
 
 
-def _is_corrected(manifest: Mapping[str, Any]) -> bool:
-    identity = manifest.get("unit_identity") or {}
-    return manifest.get("purpose") == "verification" or bool(identity.get("coefficient_set"))
-
-
-def _segment(entry: Mapping[str, Any]) -> Segment:
-    def number(key: str) -> float | None:
-        return None if entry.get(key) is None else float(entry[key])
-
-    index = int(entry.get("index", 0))
-    begin, end = number("from_s"), number("to_s")
-    return Segment(
-        index=index,
-        name=str(entry.get("name", f"segment {index}")),
-        kind=str(entry.get("kind") or ""),
-        from_s=np.nan if begin is None else begin,
-        to_s=np.nan if end is None else end,
-        direction=str(entry.get("direction") or ""),
-        target=number("target_degc"),
-        rate=number("rate_degc_per_min"),
-    )
+def _is_corrected(manifest: Manifest) -> bool:
+    identity = manifest.unit_identity
+    return manifest.purpose == "verification" or bool(identity and identity.coefficient_set)

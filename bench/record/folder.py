@@ -7,12 +7,8 @@ with its SHA-256.
 
 from __future__ import annotations
 
-import hashlib
 import json
-import os
 import re
-import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -20,55 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from bench.base import InputError
+from bench.record.files import sha256
+from bench.record.records.manifest import Manifest
 
-MANIFEST = "manifest.json"
+MANIFEST = Manifest.FILE
 VERIFICATION_JSON = "verification.json"
 """Verdict on a verification run, written by `bench verify`."""
-FORMAT = 1
 HASHED_PATTERNS = ("*.parquet", "*.yaml", "*.jsonl", "journal/*", "journal-*/*")
-
-Manifest = dict[str, Any]
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Replace `path` by `data` so that a reader or a power cut sees the old file or the new one, never a part."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # the new name, too, survives a power cut
-    finally:
-        os.close(folder)
-
-
-def share(source: Path, target: Path) -> bool:
-    """Make `target` another name of the file `source`; False where the file system has no hard links."""
-    try:
-        target.hardlink_to(source)
-    except OSError:
-        return False
-    return True
-
-
-def copy_whole(source: Path, target: Path) -> None:
-    """Copy a file so that `target` is never seen in part."""
-    partial = target.with_name(f".{target.name}.part")
-    shutil.copyfile(source, partial)
-    partial.replace(target)
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Replace a JSON file atomically; ValueError where a number is not finite."""
-    write_atomically(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
 
 
 def read_json(path: Path, missing: str) -> dict[str, Any]:
@@ -82,12 +36,6 @@ def read_json(path: Path, missing: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise InputError("is not a JSON object", path)
     return content
-
-
-def sha256(path: Path) -> str:
-    """SHA-256 of a file's contents, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @dataclass(frozen=True)
@@ -126,26 +74,7 @@ class RunFolder:
 
     def manifest(self) -> Manifest:
         """The manifest; InputError when there is none or it is not one of ours."""
-        path = self.path / MANIFEST
-        try:
-            manifest = json.loads(path.read_bytes())
-        except FileNotFoundError:
-            raise InputError(
-                f"not a run folder: {MANIFEST} is missing; name a folder made by `bench run`", self.path
-            ) from None
-        except ValueError as error:
-            raise InputError(
-                f"{MANIFEST} is not valid JSON ({error}); restore it or name another run", self.path
-            ) from None
-        if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
-            found = manifest.get("format") if isinstance(manifest, dict) else manifest
-            raise InputError(f"run folder format is {found!r}, this bench reads {FORMAT}", self.path)
-        return manifest
-
-    def write_manifest(self, manifest: Manifest) -> None:
-        """Write the manifest atomically."""
-        text = json.dumps({"format": FORMAT, **manifest}, indent=1, allow_nan=False)
-        write_atomically(self.path / MANIFEST, text.encode())
+        return Manifest.read(self.path)
 
     def hashes(self) -> dict[str, str]:
         """SHA-256 of every file that the numbers of this run rest on, by path inside the folder."""

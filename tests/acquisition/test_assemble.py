@@ -110,7 +110,7 @@ def test_readings_find_their_tick_under_a_clock_that_runs_differently(copy):
     frames["t_ns"] = (frames["t_ns"] * (1 + 200e-6)).astype(np.int64) + 12_345_678
     rewrite(copy, frames)
     manifest = assemble(copy)
-    assert manifest["unit_clock"]["drift_ppm"] == pytest.approx(200, rel=1e-3)
+    assert manifest.unit_clock.drift_ppm == pytest.approx(200, rel=1e-3)
     readings, data = readings_of(copy), table(copy)
     at = np.flatnonzero(np.isfinite(data["chamber_temperature"]))
     assert np.all(np.abs(data["time"][at] - readings["t_s"]) <= 0.001 + 1e-6)
@@ -129,11 +129,11 @@ def test_a_counter_that_starts_anywhere_changes_nothing(copy):
 
 
 def test_segments_are_where_the_sequencer_had_them(short_run):
-    data, segments = table(short_run), short_run.manifest()["segments"]
+    data, segments = table(short_run), short_run.manifest().segments
     expected = np.full(len(data["time"]), -1)
     for segment in segments:
-        inside = (data["time"] >= segment["from_s"]) & (data["time"] < segment["to_s"])
-        expected[inside] = segment["index"]
+        inside = (data["time"] >= segment.from_s) & (data["time"] < segment.to_s)
+        expected[inside] = segment.index
     assert np.array_equal(data["segment"], expected)
     assert set(np.unique(expected)) == {-1, 0, 1}
 
@@ -147,8 +147,8 @@ def test_gaps_stay_gaps(copy):
     gone = (before["time"] > 40.0005) & (before["time"] < 41.2005)
     missing = np.count_nonzero(gone)
     assert missing == 600
-    assert manifest["losses"]["lost"] == missing
-    assert manifest["losses"]["slow_lost"] == 60 + 60 + 1
+    assert manifest.losses["lost"] == missing
+    assert manifest.losses["slow_lost"] == 60 + 60 + 1
     for name in ("rate", "temperature", "frequency", "supply"):
         held = np.isfinite(after[name])
         assert np.array_equal(after["time"][held], before["time"][~gone & np.isfinite(before[name])])
@@ -163,7 +163,7 @@ def test_a_corrupt_frame_is_a_gap_and_is_counted(copy):
     frames["data"][rates[1000], 2] ^= 1
     rewrite(copy, frames)
     manifest = assemble(copy)
-    assert (manifest["losses"]["corrupt"], manifest["losses"]["lost"]) == (1, 1)
+    assert (manifest.losses["corrupt"], manifest.losses["lost"]) == (1, 1)
     assert np.count_nonzero(np.isfinite(table(copy)["rate"])) == len(rates) - 1
 
 
@@ -173,8 +173,8 @@ def test_damage_in_the_journal_costs_only_its_block(copy):
     data[len(data) // 2] ^= 0xFF
     path.write_bytes(bytes(data))
     manifest = assemble(copy)
-    assert manifest["losses"]["lost"] == 500
-    assert 14_000 < manifest["losses"]["journal_damaged_bytes"] < 15_000
+    assert manifest.losses["lost"] == 500
+    assert 14_000 < manifest.losses["journal_damaged_bytes"] < 15_000
 
 
 def test_row_groups_change_nothing(short_run, copy, monkeypatch):
@@ -203,7 +203,7 @@ def test_a_unit_that_falls_silent_keeps_its_chamber_readings(copy, monkeypatch):
 def test_a_run_without_a_single_frame_still_has_its_tables(copy):
     rewrite(copy, np.zeros(0, FRAME))
     manifest = assemble(copy)
-    assert manifest["rows"] == 0
+    assert manifest.rows == 0
     assert pq.read_table(copy.data).num_rows == pq.read_table(copy.means).num_rows == 0
 
 
@@ -233,8 +233,8 @@ def test_how_a_capture_kept_up_is_in_the_manifest_and_no_news_is_no_event(copy):
 
 def test_assembling_again_gives_the_same_run(short_run, copy):
     manifest = assemble(copy)
-    assert manifest["files"] == short_run.manifest()["files"]
-    assert manifest["state"] == "done"
+    assert manifest.files == short_run.manifest().files
+    assert manifest.state == "done"
 
 
 def test_a_folder_without_journals_is_refused(tmp_path):

@@ -22,7 +22,7 @@ from bench.acquisition.run.runner import Job, run_job
 from bench.acquisition.station.safety import HOME
 from bench.base.errors import InputError
 from bench.cli import main
-from bench.record.folder import RunFolder, open_run
+from bench.record import ExecutedSegment, RunFolder, open_run
 from drivers.samples import SampleClock
 from tests.support import acquisition
 
@@ -83,7 +83,7 @@ def cut_ramp(tmp_path_factory):
 
 
 def segments(run):
-    return [(s["name"], s["outcome"]) for s in run.manifest()["segments"]]
+    return [(s.name, s.outcome) for s in run.manifest().segments]
 
 
 def test_the_rest_of_the_profile_is_appended_and_marked(cut_ramp):
@@ -92,8 +92,8 @@ def test_the_rest_of_the_profile_is_appended_and_marked(cut_ramp):
     assert (first, ended, settled) == ("up", "interrupted", "done")
     assert back.startswith("back to ")
     assert rest == [(f"up {RESUMED}", "done"), ("warm", "done"), ("down", "done")]
-    assert [s["index"] for s in run.manifest()["segments"]] == [0, 1, 2, 3, 4]
-    assert run.manifest()["state"] == "done"
+    assert [s.index for s in run.manifest().segments] == [0, 1, 2, 3, 4]
+    assert run.manifest().state == "done"
 
 
 def test_a_ramp_goes_on_from_where_the_air_was_and_is_not_rewound(cut_ramp):
@@ -104,8 +104,8 @@ def test_a_ramp_goes_on_from_where_the_air_was_and_is_not_rewound(cut_ramp):
     up_again = air[air["segment"] == 2]
     assert abs(up_again["chamber_temperature"].iloc[0] - left_degc) < 0.6
     assert up_again["chamber_temperature"].iloc[-1] > 28.8
-    segment = run.manifest()["segments"][2]
-    assert (segment["target_degc"], segment["rate_degc_per_min"], segment["direction"]) == (30.0, 2.0, "heating")
+    segment = run.manifest().segments[2]
+    assert (segment.target_degc, segment.rate_degc_per_min, segment.direction) == (30.0, 2.0, "heating")
 
 
 def test_both_parts_stand_on_one_time_base_with_the_gap_left_open(cut_ramp):
@@ -120,8 +120,8 @@ def test_both_parts_stand_on_one_time_base_with_the_gap_left_open(cut_ramp):
     assert np.count_nonzero(time <= before["duration_s"] + 1.0) == pytest.approx(before["rows"], abs=1)
     means = pq.read_table(run.means).to_pandas()
     assert np.all(np.diff(means["time"]) > 0)
-    assert run.manifest()["losses"]["lost"] == 0
-    assert run.manifest()["rows"] == data.num_rows
+    assert run.manifest().losses["lost"] == 0
+    assert run.manifest().rows == data.num_rows
 
 
 def test_what_the_gap_did_is_told(cut_ramp):
@@ -133,17 +133,17 @@ def test_what_the_gap_did_is_told(cut_ramp):
     assert not event["after"]["on"]
     assert event["after"]["chamber_degc"] == pytest.approx(23, abs=0.5)
     assert set(event["after"]["units_degc"]) == {"SIM-0001"}
-    first, second = run.manifest()["parts"]
-    assert first["cause"].startswith("the bench was killed")
-    assert (second["state"], second["gap"]["unit_power"]) == ("done", "lost")
-    assert {*run.manifest()["files"]} >= {"journal/can0.gtbj", "journal-2/can0.gtbj", "journal-2/bench.gtbj"}
+    first, second = run.manifest().parts
+    assert first.cause.startswith("the bench was killed")
+    assert (second.state, second.gap.unit_power) == ("done", "lost")
+    assert {*run.manifest().files} >= {"journal/can0.gtbj", "journal-2/can0.gtbj", "journal-2/bench.gtbj"}
 
 
 def test_a_run_in_parts_can_be_assembled_again_and_stays_the_same(cut_ramp):
     _, run = cut_ramp
     manifest = run.manifest()
     again = assemble(RunFolder(run.path))
-    assert again["files"] == manifest["files"]
+    assert again.files == manifest.files
 
 
 def test_a_finished_run_is_refused(cut_ramp):
@@ -159,8 +159,8 @@ def test_a_soak_goes_on_for_what_is_left_of_it(tmp_path):
     (path,) = kill_in(tmp_path, "warm", 50)
     run = go_on(path).run
     assert [name for name, _ in segments(run)] == ["up", "warm", f"back to 30 {RESUMED}", f"warm {RESUMED}", "down"]
-    cut, rest = run.manifest()["segments"][1], run.manifest()["segments"][3]
-    assert cut["to_s"] - cut["from_s"] + rest["to_s"] - rest["from_s"] == pytest.approx(120, abs=2)
+    cut, rest = run.manifest().segments[1], run.manifest().segments[3]
+    assert cut.to_s - cut.from_s + rest.to_s - rest.from_s == pytest.approx(120, abs=2)
 
 
 def test_a_bench_that_was_killed_while_it_opened_a_part_has_left_nothing_there(tmp_path):
@@ -169,7 +169,7 @@ def test_a_bench_that_was_killed_while_it_opened_a_part_has_left_nothing_there(t
     (path / "journal-2" / "bench.gtbj").touch()
     run = go_on(path).run
     assert run.part == 3
-    assert (run.manifest()["state"], len(run.manifest()["parts"])) == ("done", 2)
+    assert (run.manifest().state, len(run.manifest().parts)) == ("done", 2)
 
 
 def test_a_run_that_is_killed_again_goes_on_again(tmp_path):
@@ -183,7 +183,7 @@ def test_a_run_that_is_killed_again_goes_on_again(tmp_path):
         go_on(path, onlooker=look)
     run = go_on(path).run
     manifest = run.manifest()
-    assert (manifest["state"], len(manifest["parts"])) == ("done", 3)
+    assert (manifest.state, len(manifest.parts)) == ("done", 3)
     names = [name for name, _ in segments(run)]
     assert names[2:4] == [f"up {RESUMED}", "warm"]
     assert names[5:] == [f"warm {RESUMED}", "down"]
@@ -195,8 +195,8 @@ def test_units_in_one_chamber_go_on_together(tmp_path):
     assert {unit.serial for unit in result.units} == {"SIM-0001", "SIM-0002"}
     for unit in result.units:
         assert unit.error is None
-        assert open_run(unit.run.path).manifest()["state"] == "done"
-        assert len(open_run(unit.run.path).manifest()["parts"]) == 2
+        assert open_run(unit.run.path).manifest().state == "done"
+        assert len(open_run(unit.run.path).manifest().parts) == 2
 
 
 def test_another_unit_than_before_is_refused_before_anything_moves(tmp_path):
@@ -241,7 +241,7 @@ def test_a_watchdog_at_work_is_not_disturbed(tmp_path):
 
 
 def executed(name, outcome="done", from_s=0.0, to_s=60.0):
-    return {"name": name, "outcome": outcome, "from_s": from_s, "to_s": to_s}
+    return ExecutedSegment(name=name, outcome=outcome, from_s=from_s, to_s=to_s)
 
 
 def names(profile, *done, here=25.0):

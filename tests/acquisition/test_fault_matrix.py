@@ -215,7 +215,7 @@ def killed(lab, case):
     process.communicate()
     (run,) = (RunFolder(path) for path in (lab.path / "out").glob("*/*"))
     assemble(run)
-    return Outcome([run], process.returncode, run.manifest()["cause"])
+    return Outcome([run], process.returncode, run.manifest().cause)
 
 
 def real(number):
@@ -233,7 +233,7 @@ def real(number):
             assemble(run)
             data = pq.read_table(run.data)["time"].to_numpy()
             assert data[-1] >= last_ns * 1e-9 - 1.0
-            return Outcome([run], code, run.manifest()["cause"], SAFE)
+            return Outcome([run], code, run.manifest().cause, SAFE)
         finally:
             world.close()
 
@@ -259,8 +259,8 @@ def power_cut(lab, case):
         torn = RunFolder(shutil.copytree(folder, lab.path / f"torn{n}"))
         tear(torn, lambda size: int(rng.integers(2000, size)))
         manifest = assemble(torn)
-        assert (manifest["state"], manifest["losses"]["lost"]) == ("aborted", 0)
-        check_data(case, torn, manifest["losses"])
+        assert (manifest.state, manifest.losses["lost"]) == ("aborted", 0)
+        check_data(case, torn, manifest.losses)
     tear(run, lambda size: size - int(rng.integers(1, 3000)))
     profile, station = profile_from_text(PROFILE), lab.settings(case)
     text = json.dumps(acquisition.station_content())
@@ -416,25 +416,25 @@ def test_fault(lab, case):
             assert fault["fault"] in (*PANEL, "other_unit") or outcome.counts[fault["fault"]] > 0, "it never struck"
     manifests = [run.manifest() for run in outcome.runs]
     if case.how == "four":
-        gone = [m for m in manifests if m["state"] != "done"]
-        assert {m["state"] for m in gone} == {case.state}
+        gone = [m for m in manifests if m.state != "done"]
+        assert {m.state for m in gone} == {case.state}
         assert len(gone) == (2 if "bus" in case.name else 1)
-        assert all(re.search(case.cause.removeprefix("dropped: "), m["cause"]) for m in gone)
+        assert all(re.search(case.cause.removeprefix("dropped: "), m.cause) for m in gone)
     else:
-        assert manifests[0]["state"] == (case.state if case.how != "tables_full" else "done")
-        left = check_losses(case, manifests[0]["losses"], outcome.struck)
+        assert manifests[0].state == (case.state if case.how != "tables_full" else "done")
+        left = check_losses(case, manifests[0].losses, outcome.struck)
         assert not left, "losses that nobody injected"
     kind, _, pattern = case.event.partition(": ")
     events = [event for event in outcome.runs[0].events() if event["kind"] == kind]
     texts = [json.dumps(event) for event in events]
     assert not kind or any(re.search(pattern, text) for text in texts), texts or f"no event {kind}"
     for run, manifest in zip(outcome.runs, manifests, strict=True):
-        check_data(case, run, manifest["losses"])
+        check_data(case, run, manifest.losses)
         damage = Damage()
         for path in run.journal.glob("*.gtbj"):
             list(read_blocks(path, damage))
         torn = case.how in ("disk_full", "power_cut")
-        assert torn == (manifest["losses"]["journal_damaged_bytes"] > 0) or case.how.startswith(("killed", "hangs"))
+        assert torn == (manifest.losses["journal_damaged_bytes"] > 0) or case.how.startswith(("killed", "hangs"))
 
 
 def test_the_page_is_current():

@@ -288,11 +288,11 @@ def test_the_manifest_names_the_source_and_every_file(tmp_path):
     path = table_of_loop(tmp_path)
     run = write_import(plan_import(path, serial="G 7"), tmp_path / "reports")
     manifest = open_run(run.path).manifest()
-    assert (manifest["state"], manifest["unit"], manifest["rows"]) == ("done", "G 7", 1200)
-    assert manifest["files"] == run.hashes()
-    assert set(manifest["files"]) == {"data.parquet", "means.parquet", "columns.yaml", "events.jsonl"}
-    assert manifest["source"]["columns"]["rate"] == {"column": "gyro_dps", "unit": "dps", "how": "header"}
-    assert len(manifest["source"]["sha256"]) == 64
+    assert (manifest.state, manifest.unit, manifest.rows) == ("done", "G 7", 1200)
+    assert manifest.files == run.hashes()
+    assert set(manifest.files) == {"data.parquet", "means.parquet", "columns.yaml", "events.jsonl"}
+    assert manifest.source["columns"]["rate"] == {"column": "gyro_dps", "unit": "dps", "how": "header"}
+    assert len(manifest.source["sha256"]) == 64
 
 
 def test_the_column_map_in_the_run_folder_repeats_the_import(tmp_path):

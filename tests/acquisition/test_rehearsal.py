@@ -10,10 +10,10 @@ from tests.support import acquisition
 
 def test_it_predicts_the_segments_of_the_run(short_run):
     predicted = rehearse(profile_from_text(acquisition.SHORT), acquisition.station())
-    executed = short_run.manifest()["segments"]
-    assert [s.name for s in predicted] == [s["name"] for s in executed]
+    executed = short_run.manifest().segments
+    assert [s.name for s in predicted] == [s.name for s in executed]
     for before, after in zip(predicted, executed, strict=True):
-        assert before.to_s - before.from_s == pytest.approx(after["to_s"] - after["from_s"], abs=30)
+        assert before.to_s - before.from_s == pytest.approx(after.to_s - after.from_s, abs=30)
 
 
 def test_a_guard_that_could_never_trip_is_refused_before_anything_is_opened():

@@ -22,7 +22,7 @@ from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import run_job
 from bench.acquisition.run.wiring import Continue, Stop
 from bench.base.errors import EquipmentError, InputError, RunAborted
-from bench.record.folder import RunFolder, open_run, sha256
+from bench.record import RunFolder, open_run, sha256
 from drivers.journal import Kind, read_blocks
 from drivers.sim.station import SimulatedStation
 from tests.support import acquisition
@@ -70,24 +70,24 @@ def test_a_run_that_an_analysis_ends_early_is_done_and_says_who_ended_it(tmp_pat
 
 def test_a_run_leaves_a_complete_folder(short_run):
     manifest = open_run(short_run.path).manifest()
-    assert (manifest["state"], manifest["cause"], manifest["unit"]) == ("done", "end of profile", "SIM-0001")
-    assert [s["outcome"] for s in manifest["segments"]] == ["done", "done"]
-    assert all(segment["settled"] for segment in manifest["segments"])
-    assert manifest["sample_rate_hz"] == 500
-    assert manifest["rate_step_dph"] == pytest.approx(0.0036)
-    assert manifest["unit_identity"]["serial"] == 1
-    assert manifest["seeds"]["station"] == 1
-    assert manifest["versions"]["pymodbus"].startswith("3.16")
+    assert (manifest.state, manifest.cause, manifest.unit) == ("done", "end of profile", "SIM-0001")
+    assert [s.outcome for s in manifest.segments] == ["done", "done"]
+    assert all(segment.settled for segment in manifest.segments)
+    assert manifest.sample_rate_hz == 500
+    assert manifest.rate_step_dph == pytest.approx(0.0036)
+    assert manifest.unit_identity.serial == 1
+    assert manifest.seeds["station"] == 1
+    assert manifest.versions["pymodbus"].startswith("3.16")
     files = {str(p.relative_to(short_run.path)) for p in short_run.path.rglob("*") if p.is_file()}
-    assert files == {*manifest["files"], "manifest.json"}
-    assert {name: sha256(short_run.path / name) for name in manifest["files"]} == manifest["files"]
+    assert files == {*manifest.files, "manifest.json"}
+    assert {name: sha256(short_run.path / name) for name in manifest.files} == manifest.files
     assert (short_run.path / "profile.yaml").read_text() == acquisition.SHORT
 
 
 def test_no_frame_is_lost(short_run):
     manifest = short_run.manifest()
-    losses = manifest["losses"]
-    assert losses.pop("received") == len(sound_frames(short_run)) > 600 * manifest["duration_s"]
+    losses = dict(manifest.losses)
+    assert losses.pop("received") == len(sound_frames(short_run)) > 600 * manifest.duration_s
     assert set(losses.values()) == {0}
 
 
@@ -109,7 +109,7 @@ def test_virtual_and_blocks_carry_the_same_run_bit_for_bit(short_run, tmp_path):
     settings = acquisition.station(interface="virtual")
     run = run_job(acquisition.job(tmp_path, settings=settings)).run
     assert pq.read_table(run.data).equals(pq.read_table(short_run.data))
-    assert run.manifest()["losses"] == short_run.manifest()["losses"]
+    assert run.manifest().losses == short_run.manifest().losses
 
 
 def test_the_same_seed_makes_the_same_run_and_another_seed_another(short_run, tmp_path):
@@ -130,9 +130,9 @@ def test_a_bug_ends_safe_with_the_folder_finished_and_is_raised_again(world, tmp
         run_job(acquisition.job(tmp_path), at(20, lambda station: 1 / 0))
     assert is_safe(world)
     (run,) = (open_run(path) for path in tmp_path.glob("*/*"))
-    assert run.manifest()["state"] == "failed"
-    assert run.manifest()["cause"] == "internal error: ZeroDivisionError: division by zero"
-    assert run.manifest()["segments"][-1]["outcome"] == "interrupted"
+    assert run.manifest().state == "failed"
+    assert run.manifest().cause == "internal error: ZeroDivisionError: division by zero"
+    assert run.manifest().segments[-1].outcome == "interrupted"
 
 
 def test_an_interrupt_that_nobody_handled_ends_safe_too(world, tmp_path):
@@ -154,7 +154,7 @@ def test_a_reading_that_cannot_be_true_ends_safe_as_a_failure_of_the_equipment(w
     assert isinstance(result.error, EquipmentError)
     assert "temperature" in str(result.error)
     assert is_safe(world)
-    assert result.run.manifest()["state"] == "failed"
+    assert result.run.manifest().state == "failed"
 
 
 def test_a_closed_terminal_ends_safe_unless_it_is_to_be_ignored(world, tmp_path):
@@ -179,8 +179,8 @@ def test_a_lost_chamber_is_said_loudly_and_the_data_are_kept(world, tmp_path):
     assert "switch the chamber off by hand" in str(result.error)
     assert "chamber link lost for 60 s" in str(result.error)
     manifest = result.run.manifest()
-    assert manifest["state"] == "failed"
-    assert manifest["rows"] >= 30 * 500
+    assert manifest.state == "failed"
+    assert manifest.rows >= 30 * 500
     steps = [event for event in result.run.events() if event["kind"] == "safe_state"]
     assert [event["ok"] for event in steps if "ok" in event] == [False] * 3
 
@@ -190,7 +190,7 @@ def test_a_silent_unit_trips_its_guard_and_ends_safe(world, tmp_path):
     assert isinstance(result.error, RunAborted)
     assert "unit silent: frame_age" in str(result.error)
     assert is_safe(world)
-    assert result.run.manifest()["state"] == "aborted"
+    assert result.run.manifest().state == "aborted"
 
 
 def test_another_unit_in_mid_run_ends_safe(world, tmp_path):
@@ -221,7 +221,7 @@ def test_a_unit_that_is_not_there_is_named_before_anything_moves(world, tmp_path
     assert str(result.error).startswith("not started: unit SIM-0001: no sound rate frame as number 0 on bus can0")
     assert "write" not in kinds(result.run)
     assert "safe_state" not in kinds(result.run)
-    assert result.run.manifest()["rows"] == 0
+    assert result.run.manifest().rows == 0
 
 
 def test_the_wrong_unit_is_refused_before_anything_moves(world, tmp_path):
@@ -249,7 +249,7 @@ def test_a_guard_that_trips_before_the_start_leaves_the_chamber_as_it_was_found(
     assert result.error.exit_code == 3
     assert str(result.error).startswith("not started: too warm: chamber_temperature = ")
     assert "write" not in kinds(result.run)
-    assert result.run.manifest()["state"] == "aborted"
+    assert result.run.manifest().state == "aborted"
 
 
 def test_a_full_disk_ends_safe_and_what_was_captured_stays_readable(world, tmp_path):
@@ -264,9 +264,9 @@ def test_a_full_disk_ends_safe_and_what_was_captured_stays_readable(world, tmp_p
     assert "cannot record" in str(result.error)
     assert is_safe(world)
     manifest = assemble(result.run)
-    assert manifest["rows"] >= 450_000 // 24 * 500 // 603 - 1000  # all but the block that did not fit
-    assert manifest["losses"]["lost"] == 0
-    assert manifest["losses"]["journal_damaged_bytes"] > 0
+    assert manifest.rows >= 450_000 // 24 * 500 // 603 - 1000  # all but the block that did not fit
+    assert manifest.losses["lost"] == 0
+    assert manifest.losses["journal_damaged_bytes"] > 0
 
 
 def test_tables_that_do_not_fit_the_disk_can_be_made_later(world, tmp_path, monkeypatch):
@@ -345,9 +345,9 @@ def test_kill_9_loses_nothing_but_the_tick_it_fell_into(start, tmp_path, ticks):
     assert not (folder / "manifest.json").exists()
     run = RunFolder(folder)
     manifest = assemble(run)
-    assert (manifest["state"], manifest["segments"][-1]["outcome"]) == ("aborted", "interrupted")
-    assert "killed; recovered from its journals" in manifest["cause"]
-    assert manifest["losses"]["lost"] == 0
+    assert (manifest.state, manifest.segments[-1].outcome) == ("aborted", "interrupted")
+    assert "killed; recovered from its journals" in manifest.cause
+    assert manifest.losses["lost"] == 0
     data = pq.read_table(run.data)
     time = data["time"].to_numpy()[np.isfinite(data["rate"].to_numpy())]
     assert time[-1] >= last_s - 0.003
@@ -368,5 +368,5 @@ def test_signals_end_the_command_safe_with_exit_code_3(start, tmp_path, number, 
     assert f"aborted by {cause}" in said
     (folder,) = (tmp_path / "out").glob("*/*")
     run = open_run(folder)
-    assert run.manifest()["state"] == "aborted"
+    assert run.manifest().state == "aborted"
     assert [event["ok"] for event in run.events() if event["kind"] == "safe_state"] == [True] * 3

@@ -19,7 +19,7 @@ from bench.analysis.effects.model import load_model
 from bench.base.errors import EquipmentError, InputError, RunAborted
 from bench.cli import main, rendering
 from bench.commands.several import report_on_all
-from bench.record.folder import RunFolder, create_run, open_run, sha256
+from bench.record import Begun, GyroKind, RunFolder, create_run, open_run, sha256
 from drivers.clock import SimClock
 from tests.support import acquisition
 from tests.support.acquisition import at
@@ -61,12 +61,12 @@ def test_every_unit_gets_a_run_folder_of_its_own_that_names_its_companions(whole
     assert [unit.serial for unit in whole.units] == SERIALS
     for n, unit in enumerate(whole.units):
         manifest = open_run(unit.run.path).manifest()
-        assert (manifest["unit"], manifest["state"]) == (unit.serial, "done")
-        assert manifest["unit_identity"]["serial"] == n + 1
-        assert manifest["losses"]["lost"] == manifest["losses"]["corrupt"] == 0
-        assert [companion["unit"] for companion in manifest["companions"]] == [s for s in SERIALS if s != unit.serial]
-        assert all(open_run(unit.run.path / companion["run"]) for companion in manifest["companions"])
-        assert {name: sha256(unit.run.path / name) for name in manifest["files"]} == manifest["files"]
+        assert (manifest.unit, manifest.state) == (unit.serial, "done")
+        assert manifest.unit_identity.serial == n + 1
+        assert manifest.losses["lost"] == manifest.losses["corrupt"] == 0
+        assert [companion.unit for companion in manifest.companions] == [s for s in SERIALS if s != unit.serial]
+        assert all(open_run(unit.run.path / companion.run) for companion in manifest.companions)
+        assert {name: sha256(unit.run.path / name) for name in manifest.files} == manifest.files
         assert len(events(unit.run, "segment")) == 4
 
 
@@ -104,8 +104,8 @@ def test_a_bench_that_is_killed_leaves_folders_that_can_all_be_recovered(tmp_pat
     assert len(folders) == 4
     for n, folder in enumerate(folders):
         manifest = assemble(RunFolder(folder))
-        assert (manifest["unit"], manifest["state"]) == (SERIALS[n], "aborted")
-        assert manifest["losses"]["lost"] == 0
+        assert (manifest.unit, manifest.state) == (SERIALS[n], "aborted")
+        assert manifest.losses["lost"] == 0
         assert np.count_nonzero(np.isfinite(pq.read_table(folder / "data.parquet")["rate"].to_numpy())) == 20 * 500
 
 
@@ -114,7 +114,7 @@ def test_a_file_system_without_links_gets_copies(whole, tmp_path, monkeypatch):
     copied = run_job(job(tmp_path))
     assert copied.error is None
     for linked, unit in zip(whole.units, copied.units, strict=True):
-        assert unit.run.manifest()["files"]["data.parquet"] == linked.run.manifest()["files"]["data.parquet"]
+        assert unit.run.manifest().files["data.parquet"] == linked.run.manifest().files["data.parquet"]
         assert len(list(unit.run.journal.iterdir())) == 2
     first, second = (unit.run.journal / "can0.gtbj" for unit in copied.units[:2])
     assert not first.samefile(second)
@@ -127,13 +127,13 @@ def test_a_unit_that_falls_silent_in_mid_ramp_leaves_alone_with_its_reason(dying
     assert [reason.exit_code for reason in reasons] == [4]
     gone = dying.units[1].run
     manifest = gone.manifest()
-    assert (manifest["state"], manifest["cause"]) == ("failed", "no sound rate frame for 5.0 s, 5 s allowed")
-    assert [segment["outcome"] for segment in manifest["segments"]] == ["interrupted"]
-    assert manifest["segments"][0]["reason"] == manifest["cause"]
+    assert (manifest.state, manifest.cause) == ("failed", "no sound rate frame for 5.0 s, 5 s allowed")
+    assert [segment.outcome for segment in manifest.segments] == ["interrupted"]
+    assert manifest.segments[0].reason == manifest.cause
     rates = pq.read_table(gone.data)["rate"].to_numpy()
     assert np.count_nonzero(np.isfinite(rates)) == 20 * 500
     for unit in dying.units[:1] + dying.units[2:]:
-        assert unit.run.manifest()["state"] == "done"
+        assert unit.run.manifest().state == "done"
         (dropped,) = events(unit.run, "dropped")
         assert dropped["unit"] == "SIM-0002"
         assert "no sound rate frame" in dropped["text"]
@@ -156,7 +156,7 @@ def test_another_unit_in_the_place_of_one_drops_that_one_and_what_is_not_its_own
     data = pq.read_table(result.units[2].run.data)
     times = data["time"].to_numpy()[np.isfinite(data["rate"].to_numpy())]
     assert 17 < times[-1] <= 20
-    assert result.units[2].run.manifest()["unit_identity"]["serial"] == 3
+    assert result.units[2].run.manifest().unit_identity.serial == 3
 
 
 def test_two_units_under_one_number_are_told_even_where_no_identity_is_expected(world, tmp_path):
@@ -178,7 +178,7 @@ def test_a_unit_that_starts_anew_once_stays_and_is_told(world, tmp_path):
     result = run_job(job(tmp_path), at(20, lambda station: world[0].units[1].wire.reboot()))
     assert result.error is None
     assert [event["text"] for event in events(result.run, "unit")] == ["unit SIM-0002 started anew, 1 in all"]
-    assert [unit.run.manifest()["losses"]["resets"] for unit in result.units] == [0, 1, 0, 0]
+    assert [unit.run.manifest().losses["resets"] for unit in result.units] == [0, 1, 0, 0]
 
 
 def test_a_unit_that_starts_anew_all_the_time_leaves(world, tmp_path):
@@ -204,7 +204,7 @@ def test_when_all_fall_silent_together_nobody_leaves_and_the_guards_decide(world
     result = run_job(job(tmp_path), at(20, lambda station: world[0].units.clear()))
     assert all(isinstance(unit.error, RunAborted) for unit in result.units)
     assert "unit silent: frame_age" in str(result.error)
-    assert {unit.run.manifest()["state"] for unit in result.units} == {"aborted"}
+    assert {unit.run.manifest().state for unit in result.units} == {"aborted"}
 
 
 def test_the_last_one_is_left_to_the_guards(world, tmp_path):
@@ -236,7 +236,8 @@ def test_before_the_start_all_have_to_be_heard(world, monkeypatch, tmp_path):
 def killed(tmp_path, *lines):
     """A run folder whose bench was killed, with what its watchdog wrote."""
     run = create_run(tmp_path, "G1", "p", SimClock().utc())
-    recorder = Recorder(run, SimClock(), {"unit": "G1", "gyro": {"layout": "vibratory", "number": 0, "bus": "can0"}})
+    begun = Begun(unit="G1", gyro=GyroKind(layout="vibratory", number=0, bus="can0"))
+    recorder = Recorder(run, SimClock(), begun)
     recorder.event("run", "start")
     recorder.close()
     (run.path / "watchdog.jsonl").write_text("".join(line + "\n" for line in lines))
@@ -251,10 +252,10 @@ def test_what_the_watchdog_did_is_part_of_the_run(tmp_path, ok, state, said):
     event = {"t_s": 7.5, "kind": "safe_state", "text": "set point to 23 degC: no answer", "ok": ok}
     run = killed(tmp_path, json.dumps(event), '{"t_s": 8.')
     manifest = assemble(run)
-    assert manifest["state"] == state
-    assert manifest["cause"] == f"the bench was killed; recovered from its journals; {said}"
+    assert manifest.state == state
+    assert manifest.cause == f"the bench was killed; recovered from its journals; {said}"
     assert list(run.events())[-1] == event
-    assert "watchdog.jsonl" in manifest["files"]
+    assert "watchdog.jsonl" in manifest.files
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import open_station
 from bench.base import config
 from bench.base.errors import EquipmentError, InputError
-from bench.record.folder import RunFolder, create_run
+from bench.record import Begun, RunFolder, create_run
 from drivers.clock import WallClock
 from drivers.errors import LinkError
 from drivers.journal import Damage
@@ -105,7 +105,7 @@ def real(tmp_path):
         settings = load(served.station_file())
         (tmp_path / "journal").mkdir()
         with open_station(settings, settings.units) as station:
-            recorder = Recorder(RunFolder(tmp_path), station.clock, {"run": "r"})
+            recorder = Recorder(RunFolder(tmp_path), station.clock, Begun(run="r"))
             station.start_capture(recorder)
             yield served.station, station
             station.stop_capture()
@@ -178,7 +178,7 @@ def test_a_bus_whose_capture_dies_takes_its_units_with_it_and_leaves_the_others(
             bus["link"] = {"degraded_after_s": 0.1, "lost_after_s": 0.2}
         settings = load(content)
         with open_station(settings, settings.units) as station:
-            recorder = Recorder(folders[0], station.clock, {}, (folders[1], {}))
+            recorder = Recorder(folders[0], station.clock, Begun(), (folders[1], Begun()))
             station.start_capture(recorder)
             served.station.advance(0.0, 1.0)
             poll_until(station, lambda: all(unit.missing() is None for unit in station.units))

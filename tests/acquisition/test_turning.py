@@ -182,13 +182,13 @@ def test_the_table_is_recorded_from_its_encoder(turned):
     time, applied = table["time"].to_numpy(), table["applied_rate"].to_numpy()
     known = np.isfinite(applied)
     assert np.median(np.diff(time[known])) == pytest.approx(0.02, abs=1e-6)  # gaps between: nothing is filled
-    segments = {s["name"]: s for s in turned.manifest()["segments"]}
+    segments = {s.name: s for s in turned.manifest().segments}
     for rate in (20.0, -60.0, 100.0):
         segment = segments[f"rate {rate:+g} deg/s at 23"]
-        inside = known & (time > segment["to_s"] - 30) & (time < segment["to_s"])
+        inside = known & (time > segment.to_s - 30) & (time < segment.to_s)
         assert np.mean(applied[inside]) == pytest.approx(rate, abs=0.001)
-        assert segment["outcome"] == "done"
-        assert segment["to_s"] - segment["from_s"] >= 40 + abs(rate) / 50
+        assert segment.outcome == "done"
+        assert segment.to_s - segment.from_s >= 40 + abs(rate) / 50
 
 
 def test_seconds_of_acceleration_are_left_out_of_a_dataset(turned):
@@ -270,13 +270,13 @@ def test_a_hold_brings_the_table_to_a_stand_and_the_resumed_segment_turns_again(
     assert result.error is None
     assert held_dps[0] > 15
     assert held_dps[-1] == pytest.approx(0.0, abs=0.01)
-    segments = {s["name"]: s for s in result.run.manifest()["segments"]}
-    assert segments["rate +20 deg/s at 23"]["outcome"] == "held"
+    segments = {s.name: s for s in result.run.manifest().segments}
+    assert segments["rate +20 deg/s at 23"].outcome == "held"
     resumed = segments["rate +20 deg/s at 23 (resumed)"]
-    assert resumed["outcome"] == "done"
-    assert resumed["to_s"] - resumed["from_s"] >= 40
+    assert resumed.outcome == "done"
+    assert resumed.to_s - resumed.from_s >= 40
     record = dataset.load(result.run.path, 1.0)
-    inside = (record.time > resumed["to_s"] - 30) & (record.time < resumed["to_s"])
+    inside = (record.time > resumed.to_s - 30) & (record.time < resumed.to_s)
     assert np.mean(record.channel("applied_rate")[inside]) == pytest.approx(20.0, abs=0.001)
 
 

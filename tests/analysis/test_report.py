@@ -21,7 +21,7 @@ from bench.analysis.judging.judge import analyse
 from bench.analysis.judging.verdict import RunVerdict, judge, with_diagnosis
 from bench.base.errors import InputError
 from bench.deliver.report.sections_run import losses
-from bench.record.dataset import Dataset, load
+from bench.record import Capture, Dataset, UnitClock, load
 from tests.support.report_runs import clean, disturbed, looped, quick
 from tests.support.run_folders import ARW, CYCLE, UNIT, make_run, ramp_run, truth_dph
 
@@ -133,7 +133,7 @@ def test_calibration_names_unit_data_and_range(whole: Analysis) -> None:
     content = json.loads((whole.run.path / "calibration.json").read_text())
     assert content["unit"] == UNIT
     assert content["averaging_s"] == 30.0
-    assert content["data"]["means.parquet"] == whole.manifest["files"]["means.parquet"]
+    assert content["data"]["means.parquet"] == whole.manifest.files["means.parquet"]
     assert all(c["unit"].startswith("deg/h") for c in content["calibration"]["coefficients"])
     low, high = (content["calibration"]["validity"]["temperature"][end] for end in ("from", "to"))
     assert low == pytest.approx(-40.0, abs=0.1)
@@ -253,7 +253,7 @@ def test_the_diagnosis_names_the_loop_that_was_put_in_and_becomes_the_verdict(wh
 def test_diagnosis_json_is_the_answer_of_bench_diagnose(whole: Analysis) -> None:
     assert whole.diagnosed.answer is not None
     written = json.loads((whole.run.path / "diagnosis.json").read_text())
-    assert written == json.loads(json.dumps(whole.diagnosed.answer.to_json()))
+    assert written == {"format": 1, **json.loads(json.dumps(whole.diagnosed.answer.to_json()))}
 
 
 def test_the_error_falls_to_the_floor_with_the_effect_and_not_with_its_rival(whole: Analysis) -> None:
@@ -321,8 +321,8 @@ def test_the_synthetic_unit_is_what_its_truth_says() -> None:
 
 
 def test_a_host_that_was_overloaded_is_a_warning_and_the_clock_of_the_unit_is_told(whole: Analysis) -> None:
-    clock = {"offset_s": 0.1, "offset_u_s": 1e-5, "drift_ppm": -12.5, "drift_u_ppm": 0.05, "spread_s": 0.0012}
-    done = replace(whole.done, unit_clock=clock, capture={"most_behind_s": 3.2, "behind_spells": 2})
+    clock = UnitClock(offset_s=0.1, offset_u_s=1e-5, drift_ppm=-12.5, drift_u_ppm=0.05, spread_s=0.0012)
+    done = replace(whole.done, unit_clock=clock, capture=Capture(most_behind_s=3.2, behind_spells=2))
     assert "the capture was behind its bus 2 times, at most 3.20 s: the host was overloaded" in cautions(
         done, None, None, None
     )

@@ -85,7 +85,7 @@ def test_a_run_is_registered_with_all_that_its_folder_says(where, root):
         register(registry, run, archive(root))
         rows = rows_of(registry, root)
     (found,) = rows["runs"].values()
-    assert (found["unit"], found["profile"], found["state"]) == ("U-1", "quick", run.manifest()["state"])
+    assert (found["unit"], found["profile"], found["state"]) == ("U-1", "quick", run.manifest().state)
     (calibrated,) = rows["calibrations"].values()
     assert calibrated["verdict"] == "adequate"
     assert calibrated["model"] == "spline"

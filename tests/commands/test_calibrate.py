@@ -1,6 +1,5 @@
 """A calibration job: every step once, whatever is killed when; doubt is never shipped in silence; CI sees all of it."""
 
-import json
 import os
 import re
 import shutil
@@ -23,6 +22,7 @@ from bench.commands.calibration.order import Order
 from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.recording import MARK
 from bench.commands.calibration.steps import NAMES, STEPS, AgainError
+from bench.record import JobRecord
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 QUICK = PROFILES / "plans" / "quick.yaml"
@@ -318,7 +318,7 @@ def test_a_unit_goes_from_the_shelf_to_verified_as_the_how_to_says(tmp_path):
     report = fromstring((tmp_path / "calibrate.xml").read_bytes())
     assert (report.get("failures"), report.get("errors")) == ("0", "0")
     (file,) = tmp_path.glob("reports/SIM-0001/*/job.json")
-    job = JobFile(file.parent, json.loads(file.read_text()))
+    job = JobFile(file.parent, JobRecord.read(file.parent).content())
     assert {step["attempts"] for step in job.content["steps"].values()} == {1}
     assert job.facts("verify")["factor"] > 10
     assert list(tmp_path.glob("reports/*.sqlite*"))

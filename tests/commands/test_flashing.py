@@ -67,12 +67,12 @@ def test_a_flash_leaves_a_record_and_a_unit_that_a_later_process_finds(tmp_path,
     steps = []
     first = flash(settings, unit, calibration(), tmp_path, onlooker=steps.append)
     assert steps[-1] == "read again"
-    assert (first["bank"], first["coefficient_set"], first["old"], first["state"]) == (1, 1, None, "done")
+    assert (first.bank, first.coefficient_set, first.old, first.state) == (1, 1, None, "done")
     second = flash(settings, unit, calibration(0.02, id_=2), tmp_path)
-    assert second["old"]["sha256"] == first["new"]["sha256"]
-    assert (tmp_path / "SIM-0001" / "flash" / second["old"]["file"]).read_bytes() == calibration().content
-    assert newest_record(tmp_path, "SIM-0001") == second
-    assert json.loads((tmp_path / "SIM-0001" / "flash").joinpath(second["record"].rpartition("/")[2]).read_text())
+    assert second.old.sha256 == first.new.sha256
+    assert (tmp_path / "SIM-0001" / "flash" / second.old.file).read_bytes() == calibration().content
+    assert newest_record(tmp_path, "SIM-0001").content() == second.content()
+    assert json.loads((tmp_path / "SIM-0001" / "flash").joinpath(second.record.rpartition("/")[2]).read_text())
     with open_alone(settings.remembering(tmp_path), unit) as store:
         assert store.active() == 2
         assert store.number(Memory.SET) == 2
@@ -92,7 +92,7 @@ def test_a_stale_calibration_is_refused_unless_it_is_meant(tmp_path):
         InputError, match=r"^not flashed: stale: the calibration is of 2020-09-13.*holds a newer one.*--older"
     ):
         flash(settings, settings.units[0], stale, tmp_path)
-    assert flash(settings, settings.units[0], stale, tmp_path, older=True)["bank"] == 2
+    assert flash(settings, settings.units[0], stale, tmp_path, older=True).bank == 2
 
 
 def test_the_calibration_of_another_unit_is_refused_and_the_attempt_recorded(tmp_path):
@@ -115,7 +115,7 @@ def test_runs_that_must_not_be_flashed(tmp_path, short_run):
     unit = station().units[0]
     with pytest.raises(InputError, match="no such run folder"):
         from_run(tmp_path / "none", unit)
-    with pytest.raises(InputError, match="make it with `bench report`"):
+    with pytest.raises(InputError, match="make it again with `bench report`"):
         from_run(short_run.path, unit)
     with pytest.raises(InputError, match="is a run of unit SIM-0001, this is unit OTHER"):
         from_run(short_run.path, unit.model_copy(update={"serial": "OTHER"}))
@@ -152,13 +152,13 @@ def test_a_calibration_run_of_a_flashed_unit_records_its_raw_rate(flashed, short
     result = recorded(flashed)
     assert result.error is None
     manifest = result.run.manifest()
-    assert manifest["purpose"] == "calibration"
+    assert manifest.purpose == "calibration"
     told = [event["text"] for event in result.run.events() if event["kind"] == "compensation"]
     assert told == [
         "unit SIM-0001 sends its raw rate for this run (coefficient set 1 is off)",
         "unit SIM-0001 corrects its rate again",
     ]
-    assert manifest["unit_identity"]["coefficient_set"] == 0
+    assert manifest.unit_identity.coefficient_set == 0
     raw, blank = load(result.run.path, 1.0), load(short_run.path, 1.0)
     inside = raw.segment >= 0
     assert np.abs(np.nanmean(raw.bias[inside]) - np.nanmean(blank.bias[blank.segment >= 0])) < 1.0
@@ -168,8 +168,8 @@ def test_a_verification_run_records_the_corrected_rate_and_nothing_is_fitted_to_
     result = recorded(flashed, "on")
     assert result.error is None
     manifest = result.run.manifest()
-    assert manifest["purpose"] == "verification"
-    assert manifest["unit_identity"]["coefficient_set"] == 1
+    assert manifest.purpose == "verification"
+    assert manifest.unit_identity.coefficient_set == 1
     corrected, blank = load(result.run.path, 10.0), load(short_run.path, 10.0)
     shift = np.nanmean(blank.bias) - np.nanmean(corrected.bias)
     assert shift == pytest.approx(3600 * 0.011, abs=1.0)  # what the image takes off near 25 degC

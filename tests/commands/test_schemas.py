@@ -10,21 +10,24 @@ from bench.acquisition.profile.profile import Profile, from_document
 from bench.base import config
 from bench.base.errors import InputError
 from bench.base.yaml12 import parse_yaml
-from bench.commands.schemas import SCHEMAS, export
+from bench.commands.schemas import RECORD_SCHEMAS, SCHEMAS, export
+from bench.record import RECORDS, Record
 
-PROFILES = Path(__file__).parents[2] / "profiles"
+ROOT = Path(__file__).parents[2]
+PROFILES = ROOT / "profiles"
+ALL = SCHEMAS | RECORD_SCHEMAS
 
 
 def schema(kind):
     return json.loads((PROFILES / "schemas" / f"{kind}.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("kind", SCHEMAS)
+@pytest.mark.parametrize("kind", ALL)
 def test_schemas_are_up_to_date(kind):
-    assert schema(kind) == config.json_schema(SCHEMAS[kind], kind), "run `python -m bench.commands.schemas`"
+    assert schema(kind) == config.json_schema(ALL[kind], kind), "run `python -m bench.commands.schemas`"
 
 
-@pytest.mark.parametrize("kind", SCHEMAS)
+@pytest.mark.parametrize("kind", ALL)
 def test_schemas_are_valid_schemas(kind):
     jsonschema.Draft202012Validator.check_schema(schema(kind))
 
@@ -65,5 +68,23 @@ def test_every_key_of_a_profile_is_explained_to_the_editor():
 
 
 def test_export_writes_only_what_changed(tmp_path):
-    assert len(export(tmp_path)) == len(SCHEMAS)
+    assert len(export(tmp_path)) == len(ALL)
     assert export(tmp_path) == ()
+
+
+def _kinds(base):
+    for kind in base.__subclasses__():
+        yield kind
+        yield from _kinds(kind)
+
+
+def test_every_record_has_a_schema_and_a_line_in_the_documentation():
+    ours = {kind for kind in _kinds(Record) if kind.__module__.startswith("bench.")}
+    assert ours == set(RECORDS)
+    page = (ROOT / "docs/reference/records.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+    assert len(rows) == len(RECORDS)
+    for record in RECORDS:
+        version = record.model_fields["format"].default
+        link = f"[{record.TITLE}](../../profiles/schemas/records/{record.TITLE}.json)"
+        assert any(record.FILE in row and f"| {version} | {link} |" in row for row in rows), record.FILE

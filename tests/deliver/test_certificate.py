@@ -251,8 +251,8 @@ def judged(made, tmp_path, content, run="check"):
         ({"verdict": "INVALID", "refusals": ["the run is 'aborted'"]}, "is INVALID: the run is 'aborted'; verify"),
         ({"verdict": "INVALID", "limits": {"refusals": ["no floor"]}}, "is INVALID: no floor; verify"),
         ({"verdict": "INVALID"}, "is INVALID: a required value does not exist"),
-        ({"verdict": "GOOD"}, "holds no verdict"),
-        ("{", "holds no verdict"),
+        ({"verdict": "GOOD"}, "holds the verdict 'GOOD', which does not exist"),
+        ("{", "is not valid JSON"),
     ],
 )
 def test_an_invalid_verification_makes_no_certificate(made, tmp_path, content, said):

@@ -94,9 +94,15 @@ def test_means_refuse_time_that_runs_backwards_and_files_that_are_not_parquet(tm
         write_means(tmp_path / "text.parquet", tmp_path / "out.parquet")
 
 
+SEGMENTS = [
+    {"index": 0, "name": "up", "from_s": 0.0, "to_s": 300.0},
+    {"index": 1, "name": "down", "from_s": 300.0, "to_s": 600.0},
+]
+
+
 def test_load_averages_exactly_as_if_the_raw_samples_had_been_averaged(tmp_path):
     columns = raw_record(split_s=300.0)
-    dataset = load(run_folder(tmp_path, columns, [{"index": 0, "name": "up"}, {"index": 1, "name": "down"}]), 30.0)
+    dataset = load(run_folder(tmp_path, columns, SEGMENTS), 30.0)
     groups = pandas_means(columns, lambda f: [f["segment"], np.floor(f["time"] / 30.0)])
     np.testing.assert_allclose(dataset.channels["rate"], groups["rate"].mean(), rtol=1e-12)
     np.testing.assert_array_equal(dataset.counts["rate"], groups["rate"].count())
@@ -169,9 +175,9 @@ def test_segments_carry_what_the_manifest_says(tmp_path):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda f: (f / "manifest.json").unlink(), "manifest.json: missing: this folder is not a run"),
+        (lambda f: (f / "manifest.json").unlink(), "not a run folder: manifest.json is missing"),
         (lambda f: (f / "means.parquet").unlink(), "means.parquet: missing; the run was not finished"),
-        (lambda f: (f / "manifest.json").write_text("{"), "not readable as JSON"),
+        (lambda f: (f / "manifest.json").write_text("{"), "manifest.json: is not valid JSON"),
         (lambda f: (f / "manifest.json").write_text("[]"), "not a JSON object"),
         (lambda f: (f / "means.parquet").write_bytes(b"PAR1"), "not a readable Parquet file"),
         (lambda f: write_record(f / "means.parquet", {"time": np.zeros(0)}), "zero rows"),

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 import pytest
 
 from bench.base.errors import InputError
-from bench.record.folder import RunFolder, create_run, open_run, write_atomically
+from bench.record import Manifest, RunFolder, create_run, open_run, write_atomically
 
 CREATED = datetime(2026, 11, 21, 7, 0, tzinfo=UTC)
 
@@ -24,20 +24,20 @@ def test_two_runs_of_one_second_get_folders_of_their_own(tmp_path):
 
 def test_a_manifest_is_read_as_it_was_written_and_its_files_are_hashed(tmp_path):
     run = create_run(tmp_path, "u", "p", CREATED, {"profile.yaml": "abc"})
-    run.write_manifest({"state": "done", "files": run.hashes()})
+    Manifest(state="done", files=run.hashes()).write(run.path)
     manifest = open_run(run.path).manifest()
-    assert manifest["state"] == "done"
-    assert manifest["files"] == {  # SHA-256 of "abc", FIPS 180-2 appendix B.1
+    assert manifest.state == "done"
+    assert manifest.files == {  # SHA-256 of "abc", FIPS 180-2 appendix B.1
         "profile.yaml": "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
     }
 
 
 def test_nan_never_gets_into_a_manifest_and_the_old_one_stays(tmp_path):
     run = create_run(tmp_path, "u", "p", CREATED)
-    run.write_manifest({"state": "done"})
+    Manifest(state="done").write(run.path)
     with pytest.raises(ValueError, match="not JSON compliant"):
-        run.write_manifest({"rms": float("nan")})
-    assert run.manifest()["state"] == "done"
+        Manifest.model_construct(duration_s=float("nan")).write(run.path)
+    assert run.manifest().state == "done"
 
 
 def test_a_write_that_fails_leaves_the_old_file_and_no_litter(tmp_path):
@@ -54,8 +54,8 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_litter(tmp_path):
     [
         (None, "manifest.json is missing"),
         ("{", "not valid JSON"),
-        ("[]", "format is"),
-        ('{"format": 2}', "format is 2"),
+        ("[]", "not a JSON object"),
+        ('{"format": 2}', "is of format 2, this bench reads up to 1"),
     ],
 )
 def test_what_is_no_run_folder_is_refused(tmp_path, content, message):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.record.folder import RunFolder
+from bench.record import Manifest
 
 BEGIN = datetime(2026, 3, 1, tzinfo=UTC)
 LIMITS = """
@@ -40,7 +40,7 @@ def station(
     created = BEGIN + timedelta(days=days)
     folder = root / unit / f"{created:%Y%m%dT%H%M%SZ}_ramp"
     folder.mkdir(parents=True)
-    RunFolder(folder).write_manifest(
+    Manifest.model_validate(
         {
             "unit": unit,
             "run": folder.name,
@@ -49,7 +49,7 @@ def station(
             "created": created.isoformat(),
             "state": "done",
         }
-    )
+    ).write(folder)
     content = {
         "verdict": {"verdict": "adequate"},
         "noise": {"floor_dph": floor, "coefficients": [{"name": "white", "value": walk, "determined": True}]},

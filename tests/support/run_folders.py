@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from bench.base.channels import FloatArray
 from bench.record.dataset import write_means
-from bench.record.folder import RunFolder
+from bench.record.folder import Manifest, RunFolder
 
 UNIT = "SIM-0001"
 ARW = 0.005
@@ -91,7 +91,7 @@ def make_run(
         "losses": {"received": table.num_rows, "lost": 0, "repeated": 0, "corrupt": 0, "late": 0},
         "versions": {"bench": "0.1.0"}, "seeds": {}, "files": run.hashes(), **manifest,
     }  # fmt: skip
-    run.write_manifest(content)
+    Manifest.model_validate(content).write(folder)
     return folder
 
 

@@ -6,7 +6,7 @@ import json
 from datetime import timedelta
 from pathlib import Path
 
-from bench.record.folder import RunFolder
+from bench.record import Manifest
 from tests.support.fleet_runs import BEGIN
 
 UNIT = "GX-0042"
@@ -25,12 +25,12 @@ def _run(root: Path, number: int, days: int) -> Path:
     folder = root / UNIT / f"{created:%Y%m%dT%H%M%SZ}_ramp_-40_85"
     folder.mkdir(parents=True)
     whole = number != ABORTED
-    RunFolder(folder).write_manifest({
+    Manifest.model_validate({
         "unit": UNIT, "run": folder.name, "profile": "ramp_-40_85", "station": "chamber-1",
         "operator": ("O. Koval", "M. Li")[number % 2], "created": created.isoformat(), "simulated": False,
         "state": "done" if whole else "aborted", "cause": "end of profile" if whole else "guard: chamber temperature",
         "duration_s": 30240.0 if whole else 5400.0,
-    })  # fmt: skip
+    }).write(folder)  # fmt: skip
     if not whole:
         return folder
     _calibrate(folder, number)

@@ -70,8 +70,8 @@ def test_a_table_whose_unit_is_unclear_is_shown_then_mapped_then_imported(client
     made = ended(client, client.post(place, json=wanted))["result"]
     folder = RunFolder(tmp_path / "out" / made["run"])
     assert folder.path.parent.name == "GX-7"
-    assert folder.manifest()["operator"]
-    assert folder.manifest()["source"]["file"] == "log.csv"
+    assert folder.manifest().operator
+    assert folder.manifest().source["file"] == "log.csv"
     assert client.get("/api/v1/units/GX-7").json()["runs"][0]["kind"] == "import"
     assert client.post(place, json=wanted).status_code == 404, "what was imported is gone"
 

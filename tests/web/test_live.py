@@ -15,7 +15,7 @@ from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.recording.trace import Trace
 from bench.acquisition.run import control, remote
 from bench.acquisition.run.control import Desk
-from bench.record.folder import RunFolder
+from bench.record import Begun, RunFolder
 from bench.web.ground.settings import Settings
 from bench.web.live import watching
 from bench.web.live.finding import Finder, folder_of
@@ -47,7 +47,7 @@ def out(folder):
 
 @pytest.fixture
 def recorder(folder):
-    recorder = Recorder(RunFolder(folder), SimClock(), {"run": "run"})
+    recorder = Recorder(RunFolder(folder), SimClock(), Begun(run="run"))
     yield recorder
     recorder.close()
 

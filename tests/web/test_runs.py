@@ -187,7 +187,11 @@ def test_a_folder_of_somebody_else_is_shown_as_far_as_it_goes(tmp_path: Path) ->
     pq.write_table(pa.table({"time": [0.5]}), odd / "means.parquet")
     with served(Settings(out=tmp_path)) as client:
         shown = client.get("/api/v1/runs/Блок/one").json()
-        assert (shown["segments"], shown["losses"], shown["warnings"], len(shown["events"])) == ([], {}, [], 1)
+        assert (shown["state"], shown["segments"], shown["losses"], len(shown["events"])) == ("damaged", [], {}, 1)
+        assert [warning.partition(": ")[2].partition(" is ")[0] for warning in shown["warnings"]] == [
+            "segments",
+            "verdict",
+        ]
         assert client.get("/api/v1/live/Блок/one").json()["ended"]["cause"] == "over"
         data = client.get("/api/v1/runs/Блок/one/data.csv")
         assert (data.text, data.headers["content-disposition"]) == (

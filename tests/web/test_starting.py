@@ -106,9 +106,9 @@ def test_a_run_outlives_the_server_is_found_again_and_is_aborted_by_name(setting
         assert (one["condition"], one["ended"]["verdict"], one["ended"]["analysing"]) == ("ended", "partial", False)
         assert [asked["request"] for asked in one["ended"]["requests"]] == ["hold", "stop"]
     folder = open_run(made.out / run)
-    assert folder.manifest()["operator"] == "Operator Petrenko (operator) from 127.0.0.1"
+    assert folder.manifest().operator == "Operator Petrenko (operator) from 127.0.0.1"
     first = next(event for event in folder.events() if event["kind"] == "run")
-    assert (first["who"], first["text"]) == (folder.manifest()["operator"], "start")
+    assert (first["who"], first["text"]) == (folder.manifest().operator, "start")
 
 
 def test_a_run_goes_to_its_verdict_and_is_announced(settings):

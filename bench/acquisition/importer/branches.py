@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from bench.base import FloatArray, IntArray
+from bench.record import ExecutedSegment
 
 Direction = Literal["heating", "cooling", "constant"]
 
@@ -40,22 +41,22 @@ class Branch:
         """Mean slope, positive in both directions [degC/min]."""
         return 60.0 * abs(self.to_degc - self.from_degc) / (self.to_s - self.from_s) if self.to_s > self.from_s else 0.0
 
-    def as_segment(self, index: int) -> dict[str, Any]:
+    def as_segment(self, index: int) -> ExecutedSegment:
         """The manifest's entry."""
         still = self.direction == "constant"
         text = f"constant at {self.to_degc:.0f}" if still else f"{self.from_degc:.0f} to {self.to_degc:.0f}"
-        return {
-            "index": index,
-            "name": f"{index + 1}: {text}" if still else f"{index + 1}: {self.direction} {text}",
-            "kind": "soak" if still else "ramp",
-            "from_s": self.from_s,
-            "to_s": self.to_s,
-            "target_degc": round(self.to_degc, 3),
-            "rate_degc_per_min": 0.0 if still else round(self.rate_degc_per_min, 4),
-            "direction": self.direction,
-            "settled": still,
-            "outcome": "detected",
-        }
+        return ExecutedSegment(
+            index=index,
+            name=f"{index + 1}: {text}" if still else f"{index + 1}: {self.direction} {text}",
+            kind="soak" if still else "ramp",
+            from_s=self.from_s,
+            to_s=self.to_s,
+            target_degc=round(self.to_degc, 3),
+            rate_degc_per_min=0.0 if still else round(self.rate_degc_per_min, 4),
+            direction=self.direction,
+            settled=still,
+            outcome="detected",
+        )
 
 
 def find_branches(time_s: FloatArray, temperature_degc: FloatArray) -> tuple[Branch, ...]:

@@ -18,7 +18,7 @@ from bench.acquisition.importer.branches import Branch, find_branches, segment_o
 from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
 from bench.acquisition.importer.tables import Table, read_table
 from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, FloatArray, InputError, __version__, dump, load_config
-from bench.record import Dataset, RunFolder, Segment, create_run, sha256, write_means
+from bench.record import Dataset, Manifest, RunFolder, Segment, create_run, sha256, write_means
 
 _FASTEST_DPH = 5000 * DPH_PER_DPS
 """No gyro measures more [deg/h]."""
@@ -50,14 +50,7 @@ class ImportPlan:
 
     def dataset(self) -> Dataset:
         """The table as a record in memory, its rows as they are; nothing is written."""
-        entries = [branch.as_segment(i) for i, branch in enumerate(self.branches)]
-        segments = tuple(
-            Segment(
-                index=e["index"], name=e["name"], kind=e["kind"], from_s=e["from_s"], to_s=e["to_s"],
-                direction=e["direction"], target=e["target_degc"], rate=e["rate_degc_per_min"],
-            )
-            for e in entries
-        )  # fmt: skip
+        segments = tuple(Segment.of(branch.as_segment(i)) for i, branch in enumerate(self.branches))
         segment = segment_of(self.branches, self.time)
         return Dataset(self.table.path.stem, self.time, self.channels, segment, segments, self.interval_s)
 
@@ -80,7 +73,7 @@ class ImportPlan:
         used = {self.time_source.column, *(m.column for m in self.mapped)}
         left_out = [name for name in self.table.columns if name not in used]
         lines.append(f"  not used             {', '.join(left_out)}" if left_out else "  every column is used")
-        lines += [f"  branch {b.as_segment(i)['name']}, {(b.to_s - b.from_s) / 60:.0f} min, {b.rate_degc_per_min:.2g} "
+        lines += [f"  branch {b.as_segment(i).name}, {(b.to_s - b.from_s) / 60:.0f} min, {b.rate_degc_per_min:.2g} "
                   "degC/min" for i, b in enumerate(self.branches)]  # fmt: skip
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 
@@ -93,7 +86,7 @@ class ImportPlan:
             "interval_s": self.interval_s,
             "time": self.time_source.model_dump(exclude_none=True),
             "columns": {m.channel: {"column": m.column, "unit": m.unit, "how": m.how} for m in self.mapped},
-            "segments": [branch.as_segment(i) for i, branch in enumerate(self.branches)],
+            "segments": [branch.as_segment(i).content() for i, branch in enumerate(self.branches)],
             "warnings": list(self.warnings),
         }
 
@@ -142,8 +135,7 @@ def write_import(
         (run.path / "columns.yaml").write_text(_column_map(plan), encoding="utf-8")
         notes = [{"t_s": 0.0, "kind": "import", "text": warning} for warning in plan.warnings]
         (run.path / "events.jsonl").write_text("".join(f"{json.dumps(note)}\n" for note in notes), encoding="utf-8")
-        people = {} if operator is None else {"operator": operator}
-        run.write_manifest({**_manifest(plan, run, created), **people})
+        _manifest(plan, run, created, operator).write(run.path)
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}; choose another place with --out", run.path) from None
     return run
@@ -231,22 +223,24 @@ def _column_map(plan: ImportPlan) -> str:
     return dump({"time": plan.time_source.model_dump(exclude_none=True), **columns})
 
 
-def _manifest(plan: ImportPlan, run: RunFolder, created: datetime) -> dict[str, Any]:
-    return {
-        "run": run.path.name,
-        "unit": plan.serial,
-        "created": created.isoformat(timespec="seconds"),
-        "profile": f"import of {plan.table.path.name}",
-        "state": "done",
-        "cause": "imported",
-        "simulated": False,
-        "source": {**plan.to_json(), "sha256": sha256(plan.table.path)},
-        "sample_rate_hz": 1.0 / plan.interval_s,
-        "rows": int(plan.time.size),
-        "duration_s": float(plan.time[-1]),
-        "segments": [branch.as_segment(i) for i, branch in enumerate(plan.branches)],
-        "losses": {},
-        "versions": {"bench": __version__, "numpy": np.__version__},
-        "seeds": {},
-        "files": run.hashes(),
-    }
+def _manifest(plan: ImportPlan, run: RunFolder, created: datetime, operator: str | None) -> Manifest:
+    people = {} if operator is None else {"operator": operator}
+    return Manifest(
+        run=run.path.name,
+        unit=plan.serial,
+        created=created.isoformat(timespec="seconds"),
+        profile=f"import of {plan.table.path.name}",
+        state="done",
+        cause="imported",
+        simulated=False,
+        source={**plan.to_json(), "sha256": sha256(plan.table.path)},
+        sample_rate_hz=1.0 / plan.interval_s,
+        rows=int(plan.time.size),
+        duration_s=float(plan.time[-1]),
+        segments=tuple(branch.as_segment(i) for i, branch in enumerate(plan.branches)),
+        losses={},
+        versions={"bench": __version__, "numpy": np.__version__},
+        seeds={},
+        files=run.hashes(),
+        **people,
+    )

@@ -7,7 +7,7 @@ ticks of the unit's sample counter; a chamber reading stands on the tick nearest
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from bench.acquisition.recording import parts as parted
 from bench.acquisition.recording.journals import BenchJournal, Readings, bus_blocks, fetch, read_bench
 from bench.acquisition.recording.parts import Counted
 from bench.base import CHANNELS, FloatArray, IntArray
-from bench.record import RunFolder, write_means
+from bench.record import ExecutedSegment, GyroKind, Manifest, RunFolder, write_means
 from drivers.frames import joined
 from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
 from drivers.journal import Damage, FrameArray
@@ -50,7 +50,7 @@ class _Part:
     decoder: GyroDecoder
     blocks: Iterator[GyroBlock]
 
-    def grid(self, segments: Sequence[Mapping[str, Any]]) -> _Grid:
+    def grid(self, segments: Sequence[ExecutedSegment]) -> _Grid:
         """Where readings of chamber and table can be placed: no sample, no clock to place them on."""
         kept = None if self.seen.decoder.samples else 0
         return _Grid(self.journal.readings[:kept], self.journal.table[:kept], segments, self.seen.clock)
@@ -61,7 +61,7 @@ class _Part:
         return Counted(decoder.samples, decoder.losses.resets, self.seen.clock, decoder.counter_bits)
 
 
-def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
+def assemble(run: RunFolder, live: Decoded | None = None) -> Manifest:
     """Make the tables and the manifest of a run from the journals of all its parts; returns the manifest.
 
     `live` saves a pass over the frames of the last part when they were decoded already. InputError when there is
@@ -86,8 +86,8 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
     losses = [part.decoder.losses.as_dict() for part in parts]
     identities = [identity for part in parts if (identity := part.decoder.identity) is not None]
     readings = np.concatenate([journal.readings for journal in journals])
-    manifest = {
-        **first.meta,
+    content = {
+        **first.meta.content(),
         **last.outcome(),
         "sample_rate_hz": round(1 / seen.decoder.interval_s),
         "rate_step_dph": seen.decoder.rate_step_dph,
@@ -104,7 +104,8 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> dict[str, Any]:
         **({"parts": parted.describe(journals, [part.counted() for part in parts])} if len(parts) > 1 else {}),
         "files": run.hashes(),
     }
-    run.write_manifest(manifest)
+    manifest = Manifest.model_validate(content)
+    manifest.write(run.path)
     return manifest
 
 
@@ -122,18 +123,18 @@ def _capture(said: Sequence[dict[str, Any]]) -> tuple[dict[str, Any] | None, lis
 
 def _part(run: RunFolder, live: Decoded | None, damage: Damage, bus_events: list[dict[str, Any]]) -> _Part:
     bench = read_bench(run, damage)
-    gyro = bench.meta["gyro"]
-    source = run.journal / f"{gyro['bus']}.gtbj"
+    gyro = bench.gyro
+    source = run.journal / f"{gyro.bus}.gtbj"
     fetch(run, bench.meta, source.relative_to(run.path))
     until_ns = bench.sound_until_ns()
-    decoder = GyroDecoder(gyro["layout"], gyro["number"])
+    decoder = GyroDecoder(gyro.layout, gyro.number)
     blocks = (decoder.decode(frames) for frames in _joined(bus_blocks(source, damage, bus_events, until_ns)))
     return _Part(bench, live or _decode_all(source, gyro, until_ns), decoder, blocks)
 
 
-def _decode_all(source: Path, gyro: Mapping[str, Any], until_ns: int | None) -> Decoded:
+def _decode_all(source: Path, gyro: GyroKind, until_ns: int | None) -> Decoded:
     """A first pass over the frames: their losses and the unit's clock."""
-    decoder = GyroDecoder(gyro["layout"], gyro["number"])
+    decoder = GyroDecoder(gyro.layout, gyro.number)
     clock = SampleClock(decoder.interval_s)
     for frames in _joined(bus_blocks(source, Damage(), [], until_ns)):
         decoded = decoder.decode(frames)
@@ -159,7 +160,7 @@ class _Grid:
     """Readings of chamber and rate table, and segments, on the sample grid of the unit."""
 
     def __init__(
-        self, readings: Readings, table: Readings, segments: Sequence[Mapping[str, Any]], clock: SampleClock
+        self, readings: Readings, table: Readings, segments: Sequence[ExecutedSegment], clock: SampleClock
     ) -> None:
         self.clock = clock
         self.turns = len(table) > 0
@@ -190,8 +191,8 @@ class _Grid:
 
     def segment(self, time: FloatArray) -> IntArray:
         """Segment in force at each bench time (n,), -1 between segments."""
-        starts = np.array([segment["from_s"] for segment in self._segments])
-        ends = np.array([segment["to_s"] for segment in self._segments])
+        starts = np.array([segment.from_s for segment in self._segments])
+        ends = np.array([segment.to_s for segment in self._segments])
         if not len(starts):
             return np.full(len(time), -1, dtype=np.int64)
         at = np.searchsorted(starts, time, side="right") - 1

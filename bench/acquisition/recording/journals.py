@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from bench.acquisition.recording.recorder import BENCH_JOURNAL, READING
 from bench.base import InputError
-from bench.record import RunFolder, copy_whole
+from bench.record import Begun, ExecutedSegment, GyroKind, RunFolder, copy_whole
 from drivers.journal import Damage, FrameArray, Kind, read_blocks
 from drivers.rate_table import TABLE
 
@@ -32,7 +32,7 @@ Readings = np.ndarray[Any, np.dtype[np.void]]
 class BenchJournal:
     """What the bench's own journal says."""
 
-    meta: dict[str, Any]
+    meta: Begun
     events: list[dict[str, Any]]
     readings: Readings
     table: Readings
@@ -61,7 +61,14 @@ class BenchJournal:
         until_s = (self.end() or {}).get("sound_until_s")
         return None if until_s is None else round(until_s * 1e9)
 
-    def segments(self) -> list[dict[str, Any]]:
+    @property
+    def gyro(self) -> GyroKind:
+        """How the frames of this part are decoded."""
+        if self.meta.gyro is None:
+            raise InputError(f"the journal of run {self.meta.run} does not say how the unit's frames are decoded")
+        return self.meta.gyro
+
+    def segments(self) -> list[ExecutedSegment]:
         """Executed segments; one that a kill cut off, or that the unit left, ends with the last reading."""
         done = [event for event in self.events if event["kind"] == "segment" and event["phase"] == "end"]
         started = [event for event in self.events if event["kind"] == "segment" and event["phase"] == "start"]
@@ -71,27 +78,30 @@ class BenchJournal:
             end = self.end()
             cut = {"to_s": to_s, "outcome": "interrupted", "reason": end["text"] if end else KILLED}
             segments.append({**started[-1]["segment"], **cut})
-        return [{**segment, "settled": segment["outcome"] in ("done", "ended")} for segment in segments]
+        return [
+            ExecutedSegment.model_validate({**segment, "settled": segment["outcome"] in ("done", "ended")})
+            for segment in segments
+        ]
 
 
 def read_bench(run: RunFolder, damage: Damage) -> BenchJournal:
     """Meta, events and readings; InputError when the journal is missing or holds no meta block."""
     path = run.journal / BENCH_JOURNAL
-    meta: dict[str, Any] = {}
+    meta: Begun | None = None
     events: list[dict[str, Any]] = []
     rows: list[bytes] = []
     turned: list[bytes] = []
     if path.exists():
         for block in read_blocks(path, damage):
             if block.kind is Kind.META:
-                meta = json.loads(block.payload)
+                meta = Begun.model_validate_json(block.payload)
             elif block.kind is Kind.EVENT:
                 events.append(json.loads(block.payload))
             elif block.kind is Kind.READING:
                 rows.append(block.payload)
             elif block.kind is Kind.TABLE:
                 turned.append(block.payload)
-    if not meta:
+    if meta is None:
         raise InputError("not a run folder: no manifest and no readable journal", run.path)
     fetch(run, meta, Path(WATCHDOG))
     readings, table = np.frombuffer(b"".join(rows), READING), np.frombuffer(b"".join(turned), TABLE)
@@ -108,12 +118,12 @@ def _read_watchdog(path: Path) -> list[dict[str, Any]]:
     return events
 
 
-def fetch(run: RunFolder, meta: Mapping[str, Any], name: Path) -> None:
+def fetch(run: RunFolder, meta: Begun, name: Path) -> None:
     """Copy a file that units in the same chamber share and another one's folder holds, where there is no link to it."""
     if (run.path / name).exists():
         return
-    for companion in meta.get("companions", ()):
-        source = run.path / companion["run"] / name
+    for companion in meta.companions:
+        source = run.path / companion.run / name
         if source.exists():
             copy_whole(source, run.path / name)
             return

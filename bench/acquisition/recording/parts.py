@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from bench.acquisition.recording.journals import BenchJournal
 from bench.acquisition.recording.recorder import BENCH_JOURNAL
-from bench.record import RunFolder
+from bench.record import ExecutedSegment, RunFolder
 from drivers.journal import Kind, read_blocks
 from drivers.samples import SampleClock
 
@@ -65,7 +65,7 @@ def describe(journals: Sequence[BenchJournal], counted: Sequence[Counted]) -> li
             "from_s": float(times[0]) if len(times) else None,
             "to_s": float(times[-1]) if len(times) else None,
             **journal.outcome(),
-            "versions": journal.meta.get("versions", {}),
+            "versions": journal.meta.versions,
         }
         gap = next((event for event in journal.events if event["kind"] == "gap"), None)
         if number > 1 and gap is not None:
@@ -96,7 +96,7 @@ def apart(journals: Sequence[BenchJournal]) -> list[BenchJournal]:
     ]
 
 
-def segments(journals: Sequence[BenchJournal]) -> list[dict[str, Any]]:
+def segments(journals: Sequence[BenchJournal]) -> list[ExecutedSegment]:
     """Executed segments of all parts, numbered through."""
     together = [segment for journal in journals for segment in journal.segments()]
-    return [{**segment, "index": index} for index, segment in enumerate(together)]
+    return [segment.model_copy(update={"index": index}) for index, segment in enumerate(together)]

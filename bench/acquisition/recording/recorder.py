@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.record import RunFolder
+from bench.record import Begun, RunFolder
 from drivers.chamber import ChamberReading, Write
 from drivers.clock import Clock
 from drivers.journal import JournalWriter, Kind
@@ -45,9 +45,7 @@ class Recorder:
     disk does not take it.
     """
 
-    def __init__(
-        self, run: RunFolder, clock: Clock, meta: Mapping[str, Any], *others: tuple[RunFolder, Mapping[str, Any]]
-    ) -> None:
+    def __init__(self, run: RunFolder, clock: Clock, meta: Begun, *others: tuple[RunFolder, Begun]) -> None:
         folders = ((run, meta), *others)
         self.run = run
         self.runs = tuple(folder for folder, _ in folders)
@@ -57,7 +55,7 @@ class Recorder:
         self._held_back: list[tuple[bytes, float, int]] | None = None  # payload, bench time [s], wall time [ns]
         self._synced_wall_s = time.monotonic()
         for folder, content in folders:
-            self._append_json(Kind.META, content, folder)
+            self._append_json(Kind.META, content.content(), folder)
         self.sync()
 
     def keep_synced(self, writer: JournalWriter) -> None:

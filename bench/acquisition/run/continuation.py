@@ -23,7 +23,7 @@ from bench.acquisition.recording.journals import BenchJournal, read_bench
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import InputError, finite
-from bench.record import MANIFEST, RunFolder, open_run
+from bench.record import MANIFEST, ExecutedSegment, RunFolder, open_run
 from drivers.chamber import ChamberReading
 from drivers.journal import Damage
 
@@ -125,7 +125,7 @@ def plan(run: RunFolder, profile: Profile, station: StationSettings) -> Continua
             "all segments of its profile are done: nothing to resume; `bench report` analyses it", run.path
         )
     metas = [_journals(folder)[0].meta for folder in folders]
-    known = {meta["unit"]: _recovered(folder) for meta, folder in zip(metas, folders, strict=True)}
+    known = {meta.unit: _recovered(folder) for meta, folder in zip(metas, folders, strict=True)}
     chamber = _chamber_of(readings[-1]) if readings else {}
     return Continuation(
         runs=tuple(replace(folder, part=len(folder.parts()) + 1) for folder in folders),
@@ -138,7 +138,7 @@ def plan(run: RunFolder, profile: Profile, station: StationSettings) -> Continua
     )
 
 
-def remaining(profile: Profile, segments: Sequence[Mapping[str, Any]], here_degc: float) -> list[Leg]:
+def remaining(profile: Profile, segments: Sequence[ExecutedSegment], here_degc: float) -> list[Leg]:
     """Legs that are still to be run, after the executed `segments`; the chamber air was at `here_degc` at last."""
     legs = profile.legs()
     at, mine = _position(legs, segments)
@@ -153,30 +153,31 @@ def remaining(profile: Profile, segments: Sequence[Mapping[str, Any]], here_degc
     return [_back(profile, begun, here_degc), begun, *rest]
 
 
-def _position(legs: Sequence[Leg], segments: Sequence[Mapping[str, Any]]) -> tuple[int, list[Mapping[str, Any]]]:
+def _position(legs: Sequence[Leg], segments: Sequence[ExecutedSegment]) -> tuple[int, list[ExecutedSegment]]:
     """The leg that is not done yet, and the segments in which it was begun; others than legs count for none."""
-    at, mine = 0, []
+    at = 0
+    mine: list[ExecutedSegment] = []
     for segment in segments:
         if at == len(legs):
             break
         name = legs[at].name
-        if segment["name"] != name and not segment["name"].startswith(f"{name} {RESUMED}"):
+        if segment.name != name and not segment.name.startswith(f"{name} {RESUMED}"):
             continue
         mine.append(segment)
-        if segment["outcome"] in {"done", "timeout"}:
+        if segment.outcome in {"done", "timeout"}:
             at, mine = at + 1, []
     return at, mine
 
 
-def _rest_of(leg: Leg, here_degc: float, begun: Sequence[Mapping[str, Any]]) -> Leg:
+def _rest_of(leg: Leg, here_degc: float, begun: Sequence[ExecutedSegment]) -> Leg:
     """What is left of a ramp, a soak or a turn at a rate that was begun."""
     share = 1.0
     if leg.kind == "ramp" and leg.target_degc != leg.from_degc:
         share = abs(leg.target_degc - here_degc) / abs(leg.target_degc - leg.from_degc)
     elif leg.kind == "soak" and leg.duration_s > 0:
-        held = [i for i, segment in enumerate(begun) if segment["outcome"] == "held"]  # a hold starts a soak anew
+        held = [i for i, segment in enumerate(begun) if segment.outcome == "held"]  # a hold starts a soak anew
         counted = begun[held[-1] + 1 :] if held else begun
-        elapsed_s = sum(segment["to_s"] - segment["from_s"] for segment in counted)
+        elapsed_s = sum(segment.to_s - segment.from_s for segment in counted)
         share = max(1.0 - elapsed_s / leg.duration_s, 0.0)
     nominal_s = share * leg.nominal_s
     return replace(
@@ -217,8 +218,8 @@ def _recovered(run: RunFolder) -> _Unit:
     """The last temperature and the identity of a unit before the gap; makes its tables where the bench could not."""
     manifest = assemble(run) if not (run.path / MANIFEST).exists() else open_run(run.path).manifest()
     known = pq.read_table(run.means, columns=["temperature"])["temperature"].drop_null()
-    identity = manifest.get("unit_identity")
-    return _Unit(float(known[-1].as_py()) if len(known) else None, None if identity is None else identity["serial"])
+    identity = manifest.unit_identity
+    return _Unit(float(known[-1].as_py()) if len(known) else None, None if identity is None else identity.serial)
 
 
 def _journals(run: RunFolder) -> list[BenchJournal]:
@@ -227,8 +228,8 @@ def _journals(run: RunFolder) -> list[BenchJournal]:
 
 def _companions(run: RunFolder, journal: BenchJournal) -> Iterator[RunFolder]:
     """Folders of the units in the same chamber that were still with the run."""
-    for companion in journal.meta.get("companions", ()):
-        folder = RunFolder((run.path / companion["run"]).resolve())
+    for companion in journal.meta.companions:
+        folder = RunFolder((run.path / companion.run).resolve())
         end = _journals(folder)[-1].end()
         if end is None or "sound_until_s" not in end:
             yield folder

@@ -34,7 +34,7 @@ from bench.acquisition.station.memory import Compensated, Output
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import LiveUnit, Station, open_station
 from bench.base import BenchError, EquipmentError, InputError, package_versions
-from bench.record import RunFolder, create_run
+from bench.record import Begun, Companion, GyroKind, RunFolder, create_run
 from drivers.errors import DriverError
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -147,34 +147,37 @@ def _open_recorder(job: Job, station: Station) -> Recorder:
         if job.continuation is None
         else list(job.continuation.open(job.station_text))
     )
-    metas = [_meta(job, unit, folder, created) for unit, folder in zip(station.everyone, folders, strict=True)]
-    for meta, folder in zip(metas, folders, strict=True):
-        meta["companions"] = [
-            {"unit": serial, "run": os.path.relpath(other.path, folder.path)}
-            for serial, other in zip(serials, folders, strict=True)
-            if other is not folder
-        ]
+    everyone = dict(zip(serials, folders, strict=True))
+    metas = [
+        _begun(job, unit, folder, created, everyone) for unit, folder in zip(station.everyone, folders, strict=True)
+    ]
     try:
         return Recorder(folders[0], station.clock, metas[0], *zip(folders[1:], metas[1:], strict=True))
     except OSError as error:
         raise InputError(cannot_record(error), folders[0].path) from None
 
 
-def _meta(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime) -> dict[str, Any]:
+def _begun(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime, others: Mapping[str, RunFolder]) -> Begun:
     settings = unit.settings
-    return {
-        "run": folder.path.name,
-        "unit": unit.serial,
-        "created": created.isoformat(timespec="seconds"),
-        "profile": job.profile.name,
-        "station": job.station.name,
-        "simulated": job.station.simulated,
-        "purpose": "calibration" if job.compensation == "off" else "verification",
-        "gyro": {"layout": settings.gyro, "number": settings.number, "bus": settings.bus},
-        **({"operator": job.operator} if job.operator else {}),
-        "seeds": job.station.seeds(job.profile.name),
-        "versions": package_versions(),
-    }
+    people = {"operator": job.operator} if job.operator else {}
+    return Begun(
+        run=folder.path.name,
+        unit=unit.serial,
+        created=created.isoformat(timespec="seconds"),
+        profile=job.profile.name,
+        station=job.station.name,
+        simulated=job.station.simulated,
+        purpose="calibration" if job.compensation == "off" else "verification",
+        gyro=GyroKind(layout=settings.gyro, number=settings.number, bus=settings.bus),
+        seeds=job.station.seeds(job.profile.name),
+        versions=package_versions(),
+        companions=tuple(
+            Companion(unit=serial, run=os.path.relpath(other.path, folder.path))
+            for serial, other in others.items()
+            if other is not folder
+        ),
+        **people,
+    )
 
 
 def _finish(folder: RunFolder, unit: LiveUnit) -> BenchError | None:

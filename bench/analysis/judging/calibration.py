@@ -17,28 +17,26 @@ import numpy as np
 from bench.analysis.diagnosis.compare import Score
 from bench.analysis.noise.floor import Floor
 from bench.base import FloatArray, __version__, finite
-
-FORMAT = 1
+from bench.record import Manifest
 
 
 def calibration(
-    manifest: Mapping[str, Any], interval_s: float, best: Score | None, floor: Floor, answer: Mapping[str, Any]
+    manifest: Manifest, interval_s: float, best: Score | None, floor: Floor, answer: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The JSON object; `calibration` is null where no model could be fitted. `answer` is the analysis in short."""
+    """Its content; `calibration` is null where no model could be fitted. `answer` is the analysis in short."""
     return {
-        "format": FORMAT,
-        "unit": manifest.get("unit"),
-        "run": manifest.get("run"),
-        "profile": manifest.get("profile"),
-        "created": manifest.get("created"),
+        "unit": manifest.unit,
+        "run": manifest.run,
+        "profile": manifest.profile,
+        "created": manifest.created,
         "quantity": "bias (zero-rate output) [deg/h], to be subtracted from the unit's output",
-        "software": {**dict(manifest.get("versions") or {}), "bench_analysis": __version__},
+        "software": {**manifest.versions, "bench_analysis": __version__},
         "verdict": {key: answer[key] for key in ("verdict", "sentence", "complete", "admissible", "warnings")},
         "averaging_s": interval_s,
         "noise": _noise(floor),
         "residual": _residual(best),
         "calibration": _fit(best),
-        "data": dict(manifest.get("files") or {}),
+        "data": dict(manifest.files),
     }
 
 

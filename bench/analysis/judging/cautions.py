@@ -61,15 +61,14 @@ def unproven(best: Score) -> Iterator[str]:
 def _of_data(done: Completeness) -> Iterator[str]:
     yield from altered(done)
     for segment in done.failed:
-        why = segment.get("reason") or segment.get("outcome", "not settled")
-        yield f"segment '{segment.get('name')}' failed: {why}"
+        yield f"segment '{segment.name}' failed: {segment.reason or segment.outcome}"
     for key in LOST:
         if done.losses.get(key):
             what = "bytes of the journal damaged" if key == DAMAGED_BYTES else f"frames {key}"
             yield f"{done.losses[key]} {what}: they are gaps in the data"
-    if done.capture.get("behind_spells"):
-        most_s, spells = done.capture["most_behind_s"], done.capture["behind_spells"]
-        yield f"the capture was behind its bus {spells:.0f} times, at most {number(most_s)} s: the host was overloaded"
+    if done.capture is not None and done.capture.behind_spells:
+        most_s, spells = done.capture.most_behind_s, done.capture.behind_spells
+        yield f"the capture was behind its bus {spells} times, at most {number(most_s)} s: the host was overloaded"
     if done.gaps_s:
         shown = ", ".join(f"{clock(a)} to {clock(b)}" for a, b in done.gaps_s[:_SHOWN_GAPS])
         more = f" and {len(done.gaps_s) - _SHOWN_GAPS} more" if len(done.gaps_s) > _SHOWN_GAPS else ""

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.record import Dataset, RunFolder, sha256
+from bench.record import Capture, Dataset, ExecutedSegment, Manifest, RunFolder, UnitClock, sha256
 
 SAMPLES = ("lost", "slow_lost")
 CAUSES = ("corrupt", "late", "invalid")
@@ -36,32 +35,28 @@ class Completeness:
     missing: int | None = None
     gaps_s: tuple[tuple[float, float], ...] = ()
     losses: Mapping[str, int] = field(default_factory=dict)
-    segments: tuple[Mapping[str, Any], ...] = ()
+    segments: tuple[ExecutedSegment, ...] = ()
     temperature: tuple[float, float] | None = None
     heating_s: float = 0.0
     cooling_s: float = 0.0
-    unit_clock: Mapping[str, float | None] = field(default_factory=dict)
-    """Of the manifest: the unit's clock against the host's."""
-    capture: Mapping[str, float] = field(default_factory=dict)
-    """Of the manifest: how the capture kept up with its bus."""
+    unit_clock: UnitClock | None = None
+    capture: Capture | None = None
     altered: tuple[str, ...] = ()
     """Files whose hash is not the manifest's."""
 
     @property
-    def failed(self) -> tuple[Mapping[str, Any], ...]:
+    def failed(self) -> tuple[ExecutedSegment, ...]:
         """Segments that did not reach their goal."""
         return tuple(
-            s
-            for i, s in enumerate(self.segments)
-            if (not s.get("settled", True) or s.get("outcome", "done") == "timeout") and not self._went_on(i)
+            s for i, s in enumerate(self.segments) if (not s.settled or s.outcome == "timeout") and not self._went_on(i)
         )
 
     def _went_on(self, index: int) -> bool:
         """A segment that was held, or cut off with the bench, and continued by a later one."""
         segment = self.segments[index]
-        base = str(segment.get("name", "")).split(RESUMED)[0]
-        later = (str(other.get("name", "")) for other in self.segments[index + 1 :])
-        return segment.get("outcome") in {"held", "interrupted"} and any(n.startswith(base + RESUMED) for n in later)
+        base = segment.name.split(RESUMED)[0]
+        later = (other.name for other in self.segments[index + 1 :])
+        return segment.outcome in {"held", "interrupted"} and any(n.startswith(base + RESUMED) for n in later)
 
     @property
     def ended(self) -> bool:
@@ -79,20 +74,20 @@ class Completeness:
         return samples or max(*(count[key] for key in CAUSES), min(count[DAMAGED_BYTES], 1))
 
 
-def completeness(run: RunFolder, manifest: Mapping[str, Any], base: Dataset | None) -> Completeness:
+def completeness(run: RunFolder, manifest: Manifest, base: Dataset | None) -> Completeness:
     """Completeness of a run folder; `base` are its 1 s means, None without them."""
     known = Completeness(
-        state=str(manifest.get("state", "unknown")),
-        cause=str(manifest.get("cause") or ""),
-        losses={k: int(v) for k, v in dict(manifest.get("losses") or {}).items() if isinstance(v, int | float)},
-        segments=tuple(manifest.get("segments") or ()),
-        unit_clock=dict(manifest.get("unit_clock") or {}),
-        capture=dict(manifest.get("capture") or {}),
+        state=manifest.state,
+        cause=manifest.cause,
+        losses=manifest.losses,
+        segments=manifest.segments,
+        unit_clock=manifest.unit_clock,
+        capture=manifest.capture,
         altered=_altered(run, manifest),
     )
     if base is None or len(base) == 0:
         return known
-    samples, missing = _samples(run, base, manifest.get("sample_rate_hz"))
+    samples, missing = _samples(run, base, manifest.sample_rate_hz)
     temperature = base.channel("temperature")
     return replace(
         known,
@@ -137,8 +132,8 @@ def _gaps(base: Dataset) -> tuple[tuple[float, float], ...]:
     return tuple((a + edge, b - edge) for a, b in pairwise(present.tolist()) if b - a > _GAP * base.interval_s)
 
 
-def _altered(run: RunFolder, manifest: Mapping[str, Any]) -> tuple[str, ...]:
+def _altered(run: RunFolder, manifest: Manifest) -> tuple[str, ...]:
     """The table that the report rests on, if it is not what was recorded (the 500 Hz record is too big to check)."""
-    recorded = dict(manifest.get("files") or {})
-    names = [run.means.name] if run.means.is_file() else []
-    return tuple(name for name in names if name in recorded and recorded[name] != sha256(run.path / name))
+    recorded = manifest.files.get(run.means.name)
+    altered = recorded is not None and run.means.is_file() and recorded != sha256(run.means)
+    return (run.means.name,) if altered else ()

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from bench.analysis.diagnosis.answer import Diagnosis
+from bench.record import DiagnosisRecord
 
-SAVED, BEFORE = "diagnosis.json", "diagnosis-before.json"
+SAVED, BEFORE = DiagnosisRecord.FILE, DiagnosisRecord.BEFORE
 
 
 def set_aside(folder: Path, answer: Diagnosis | None) -> str:
     """Keep the diagnosis of before under another name if it knew a run that `answer` does not; then say so, else ''."""
-    known = _runs(_read(folder / SAVED))
-    lost = known - (set() if answer is None else _runs(answer.to_json()))
+    saved = DiagnosisRecord.find(folder)
+    known = set() if saved is None else saved.everything()
+    lost = known - (set() if answer is None else {*answer.runs, *answer.check, answer.static})
     if not lost:
         return ""
     (folder / SAVED).replace(folder / BEFORE)
@@ -25,17 +24,3 @@ def set_aside(folder: Path, answer: Diagnosis | None) -> str:
         f"the earlier diagnosis was also made with {' and '.join(sorted(lost))}, the new one was not; the former is "
         f"kept as {BEFORE}; give the run again with --static or --check"
     )
-
-
-def _runs(content: Mapping[str, Any]) -> set[str]:
-    """Names of all runs behind a diagnosis, as its JSON has them."""
-    return {*content.get("runs", ()), *content.get("check", ()), *filter(None, [content.get("static")])}
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """The JSON object; empty where there is none that can be read."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}

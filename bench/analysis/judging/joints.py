@@ -8,14 +8,13 @@ temperature and direction. Agreement that is not shown is not assumed (docs/deci
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from bench.base import BoolArray, FloatArray, number
-from bench.record import Dataset
+from bench.record import Dataset, Gap, Manifest
 
 _SIGMAS = 3.0
 _LEAST_ROWS = 10
@@ -41,7 +40,7 @@ class BiasStep:
 class Joint:
     """One gap: what is known of it, and whether both sides may stand behind one calibration."""
 
-    gap: Mapping[str, Any]
+    gap: Gap
     step: BiasStep | None
     admissible: bool
     sentence: str
@@ -49,23 +48,23 @@ class Joint:
     def to_json(self) -> dict[str, Any]:
         """Numbers of the step, and the judgement."""
         step = None if self.step is None else vars(self.step)
-        return {**self.gap, "step": step, "admissible": self.admissible, "sentence": self.sentence}
+        return {**self.gap.content(), "step": step, "admissible": self.admissible, "sentence": self.sentence}
 
 
-def joints(manifest: Mapping[str, Any], data: Dataset | None, floor_dph: float) -> tuple[Joint, ...]:
+def joints(manifest: Manifest, data: Dataset | None, floor_dph: float) -> tuple[Joint, ...]:
     """The gaps of a run in parts, judged; none for a run of one piece."""
-    parts = [part for part in manifest.get("parts") or () if part.get("from_s") is not None]
-    bounds = [float(part["from_s"]) for part in parts] + [np.inf]
+    parts = [part for part in manifest.parts if part.from_s is not None]
+    bounds = [part.from_s for part in parts if part.from_s is not None] + [np.inf]
     judged = []
     for i, part in enumerate(parts):
-        if gap := part.get("gap"):
+        if gap := part.gap:
             step = None if data is None else _step(data, bounds[max(i - 1, 0)], bounds[i], bounds[i + 1], floor_dph)
             judged.append(_judge(gap, step, floor_dph))
     return tuple(judged)
 
 
-def _judge(gap: Mapping[str, Any], step: BiasStep | None, floor_dph: float) -> Joint:
-    power, text = gap.get("unit_power", "unknown"), str(gap["text"])
+def _judge(gap: Gap, step: BiasStep | None, floor_dph: float) -> Joint:
+    power, text = gap.unit_power, gap.text
     if power == "kept":
         why = "the unit kept its power; the temperature during the gap, which it may depend on, is not recorded"
         return Joint(gap, step, True, f"{text}; {why}")

@@ -10,12 +10,12 @@ import numpy as np
 
 from bench.analysis.diagnosis.compare import Score, compare, ladder
 from bench.analysis.effects.model import Model
-from bench.analysis.judging.analysis import LIMITS_JSON, NEXT_PROFILE, Analysis
+from bench.analysis.judging.analysis import NEXT_PROFILE, Analysis
 from bench.analysis.judging.calibration import calibration
 from bench.analysis.judging.cautions import cautions
 from bench.analysis.judging.completeness import completeness
 from bench.analysis.judging.diagnosed import diagnosed
-from bench.analysis.judging.earlier import SAVED, set_aside
+from bench.analysis.judging.earlier import set_aside
 from bench.analysis.judging.joints import joints
 from bench.analysis.judging.limits import Limits, judge_limits
 from bench.analysis.judging.quantities import quantities
@@ -23,7 +23,20 @@ from bench.analysis.judging.validity import refusals
 from bench.analysis.judging.verdict import RunVerdict, judge, with_diagnosis
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.base import InputError
-from bench.record import DEFAULT_INTERVAL_S, Dataset, Manifest, RunFolder, load, write_atomically, write_json
+from bench.record import (
+    DEFAULT_INTERVAL_S,
+    CalibrationRecord,
+    ComparisonRecord,
+    Dataset,
+    DiagnosisRecord,
+    LimitsRecord,
+    Manifest,
+    RunFolder,
+    averaged,
+    load,
+    seconds_of,
+    write_atomically,
+)
 
 BASELINES = 3
 """Models at the start of the ladder that every comparison shows: what is common practice."""
@@ -52,12 +65,11 @@ def analyse(
     manifest = run.manifest()
     checks = [load(_of_unit(folder, manifest, "check"), interval_s) for folder in check]
     isothermal = None if static is None else _of_unit(static, manifest, "isothermal")
-    still, fine = (None, None) if isothermal is None else (load(isothermal, s) for s in (interval_s, 1.0))
-    base, reason = _base(run, interval_s)
-    data = None if base is None else load(run.path, interval_s)
-    turned = base is not None and "applied_rate" in base.channels
-    done = completeness(run, manifest, load(run.path, 1.0, whole=True) if turned else base)
-    floor = Floor(reason=reason) if base is None else noise_floor([base], interval_s, fine)
+    calm = None if isothermal is None else seconds_of(isothermal)
+    still, fine = (None if calm is None else averaged(calm, s) for s in (interval_s, 1.0))
+    seconds, data, reason = _means(run, interval_s)
+    done = completeness(run, manifest, None if seconds is None else averaged(seconds, 1.0, whole=True))
+    floor = Floor(reason=reason) if seconds is None else noise_floor([averaged(seconds, 1.0)], interval_s, fine)
     if data is None:
         verdict = judge(done, None, np.nan, reason)
         gaps = joints(manifest, None, np.nan)
@@ -74,30 +86,33 @@ def judged_by(analysis: Analysis, limits: Limits) -> Analysis:
     """The analysis with the limits' verdict, written as limits.json beside the data."""
     judged = replace(analysis, judgement=judge_limits(limits, quantities(analysis), refusals(analysis)))
     if judged.judgement is not None:
-        write_json(analysis.run.path / LIMITS_JSON, judged.judgement.to_json())
+        LimitsRecord.model_validate(judged.judgement.to_json()).write(analysis.run.path)
     return judged
 
 
 def _of_unit(folder: Path | str, manifest: Manifest, what: str) -> Path:
     """A further run; InputError where it is of another unit: that would prove nothing."""
     run = RunFolder(Path(folder))
-    mine, theirs = manifest.get("unit"), run.manifest().get("unit")
+    mine, theirs = manifest.unit, run.manifest().unit
     if mine and theirs and mine != theirs:
         raise InputError(f"{what} run is of unit {theirs}, the run to be judged is of {mine}", run.path)
     return run.path
 
 
-def _base(run: RunFolder, interval_s: float) -> tuple[Dataset | None, str]:
-    """The 1 s means, or why there are none to judge."""
+def _means(run: RunFolder, interval_s: float) -> tuple[Dataset | None, Dataset | None, str]:
+    """The 1 s means and those over `interval_s`, or why there are none to judge; the table is read once a report."""
     try:
-        base = load(run.path, 1.0)
+        seconds = seconds_of(run.path)
     except InputError as error:
-        return None, str(error).replace(f"{run.path}/", "")
-    empty = [name for name in ("rate", "temperature") if not np.any(np.isfinite(base.channels[name]))]
+        return None, None, str(error).replace(f"{run.path}/", "")
+    steady = averaged(seconds, 1.0)
+    empty = [name for name in ("rate", "temperature") if not np.any(np.isfinite(steady.channels[name]))]
     if empty:
-        return None, f"no value of {' and '.join(empty)} in the whole record"
-    short = not len(load(run.path, interval_s))
-    return (None, f"no segment lasts half of the {interval_s:g} s of a mean") if short else (base, "")
+        return None, None, f"no value of {' and '.join(empty)} in the whole record"
+    data = averaged(seconds, interval_s)
+    if not len(data):
+        return None, None, f"no segment lasts half of the {interval_s:g} s of a mean"
+    return seconds, data, ""
 
 
 def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Sequence[Dataset]) -> Analysis:
@@ -152,12 +167,12 @@ def _write(result: Analysis) -> None:
     folder = result.run.path
     answer = result.to_json()
     compared = result.comparison.to_json() if result.comparison else {"runs": [folder.name], "models": []}
-    write_json(folder / "compare.json", {**compared, "verdict": answer["verdict"]})
+    ComparisonRecord.model_validate({**compared, "verdict": answer["verdict"]}).write(folder)
     content = calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
     content["quantities"] = [quantity.to_json() for quantity in quantities(result)]
     content["refusals"] = list(refusals(result))
-    write_json(folder / "calibration.json", content)
+    CalibrationRecord.model_validate(content).write(folder)
     if result.diagnosed.answer is not None:
-        write_json(folder / SAVED, result.diagnosed.answer.to_json())
+        DiagnosisRecord.model_validate(result.diagnosed.answer.to_json()).write(folder)
     if result.diagnosed.profile_yaml:
         write_atomically(folder / NEXT_PROFILE, result.diagnosed.profile_yaml.encode())

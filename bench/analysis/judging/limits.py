@@ -24,6 +24,7 @@ import numpy as np
 from pydantic import BaseModel, Field, field_validator, model_validator
 
 from bench.base import STRICT, Document, PlacedError, finite, load_config
+from bench.record import StoredQuantity
 
 COVERAGE = 2.0
 """Coverage factor k of every expanded uncertainty."""
@@ -138,10 +139,10 @@ class Quantity:
         return cls(name, value, value, value)
 
     @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> Quantity:
-        """The quantity that `to_json` wrote."""
-        value, low, high = (np.nan if content.get(key) is None else content[key] for key in ("value", "low", "high"))
-        return cls(str(content["name"]), float(value), float(low), float(high), str(content.get("reason") or ""))
+    def of(cls, stored: StoredQuantity) -> Quantity:
+        """The quantity that a record keeps."""
+        value, low, high = (np.nan if end is None else end for end in (stored.value, stored.low, stored.high))
+        return cls(stored.name, value, low, high, stored.reason)
 
     @property
     def unit(self) -> str:

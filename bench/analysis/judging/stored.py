@@ -7,7 +7,7 @@ tell how the effects were scaled, and prove by the residual that they belong tog
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,8 @@ from bench.analysis.fit import Fit, fit_model
 from bench.analysis.fit.design import FitRows, fit_rows
 from bench.analysis.fit.rate_surface import binned_record
 from bench.analysis.thresholds import LEAST_COVERED_DEGC, MOST_DELIVERED_CONDITION, WIDEST_HOLE
-from bench.base import CHANNELS, InputError
-from bench.record import Dataset, load, read_json
+from bench.base import CHANNELS, FloatArray, InputError
+from bench.record import CalibrationRecord, Dataset, Manifest, Scaled, StoredFit, load
 
 _SAME = 1e-6
 _PROVEN = {"adequate", "missing_effect", "unknown_effect", "model_error"}
@@ -47,20 +47,19 @@ def source_of(folder: Path, model: str | None = None) -> Source:
 
     Raises InputError: no run, no calibration.json, no model in it, or not of this data.
     """
-    manifest, stored = _json(folder / "manifest.json"), _json(folder / "calibration.json")
-    content = stored.get("calibration")
+    manifest, stored = Manifest.read(folder), CalibrationRecord.read(folder)
+    path, content = folder / CalibrationRecord.FILE, stored.calibration
     if model is not None:
-        dataset = load(folder, float(stored.get("averaging_s") or 30.0))
+        dataset = load(folder, stored.averaging_s)
         named = load_model(model)
         dataset, wanted = _rows(dataset, named)
         fit = fit_model(wanted, dataset, covariance="sandwich" if named.rows == "bins" else "noise")
-    elif not isinstance(content, Mapping):
-        raise InputError("holds no calibration: no model could be fitted to this run", folder / "calibration.json")
+    elif content is None:
+        raise InputError("holds no calibration: no model could be fitted to this run", path)
     else:
-        dataset = load(folder, float(stored["averaging_s"]))
-        fit, dataset = _stored(content, dataset, folder / "calibration.json")
+        fit, dataset = _stored(content, load(folder, stored.averaging_s), path)
     objections = (*_of_run(manifest, stored), *objections_to(fit, dataset))
-    return Source(fit, dataset, str(manifest.get("unit") or ""), objections)
+    return Source(fit, dataset, manifest.unit, objections)
 
 
 def _rows(dataset: Dataset, model: Model) -> tuple[Dataset, Model]:
@@ -70,32 +69,32 @@ def _rows(dataset: Dataset, model: Model) -> tuple[Dataset, Model]:
     return binned_record(dataset), replace(model, rows="all")
 
 
-def _stored(content: Mapping[str, Any], dataset: Dataset, path: Path) -> tuple[Fit, Dataset]:
+def _stored(content: StoredFit, dataset: Dataset, path: Path) -> tuple[Fit, Dataset]:
     """The fit whose numbers stand in calibration.json."""
+    rms_dph, condition = content.rms_dph, content.condition
+    if content.scaled is None or rms_dph is None or condition is None:
+        raise InputError("lacks the numbers of its fit; make it again with `bench report`", path)
     try:
-        described = content["model"]
-        effects = [{e["effect"]: e["options"]} for e in described["effects"]]
-        model = model_from({"name": described["name"], "rows": described["rows"], "effects": effects})
-        dataset, model = _rows(dataset, model)
+        dataset, model = _rows(dataset, model_from(content.model.description()))
         rows = fit_rows(model, (dataset,))
-        values = np.array(content["scaled"]["values"], dtype=np.float64)
+        values = np.array(content.scaled.values, dtype=np.float64)
         size = values.size - len(rows.parameters)
         bound, columns = rows.bind(values[size:])
         residual = rows.y - columns @ values[:size]
-        condition, rms_dph = float(content["condition"]), float(content["rms_dph"])
-    except (KeyError, TypeError, ValueError) as error:
+    except (TypeError, ValueError) as error:
         raise InputError(f"is not a calibration of this bench ({error!r})", path) from error
     _check_same(rows, residual, rms_dph, path)
+    covariance = _covariance(content.scaled, values.size)
     fit = Fit(
-        model=rows.model, bound=bound, beta=values[:size], covariance=_covariance(content, values.size), noise=None,
+        model=rows.model, bound=bound, beta=values[:size], covariance=covariance, noise=None,
         rms_dph=rms_dph, condition=condition, rows=rows.y.size, interval_s=dataset.interval_s,
         runs=(dataset.name,), validity=rows.validity(), residuals=rows.scatter(residual),
     )  # fmt: skip
     return fit, dataset
 
 
-def _covariance(content: Mapping[str, Any], size: int) -> Any:
-    rows = content["scaled"].get("covariance") or [[None] * size] * size
+def _covariance(scaled: Scaled, size: int) -> FloatArray:
+    rows = scaled.covariance or [[None] * size] * size
     return np.array([[np.nan if value is None else value for value in row] for row in rows], dtype=np.float64)
 
 
@@ -109,13 +108,13 @@ def _check_same(rows: FitRows, residual: Any, rms_dph: float, path: Path) -> Non
         )
 
 
-def _of_run(manifest: Mapping[str, Any], stored: Mapping[str, Any]) -> Iterator[str]:
-    if manifest.get("state", "done") != "done":
-        yield f"the run is '{manifest['state']}' ({manifest.get('cause') or 'no cause given'}), not complete"
-    verdict = stored.get("verdict") or {}
-    if verdict.get("verdict") not in _PROVEN:
-        yield f"the run's verdict is '{verdict.get('verdict')}', no unseen data proves the model"
-    if verdict.get("admissible") is False:
+def _of_run(manifest: Manifest, stored: CalibrationRecord) -> Iterator[str]:
+    if manifest.state != "done":
+        yield f"the run is '{manifest.state}' ({manifest.cause or 'no cause given'}), not complete"
+    verdict = stored.verdict
+    if verdict.verdict not in _PROVEN:
+        yield f"the run's verdict is '{verdict.verdict}', no unseen data proves the model"
+    if verdict.admissible is False:
         yield "the parts of the run do not fit together at their joints"
 
 
@@ -143,8 +142,3 @@ def objections_to(fit: Fit, dataset: Dataset) -> Iterator[str]:
                 f"no data between {values[at]:.6g} and {values[at + 1]:.6g} {unit} of {channel}: more than "
                 f"{100 * WIDEST_HOLE:.0f} % of its range is not covered"
             )
-
-
-def _json(path: Path) -> dict[str, Any]:
-    hint = "make it with `bench report`" if path.parent.is_dir() else "no such run folder"
-    return read_json(path, f"missing; {hint}")

@@ -6,7 +6,6 @@ sent: this is the error that its user will see.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from bench.analysis.judging.limits import Limits, Quantity, Verdict, judge_limit
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.analysis.thresholds import VERIFIED_RATIO
 from bench.base import Document, InputError, finite, read_text
-from bench.record import VERIFICATION_JSON, Dataset, RunFolder, load, write_json
+from bench.record import CalibrationRecord, Dataset, Manifest, RunFolder, VerificationRecord, load
 
 _MEASURED = {
     "residual_rms_dph",
@@ -83,11 +82,10 @@ class Verification:
         """What stands in verification.json."""
         manifest = self.run.manifest()
         return {
-            "format": 1,
-            "unit": manifest.get("unit"),
-            "run": manifest.get("run"),
-            "profile": manifest.get("profile"),
-            "created": manifest.get("created"),
+            "unit": manifest.unit,
+            "run": manifest.run,
+            "profile": manifest.profile,
+            "created": manifest.created,
             "verdict": self.verdict.value,
             "before": None if self.before is None else self.before.to_json(),
             "after": self.after.to_json(),
@@ -95,7 +93,7 @@ class Verification:
             "factor": finite(self.factor),
             "floor_dph": finite(self.floor.floor_dph),
             "over_floor": finite(self.over_floor),
-            "unit_identity": manifest.get("unit_identity"),
+            "unit_identity": manifest.unit_identity.content() if manifest.unit_identity else None,
             **self.judged,
         }
 
@@ -116,16 +114,14 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
     file: what is in the unit. InputError for a run that is not a verification.
     """
     manifest = run.manifest()
-    if manifest.get("purpose") != "verification":
+    if manifest.purpose != "verification":
         raise InputError("is not a verification: its unit sent the raw rate; make one with `bench verify`", run.path)
     interval_s, before = _before(calibration)
     data = load(run.path, interval_s)
     after = Figures.of(data)
     error = error_of("verification", (data,), (data.bias,))
     floor = noise_floor([load(run.path, 1.0)], interval_s)
-    refusals = (
-        () if manifest.get("state") == "done" else (f"the run is '{manifest.get('state')}': {manifest.get('cause')}",)
-    )
+    refusals = () if manifest.state == "done" else (f"the run is '{manifest.state}': {manifest.cause}",)
     quantities = tuple(_quantities(manifest, error, after, floor))
     if limits is None:
         verdict, judged = _by_floor(error, floor, refusals)
@@ -140,17 +136,16 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
     content = {**judged, "in_unit": dict(serials), "calibration_run": None if calibration is None else str(calibration)}
     content["quantities"] = [quantity.to_json() for quantity in quantities]
     verification = Verification(run, after, error, floor, before, verdict, content)
-    write_json(run.path / VERIFICATION_JSON, verification.to_json())
+    VerificationRecord.model_validate(verification.to_json()).write(run.path)
     return verification
 
 
 def _before(calibration: Path | None) -> tuple[float, Figures | None]:
     """Averaging time [s] of the calibration, and the raw figures of its run."""
-    if calibration is None or not (calibration / "calibration.json").is_file():
+    stored = None if calibration is None else CalibrationRecord.find(calibration)
+    if calibration is None or stored is None:
         return 30.0, None
-    stored = json.loads((calibration / "calibration.json").read_text(encoding="utf-8"))
-    interval_s = float(stored.get("averaging_s") or 30.0)
-    return interval_s, Figures.of(load(calibration, interval_s))
+    return stored.averaging_s, Figures.of(load(calibration, stored.averaging_s))
 
 
 def _by_floor(error: HeldOut, floor: Floor, refusals: tuple[str, ...]) -> tuple[Verdict, dict[str, Any]]:
@@ -168,11 +163,11 @@ def _by_floor(error: HeldOut, floor: Floor, refusals: tuple[str, ...]) -> tuple[
     return (Verdict.MARGINAL if low <= most else Verdict.FAIL), judged
 
 
-def _quantities(manifest: Mapping[str, Any], error: HeldOut, after: Figures, floor: Floor) -> list[Quantity]:
+def _quantities(manifest: Manifest, error: HeldOut, after: Figures, floor: Floor) -> list[Quantity]:
     low, high = error.interval_dph
     noise = floor.noise
     white_dph = float(np.sqrt(noise.white_variance(after.interval_s))) if noise else floor.floor_dph
-    lost = (manifest.get("losses") or {}).get("lost")
+    lost = manifest.losses.get("lost")
     level = floor.floor_dph
     return [
         Quantity("residual_rms_dph", error.rms_dph, low, high),

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from bench.archive.difference import results, setting
-from bench.record import RunFolder, open_run
+from bench.record import CalibrationRecord, Manifest, RunFolder, open_run
 
 
 def difference_of(a: Path, b: Path) -> dict[str, Any]:
     """All differences; InputError where a path is not a run folder."""
     runs = open_run(a), open_run(b)
     manifests = [run.manifest() for run in runs]
-    known = [_calibration(run) for run in runs]
-    floors = [(side.get("noise") or {}).get("floor_dph") for side in known]
+    known = [CalibrationRecord.find(run.path) or CalibrationRecord() for run in runs]
+    floors = [side.noise.floor_dph for side in known]
     floor_dph = max((floor for floor in floors if floor is not None), default=float("nan"))
     pairs = zip(known, manifests, strict=True)
-    versions = [side.get("software") or manifest.get("versions") or {} for side, manifest in pairs]
+    versions = [side.software or manifest.versions for side, manifest in pairs]
     return {
         "a": _named(runs[0], manifests[0]),
         "b": _named(runs[1], manifests[1]),
@@ -35,13 +33,5 @@ def difference_of(a: Path, b: Path) -> dict[str, Any]:
     }
 
 
-def _named(run: RunFolder, manifest: Mapping[str, Any]) -> dict[str, Any]:
-    return {"run": str(run.path), **{key: manifest.get(key) for key in ("unit", "profile", "created")}}
-
-
-def _calibration(run: RunFolder) -> dict[str, Any]:
-    path = run.path / "calibration.json"
-    if not path.is_file():
-        return {}
-    content = json.loads(path.read_text(encoding="utf-8"))
-    return content if isinstance(content, dict) else {}
+def _named(run: RunFolder, manifest: Manifest) -> dict[str, Any]:
+    return {"run": str(run.path), "unit": manifest.unit, "profile": manifest.profile, "created": manifest.created}

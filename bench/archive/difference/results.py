@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import hypot, isfinite
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from bench.analysis import Source, source_of
 from bench.base import BoolArray, FloatArray, InputError, finite
+from bench.record import CalibrationRecord, Coefficient, StoredModel, StoredQuantity
 
 BEYOND_CHANCE = 3.0
 """Coefficients count as different beyond this number of standard deviations of their difference."""
@@ -25,47 +25,47 @@ BINS = 25
 Entry = dict[str, Any]
 
 
-def quantities(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[Entry]:
+def quantities(a: CalibrationRecord, b: CalibrationRecord) -> list[Entry]:
     """Quantities of calibration.json whose 95 % intervals do not overlap, the largest difference first."""
-    one, other = ({entry["name"]: entry for entry in side.get("quantities") or ()} for side in (a, b))
-    found = []
+    one, other = ({entry.name: entry for entry in side.quantities or ()} for side in (a, b))
+    found: list[Entry] = []
     for name in dict.fromkeys([*one, *other]).keys() - _NO_RESULT:
         x, y = one.get(name), other.get(name)
         apart = _apart(x, y)
         if apart > 0.0:
-            known = x or y or {}
-            entry = {"quantity": name, "unit": known["unit"], "meaning": known.get("meaning", "")}
+            known = x or y or StoredQuantity(name=name)
+            entry: Entry = {"quantity": name, "unit": known.unit, "meaning": known.meaning}
             found.append({**entry, "a": _told(x), "b": _told(y), "apart": finite(apart)})
-    far = {entry["quantity"]: np.inf if entry["apart"] is None else float(entry["apart"]) for entry in found}
+    far = {str(entry["quantity"]): np.inf if entry["apart"] is None else entry["apart"] for entry in found}
     return sorted(found, key=lambda entry: (-far[entry["quantity"]], entry["quantity"]))
 
 
-def _apart(x: Mapping[str, Any] | None, y: Mapping[str, Any] | None) -> float:
+def _apart(x: StoredQuantity | None, y: StoredQuantity | None) -> float:
     """Gap between the intervals over their mean half-width; infinite where only one run has the number."""
-    if x is None or y is None or x["value"] is None or y["value"] is None:
-        known = [side for side in (x, y) if side is not None and side["value"] is not None]
+    if x is None or y is None or x.value is None or y.value is None:
+        known = [side for side in (x, y) if side is not None and side.value is not None]
         return np.inf if known else 0.0
-    one, other = float(x["value"]), float(y["value"])
+    one, other = x.value, y.value
     difference = abs(one - other)
-    width = sum(side["high"] - side["low"] for side in (x, y) if None not in (side["low"], side["high"]))
+    width = sum(side.high - side.low for side in (x, y) if side.high is not None and side.low is not None)
     if not width:
-        return difference if difference > _ROUGH.get(x["name"], EXACT_SHARE) * max(abs(one), abs(other)) else 0.0
+        return difference if difference > _ROUGH.get(x.name, EXACT_SHARE) * max(abs(one), abs(other)) else 0.0
     return difference / (0.5 * width) if difference > 0.5 * width else 0.0
 
 
-def _told(side: Mapping[str, Any] | None) -> Entry | None:
-    return None if side is None else {key: side[key] for key in ("value", "low", "high", "reason")}
+def _told(side: StoredQuantity | None) -> Entry | None:
+    return None if side is None else side.model_dump(include={"value", "low", "high", "reason"})
 
 
-def coefficients(a: Mapping[str, Any], b: Mapping[str, Any]) -> Entry:
+def coefficients(a: CalibrationRecord, b: CalibrationRecord) -> Entry:
     """Coefficients and parameters that differ beyond chance, by z-score, or the reason why they cannot be compared."""
-    one, other = a.get("calibration"), b.get("calibration")
+    one, other = a.calibration, b.calibration
     if not one or not other:
         which = " and ".join(name for name, side in (("A", one), ("B", other)) if not side)
         return {"comparable": False, "reason": f"{which} has no calibration", "differ": [], "agree": 0}
-    if (text := _unlike(one["model"], other["model"])) is not None:
+    if (text := _unlike(one.model, other.model)) is not None:
         return {"comparable": False, "reason": text, "differ": [], "agree": 0}
-    sides = [{c["key"]: c for c in (*side["coefficients"], *side["parameters"])} for side in (one, other)]
+    sides = [{c.key: c for c in (*side.coefficients, *side.parameters)} for side in (one, other)]
     found = [_coefficient(key, sides[0][key], sides[1][key]) for key in sides[0] if key in sides[1]]
     differ = [entry for entry in found if entry["z"] is None or abs(entry["z"]) > BEYOND_CHANCE]
     differ = [entry for entry in differ if entry["a"] != entry["b"]]
@@ -73,24 +73,24 @@ def coefficients(a: Mapping[str, Any], b: Mapping[str, Any]) -> Entry:
     return {"comparable": True, "reason": "", "differ": differ, "agree": len(found) - len(differ)}
 
 
-def _unlike(a: Mapping[str, Any], b: Mapping[str, Any]) -> str | None:
+def _unlike(a: StoredModel, b: StoredModel) -> str | None:
     """The reason why the coefficients of two models are not comparable; None where they are."""
-    effects = [[(entry["effect"], entry["options"]) for entry in model["effects"]] for model in (a, b)]
-    if effects[0] != effects[1] or a["rows"] != b["rows"]:
-        return f"the models differ: {a['name']} and {b['name']}"
-    for x, y in zip(a["effects"], b["effects"], strict=True):
-        knots = [np.array(side["state"].get("knots", ()), dtype=float) for side in (x, y)]
+    effects = [[(entry.effect, entry.options) for entry in model.effects] for model in (a, b)]
+    if effects[0] != effects[1] or a.rows != b.rows:
+        return f"the models differ: {a.name} and {b.name}"
+    for x, y in zip(a.effects, b.effects, strict=True):
+        knots = [np.array(side.state.get("knots", ()), dtype=float) for side in (x, y)]
         if knots[0].shape != knots[1].shape or not np.allclose(knots[0], knots[1], rtol=0.0, atol=1e-9):
-            return f"the pieces of '{x['effect']}' have different knots; compare the curves"
+            return f"the pieces of '{x.effect}' have different knots; compare the curves"
     return None
 
 
-def _coefficient(key: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> Entry:
+def _coefficient(key: str, a: Coefficient, b: Coefficient) -> Entry:
     z = None
-    if a["std"] is not None and b["std"] is not None and (std := hypot(a["std"], b["std"])) > 0.0:
-        z = finite((b["value"] - a["value"]) / std)
-    entry = {"key": key, "unit": a.get("unit"), "a": a["value"], "b": b["value"]}
-    return {**entry, "a_std": a["std"], "b_std": b["std"], "z": z}
+    if a.value is not None and b.value is not None and a.std is not None and b.std is not None:
+        std = hypot(a.std, b.std)
+        z = finite((b.value - a.value) / std) if std > 0.0 else None
+    return {"key": key, "unit": a.unit, "a": a.value, "b": b.value, "a_std": a.std, "b_std": b.std, "z": z}
 
 
 def curves(a: Path, b: Path, floor_dph: float) -> Entry:

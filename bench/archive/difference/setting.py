@@ -7,7 +7,7 @@ from difflib import SequenceMatcher
 from typing import Any
 
 from bench.base import read_yaml
-from bench.record import Manifest, RunFolder
+from bench.record import ExecutedSegment, Manifest, RunFolder
 
 LEAST_S = 2.0
 """Durations that differ by less [s], or by less than `LEAST_SHARE`, count as equal."""
@@ -27,7 +27,8 @@ def files(a: RunFolder, b: RunFolder, name: str) -> list[Entry]:
 
 def facts(a: Manifest, b: Manifest) -> list[Entry]:
     """Differences of the manifests in unit, purpose and outcome."""
-    return list(trees({key: a.get(key) for key in _FACTS}, {key: b.get(key) for key in _FACTS}))
+    one, other = ({key: getattr(side, key) for key in _FACTS} for side in (a, b))
+    return list(trees(one, other))
 
 
 def trees(a: Any, b: Any, where: str = "") -> Iterator[Entry]:
@@ -47,8 +48,8 @@ def trees(a: Any, b: Any, where: str = "") -> Iterator[Entry]:
 def segments(a: Manifest, b: Manifest) -> list[Entry]:
     """Executed segments of only one run, or with another outcome or duration; the most important first."""
     found = []
-    one, other = list(a.get("segments") or ()), list(b.get("segments") or ())
-    names = [[str(segment["name"]) for segment in side] for side in (one, other)]
+    one, other = a.segments, b.segments
+    names = [[segment.name for segment in side] for side in (one, other)]
     matched = SequenceMatcher(None, names[0], names[1], autojunk=False)
     for tag, a_from, a_to, b_from, b_to in matched.get_opcodes():
         if tag == "equal":
@@ -59,10 +60,12 @@ def segments(a: Manifest, b: Manifest) -> list[Entry]:
     return sorted(filter(None, found), key=lambda entry: -float(entry["weight"]))
 
 
-def _segment(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> Entry:
+def _segment(a: ExecutedSegment | None, b: ExecutedSegment | None) -> Entry:
     """The difference of one segment; empty where both are equal."""
-    sides = [None if s is None else {"outcome": s["outcome"], "duration_s": s["to_s"] - s["from_s"]} for s in (a, b)]
-    entry = {"segment": (a or b or {})["name"], "a": sides[0], "b": sides[1]}
+    sides: list[Entry | None] = [
+        None if s is None else {"outcome": s.outcome, "duration_s": s.to_s - s.from_s} for s in (a, b)
+    ]
+    entry = {"segment": next(s.name for s in (a, b) if s is not None), "a": sides[0], "b": sides[1]}
     if sides[0] is None or sides[1] is None:
         return {**entry, "weight": 1e12}
     off_s = abs(sides[0]["duration_s"] - sides[1]["duration_s"])
@@ -74,7 +77,7 @@ def _segment(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> Entry:
 
 def losses(a: Manifest, b: Manifest) -> list[Entry]:
     """Loss counters that differ, the largest difference first."""
-    sides: Sequence[Mapping[str, int]] = [dict(manifest.get("losses") or {}) for manifest in (a, b)]
+    sides: Sequence[Mapping[str, int]] = [manifest.losses for manifest in (a, b)]
     names = [name for name in dict.fromkeys([*sides[0], *sides[1]]) if name not in _TRAFFIC]
     found = [{"counter": name, "a": sides[0].get(name), "b": sides[1].get(name)} for name in names]
     unlike = [entry for entry in found if entry["a"] != entry["b"]]

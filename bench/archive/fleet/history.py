@@ -6,6 +6,7 @@ A calibration is `in_unit` when the newest record of a write names its run, `new
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -18,13 +19,12 @@ from bench.archive.registry.asking import runs as runs_of
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.writing import TABLES
 from bench.base import InputError
-from bench.record import VERIFICATION_JSON, read_json, slug
+from bench.record import CertificateRecord, FlashRecord, VerificationRecord, slug
 
 DAY_S = 86400.0
 _REFUSED = {"FAIL", "INVALID"}
 _UNPROVEN = {"unproven", "partial", "no_data"}
 _PDF = "certificate.pdf"
-_FACTS = "certificate.json"
 
 Found = dict[str, Any]
 
@@ -68,9 +68,12 @@ def _run(run: Mapping[str, Any], archive: Archive) -> Found:
             "judged", "model")  # fmt: skip
     folder = archive.folder(run)
     told = {key: run[key] for key in keys}
-    verified = _json(folder / VERIFICATION_JSON) if folder else {}
+    try:
+        verified = VerificationRecord.find(folder) if folder else None
+    except InputError:
+        verified = VerificationRecord(verdict="damaged")
     if verified:
-        told["judged"] = verified.get("verdict")
+        told["judged"] = verified.verdict
     kind = "verification" if verified else "calibration" if run["model"] else "run"
     if run["cause"] == "imported":
         kind = "import"
@@ -133,21 +136,32 @@ def printed_certificate(root: Path, serial: str, number: str) -> Path | None:
 
 def _printed(root: Path, unit: str) -> Iterator[tuple[str, Path]]:
     for pdf in sorted((root / unit).glob(f"*/{_PDF}")):
-        if number := _json(pdf.with_name(_FACTS)).get("number"):
-            yield str(number), pdf
+        with contextlib.suppress(InputError):  # a certificate whose number cannot be read is not the one asked for
+            if facts := CertificateRecord.find(pdf.parent):
+                yield facts.number, pdf
 
 
 def writes(root: Path, serial: str) -> list[Found]:
     """Writes of this bench into the unit's memory, newest first, with failed attempts."""
     keys = ("utc", "operator", "protocol", "model", "form", "calibration_id", "bank", "coefficient_set", "crc",
             "state", "error")  # fmt: skip
-    records = [_json(path) for path in sorted((root / slug(serial) / "flash").glob("*.json"), reverse=True)]
+    records = [_written(path) for path in sorted((root / slug(serial) / "flash").glob("*.json"), reverse=True)]
     return [
-        {**{key: record.get(key) for key in keys}, "run": Path(record["run"]).name if record.get("run") else None,
-         "before": (record.get("old") or {}).get("calibration_id"), "words": (record.get("new") or {}).get("words")}
+        {**{key: getattr(record, key) for key in keys}, "run": Path(record.run).name if record.run else None,
+         "before": record.old.calibration_id if record.old else None, "words": record.new.words if record.new else None}
         for record in records
-        if record.get("utc")
     ]  # fmt: skip
+
+
+def _written(path: Path) -> FlashRecord:
+    """A record of the unit's memory; one that is damaged still says when, by its name, and what is wrong with it."""
+    try:
+        return FlashRecord.read(path.parent, path.name)
+    except InputError as error:
+        when = ""
+        with contextlib.suppress(ValueError):
+            when = datetime.strptime(path.name[:16], "%Y%m%dT%H%M%S%z").isoformat()
+        return FlashRecord(utc=when, state="damaged", error=str(error))
 
 
 def _age_days(created: object, now: datetime) -> float | None:
@@ -155,11 +169,3 @@ def _age_days(created: object, now: datetime) -> float | None:
         return (now - datetime.fromisoformat(str(created))).total_seconds() / DAY_S
     except (ValueError, TypeError):
         return None
-
-
-def _json(path: Path) -> Found:
-    """The object in a file; empty where it is missing or broken, so that one file cannot hide the history."""
-    try:
-        return read_json(path, "missing")
-    except InputError:
-        return {}

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import plotly.graph_objects as go
@@ -13,8 +11,9 @@ from sqlalchemy import select
 from bench.archive.fleet.history import Archive
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.writing import TABLES
-from bench.base import in_print
+from bench.base import InputError, in_print
 from bench.deliver import CYCLE, VERMILION, Plot, axis, level_line, plot
+from bench.record import JudgedQuantity, LimitsRecord
 
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
 """A shape beside each colour."""
@@ -39,20 +38,20 @@ def trends(registry: Registry, archive: Archive, runs: Sequence[Mapping[str, Any
         point = {"run": run["path"], "created": run["created"], "profile": run["profile"], "value": row["value"]}
         points.setdefault(row["name"], []).append(point)
         units[row["name"]] = row["unit"] or ""
-    return [_trend(name, units[name], points[name], limits.get(name, {})) for name in sorted(points, key=_place)]
+    return [_trend(name, units[name], points[name], limits.get(name)) for name in sorted(points, key=_place)]
 
 
 def _place(name: str) -> tuple[int, str]:
     return (FIRST.index(name) if name in FIRST else len(FIRST), name)
 
 
-def _trend(name: str, unit: str, points: list[Found], limit: Mapping[str, Any]) -> Found:
+def _trend(name: str, unit: str, points: list[Found], limit: JudgedQuantity | None) -> Found:
     points = sorted(points, key=lambda point: str(point["created"]))
     last = points[-1]
     # Runs of different profiles are not comparable: the change is taken between runs of one profile.
     same = [point for point in points if point["profile"] == last["profile"]]
     change = last["value"] - same[0]["value"] if len(same) > 1 else None
-    lower, upper = limit.get("lower"), limit.get("upper")
+    lower, upper = (limit.lower, limit.upper) if limit else (None, None)
     above = upper is not None and last["value"] > upper
     below = lower is not None and last["value"] < lower
     return {
@@ -97,20 +96,14 @@ def _quantities(registry: Registry, ids: Sequence[str]) -> list[Found]:
     return found
 
 
-def _limits(archive: Archive, runs: Sequence[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+def _limits(archive: Archive, runs: Sequence[Mapping[str, Any]]) -> dict[str, JudgedQuantity]:
     """Limits by quantity, from the newest run that was judged."""
     for run in sorted(runs, key=lambda run: str(run["created"]), reverse=True):
         folder = archive.folder(run)
-        content = _judged(folder / "limits.json") if folder else None
-        if content:
-            return {str(entry.get("name")): entry for entry in content if isinstance(entry, Mapping)}
+        try:
+            judged = LimitsRecord.find(folder) if folder else None
+        except InputError:  # what is not known is not drawn; the run's own page says what is wrong
+            return {}
+        if judged is not None and judged.results:
+            return {entry.name: entry for entry in judged.results}
     return {}
-
-
-def _judged(path: Path) -> list[Any]:
-    try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError):
-        return []
-    results = content.get("results") if isinstance(content, Mapping) else None
-    return results if isinstance(results, list) else []

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Iterator, Mapping
 from datetime import date
-from pathlib import Path
 from typing import Any
 
 from sqlalchemy import inspect
@@ -15,7 +13,7 @@ from sqlalchemy import inspect
 from bench.archive.registry.ledger import Ledger
 from bench.archive.registry.tables import IN_ORDER, OF_A_RUN
 from bench.base import InputError
-from bench.record import MANIFEST, RunFolder, sha256
+from bench.record import MANIFEST, CalibrationRecord, CertificateRecord, LimitsRecord, RunFolder, StoredResidual, sha256
 
 Key = tuple[str, ...]
 Row = dict[str, Any]
@@ -98,68 +96,54 @@ def of_run(folder: RunFolder, ledger: Ledger) -> Rows:
     rows = empty()
     manifest = folder.manifest()
     path = folder.path.resolve().relative_to(ledger.root.resolve()).as_posix()
-    unit, run = str(manifest.get("unit") or "unknown"), f"{ledger.id}/{path}"
-    certificate = _json(folder.path / "certificate.json")
-    operator = _text(manifest.get("operator"))
+    unit, run = manifest.unit or "unknown", f"{ledger.id}/{path}"
+    certificate = CertificateRecord.find(folder.path)
+    operator = manifest.operator
     put(rows, "archives", {"id": ledger.id, "path": ledger.place})
     put(rows, "units", {"serial": unit, "lot": None, "archive": ledger.id})
     if operator is not None:
         put(rows, "operators", {"name": operator, "archive": ledger.id})
-    losses = manifest.get("losses") or {}
     put(rows, "runs", {
         "id": run, "archive": ledger.id, "path": path, "unit": unit, "operator": operator,
-        "profile": _text(manifest.get("profile")),
-        "profile_sha256": _text((manifest.get("files") or {}).get("profile.yaml")),
-        "station": _text(manifest.get("station")), "created": _text(manifest.get("created")),
-        "state": _text(manifest.get("state")), "cause": _text(manifest.get("cause")),
-        "simulated": manifest.get("simulated"), "samples": manifest.get("rows"), "lost": losses.get("lost"),
-        "duration_s": _number(manifest.get("duration_s")),
-        "software": _text((manifest.get("versions") or {}).get("bench")),
+        "profile": manifest.profile or None, "profile_sha256": manifest.files.get("profile.yaml"),
+        "station": manifest.station, "created": manifest.created or None, "state": manifest.state,
+        "cause": manifest.cause, "simulated": manifest.simulated, "samples": manifest.rows,
+        "lost": manifest.losses.get("lost"), "duration_s": manifest.duration_s,
+        "software": manifest.versions.get("bench"),
         "manifest_sha256": sha256(folder.path / MANIFEST),
     })  # fmt: skip
-    calibration, judged = _json(folder.path / "calibration.json"), _json(folder.path / "limits.json") or {}
+    calibration, judged = CalibrationRecord.find(folder.path), LimitsRecord.find(folder.path) or LimitsRecord()
     if calibration is not None:
-        row = _calibration(run, calibration, sha256(folder.path / "calibration.json"))
-        put(rows, "calibrations", {**row, "judged": _text(judged.get("verdict")), "limits": _text(judged.get("name"))})
+        row = _calibration(run, calibration, sha256(folder.path / CalibrationRecord.FILE))
+        put(rows, "calibrations", {**row, "judged": judged.verdict, "limits": judged.name})
     if certificate is not None:
-        put(rows, "certificates", _certificate(run, certificate, sha256(folder.path / "certificate.json")))
-    for name, unit_of, value in _quantities(calibration or {}, certificate or {}, judged):
+        put(rows, "certificates", _certificate(run, certificate, sha256(folder.path / CertificateRecord.FILE)))
+    for name, unit_of, value in _quantities(calibration or CalibrationRecord(), certificate, judged):
         put(rows, "quantities", {"run": run, "name": name, "unit": unit_of, "value": value})
     return rows
 
 
-def _json(path: Path) -> dict[str, Any] | None:
-    """The JSON object of a file; None without one, InputError where it is broken."""
-    try:
-        content = json.loads(path.read_bytes())
-    except FileNotFoundError:
-        return None
-    except ValueError as error:
-        raise InputError(f"is not valid JSON ({error}); make it again with `bench report`", path) from None
-    return content if isinstance(content, dict) else None
-
-
-def _calibration(run: str, content: Mapping[str, Any], file_sha256: str) -> Row:
-    fit = content.get("calibration") or {}
+def _calibration(run: str, record: CalibrationRecord, file_sha256: str) -> Row:
+    fit = record.calibration.content() if record.calibration else {}
     delivered = {key: fit.get(key) for key in ("model", "coefficients", "parameters", "validity")}
     canonical = json.dumps(delivered, sort_keys=True, separators=(",", ":"))
     return {
         "run": run,
-        "verdict": _text((content.get("verdict") or {}).get("verdict")),
-        "model": _text((fit.get("model") or {}).get("name")),
+        "verdict": record.verdict.verdict,
+        "model": record.calibration.model.name if record.calibration else None,
         "coefficients_sha256": hashlib.sha256(canonical.encode()).hexdigest() if fit else None,
         "validity": fit.get("validity"),
         "file_sha256": file_sha256,
     }
 
 
-def _certificate(run: str, content: Mapping[str, Any], file_sha256: str) -> Row:
+def _certificate(run: str, record: CertificateRecord, file_sha256: str) -> Row:
     return {
         "run": run,
-        "number": _text(content.get("number")),
-        "verdict": _text(content.get("verdict")),
-        "issued": _text(content.get("issued")),
-        "operator": _text(content.get("operator")),
+        "number": record.number,
+        "verdict": record.verdict,
+        "issued": record.issued,
+        "operator": record.operator,
         "file_sha256": file_sha256,
     }
 
@@ -172,31 +156,18 @@ _NOISE = {
 
 
 def _quantities(
-    calibration: Mapping[str, Any], certificate: Mapping[str, Any], judged: Mapping[str, Any]
+    calibration: CalibrationRecord, certificate: CertificateRecord | None, judged: LimitsRecord
 ) -> Iterator[tuple[str, str | None, float]]:
     """Name, unit and value of the numbers that describe the unit; a later one of the same name replaces an earlier."""
-    noise, residual = calibration.get("noise") or {}, calibration.get("residual") or {}
-    held_out: Mapping[str, Any] = next(iter(residual.get("held_out") or ()), {})
-    found: list[tuple[str, str | None, Any]] = [
-        ("noise_floor_dph", "deg/h", noise.get("floor_dph")),
-        ("fit_rms_dph", "deg/h", residual.get("rms_dph")),
-        ("residual_rms_dph", "deg/h", held_out.get("rms_dph")),
+    noise, residual = calibration.noise, calibration.residual or StoredResidual()
+    found: list[tuple[str, str | None, float | None]] = [
+        ("noise_floor_dph", "deg/h", noise.floor_dph),
+        ("fit_rms_dph", "deg/h", residual.rms_dph),
+        ("residual_rms_dph", "deg/h", next((part.rms_dph for part in residual.held_out), None)),
     ]
-    for entry in noise.get("coefficients") or ():
-        if entry.get("name") in _NOISE and entry.get("determined", True):
-            found.append((*_NOISE[entry["name"]], entry.get("value")))
-    for entry in (*(certificate.get("results") or ()), *(judged.get("results") or ())):
-        if isinstance(entry, dict) and entry.get("name"):
-            found.append((str(entry["name"]), _text(entry.get("unit")), entry.get("value")))
+    found += [(*_NOISE[c.name], c.value) for c in noise.coefficients if c.name in _NOISE and c.determined]
+    printed = certificate.results if certificate else ()
+    found += [(entry.name, entry.unit, entry.value) for entry in (*printed, *judged.results)]
     for name, unit, value in found:
-        if (number := _number(value)) is not None:
-            yield name, unit, number
-
-
-def _text(value: object) -> str | None:
-    return None if value is None else str(value)
-
-
-def _number(value: object) -> float | None:
-    finite = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if finite else None  # type: ignore[arg-type]
+        if value is not None:
+            yield name, unit, value

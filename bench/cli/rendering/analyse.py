@@ -105,7 +105,7 @@ def _(result: Reported) -> Iterator[str | Table]:
 def _(result: Reported) -> dict[str, Any]:
     analysis = result.analysis
     error = {} if result.error is None else {"error": str(result.error)}
-    return {**analysis.to_json(), "report": str(analysis.run.report), "state": analysis.manifest["state"], **error}
+    return {**analysis.to_json(), "report": str(analysis.run.report), "state": analysis.manifest.state, **error}
 
 
 def judged(judgement: Mapping[str, Any]) -> Iterator[str]:

@@ -61,10 +61,10 @@ def _(result: Aborted) -> dict[str, Any]:
 @lines.register(Recovered)
 def _(result: Recovered) -> Iterator[str]:
     manifest = result.manifest
-    done = sum(segment["outcome"] == "done" for segment in manifest["segments"])
+    done = sum(segment.outcome == "done" for segment in manifest.segments)
     yield (
-        f"{manifest['state']}: {manifest['cause']}; {manifest['rows']} rows, {done} of {len(manifest['segments'])} "
-        f"segments whole, {manifest.get('losses', {}).get('lost', 0)} samples lost"
+        f"{manifest.state}: {manifest.cause}; {manifest.rows} rows, {done} of {len(manifest.segments)} "
+        f"segments whole, {manifest.losses.get('lost', 0)} samples lost"
     )
     yield f"run     {result.run}"
 
@@ -72,7 +72,8 @@ def _(result: Recovered) -> Iterator[str]:
 @content.register(Recovered)
 def _(result: Recovered) -> dict[str, Any]:
     keys = ("state", "cause", "rows", "duration_s", "losses", "segments")
-    return {"run": str(result.run), **{key: result.manifest.get(key) for key in keys}}
+    content = result.manifest.content()
+    return {"run": str(result.run), **{key: content.get(key) for key in keys}}
 
 
 def live_run(run: Mapping[str, Any]) -> Iterator[str]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from bench.commands.calibration.job import Case
 from bench.commands.calibration.plan import Action, Policy
+from bench.record import DiagnosisRecord
 
 
 @dataclass(frozen=True)
@@ -18,22 +19,22 @@ class Doubt:
     sentence: str
 
 
-def doubts(diagnosis: Mapping[str, Any] | None, reason: str, added: Sequence[Mapping[str, Any]]) -> Iterator[Doubt]:
+def doubts(diagnosis: DiagnosisRecord | None, reason: str, added: Sequence[Mapping[str, Any]]) -> Iterator[Doubt]:
     """Doubts of diagnosis.json (None and a `reason` without one), and of effects `added` to the model on the way."""
     if diagnosis is None:
         yield Doubt("undiagnosed", f"not diagnosed: {reason or 'no diagnosis was made'}")
-    elif diagnosis["verdict"] == "unknown_effect":
-        yield Doubt("unknown_effect", str(diagnosis["sentence"]))
-    elif diagnosis["verdict"] == "missing_effect":
-        yield Doubt("missing_effect", str(diagnosis["sentence"]))
-    missing = [] if diagnosis is None else [s for s in diagnosis["suspects"] if s["found"]]
-    yield from (_tie("is missing", suspect) for suspect in missing if suspect["look_alikes"])
-    yield from (_tie("was added", effect) for effect in added if effect["look_alikes"])
+    elif diagnosis.verdict == "unknown_effect":
+        yield Doubt("unknown_effect", diagnosis.sentence)
+    elif diagnosis.verdict == "missing_effect":
+        yield Doubt("missing_effect", diagnosis.sentence)
+    missing = [] if diagnosis is None else [suspect for suspect in diagnosis.suspects if suspect.found]
+    yield from (_tie("is missing", s.effect, s.look_alikes) for s in missing if s.look_alikes)
+    yield from (_tie("was added", str(e["effect"]), e["look_alikes"]) for e in added if e["look_alikes"])
 
 
-def _tie(what: str, entry: Mapping[str, Any]) -> Doubt:
-    rivals = ", ".join(entry["look_alikes"])
-    return Doubt("tie", f"{entry['effect']} {what}, these data cannot tell it from {rivals}")
+def _tie(what: str, effect: str, look_alikes: Sequence[str]) -> Doubt:
+    rivals = ", ".join(look_alikes)
+    return Doubt("tie", f"{effect} {what}, these data cannot tell it from {rivals}")
 
 
 def decided(found: Iterable[Doubt], policy: Policy) -> tuple[tuple[Case, ...], str, str]:

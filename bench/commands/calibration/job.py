@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from bench.base import InputError, __version__
-from bench.record import new_folder, slug, write_json
+from bench.record import JobRecord, new_folder, slug
 
-JOB = "job.json"
-FORMAT = 1
+JOB = JobRecord.FILE
 HELD, FAILED, RUNNING, ENDED = "held", "failed", "running", "ended"
 
 
@@ -58,7 +56,7 @@ class JobFile:
         created = datetime.now(UTC)
         try:
             folder = new_folder(unit_folder, f"{created:%Y%m%dT%H%M%SZ}_calibrate_{slug(plan)}")
-            content = {"format": FORMAT, "unit": serial, "plan": plan, "digest": digest, "bench": __version__,
+            content: dict[str, Any] = {"unit": serial, "plan": plan, "digest": digest, "bench": __version__,
                        "created": created.isoformat(timespec="seconds"), "state": RUNNING, "verdict": None,
                        "sentence": "", "exit_code": None, "releases": [], "epochs": {}, "steps": {}}  # fmt: skip
             job = cls(folder, content)
@@ -70,14 +68,14 @@ class JobFile:
 
     @classmethod
     def newest(cls, unit_folder: Path, digest: str) -> JobFile | None:
-        """The last job of this unit by this very plan."""
-        found = [cls(path.parent, content) for path in unit_folder.glob(f"*/{JOB}") if (content := _read(path))]
+        """The last job of this unit by this very plan; InputError where a job file is damaged: it may be that one."""
+        found = [cls(path.parent, JobRecord.read(path.parent).content()) for path in unit_folder.glob(f"*/{JOB}")]
         mine = [job for job in found if job.content["digest"] == digest]
         return max(mine, key=lambda job: (job.content["created"], job.folder.name), default=None)
 
     def save(self) -> None:
         """Write it: a reader, or a bench that is started again, sees the job before or after, never between."""
-        write_json(self.folder / JOB, self.content)
+        JobRecord.model_validate(self.content).write(self.folder)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -87,7 +85,7 @@ class JobFile:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise InputError("another bench is at work on this job", self.folder) from None
-            self.content = _read(self.folder / JOB) or self.content
+            self.content = JobRecord.read(self.folder).content()
             yield
 
     @property
@@ -169,14 +167,6 @@ class JobFile:
         self.content |= {"state": state, "verdict": verdict, "sentence": sentence, "exit_code": exit_code}
         self.content["ended"] = _now()
         self.save()
-
-
-def _read(path: Path) -> dict[str, Any] | None:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return content if isinstance(content, dict) and content.get("format") == FORMAT else None
 
 
 def _now() -> str:

@@ -52,13 +52,13 @@ def find(order: Order, mark: str) -> Path | None:
 
 def _taken_up(order: Order, folder: Path) -> RunFolder | None:
     """A run that was begun, brought to its end; None where it has to be repeated."""
-    if (folder / MANIFEST).is_file() and RunFolder(folder).manifest()["state"] == "done":
+    if (folder / MANIFEST).is_file() and RunFolder(folder).manifest().state == "done":
         return RunFolder(folder)
     if order.plan.interrupted == "repeat" or not any(RunFolder(folder).journal.glob("*.gtbj")):
         return None
     try:
         run = recover(folder)
-        if run.manifest()["state"] == "done":
+        if run.manifest().state == "done":
             return run
         return _whole(continued(run, order.station, order.quiet))
     except InputError as error:

@@ -11,8 +11,6 @@ certificate
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -27,7 +25,7 @@ from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.recording import recorded
 from bench.deliver import load_instruments, load_laboratory, refuse_overdue
-from bench.record import RunFolder, write_atomically
+from bench.record import CalibrationRecord, DiagnosisRecord, RunFolder, write_atomically
 
 IMPROVED = "model-improved.yaml"
 """The model that the walk of `improve` ended with, in the run folder."""
@@ -106,8 +104,8 @@ class Run:
         """See the protocol."""
         run, pieced = recorded(order, job, self.name, order.plan.profile, "off", texts(order))
         manifest = run.manifest()
-        lost = manifest["losses"].get("lost", 0)
-        sentence = f"{manifest['rows']} rows in {manifest['duration_s'] / 3600:.2f} h, {lost} samples lost"
+        lost = manifest.losses.get("lost", 0)
+        sentence = f"{manifest.rows} rows in {manifest.duration_s / 3600:.2f} h, {lost} samples lost"
         return Done(sentence + ("; went on after an interruption" if pieced else ""), {"run": run.path.name})
 
 
@@ -181,24 +179,22 @@ class Diagnose:
     def do(self, order: Order, job: JobFile) -> Done:
         """See the protocol."""
         folder = run_of(job)
-        path = folder / "diagnosis.json"
-        diagnosis = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
-        calibration = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
-        unmade = [text for text in calibration["verdict"]["warnings"] if text.startswith("not diagnosed")]
+        diagnosis, calibration = DiagnosisRecord.find(folder), CalibrationRecord.read(folder)
+        unmade = [text for text in calibration.verdict.warnings if text.startswith("not diagnosed")]
         added = [step for step in _delivered(calibration, job) if step["action"] == "added"]
         found = list(doubts(diagnosis, "; ".join(unmade).removeprefix("not diagnosed: "), added))
         cases, hold, stop = decided(found, order.plan.policy)
         sentence = "; ".join(doubt.sentence for doubt in found) or "nothing is left in doubt"
-        facts = {"verdict": None if diagnosis is None else diagnosis["verdict"],
-                 "model": None if diagnosis is None else diagnosis["model"],
+        facts = {"verdict": None if diagnosis is None else diagnosis.verdict,
+                 "model": None if diagnosis is None else diagnosis.model,
                  "doubts": [{"kind": doubt.kind, "text": doubt.sentence} for doubt in found]}  # fmt: skip
         return Done(sentence, facts, cases, None, hold, stop)
 
 
-def _delivered(calibration: Mapping[str, Any], job: JobFile) -> list[dict[str, Any]]:
+def _delivered(calibration: CalibrationRecord, job: JobFile) -> list[dict[str, Any]]:
     """The walk's steps where the model that it ended with is the one delivered."""
-    fitted = calibration["calibration"]
-    effects = [] if fitted is None else [entry["effect"] for entry in fitted["model"]["effects"]]
+    fitted = calibration.calibration
+    effects = [] if fitted is None else [entry.effect for entry in fitted.model.effects]
     return [step for step in job.facts("fit")["steps"] if step["effect"] in effects]
 
 

@@ -16,7 +16,7 @@ MADE = ("data.parquet", "means.parquet", "events.jsonl", "next.yaml")
 
 def tampered(run: RunFolder, manifest: Manifest) -> tuple[Change, ...]:
     """Files that are not those whose SHA-256 the manifest holds, and journals that it does not know."""
-    recorded: dict[str, str] = dict(manifest.get("files") or {})
+    recorded = manifest.files
     found = []
     for name, digest in recorded.items():
         path = run.path / name
@@ -43,7 +43,7 @@ def remake(run: RunFolder, manifest: Manifest, scratch: Path) -> RunFolder:
     elif run.data.is_file():
         made.data.symlink_to(run.data.resolve())
         write_means(run.data, made.means)
-        made.write_manifest(manifest)
+        manifest.write(made.path)
     else:
         raise InputError("holds neither journals nor data.parquet: nothing to make its numbers from", run.path)
     return made
@@ -69,6 +69,6 @@ def compared(run: RunFolder, made: RunFolder) -> Iterator[Change]:
     then, now = run.path / "events.jsonl", made.path / "events.jsonl"
     if now.is_file():
         yield from texts(now.name, then.read_text(encoding="utf-8") if then.is_file() else "", now.read_text("utf-8"))
-    old, new = run.manifest(), open_run(made.path).manifest()
+    old, new = run.manifest().content(), open_run(made.path).manifest().content()
     # What was added to the manifest later, such as a verification, is not made from the frames.
     yield from trees("manifest.json", {key: old.get(key, "(absent)") for key in new}, new, skip=("files",))

@@ -72,7 +72,7 @@ def replay(path: Path, models: Sequence[str] = (), others: Sequence[Path] = ()) 
             if not altered:
                 raise
             failed = str(error)
-    then = dict(manifest.get("versions") or {})
+    then = manifest.versions
     from_frames = any(run.journal.glob("*.gtbj"))
     return Replay(run, altered, tuple(changes), analysed, from_frames, then, _now(then), failed)
 

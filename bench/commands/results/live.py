@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from bench.commands.results.result import Result
 
 if TYPE_CHECKING:
-    pass
+    from bench.record import Manifest
 
 
 REACHED: Mapping[str, tuple[frozenset[str], str]] = {
@@ -75,9 +75,9 @@ class Recovered(Result):
     """A run folder made of what a killed run left."""
 
     run: Path
-    manifest: Mapping[str, Any]
+    manifest: Manifest
 
     @property
     def exit_code(self) -> int:
         """1 where the run is not whole."""
-        return 0 if self.manifest["state"] == "done" else 1
+        return 0 if self.manifest.state == "done" else 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from bench.analysis import COVERAGE, PROBABILITY
 from bench.deliver.certificate.evidence import Evidence
+from bench.record import Manifest
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,6 @@ def budget(evidence: Evidence) -> Budget:
     )
 
 
-def _resolution(manifest: Mapping[str, Any]) -> float:
+def _resolution(manifest: Manifest) -> float:
     """Standard uncertainty of one sample [deg/h]: an upper bound, since a mean of many samples resolves more."""
-    return float(manifest.get("rate_step_dph") or 0.0) / float(np.sqrt(12.0))
+    return float(manifest.rate_step_dph or 0.0) / float(np.sqrt(12.0))

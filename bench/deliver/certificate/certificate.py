@@ -20,7 +20,7 @@ from bench.deliver.certificate.budget import Budget
 from bench.deliver.certificate.evidence import LEAST_COVERED, Evidence
 from bench.deliver.certificate.laboratory import Laboratory
 from bench.deliver.certificate.provenance import commit
-from bench.record import MANIFEST, Dataset, sha256
+from bench.record import MANIFEST, Dataset, Manifest, sha256
 
 FORMAT = 1
 QUALITY = frozenset(
@@ -43,13 +43,13 @@ def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, iss
     content: dict[str, Any] = {
         "format": FORMAT,
         "title": "Calibration certificate",
-        "simulated": bool(known.get("simulated")),
+        "simulated": bool(known.simulated),
         "issued": issued.isoformat(),
         "verdict": verdict,
         **_people(laboratory),
         "item": _item(known, laboratory),
-        "calibrated": str(known.get("created")),
-        "verified": str(evidence.verification.manifest.get("created")) if evidence.verification else None,
+        "calibrated": known.created,
+        "verified": evidence.verification.manifest.created if evidence.verification else None,
         "verification": _verification(evidence),
         "method": _method(evidence),
         "conditions": _conditions(evidence),
@@ -93,15 +93,15 @@ def _people(laboratory: Laboratory | None) -> dict[str, Any]:
     }
 
 
-def _item(manifest: Mapping[str, Any], laboratory: Laboratory | None) -> dict[str, Any]:
-    identity = manifest.get("unit_identity") or {}
+def _item(manifest: Manifest, laboratory: Laboratory | None) -> dict[str, Any]:
+    identity = manifest.unit_identity
     own = laboratory.item if laboratory else None
     return {
-        "serial": str(manifest.get("unit")),
-        "identity": identity.get("serial"),
-        "firmware": identity.get("firmware"),
-        "coefficient_set": identity.get("coefficient_set"),
-        "layout": (manifest.get("gyro") or {}).get("layout"),
+        "serial": manifest.unit,
+        "identity": identity.serial if identity else None,
+        "firmware": identity.firmware if identity else None,
+        "coefficient_set": identity.coefficient_set if identity else None,
+        "layout": manifest.gyro.layout if manifest.gyro else None,
         "model": own.model if own else "",
         "condition": own.condition if own else "",
         "received": own.received.isoformat() if own and own.received else None,
@@ -109,20 +109,17 @@ def _item(manifest: Mapping[str, Any], laboratory: Laboratory | None) -> dict[st
 
 
 def _method(evidence: Evidence) -> dict[str, Any]:
-    files = dict(evidence.manifest.get("files") or {})
     deviations = [
-        f"segment '{s.get('name')}': {s.get('reason') or s.get('outcome')}"
-        for s in evidence.manifest.get("segments") or ()
-        if s.get("outcome", "done") != "done"
+        f"segment '{s.name}': {s.reason or s.outcome}" for s in evidence.manifest.segments if s.outcome != "done"
     ]
-    theirs = evidence.verification.manifest if evidence.verification else {}
+    theirs = evidence.verification.manifest if evidence.verification else None
     return {
-        "profile": evidence.manifest.get("profile"),
-        "revision": files.get("profile.yaml"),
+        "profile": evidence.manifest.profile,
+        "revision": evidence.manifest.files.get("profile.yaml"),
         "deviations": deviations,
         "averaging_s": evidence.source.dataset.interval_s,
-        "verification_profile": theirs.get("profile"),
-        "verification_revision": (theirs.get("files") or {}).get("profile.yaml"),
+        "verification_profile": theirs.profile if theirs else None,
+        "verification_revision": theirs.files.get("profile.yaml") if theirs else None,
     }
 
 
@@ -163,8 +160,8 @@ def _range(values: FloatArray) -> tuple[float, float]:
 
 
 def _as_found(evidence: Evidence) -> dict[str, Any]:
-    identity = evidence.manifest.get("unit_identity") or {}
-    state = identity.get("coefficient_set")
+    identity = evidence.manifest.unit_identity
+    state = identity.coefficient_set if identity else None
     still = standing(evidence.source.dataset)
     data = still if np.any(np.isfinite(still.bias)) else evidence.source.dataset
     return {**_figures(data.bias), "what": (
@@ -233,10 +230,11 @@ def _mean(data: Dataset, values: FloatArray, at_degc: float, sign: int) -> float
 
 
 def _calibration(evidence: Evidence) -> dict[str, Any]:
-    content = evidence.stored["calibration"]
+    stored = evidence.stored.content()
+    content = stored["calibration"]
     return {
         "id": evidence.calibration_id,
-        "verdict": evidence.stored["verdict"],
+        "verdict": stored["verdict"],
         "model": content["model"],
         "coefficients": content["coefficients"],
         "parameters": content["parameters"],
@@ -244,7 +242,7 @@ def _calibration(evidence: Evidence) -> dict[str, Any]:
         "condition": content["condition"],
         "rows": content["rows"],
         "covariance": "calibration.json, calibration.scaled.covariance",
-        "flashed": evidence.flashed,
+        "flashed": evidence.flashed.content() if evidence.flashed else None,
     }
 
 
@@ -257,18 +255,18 @@ def _chain(evidence: Evidence) -> dict[str, Any]:
         "runs": [
             {
                 "role": role,
-                "run": manifest.get("run"),
+                "run": manifest.run,
                 "manifest_sha256": sha256(run.path / MANIFEST),
-                "files": dict(manifest.get("files") or {}),
+                "files": dict(manifest.files),
             }
             for role, run, manifest in runs
         ],
-        "calibration_sha256": sha256(evidence.run.path / "calibration.json"),
+        "calibration_sha256": sha256(evidence.run.path / evidence.stored.FILE),
     }
 
 
 def _software(evidence: Evidence) -> dict[str, Any]:
     return {
         "certificate": {"bench": __version__, "commit": commit()},
-        "run": dict(evidence.manifest.get("versions") or {}),
+        "run": dict(evidence.manifest.versions),
     }

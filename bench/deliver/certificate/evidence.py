@@ -6,12 +6,10 @@ that the data were not altered.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -31,7 +29,7 @@ from bench.analysis import (
 from bench.base import FloatArray, InputError
 from bench.deliver.certificate.laboratory import Instrument, refuse_overdue
 from bench.deliver.export.delivering import calibration_id
-from bench.record import VERIFICATION_JSON, Dataset, Manifest, RunFolder, load, sha256
+from bench.record import CalibrationRecord, Dataset, FlashRecord, Manifest, RunFolder, VerificationRecord, load, sha256
 
 LEAST_COVERED = 0.5
 """Share of the fitted range of temperature that the verification must cover."""
@@ -70,13 +68,12 @@ class Evidence:
 
     run: RunFolder
     manifest: Manifest
-    stored: Mapping[str, Any]
-    """calibration.json"""
+    stored: CalibrationRecord
     source: Source
     verification: Verification | None
     judgement: Judgement | None
     instruments: tuple[Instrument, ...]
-    flashed: Mapping[str, Any] | None = None
+    flashed: FlashRecord | None = None
     """The record that `bench flash` wrote when it put the coefficients into the unit."""
 
     @property
@@ -94,7 +91,7 @@ class Evidence:
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Quantities of the run; where there is a verification, the error on unseen data comes from it."""
-        known = {entry["name"]: Quantity.from_json(entry) for entry in self.stored["quantities"]}
+        known = {entry.name: Quantity.of(entry) for entry in self.stored.quantities or ()}
         if self.verification is not None:
             known |= {quantity.name: quantity for quantity in _verified(self.verification, known)}
         return tuple(known.values())
@@ -107,12 +104,10 @@ def gather(
     run = RunFolder(folder)
     manifest = run.manifest()
     source = source_of(folder)
-    stored = json.loads((folder / "calibration.json").read_text(encoding="utf-8"))
-    if "quantities" not in stored:
-        raise InputError(
-            "an older bench wrote this file: make it again with `bench report`", folder / "calibration.json"
-        )
-    _refuse(folder, (*stored["refusals"], *source.objections))
+    stored = CalibrationRecord.read(folder)
+    if stored.quantities is None:
+        raise InputError(f"an older bench wrote this file; {stored.ADVICE}", folder / stored.FILE)
+    _refuse(folder, (*stored.refusals, *source.objections))
     _refuse_lost(run, manifest)
     _refuse_altered(run, manifest)
     refuse_overdue(instruments, day(manifest), folder)
@@ -131,13 +126,13 @@ def gather(
     return replace(found, judgement=judgement)
 
 
-def day(manifest: Mapping[str, Any]) -> date:
+def day(manifest: Manifest) -> date:
     """The day of a run; InputError where its manifest has none."""
     try:
-        return datetime.fromisoformat(str(manifest.get("created"))).date()
+        return datetime.fromisoformat(manifest.created).date()
     except ValueError:
         raise InputError(
-            f"run '{manifest.get('run')}' has no date ({manifest.get('created')!r}), so nothing proves that the "
+            f"run '{manifest.run}' has no date ({manifest.created!r}), so nothing proves that the "
             "instruments were calibrated on that day"
         ) from None
 
@@ -148,12 +143,9 @@ def _refuse(folder: Path, reasons: tuple[str, ...] | list[str]) -> None:
         raise InputError(f"no certificate: {reasons[0]}{more}", folder)
 
 
-def _flashed(run: RunFolder) -> dict[str, Any] | None:
-    path = run.path / "flash.json"
-    if not path.is_file():
-        return None
-    content = json.loads(path.read_text(encoding="utf-8"))
-    return content if isinstance(content, dict) and content.get("state") == "done" else None
+def _flashed(run: RunFolder) -> FlashRecord | None:
+    record = FlashRecord.find(run.path)
+    return record if record is not None and record.state == "done" else None
 
 
 def _other_coefficients(evidence: Evidence, verified: Verification) -> list[str]:
@@ -161,51 +153,48 @@ def _other_coefficients(evidence: Evidence, verified: Verification) -> list[str]
     flashed, own = evidence.flashed, evidence.calibration_id
     if flashed is None:
         return ["the unit corrected itself in the verification, and no flash.json says with which calibration"]
-    if flashed.get("calibration_id") != own:
-        return [f"the unit was given calibration {flashed.get('calibration_id')}, not this one, {own}: flash it first"]
-    used = (verified.manifest.get("unit_identity") or {}).get("coefficient_set")
-    if used != flashed.get("coefficient_set"):
-        return [f"the verification ran with coefficient set {used}, this calibration is {flashed['coefficient_set']}"]
+    if flashed.calibration_id != own:
+        return [f"the unit was given calibration {flashed.calibration_id}, not this one, {own}: flash it first"]
+    identity = verified.manifest.unit_identity
+    used = identity.coefficient_set if identity else None
+    if used != flashed.coefficient_set:
+        return [f"the verification ran with coefficient set {used}, this calibration is {flashed.coefficient_set}"]
     return []
 
 
-def _refuse_lost(run: RunFolder, manifest: Mapping[str, Any]) -> None:
+def _refuse_lost(run: RunFolder, manifest: Manifest) -> None:
     if not (run.path / "data.parquet").is_file():
         _refuse(run.path, ["data.parquet is missing"])
-    if manifest.get("state") != "done":
-        _refuse(
-            run.path,
-            [f"the run is '{manifest.get('state')}'; a certificate needs one that the bench completed"],
-        )
+    if manifest.state != "done":
+        _refuse(run.path, [f"the run is '{manifest.state}'; a certificate needs one that the bench completed"])
 
 
-def _refuse_altered(run: RunFolder, manifest: Mapping[str, Any]) -> None:
-    recorded = dict(manifest.get("files") or {})
-    if not recorded:
+def _refuse_altered(run: RunFolder, manifest: Manifest) -> None:
+    if not manifest.files:
         _refuse(run.path, ["the manifest names no files: nothing proves what was recorded"])
     altered = [
         name
-        for name, digest in recorded.items()
+        for name, digest in manifest.files.items()
         if not (run.path / name).is_file() or sha256(run.path / name) != digest
     ]
     _refuse(run.path, [f"{name} is not the file that was recorded" for name in altered])
 
 
-def _verify(run: RunFolder, manifest: Mapping[str, Any], source: Source) -> Verification:
+def _verify(run: RunFolder, manifest: Manifest, source: Source) -> Verification:
     """The verification run judged; refused where it is not independent, not whole, or of another unit."""
     theirs = run.manifest()
-    if theirs.get("unit") != manifest.get("unit"):
-        _refuse(run.path, [f"the verification is of unit {theirs.get('unit')}, the run is of {manifest.get('unit')}"])
-    shared = set((theirs.get("files") or {}).items()) & set((manifest.get("files") or {}).items())
+    if theirs.unit != manifest.unit:
+        _refuse(run.path, [f"the verification is of unit {theirs.unit}, the run is of {manifest.unit}"])
+    shared = set(theirs.files.items()) & set(manifest.files.items())
     data = sorted(name for name, _ in shared if name.endswith(".parquet") or name.startswith("journal"))
-    if data or theirs.get("run") in source.fit.runs:
+    if data or theirs.run in source.fit.runs:
         what = f" ({', '.join(data)})" if data else ""
         _refuse(run.path, [f"the verification shares data with the fit{what}: run another profile"])
     _refuse_lost(run, theirs)
     _refuse_altered(run, theirs)
-    failed = [s.get("name") for s in theirs.get("segments") or () if s.get("outcome", "done") == "timeout"]
+    failed = [segment.name for segment in theirs.segments if segment.outcome == "timeout"]
     _refuse(run.path, [f"segment '{name}' of the verification failed" for name in failed])
-    verdict = _verdict_of(run.path / VERIFICATION_JSON)
+    verdict = _verdict_of(run.path)
     record = load(run.path, source.dataset.interval_s)
     outside = float(source.fit.out_of_range(record).mean())
     if outside > MOST_EXTRAPOLATED:
@@ -222,19 +211,20 @@ def _verify(run: RunFolder, manifest: Mapping[str, Any], source: Source) -> Veri
     return Verification(run, theirs, record, left, error, in_unit, covered, verdict)
 
 
-def _verdict_of(path: Path) -> Verdict | None:
+def _verdict_of(folder: Path) -> Verdict | None:
     """The verdict of `bench verify` on its run; refused where it is INVALID or cannot be read."""
-    if not path.is_file():
+    record = VerificationRecord.find(folder)
+    if record is None:
         return None
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        verdict = Verdict(content["verdict"])
-    except (ValueError, TypeError, KeyError):
-        raise InputError("holds no verdict: make it again with `bench verify`", path) from None
+    if record.verdict not in set(Verdict):
+        raise InputError(
+            f"holds the verdict '{record.verdict}', which does not exist; {record.ADVICE}", folder / record.FILE
+        )
+    verdict = Verdict(record.verdict)
     if verdict is Verdict.INVALID:
-        reasons = content.get("refusals") or (content.get("limits") or {}).get("refusals") or ()
+        reasons = record.refusals or (record.limits.refusals if record.limits else ())
         why = next(iter(reasons), "a required value does not exist")
-        _refuse(path.parent, [f"the verification is INVALID: {why}; verify again"])
+        _refuse(folder, [f"the verification is INVALID: {why}; verify again"])
     return verdict
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from bench.analysis import FLICKER_FLOOR, SECONDS_PER_HOUR, AllanCurve, allan_de
 from bench.base import FloatArray, InputError, number
 from bench.deliver.certificate.drawing import Axis, band, dots, figure, line
 from bench.deliver.certificate.evidence import Evidence
-from bench.record import Dataset, load
+from bench.record import ComparisonRecord, Dataset, load
 
 TEMPERATURE = "temperature of the unit [°C]"
 BRANCHES = ((1, "warm", "heating"), (-1, "accent", "cooling"))
@@ -70,20 +69,17 @@ def _curve(data: Dataset, sign: int, y: FloatArray) -> tuple[FloatArray, FloatAr
 
 def _ladder(evidence: Evidence) -> dict[str, Any] | None:
     """Models of compare.json from the simplest to the best: errors on fitted and on held-out data, beside the floor."""
-    path = evidence.run.path / "compare.json"
-    if not path.is_file():
+    compared = ComparisonRecord.find(evidence.run.path)
+    models = [model for model in compared.models if model.held_out_rms_dph] if compared else []
+    if compared is None or not models:
         return None
-    content = json.loads(path.read_text(encoding="utf-8"))
-    models = [m for m in content.get("models", ()) if m.get("held_out_rms_dph")]
-    if not models:
-        return None
-    inside = np.array([m["rms_dph"] for m in models], dtype=np.float64)
-    outside = np.array([m["held_out_rms_dph"] for m in models], dtype=np.float64)
-    floor = float(content.get("floor_dph") or np.nan)
+    inside = np.array([model.rms_dph for model in models], dtype=np.float64)
+    outside = np.array([model.held_out_rms_dph for model in models], dtype=np.float64)
+    floor = float(compared.floor_dph or np.nan)
     axis = Axis.around("model error, RMS [deg/h]", inside, outside, np.array([floor]), log=True, margin=0.08)
     places = axis.place(np.column_stack([inside, outside]))
     rows = [
-        {"name": m["name"], "inside": a, "outside": b, "text": number(m["held_out_rms_dph"])}
+        {"name": m.name, "inside": a, "outside": b, "text": number(m.held_out_rms_dph)}
         for m, (a, b) in zip(models, places.tolist(), strict=True)
     ]
     at = float(axis.place(np.array([floor]))[0]) if np.isfinite(floor) else None
@@ -92,9 +88,9 @@ def _ladder(evidence: Evidence) -> dict[str, Any] | None:
 
 
 def _allan(evidence: Evidence) -> dict[str, Any] | None:
-    noise = evidence.stored["noise"]
+    noise = evidence.stored.noise
     curves = _curves(evidence)
-    if not curves or not noise["coefficients"]:
+    if not curves or not noise.coefficients:
         return None
     taus = np.concatenate([curve.tau_s for curve in curves])
     values = np.concatenate([curve.deviation_dph for curve in curves])
@@ -106,7 +102,7 @@ def _allan(evidence: Evidence) -> dict[str, Any] | None:
         line(curve.tau_s, curve.deviation_dph, axes, "grey", "soaks" if i == 0 else "")
         for i, curve in enumerate(curves)
     ]
-    white, flicker, walk = (float(entry["value"] or 0.0) for entry in noise["coefficients"])
+    white, flicker, walk = (entry.value or 0.0 for entry in noise.coefficients)
     tau_h = np.geomspace(taus.min(), taus.max(), 60) / SECONDS_PER_HOUR
     whole = np.sqrt(white**2 / tau_h + (FLICKER_FLOOR * flicker) ** 2 + walk**2 * tau_h / 3.0)
     series.append(line(tau_h * SECONDS_PER_HOUR, whole, axes, "accent", "estimated noise"))
@@ -118,9 +114,9 @@ def _curves(evidence: Evidence) -> list[AllanCurve]:
     base = load(evidence.run.path, 1.0)
     own = {segment.name for segment in base.segments}
     found = []
-    for stretch in evidence.stored["noise"]["stretches"]:
-        rows = (base.time >= stretch["from_s"]) & (base.time <= stretch["to_s"])
-        if (stretch["name"] in own or not own) and rows.sum() > 60:
+    for stretch in evidence.stored.noise.stretches:
+        rows = (base.time >= stretch.from_s) & (base.time <= stretch.to_s)
+        if (stretch.name in own or not own) and rows.sum() > 60:
             try:
                 found.append(allan_deviation(base.bias[rows], 1.0))
             except InputError:

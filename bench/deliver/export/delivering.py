@@ -20,7 +20,7 @@ from bench.deliver.export.forms import FORMS
 from bench.deliver.export.image import read, words_of
 from bench.deliver.export.measure import best_form, raw_id, worst_errors
 from bench.deliver.export.signals import to_counts
-from bench.record import Dataset
+from bench.record import Dataset, Manifest
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,7 @@ def apart(delivery: Delivery, fit: Fit, dataset: Dataset) -> float:
 
 def _created(folder: Path) -> int:
     """Time in the run's manifest [s since 1970], 0 without one, so that the same run makes the same image."""
-    created = json.loads((folder / "manifest.json").read_text(encoding="utf-8")).get("created")
     try:
-        return int(datetime.fromisoformat(str(created)).timestamp())
+        return int(datetime.fromisoformat(Manifest.read(folder).created).timestamp())
     except ValueError:
         return 0

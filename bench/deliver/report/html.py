@@ -54,15 +54,15 @@ def render(analysis: Analysis) -> str:
     """The report as HTML text."""
     sections = [section for make in SECTIONS if (section := make(analysis)) is not None]
     manifest = analysis.manifest
-    when = (manifest.get("profile", "no profile"), moment(manifest.get("created", "no date")))
+    when = (manifest.profile or "no profile", moment(manifest.created or "no date"))
     return html_page(
         sections,
-        title=f"Thermal calibration of {manifest.get('unit', 'an unnamed unit')}",
+        title=f"Thermal calibration of {manifest.unit or 'an unnamed unit'}",
         subtitle=", ".join((*map(str, when), f"{clock(analysis.done.duration_s)} h")),
         verdict=analysis.verdict,
         numbers=headlines(analysis),
         warnings=analysis.warnings,
-        source=f"run folder {manifest.get('run', analysis.run.path.name)}",
+        source=f"run folder {manifest.run or analysis.run.path.name}",
     )
 
 

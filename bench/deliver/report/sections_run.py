@@ -33,7 +33,7 @@ def profile(analysis: Analysis) -> Section | None:
         return None
     done = analysis.done
     low, high = done.temperature or (float("nan"), float("nan"))
-    failed = [(float(s["from_s"]), float(s["to_s"])) for s in done.failed if {"from_s", "to_s"} <= s.keys()]
+    failed = [(segment.from_s, segment.to_s) for segment in done.failed]
     words = (
         f"The unit went from {number(low)} to {number(high)} °C in {clock(done.duration_s)} h: {clock(done.heating_s)} "
         f"heating, {clock(done.cooling_s)} cooling."
@@ -127,9 +127,10 @@ def losses(analysis: Analysis) -> Section:
 
 def _clocks(done: Completeness) -> Iterator[str]:
     """The unit's clock against the host's, and how long frames waited to be captured."""
-    found = done.unit_clock
-    drift, uncertainty, spread = (found.get(key) for key in ("drift_ppm", "drift_u_ppm", "spread_s"))
-    if drift is not None:
+    if done.unit_clock is not None:
+        drift, uncertainty, spread = (
+            done.unit_clock.drift_ppm, done.unit_clock.drift_u_ppm, done.unit_clock.spread_s
+        )  # fmt: skip
         known = (
             "the record is too short for its uncertainty"
             if uncertainty is None
@@ -140,8 +141,8 @@ def _clocks(done: Completeness) -> Iterator[str]:
             f"Samples are timed by the unit's own counter; its clock runs {abs(drift):.4g} ppm "
             f"{'slower' if drift >= 0 else 'faster'} than the host's clock ({known}){near}."
         )
-    if "most_behind_s" in done.capture:
-        yield f"No frame waited longer than {done.capture['most_behind_s']:.3f} s for the capture."
+    if done.capture is not None:
+        yield f"No frame waited longer than {done.capture.most_behind_s:.3f} s for the capture."
 
 
 def _segments(analysis: Analysis) -> Markup:
@@ -150,16 +151,13 @@ def _segments(analysis: Analysis) -> Markup:
         ratios = {s.name: s for s in analysis.best.segments if s.run == _name(analysis)}
     rows = []
     for segment in analysis.done.segments:
-        score = ratios.get(str(segment.get("name")))
+        score = ratios.get(segment.name)
         failed = segment in analysis.done.failed
-        outcome = str(segment.get("outcome", "settled" if segment.get("settled", True) else "not settled"))
-        reason = str(segment.get("reason") or "")
-        rate = segment.get("rate_degc_per_min")
+        reason = f" ({segment.reason})" if segment.reason else ""
         cells = (
-            segment.get("name", ""), segment.get("kind", ""), segment.get("direction", ""),
-            clock(_float(segment.get("from_s"))), clock(_float(segment.get("to_s"))),
-            number(_float(segment.get("target_degc"))), number(_float(rate)),
-            f"{'FAILED: ' if failed else ''}{outcome}{f' ({reason})' if reason else ''}",
+            segment.name, segment.kind, segment.direction, clock(segment.from_s), clock(segment.to_s),
+            number(_float(segment.target_degc)), number(_float(segment.rate_degc_per_min)),
+            f"{'FAILED: ' if failed else ''}{segment.outcome}{reason}",
             number(score.rms_dph if score else None), number(score.floor_ratio if score else None, 2),
         )  # fmt: skip
         rows.append(Row(cells, "bad" if failed else ""))
@@ -193,27 +191,26 @@ def run_facts(analysis: Analysis) -> Section:
     """Unit, profile, station, time and versions of the run, and hashes of its data."""
     manifest, done = analysis.manifest, analysis.done
     pairs: list[tuple[str, object]] = [
-        ("unit", manifest.get("unit", "–")),
-        ("run", manifest.get("run", "–")),
-        ("profile", manifest.get("profile", "–")),
+        ("unit", manifest.unit or "–"),
+        ("run", manifest.run or "–"),
+        ("profile", manifest.profile or "–"),
         (
             "station",
-            "simulated" if manifest.get("simulated") else manifest.get("station", "see station.yaml in the run folder"),
+            "simulated" if manifest.simulated else manifest.station or "see station.yaml in the run folder",
         ),
-        ("started", moment(manifest.get("created", "–"))),
+        ("started", moment(manifest.created or "–")),
         ("ended", f"{done.state}{f': {done.cause}' if done.cause else ''}"),
         ("duration [h:mm:ss]", clock(done.duration_s)),
-        ("samples", f"{done.samples:,} at {manifest.get('sample_rate_hz') or '–'} Hz"),
+        ("samples", f"{done.samples:,} at {manifest.sample_rate_hz or '–'} Hz"),
         ("averaging for all fits [s]", f"{analysis.interval_s:g}"),
-        ("versions", text_of(manifest.get("versions") or "–")),
+        ("versions", text_of(manifest.versions or "–")),
     ]
-    if companions := manifest.get("companions"):
-        pairs.append(("in the same chamber", ", ".join(str(companion.get("unit", "–")) for companion in companions)))
-    if manifest.get("seeds"):
-        pairs.append(("seeds of the simulation", text_of(manifest["seeds"])))
+    if manifest.companions:
+        pairs.append(("in the same chamber", ", ".join(companion.unit for companion in manifest.companions)))
+    if manifest.seeds:
+        pairs.append(("seeds of the simulation", text_of(manifest.seeds)))
     html = facts(pairs, "The run")
-    files = dict(manifest.get("files") or {})
-    if files:
-        rows = ((name, mono(str(digest))) for name, digest in files.items())
+    if manifest.files:
+        rows = ((name, mono(digest)) for name, digest in manifest.files.items())
         html += table("SHA-256 of the recorded files", ("file", "SHA-256"), rows)
     return Section("facts", "Run facts", html)

@@ -17,7 +17,7 @@ from fastapi.responses import StreamingResponse
 from bench.acquisition import LiveFile, LiveRun, ask_run
 from bench.base import InputError
 from bench.commands import ENDING_S, REACHED, REACTION_S
-from bench.record import MANIFEST
+from bench.record import MANIFEST, Manifest
 from bench.web.ground.settings import Here
 from bench.web.live import story
 from bench.web.live.finding import folder_of, ids
@@ -127,7 +127,8 @@ def one(which: Which, request: Request) -> Run:
     end = watcher_of(request).ended(which.id) or _end(folder, start)
     if end is None:
         raise HTTPException(409, f"{which.id} is not live and has no end: `bench resume {folder}` goes on with it")
-    gone = LiveRun((folder,), LiveFile(0, 0, str(story.manifest(folder).get("created", "")), [], ""))
+    known = story.sound(Manifest, folder)
+    gone = LiveRun((folder,), LiveFile(0, 0, known.created if known else "", [], ""))
     about = describe(gone, start)
     return Run(**{**about, "runs": end["runs"], "state": end["state"], "condition": "ended", "ended": end})
 
@@ -185,10 +186,10 @@ async def _until(reached: Callable[[], bool], limit_s: float) -> None:
 
 def _companions(folder: Path) -> list[Path]:
     """The folder, and those of the units that shared the chamber, as far as they exist here."""
-    named = story.manifest(folder).get("companions")
+    known = story.sound(Manifest, folder)
     found = [folder]
-    for other in named if isinstance(named, list) else ():
-        unit, _, run = str(other.get("run") if isinstance(other, dict) else "").removeprefix("../../").partition("/")
+    for other in known.companions if known else ():
+        unit, _, run = other.run.removeprefix("../../").partition("/")
         path = folder_of(folder.parents[1], unit, run)
         if path is not None and (path / MANIFEST).is_file():
             found.append(path)

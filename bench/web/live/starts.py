@@ -22,11 +22,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bench.acquisition import LIVE
-from bench.base import EquipmentError
-from bench.record import MANIFEST, write_json
+from bench.base import EquipmentError, InputError
+from bench.record import MANIFEST, StartRecord
 from bench.web.live.story import state_of
 
-START = "start.json"
 EXIT = "exit_code"
 """The exit code of the process, in the folder of its start."""
 KEPT = 200
@@ -91,31 +90,32 @@ class Starts:
                 raise InUse(text)
             self._forget()
             folder = self._new_folder()
-            about = {
-                "start": folder.name,
-                "plan": order.plan,
-                "station": order.station,
-                "equipment": sorted(order.equipment),
-                "units": list(order.units),
-                "models": list(order.models),
-                "limits": order.limits.stem if order.limits else None,
-                "who": dict(order.who),
-                "started": datetime.now(UTC).isoformat(timespec="milliseconds"),
-                "runs": [],
-            }
+            about = StartRecord(
+                start=folder.name,
+                plan=order.plan,
+                station=order.station,
+                equipment=tuple(sorted(order.equipment)),
+                units=tuple(order.units),
+                models=tuple(order.models),
+                limits=order.limits.stem if order.limits else None,
+                who=dict(order.who),
+                started=datetime.now(UTC).isoformat(timespec="milliseconds"),
+                runs=(),
+                pid=None,
+            )
             try:
-                write_json(folder / START, {**about, "pid": None})  # written first, so that every process has a record
+                about.write(folder)  # written first, so that every process has a record
                 pid = self._spawn(folder, order.arguments(self._out))
             except OSError as error:
                 shutil.rmtree(folder, ignore_errors=True)
                 raise EquipmentError(f"the run cannot be started: {error.strerror or error}") from error
-            self._write(folder, {**about, "pid": pid})
+            self._write(folder, about.model_copy(update={"pid": pid}))
             return self._told(folder)
 
-    def _write(self, folder: Path, about: Mapping[str, Any]) -> None:
+    def _write(self, folder: Path, about: StartRecord) -> None:
         """Write the record; on a full disk the link from the start to its run is lost, but the run goes on."""
         with contextlib.suppress(OSError):
-            write_json(folder / START, about)
+            about.write(folder)
 
     def _new_folder(self) -> Path:
         name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(4)}"
@@ -151,11 +151,11 @@ class Starts:
         with self._lock:
             for folder in self._folders():
                 about = _about(folder)
-                if about and folder.name not in self._ended and about["pid"] == pid and _alive(folder):
-                    if about["runs"] != list(runs):
-                        about["runs"] = list(runs)
+                if about and folder.name not in self._ended and about.pid == pid and _alive(folder):
+                    if about.runs != tuple(runs):
+                        about = about.model_copy(update={"runs": tuple(runs)})
                         self._write(folder, about)
-                    return about
+                    return _facts(about)
         return None
 
     def find(self, start: str) -> dict[str, Any] | None:
@@ -201,18 +201,22 @@ class Starts:
         if about is None:
             return {}
         alive = _alive(folder)  # before the files, so that nothing the process wrote is missed
-        told = {**about, **_outcome(folder, about, alive, self._out)}
+        told = {**_facts(about), **_outcome(folder, about, alive, self._out)}
         if told["state"] in {"ended", "refused"}:
             self._ended[folder.name] = told
         return told
 
 
-def _about(folder: Path) -> dict[str, Any] | None:
+def _about(folder: Path) -> StartRecord | None:
     try:
-        content: dict[str, Any] = json.loads((folder / START).read_bytes())
-    except (OSError, ValueError):
+        return StartRecord.find(folder)
+    except InputError:  # the run itself is not in it: one damaged start costs the way to its run, not the list
         return None
-    return content
+
+
+def _facts(about: StartRecord) -> dict[str, Any]:
+    """As the page's API tells it."""
+    return about.model_dump(mode="json", exclude={"format"})
 
 
 def _alive(folder: Path) -> bool:
@@ -227,15 +231,15 @@ def _alive(folder: Path) -> bool:
     return False
 
 
-def _outcome(folder: Path, about: Mapping[str, Any], alive: bool, out: Path) -> dict[str, Any]:
+def _outcome(folder: Path, about: StartRecord, alive: bool, out: Path) -> dict[str, Any]:
     """State, exit code, verdict and message of a start."""
     nothing: dict[str, Any] = {"exit_code": None, "verdict": None, "sentence": "", "message": "", "verdicts": []}
     if alive:
-        return {**nothing, "state": "running" if about["runs"] else "starting"}
+        return {**nothing, "state": "running" if about.runs else "starting"}
     code = _exit_code(folder)
     said = _said(folder)
     content = _answer(folder)
-    runs = _runs(content, out) or about["runs"]
+    runs = _runs(content, out) or list(about.runs)
     if code is None:
         again = _again(out / runs[0]) if runs else "start it again"
         return {**nothing, "state": "ended", "runs": runs, "message": f"something ended its process; {again}"}

@@ -6,16 +6,30 @@ import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bench.acquisition import LiveRun, ending_of
-from bench.record import RunFolder
+from bench.base import InputError
+from bench.record import CalibrationRecord, LimitsRecord, Manifest, Record, RunFolder
 
-CALIBRATION, LIMITS_JSON = "calibration.json", "limits.json"
 NO_VERDICT: dict[str, Any] = {"analysing": True, "units": [], "verdict": None, "sentence": ""}
 _NOT = "not analysed: "
 """Begin of the sentence about a unit whose analysis failed."""
+R = TypeVar("R", bound=Record)
 EVENTS = ("request", "safe_state", "end")
+
+
+def sound(kind: type[R], folder: Path, damaged: list[str] | None = None) -> R | None:
+    """The record in a folder, None where it is missing or damaged: the rest of the run is shown all the same.
+
+    What is wrong with a damaged one goes into `damaged`, which the run's own page shows.
+    """
+    try:
+        return kind.find(folder)
+    except InputError as error:
+        if damaged is not None:
+            damaged.append(str(error))
+        return None
 
 
 def ending(run: LiveRun) -> dict[str, Any] | None:
@@ -52,8 +66,9 @@ def of_folders(folders: Sequence[Path], start: Mapping[str, Any] | None) -> dict
     seen = [(folder, events(folder)) for folder in folders]
     speaker, said = next((one for one in seen if any(_is_end(event) for event in one[1])), seen[0])
     story = told([event for event in said if event.get("kind") in EVENTS])
-    about = manifest(speaker)
-    story |= {key: str(about[key]) for key in ("state", "cause") if key in about}
+    about = sound(Manifest, speaker)
+    if about is not None:
+        story |= {"state": about.state, "cause": about.cause}
     busy = start is not None and start["state"] in ("starting", "running")
     return {**story, **verdicts(folders, busy, start)}
 
@@ -111,15 +126,13 @@ def _rank(unit: Mapping[str, Any]) -> int:
 
 
 def _verdict(folder: Path) -> dict[str, Any]:
-    said = _json(folder / CALIBRATION).get("verdict")
-    judged = said if isinstance(said, dict) else {}
-    limits = _json(folder / LIMITS_JSON).get("verdict")
+    calibration, limits = sound(CalibrationRecord, folder), sound(LimitsRecord, folder)
     return {
         "unit": folder.parent.name,
         "run": f"{folder.parent.name}/{folder.name}",
-        "verdict": judged.get("verdict"),
-        "sentence": judged.get("sentence", ""),
-        "limits": limits,
+        "verdict": calibration.verdict.verdict if calibration else None,
+        "sentence": calibration.verdict.sentence if calibration else "",
+        "limits": limits.verdict if limits else None,
         "analysed": RunFolder(folder).report.is_file(),
     }
 
@@ -136,16 +149,3 @@ def state_of(content: Mapping[str, Any]) -> dict[str, Any]:
         "sentence": content.get("sentence", ""),
         "limits": limits.get("verdict") if isinstance(limits, dict) else None,
     }
-
-
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}
-
-
-def manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of a run folder; empty without one."""
-    return _json(folder / "manifest.json")

@@ -21,12 +21,13 @@ from typing import Any
 from fastapi import Request
 
 from bench.acquisition import LIVE, process_alive
-from bench.record import MANIFEST, write_atomically
+from bench.base import InputError
+from bench.record import ComparisonRecord, LimitsRecord, Manifest, VerificationRecord, write_atomically
 from bench.web.ground.problems import NotFoundError
 from bench.web.live.finding import inside
 
 FILE, FORMAT = "runs.json", 1
-RUNNING = "running"
+RUNNING, UNFINISHED, DAMAGED = "running", "unfinished", "damaged"
 LOOK_S = 1.0
 """A look at the disk is good for so long [s]."""
 SAVE_S = 30.0
@@ -42,7 +43,7 @@ class RunEntry:
     profile: str
     start: str
     state: str
-    """That of the manifest; `running`, or `unfinished` where a bench was killed."""
+    """That of the manifest; `running`, `unfinished` where a bench was killed, `damaged` where a file cannot be read."""
     verdict: str
     """PASS, FAIL … against limits, else the word of the analysis; empty before one."""
     rms_dph: float | None
@@ -166,30 +167,29 @@ def _folders(root: Path) -> Iterator[tuple[str, str, int]]:
 
 def _read(id_: str, path: str, stamp: int) -> Entry | None:
     """What a folder says; None where it is none of a run."""
-    manifest = _json(f"{path}/{MANIFEST}")
     unit, _, name = id_.partition("/")
-    # Ten thousand times a Path is a second.
+    entry = Entry(id_, unit, name.partition("_")[2], "", UNFINISHED, "", None, None, None, None, False, changed=stamp)
     live = _json(f"{path}/{LIVE}")
-    if not (manifest or live or os.path.isdir(f"{path}/journal")):  # noqa: PTH112
-        return None
-    files = manifest.get("files")
-    recorded = json.dumps([manifest.get("run"), files], sort_keys=True).encode()
-    entry = Entry(
-        run=id_,
-        unit=unit,
-        profile=str(manifest.get("profile") or name.partition("_")[2]),
-        start=str(manifest.get("created") or ""),
-        state=RUNNING if live and _alive(live) else str(manifest.get("state") or "unfinished"),
-        verdict="",
-        rms_dph=None,
-        held_out_rms_dph=None,
-        floor_dph=None,
-        duration_s=_number(manifest.get("duration_s")),
-        imported=manifest.get("cause") == "imported",
-        content=sha256(recorded).hexdigest() if files else "",
-        changed=stamp,
-    )
-    return replace(entry, **_judged(path)) if manifest else entry
+    if live and _alive(live):
+        entry = replace(entry, state=RUNNING)
+    try:
+        manifest = Manifest.find(path)
+        if manifest is None:
+            # Ten thousand times a Path is a second.
+            return entry if live or os.path.isdir(f"{path}/journal") else None  # noqa: PTH112
+        recorded = json.dumps([manifest.run, manifest.files], sort_keys=True).encode()
+        return replace(
+            entry,
+            profile=manifest.profile or entry.profile,
+            start=manifest.created,
+            state=RUNNING if entry.state == RUNNING else manifest.state,
+            duration_s=manifest.duration_s,
+            imported=manifest.cause == "imported",
+            content=sha256(recorded).hexdigest() if manifest.files else "",
+            **_judged(path),
+        )
+    except InputError:  # one damaged file is one damaged run; the run's own page says which file, and what to do
+        return replace(entry, state=DAMAGED)
 
 
 def _alive(live: Mapping[str, Any]) -> bool:
@@ -200,15 +200,14 @@ def _alive(live: Mapping[str, Any]) -> bool:
 
 def _judged(path: str) -> dict[str, Any]:
     """What the analysis says of the best model, and the limits where there are some."""
-    compared = _json(f"{path}/compare.json")
-    judged = _json(f"{path}/limits.json") or _json(f"{path}/verification.json")
-    models = [model for model in compared.get("models", ()) if model.get("held_out_rms_dph") is not None]
-    best: Mapping[str, Any] = min(models, key=lambda model: float(model["held_out_rms_dph"]), default={})
+    compared = ComparisonRecord.find(path)
+    judged = LimitsRecord.find(path) or VerificationRecord.find(path)
+    best = compared.best() if compared else None
     return {
-        "verdict": str(judged.get("verdict") or compared.get("verdict") or ""),
-        "rms_dph": _number(best.get("rms_dph")),
-        "held_out_rms_dph": _number(best.get("held_out_rms_dph")),
-        "floor_dph": _number(compared.get("floor_dph")),
+        "verdict": (judged and judged.verdict) or (compared and compared.verdict) or "",
+        "rms_dph": best.rms_dph if best else None,
+        "held_out_rms_dph": best.held_out_rms_dph if best else None,
+        "floor_dph": compared.floor_dph if compared else None,
     }
 
 
@@ -220,10 +219,6 @@ def _json(path: str) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def _number(value: object) -> float | None:
-    return float(value) if isinstance(value, int | float) else None
 
 
 def _saved(file: Path) -> dict[str, Entry]:

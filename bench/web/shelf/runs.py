@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
-import json
 import threading
 from collections.abc import AsyncIterator, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
@@ -17,14 +16,13 @@ from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
 from bench.acquisition import LIVE
-from bench.record import RunFolder
+from bench.record import CalibrationRecord, ComparisonRecord, DiagnosisRecord, LimitsRecord, Manifest, RunFolder
 from bench.web.ground.policy import REPORT
 from bench.web.live import story
 from bench.web.shelf.indexing import Index, RunEntry, index_of, ordered
 
 _MOST_EVENTS = 2000
 _BATCH_ROWS = 4096
-T = TypeVar("T")
 
 router = APIRouter(tags=["runs"])
 
@@ -119,24 +117,29 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
     """One run, whole; one that goes on or was cut off tells what it has so far."""
     index = index_of(request)
     entry, folder = index.entry(f"{unit}/{run}"), RunFolder(index.folder(unit, run))
-    manifest = _json(folder.path / "manifest.json") or {}
-    own = _json(folder.path / "calibration.json") or {}
-    said = _of(own.get("verdict"), dict)
+    damaged: list[str] = []
+    manifest = story.sound(Manifest, folder.path, damaged)
+    own = story.sound(CalibrationRecord, folder.path, damaged)
+    limits, comparison, diagnosis = (
+        record.content() if (record := story.sound(kind, folder.path, damaged)) else None
+        for kind in (LimitsRecord, ComparisonRecord, DiagnosisRecord)
+    )
+    said = manifest.content() if manifest else {}
     apart = {"segments", "losses", "files"}
     return RunAnswer(
         run=entry.run,
         unit=entry.unit,
         state=entry.state,
         verdict=entry.verdict,
-        sentence=str(said.get("sentence") or ""),
-        manifest={key: value for key, value in manifest.items() if key not in apart},
-        segments=_of(manifest.get("segments"), list),
-        losses=_of(manifest.get("losses"), dict),
+        sentence=own.verdict.sentence if own else "",
+        manifest={key: value for key, value in said.items() if key not in apart},
+        segments=said.get("segments", []),
+        losses=said.get("losses", {}),
         events=story.events(folder.path)[-_MOST_EVENTS:],
-        warnings=[str(text) for text in _of(said.get("warnings"), list)],
-        limits=_json(folder.path / "limits.json"),
-        comparison=_json(folder.path / "compare.json"),
-        diagnosis=_json(folder.path / "diagnosis.json"),
+        warnings=[*damaged, *(own.verdict.warnings if own else ())],
+        limits=limits,
+        comparison=comparison,
+        diagnosis=diagnosis,
         files=_files(folder.path),
         report=folder.report.is_file(),
         certificate=(folder.path / "certificate.pdf").is_file(),
@@ -190,16 +193,3 @@ def _files(folder: Path) -> list[FileEntry]:
             if path.is_file() and not path.name.startswith((".", LIVE)):
                 found.append(FileEntry(name=path.relative_to(folder).as_posix(), bytes=path.stat().st_size))
     return found
-
-
-def _of(value: object, kind: type[T]) -> T:
-    """The value where it is of this kind, else an empty one: a file of somebody else is shown as far as it goes."""
-    return value if isinstance(value, kind) else kind()
-
-
-def _json(path: Path) -> dict[str, Any] | None:
-    try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError):
-        return None
-    return content if isinstance(content, dict) else None

@@ -19,7 +19,7 @@ from bench.analysis import Comparison, Fit, Floor, Model, fit_model, model_from,
 from bench.analysis import compare as compare_models
 from bench.base import BenchError, FloatArray, InputError, finite
 from bench.deliver import described, ladder_words, model_ladder
-from bench.record import DEFAULT_INTERVAL_S, Dataset, load
+from bench.record import DEFAULT_INTERVAL_S, Dataset, Manifest, load
 
 FINE_S = 1.0
 
@@ -143,8 +143,7 @@ def refuse_mixed(runs: Sequence[Run]) -> None:
 
 @lru_cache(maxsize=256)
 def _unit(run: Run) -> str:
-    content = json.loads((Path(run.path) / "manifest.json").read_bytes())
-    return str(content.get("unit"))
+    return Manifest.read(Path(run.path)).unit
 
 
 def difference(wanted: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,28 @@
+"""All kinds of records, for their schemas and their documentation."""
+
+from __future__ import annotations
+
+from bench.record.records.calibration import CalibrationRecord
+from bench.record.records.certificate import CertificateRecord
+from bench.record.records.comparison import ComparisonRecord
+from bench.record.records.diagnosis import DiagnosisRecord
+from bench.record.records.flash import FlashRecord
+from bench.record.records.job import JobRecord
+from bench.record.records.judged import LimitsRecord, VerificationRecord
+from bench.record.records.manifest import Manifest
+from bench.record.records.start import StartRecord
+from bench.record.records.stored import Record
+
+RECORDS: tuple[type[Record], ...] = (
+    Manifest,
+    ComparisonRecord,
+    DiagnosisRecord,
+    CalibrationRecord,
+    LimitsRecord,
+    VerificationRecord,
+    FlashRecord,
+    CertificateRecord,
+    JobRecord,
+    StartRecord,
+)
+"""In the order in which a unit's work makes them."""

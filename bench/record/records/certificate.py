@@ -1,0 +1,29 @@
+"""certificate.json: the facts of a certificate, as they are attached to its PDF."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from bench.record.records.calibration import StoredQuantity
+from bench.record.records.stored import Record
+
+
+class CertificateRecord(Record):
+    """What a printed certificate says. `bench certificate` writes its text, whose hash is the certificate's number."""
+
+    FILE: ClassVar[str] = "certificate.json"
+    TITLE: ClassVar[str] = "certificate"
+    ADVICE: ClassVar[str] = "make it again with `bench certificate`"
+
+    number: str
+    title: str | None = None
+    simulated: bool | None = None
+    issued: str | None = None
+    verdict: str | None = None
+    operator: str | None = None
+    item: dict[str, Any] | None = None
+    calibrated: str | None = None
+    verified: str | None = None
+    results: tuple[StoredQuantity, ...] = ()
+    chain: dict[str, Any] | None = None
+    """SHA-256 of all files that it rests on."""

@@ -1,0 +1,61 @@
+"""compare.json: the models of the run's report side by side."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from bench.record.records.calibration import Coefficient, StoredHeldOut
+from bench.record.records.stored import Record, Stored
+
+
+class SegmentError(Stored):
+    """Error of a model in one segment of a run."""
+
+    name: str
+    run: str = ""
+    rms_dph: float | None = None
+    floor_ratio: float | None = None
+
+
+class ComparedModel(Stored):
+    """Errors of a model on the data that it was fitted to and on data that it did not see [deg/h]."""
+
+    name: str
+    effects: tuple[str, ...] = ()
+    rows: str = "all"
+    rms_dph: float | None = None
+    fitted_rms_dph: float | None = None
+    rms_interval_dph: tuple[float | None, ...] = ()
+    held_out_rms_dph: float | None = None
+    held_out_by: str = ""
+    held_out: tuple[StoredHeldOut, ...] = ()
+    segments: tuple[SegmentError, ...] = ()
+    parameters: tuple[Coefficient, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class RefusedModel(Stored):
+    """A model that could not be fitted."""
+
+    name: str
+    reason: str = ""
+
+
+class ComparisonRecord(Record):
+    """The comparison of the report."""
+
+    FILE: ClassVar[str] = "compare.json"
+    TITLE: ClassVar[str] = "comparison"
+
+    runs: tuple[str, ...] = ()
+    check: tuple[str, ...] = ()
+    floor_dph: float | None = None
+    interval_s: float | None = None
+    models: tuple[ComparedModel, ...] = ()
+    refused: tuple[RefusedModel, ...] = ()
+    verdict: str | None = None
+
+    def best(self) -> ComparedModel | None:
+        """The model with the least error on unseen data; None where no model has one."""
+        proven = [(model.held_out_rms_dph, model) for model in self.models if model.held_out_rms_dph is not None]
+        return min(proven, key=lambda pair: pair[0], default=(0.0, None))[1]

@@ -1,0 +1,75 @@
+"""diagnosis.json: where the model fails, which effect is missing, which experiment would tell."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pydantic import Field
+
+from bench.record.records.stored import Record, Stored
+
+
+class StoredPlace(Stored):
+    """A range of a channel in which the error is above the noise."""
+
+    channel: str
+    low: float | None = Field(default=None, alias="from")
+    high: float | None = Field(default=None, alias="to")
+    rms_dph: float | None = None
+    floor_ratio: float | None = None
+    misfit_dph: float | None = None
+    p: float | None = None
+    note: str = ""
+
+
+class StoredSuspect(Stored):
+    """An effect that may be missing."""
+
+    effect: str
+    options: dict[str, Any] = Field(default_factory=dict)
+    found: bool = False
+    held_out_before_dph: float | None = None
+    held_out_rms_dph: float | None = None
+    removes: float | None = None
+    evidence: float | None = None
+    chance: float | None = None
+    parameters: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    look_alikes: tuple[str, ...] = ()
+    legs: tuple[dict[str, Any], ...] = ()
+    reason: str = ""
+
+
+class DiagnosisRecord(Record):
+    """The answer of a diagnosis."""
+
+    FILE: ClassVar[str] = "diagnosis.json"
+    TITLE: ClassVar[str] = "diagnosis"
+    ADVICE: ClassVar[str] = "make it again with `bench report` or `bench diagnose`"
+    BEFORE: ClassVar[str] = "diagnosis-before.json"
+    """Where one is kept that knew more runs than its successor."""
+
+    verdict: str
+    sentence: str = ""
+    runs: tuple[str, ...] = ()
+    check: tuple[str, ...] = ()
+    static: str | None = None
+    model: str = ""
+    floor_dph: float | None = None
+    rms_dph: float | None = None
+    held_out_rms_dph: float | None = None
+    held_out_by: str = ""
+    where: tuple[StoredPlace, ...] = ()
+    suspects: tuple[StoredSuspect, ...] = ()
+    next_experiment: dict[str, Any] | None = None
+    unexplained: tuple[StoredPlace, ...] = ()
+    threshold: float | None = None
+    not_excited: tuple[dict[str, str], ...] = ()
+    smallest_detectable: tuple[dict[str, Any], ...] = ()
+    noise_finding: str | None = None
+    notes: tuple[str, ...] = ()
+    profile: str | None = None
+    """File of the next experiment, in answers of older benches."""
+
+    def everything(self) -> set[str]:
+        """Names of all runs behind it."""
+        return {*self.runs, *self.check, *filter(None, [self.static])}

@@ -1,0 +1,77 @@
+"""limits.json and verification.json: a run against its limits, and a unit that corrected itself."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pydantic import Field
+
+from bench.record.records.calibration import StoredQuantity
+from bench.record.records.manifest import UnitIdentity
+from bench.record.records.stored import Record, Stored
+
+
+class JudgedQuantity(StoredQuantity):
+    """A quantity against its limit; `verdict` is null where it was neither measured nor required."""
+
+    lower: float | None = None
+    upper: float | None = None
+    marginal: float | None = None
+    required: bool = True
+    why: str = ""
+    """Why this limit."""
+    verdict: str | None = None
+
+
+class Judged(Stored):
+    """All limits applied."""
+
+    name: str | None = None
+    """Of the specification."""
+    verdict: str | None = None
+    """PASS, MARGINAL, FAIL or INVALID."""
+    decision_rule: str = ""
+    coverage_factor: float | None = None
+    coverage_probability: float | None = None
+    refusals: tuple[str, ...] = ()
+    """Why the run must not be judged."""
+    results: tuple[JudgedQuantity, ...] = ()
+
+
+class LimitsRecord(Judged, Record):
+    """The run's verdict against its limits."""
+
+    FILE: ClassVar[str] = "limits.json"
+    TITLE: ClassVar[str] = "judgement"
+    ADVICE: ClassVar[str] = "make it again with `bench report --limits`"
+
+
+class VerificationRecord(Record):
+    """The verdict on a verification run."""
+
+    FILE: ClassVar[str] = "verification.json"
+    TITLE: ClassVar[str] = "verification"
+    ADVICE: ClassVar[str] = "make it again with `bench verify`"
+
+    unit: str = ""
+    run: str = ""
+    profile: str = ""
+    created: str = ""
+    verdict: str
+    before: dict[str, float] | None = None
+    """Figures of the raw rate in the calibration run [deg/h] …"""
+    after: dict[str, float] = Field(default_factory=dict)
+    """… and of the unit's own output."""
+    rms_interval_dph: tuple[float | None, ...] = ()
+    factor: float | None = None
+    floor_dph: float | None = None
+    over_floor: float | None = None
+    unit_identity: UnitIdentity | None = None
+    rule: str | None = None
+    """Without limits: the rule that took their place."""
+    refusals: tuple[str, ...] = ()
+    limits: Judged | None = None
+    in_unit: dict[str, Any] = Field(default_factory=dict)
+    """What was in the unit."""
+    calibration_run: str | None = None
+    quantities: tuple[StoredQuantity, ...] = ()

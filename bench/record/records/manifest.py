@@ -1,0 +1,162 @@
+"""manifest.json: what was run, on what, when, how it ended, and the hash of every file that its numbers rest on."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pydantic import Field
+
+from bench.record.records.stored import Record, Stored
+
+
+class GyroKind(Stored):
+    """How the unit's frames are decoded."""
+
+    layout: str
+    number: int
+    """Number of the unit on its bus."""
+    bus: str
+
+
+class Companion(Stored):
+    """A unit in the same chamber, and its run folder as seen from this one."""
+
+    unit: str
+    run: str
+
+
+class ExecutedSegment(Stored):
+    """One executed segment of the profile, or a stretch found in an imported table; bench time [s]."""
+
+    index: int = 0
+    name: str
+    kind: str = ""
+    from_s: float
+    to_s: float
+    target_degc: float | None = None
+    rate_degc_per_min: float | None = None
+    direction: str = ""
+    """heating, cooling or constant."""
+    outcome: str = "done"
+    """done, timeout, held, interrupted; detected in an import."""
+    reason: str = ""
+    """Why it did not end as planned."""
+    settled: bool = True
+
+
+class UnitClock(Stored):
+    """The unit's clock against the host's, with standard uncertainties; null: the record is too short."""
+
+    offset_s: float
+    offset_u_s: float | None = None
+    drift_ppm: float
+    drift_u_ppm: float | None = None
+    spread_s: float | None = None
+
+
+class Capture(Stored):
+    """How the capture kept up with its bus."""
+
+    most_behind_s: float
+    behind_spells: int = 0
+    error_frames: int = 0
+    unreadable: int = 0
+    recoveries: int = 0
+
+
+class UnitIdentity(Stored):
+    """What the unit said about itself in its heartbeat."""
+
+    serial: int
+    firmware: int | None = None
+    coefficient_set: int | None = None
+    """Number of the coefficients in force; 0: the unit sends the raw rate."""
+    state: int | None = None
+
+
+class Gap(Stored):
+    """What is known of the gap before a part of a run."""
+
+    text: str
+    from_s: float | None = None
+    to_s: float | None = None
+    duration_s: float
+    duration_known: bool = True
+    before: dict[str, Any] = Field(default_factory=dict)
+    """Chamber and units at its beginning …"""
+    after: dict[str, Any] = Field(default_factory=dict)
+    """… and at its end."""
+    unit_power: str = "unknown"
+    """kept, lost or unknown."""
+    counter_off_s: float | None = None
+    """How far the unit's counter was from where it should be."""
+
+
+class RunPart(Stored):
+    """One start of the bench for this run."""
+
+    part: int
+    from_s: float | None = None
+    to_s: float | None = None
+    state: str
+    cause: str = ""
+    versions: dict[str, str] = Field(default_factory=dict)
+    gap: Gap | None = None
+    """Before it; of the parts after the first."""
+
+
+class Begun(Stored):
+    """What is known when a run begins: the head of its journal, and the beginning of its manifest."""
+
+    run: str = ""
+    """Name of the run folder."""
+    unit: str = ""
+    """Serial number."""
+    created: str = ""
+    """ISO 8601, UTC."""
+    profile: str = ""
+    station: str | None = None
+    simulated: bool | None = None
+    purpose: str | None = None
+    """calibration (the unit sends the raw rate) or verification (it corrects itself)."""
+    gyro: GyroKind | None = None
+    operator: str | None = None
+    """Who asked for it."""
+    seeds: dict[str, int] = Field(default_factory=dict)
+    """Of a simulation."""
+    versions: dict[str, str] = Field(default_factory=dict)
+    companions: tuple[Companion, ...] = ()
+
+
+class Manifest(Begun, Record):
+    """A run, its outcome and its files."""
+
+    FILE: ClassVar[str] = "manifest.json"
+    TITLE: ClassVar[str] = "manifest"
+    ADVICE: ClassVar[str] = "restore it or name another run"
+    MISSING: ClassVar[str] = (
+        "not a run folder: manifest.json is missing; name a folder made by `bench run` or `bench import`"
+    )
+
+    state: str = "unknown"
+    """done, aborted or failed."""
+    cause: str = ""
+    """Why it ended so; `imported` for a table of somebody else."""
+    source: dict[str, Any] | None = None
+    """Of an import: the table, its columns and its SHA-256."""
+    sample_rate_hz: int | float | None = None
+    rate_step_dph: float | None = None
+    """Resolution of the unit's output [deg/h]."""
+    unit_clock: UnitClock | None = None
+    capture: Capture | None = None
+    unit_identity: UnitIdentity | None = None
+    rows: int = 0
+    """Of data.parquet."""
+    duration_s: float = 0.0
+    segments: tuple[ExecutedSegment, ...] = ()
+    losses: dict[str, int] = Field(default_factory=dict)
+    """Frames by what happened to them; empty where nobody counted."""
+    parts: tuple[RunPart, ...] = ()
+    """Of a run whose bench was started more than once for it."""
+    files: dict[str, str] = Field(default_factory=dict)
+    """SHA-256 by path inside the folder."""

@@ -1,0 +1,33 @@
+"""start.json of the page's server: a run that was started from the page."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pydantic import Field
+
+from bench.record.records.stored import Record
+
+
+class StartRecord(Record):
+    """Who started what, with which process, and the runs that it made."""
+
+    FILE: ClassVar[str] = "start.json"
+    TITLE: ClassVar[str] = "start"
+    ADVICE: ClassVar[str] = "remove its folder: the runs themselves are not in it"
+
+    start: str
+    """Name of the start."""
+    plan: str = ""
+    station: str | None = None
+    equipment: tuple[str, ...] = ()
+    """What it uses, by address."""
+    units: tuple[str, ...] = ()
+    models: tuple[str, ...] = ()
+    limits: str | None = None
+    who: dict[str, Any] = Field(default_factory=dict)
+    started: str
+    runs: tuple[str, ...] = ()
+    """Ids of the runs that its process made."""
+    pid: int | None = None
+    """Null until the process is there."""
