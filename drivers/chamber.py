@@ -337,10 +337,12 @@ class Chamber:
             return False
         try:
             step.unverified()
-        except (IdentityError, LimitError, NoConnectionError):
+        except NoConnectionError:
             return False
-        except Exception:
-            pass
+        except (LinkError, RefusedError):
+            return True  # it went out; its answer means nothing
+        except Exception:  # nothing was sent, and the way to the safe state goes on
+            return False
         return True
 
     def _safe_setpoint(self, ambient: float) -> None:

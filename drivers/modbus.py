@@ -134,7 +134,7 @@ class ModbusLink:
         if register.write is None:
             raise ConfigError(f"{register.name} is not a register that may be written")
         words = register.encode(value)
-        if not isinstance(self._client, ModbusSerialClient):
+        if not self.url.startswith("rtu:"):  # a serial line has no connection to be renewed
             self.close()
         self.counters.requests += 1
         where = f"{self.url}: function {register.write}, address {register.address}, {register.count} words"

@@ -218,7 +218,7 @@ def test_what_a_capture_had_to_say_is_among_the_events(copy):
 
 
 def test_how_a_capture_kept_up_is_in_the_manifest_and_no_news_is_no_event(copy):
-    assert assemble(copy)["capture"] is None
+    assert assemble(copy).capture is None
     before = len(list(copy.events()))
     writer = JournalWriter(copy.journal / "can0.gtbj")
     counts = {"error_frames": 0, "unreadable": 0, "recoveries": 0}
@@ -227,7 +227,7 @@ def test_how_a_capture_kept_up_is_in_the_manifest_and_no_news_is_no_event(copy):
     for said in (spell, end, {**end, "behind_spells": 0, "most_behind_ms": 20, "no_news": 1}):
         writer.append(Kind.EVENT, json.dumps(said).encode(), 1, 50.0)
     writer.close()
-    assert assemble(copy)["capture"] == {"most_behind_s": 0.9, "behind_spells": 2, **counts}
+    assert assemble(copy).capture.content() == {"most_behind_s": 0.9, "behind_spells": 2, **counts}
     assert len(list(copy.events())) == before + 2
 
 

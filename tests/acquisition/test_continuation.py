@@ -100,7 +100,7 @@ def test_a_ramp_goes_on_from_where_the_air_was_and_is_not_rewound(cut_ramp):
     before, run = cut_ramp
     data = pq.read_table(run.data).to_pandas()
     air = data[["time", "chamber_temperature", "segment"]].dropna()
-    left_degc = air["chamber_temperature"][air["time"] <= before["duration_s"]].iloc[-1]
+    left_degc = air["chamber_temperature"][air["time"] <= before.duration_s].iloc[-1]
     up_again = air[air["segment"] == 2]
     assert abs(up_again["chamber_temperature"].iloc[0] - left_degc) < 0.6
     assert up_again["chamber_temperature"].iloc[-1] > 28.8
@@ -117,7 +117,7 @@ def test_both_parts_stand_on_one_time_base_with_the_gap_left_open(cut_ramp):
     (gap,) = steps[steps > 0.003]
     assert gap == pytest.approx(SIMULATED_GAP_S, abs=1.5)
     assert np.allclose(steps[steps <= 0.003], 0.002)
-    assert np.count_nonzero(time <= before["duration_s"] + 1.0) == pytest.approx(before["rows"], abs=1)
+    assert np.count_nonzero(time <= before.duration_s + 1.0) == pytest.approx(before.rows, abs=1)
     means = pq.read_table(run.means).to_pandas()
     assert np.all(np.diff(means["time"]) > 0)
     assert run.manifest().losses["lost"] == 0

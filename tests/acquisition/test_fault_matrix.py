@@ -287,7 +287,7 @@ def tables_full(lab, case):
         patch.setattr(bench.acquisition.run.runner, "assemble", full)
         outcome = lab.run(lab.job(case))
     (run,) = outcome.runs
-    assert assemble(run)["state"] == "done"
+    assert assemble(run).state == "done"
     return outcome
 
 

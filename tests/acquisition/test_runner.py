@@ -61,8 +61,8 @@ def test_a_run_that_an_analysis_ends_early_is_done_and_says_who_ended_it(tmp_pat
     result = run_job(acquisition.job(tmp_path, acquisition.LONG), decider=Enough())
     manifest = result.run.manifest()
     said = "ended early by live fit: residual below 0.1 deg/h"
-    assert (result.error, manifest["state"], manifest["cause"]) == (None, "done", said)
-    assert [(s["outcome"], s["settled"], s["reason"]) for s in manifest["segments"]] == [("ended", True, said)]
+    assert (result.error, manifest.state, manifest.cause) == (None, "done", said)
+    assert [(s.outcome, s.settled, s.reason) for s in manifest.segments] == [("ended", True, said)]
     (event,) = [event for event in result.run.events() if event["kind"] == "decision"]
     assert (event["who"], event["reason"]) == ("live fit", "residual below 0.1 deg/h")
     assert is_safe(world)
@@ -279,7 +279,7 @@ def test_tables_that_do_not_fit_the_disk_can_be_made_later(world, tmp_path, monk
     assert "No space left on device" in str(result.error)
     assert f"bench report {result.run.path}" in str(result.error)
     assert is_safe(world)
-    assert assemble(result.run)["state"] == "done"  # the journal knows that the run itself went well
+    assert assemble(result.run).state == "done"  # the journal knows that the run itself went well
 
 
 def test_a_folder_that_cannot_be_made_is_bad_input(tmp_path):

@@ -94,7 +94,7 @@ def test_each_folder_can_be_recovered_by_itself(whole, tmp_path):
     before = run.manifest()
     for made in ("manifest.json", "data.parquet", "means.parquet", "events.jsonl"):
         (run.path / made).unlink()
-    assert assemble(run)["files"] == before["files"]
+    assert assemble(run).files == before.files
 
 
 def test_a_bench_that_is_killed_leaves_folders_that_can_all_be_recovered(tmp_path):

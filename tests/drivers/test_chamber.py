@@ -361,6 +361,14 @@ class TestSafeStateOfAControllerThatCannotBeRead:
         assert [step.sent for step in ready.chamber.safe(25.0)] == [True] * 3
         assert ready.server.commands() == ChamberCommands(25.0, False, None)
 
+    def test_what_our_own_bug_kept_from_being_sent_is_not_called_sent(self, ready: Bench, monkeypatch):
+        def bug(register, value):
+            raise NameError("name 'client' is not defined")
+
+        unreadable(ready, monkeypatch)
+        monkeypatch.setattr(ready.link, "send", bug)
+        assert not any(step.sent for step in ready.chamber.safe(25.0))
+
     def test_a_display_in_degf_gets_no_set_point_and_is_switched_off(self, ready: Bench):
         ready.chamber.set_point(80.0)
         ready.chamber.start()

@@ -275,7 +275,7 @@ def test_a_unit_that_left_does_not_tell_how_the_run_ended(out, tmp_path):
         (outside, "", over, "done"),
     ):
         folder.mkdir(parents=True, exist_ok=True)
-        companions = [{"run": other}, {"run": "../../../elsewhere/run"}, {"run": str(outside)}, "nonsense"]
+        companions = [{"unit": "G", "run": run} for run in (other, "../../../elsewhere/run", str(outside), "nonsense")]
         manifest = {"format": 1, "state": state, "cause": events[-1]["text"], "companions": companions}
         (folder / "manifest.json").write_text(json.dumps(manifest))
         (folder / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
