@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-from importlib.metadata import PackageNotFoundError, version
 
 __version__ = "0.1.0"
 RECORDED_PACKAGES = ("numpy", "scipy", "pandas", "pymodbus", "python-can", "cantools", "pyarrow")
@@ -11,6 +10,8 @@ RECORDED_PACKAGES = ("numpy", "scipy", "pandas", "pymodbus", "python-can", "cant
 
 def package_versions() -> dict[str, str]:
     """Versions of everything that made the numbers."""
+    from importlib.metadata import PackageNotFoundError, version  # slow, and in the way of `bench --help`
+
     found = {"bench": __version__, "python": platform.python_version()}
     for package in RECORDED_PACKAGES:
         try:
