@@ -15,7 +15,8 @@ from modbus_tk import defines, modbus_tcp
 from drivers.errors import DriverError, LinkError, RefusedError
 from drivers.modbus import ModbusLink
 from drivers.registers import Register
-from drivers.sim.faults.proxy import FAULTS, Front, ModbusProxy
+from drivers.sim.faults.named import ON_MODBUS
+from drivers.sim.faults.proxy import Front, ModbusProxy
 
 
 def number(name: str, address: int, write: int | None = None) -> Register:
@@ -228,7 +229,7 @@ def test_a_fault_that_does_not_exist_here_is_refused(upstream):
         for name in ("echo", "nonsense"):
             with pytest.raises(ValueError, match="must be one of"):
                 proxy.inject(name)
-    assert set(RAISES) | {"split", "stuck"} == set(FAULTS)
+    assert set(RAISES) | {"split", "stuck"} == set(ON_MODBUS)
 
 
 def test_minimalmodbus_reads_our_serial_line(upstream, device):
