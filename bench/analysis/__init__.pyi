@@ -55,7 +55,6 @@ from .fit.rate_surface import points_of as points_of
 from .fit.samples import Samples as Samples
 from .fit.so_far import SoFar as SoFar
 from .fit.solve import one_blas_thread as one_blas_thread
-from .judging.analysis import LIMITS_JSON as LIMITS_JSON
 from .judging.analysis import LIMITS_YAML as LIMITS_YAML
 from .judging.analysis import Analysis as Analysis
 from .judging.branches import branch_gap as branch_gap

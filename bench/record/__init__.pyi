@@ -9,7 +9,6 @@ from .files import copy_whole as copy_whole
 from .files import sha256 as sha256
 from .files import share as share
 from .files import write_atomically as write_atomically
-from .files import write_json as write_json
 from .folder import HASHED_PATTERNS as HASHED_PATTERNS
 from .folder import MANIFEST as MANIFEST
 from .folder import RunFolder as RunFolder

@@ -20,22 +20,7 @@ from bench.record.files import sha256
 from bench.record.records.manifest import Manifest
 
 MANIFEST = Manifest.FILE
-VERIFICATION_JSON = "verification.json"
-"""Verdict on a verification run, written by `bench verify`."""
 HASHED_PATTERNS = ("*.parquet", "*.yaml", "*.jsonl", "journal/*", "journal-*/*")
-
-
-def read_json(path: Path, missing: str) -> dict[str, Any]:
-    """The JSON object in a file; InputError that says `missing` where there is none, or what is wrong with it."""
-    if not path.is_file():
-        raise InputError(missing, path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"not readable as JSON ({error})", path) from error
-    if not isinstance(content, dict):
-        raise InputError("is not a JSON object", path)
-    return content
 
 
 @dataclass(frozen=True)

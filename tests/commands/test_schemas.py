@@ -86,5 +86,5 @@ def test_every_record_has_a_schema_and_a_line_in_the_documentation():
     assert len(rows) == len(RECORDS)
     for record in RECORDS:
         version = record.model_fields["format"].default
-        link = f"[{record.TITLE}](../../profiles/schemas/records/{record.TITLE}.json)"
-        assert any(record.FILE in row and f"| {version} | {link} |" in row for row in rows), record.FILE
+        end = f"| {version} | `profiles/schemas/records/{record.TITLE}.json` |"
+        assert any(record.FILE in row and row.endswith(end) for row in rows), record.FILE

@@ -19,8 +19,8 @@ from bench.record import Dataset, Manifest, RunFolder
 
 NEXT_PROFILE = "next.yaml"
 """Profile of the run that would tell suspects apart, in the run folder."""
-LIMITS_YAML, LIMITS_JSON = "limits.yaml", "limits.json"
-"""The limits of a run as they were given, and its verdict against them, in the run folder."""
+LIMITS_YAML = "limits.yaml"
+"""The limits of a run as they were given, in the run folder."""
 
 
 @dataclass(frozen=True, eq=False)
