@@ -50,6 +50,7 @@ def follows_decimals(trial: Trial) -> None:
     if not trial.described.decimals:
         raise NotApplicable("no implied decimals")
     for places in (0, 1, 2):
+        trial.connect()  # what was recognised first stands for as long as the connection
         for name in trial.described.decimals:
             trial.put(name, float(places))
         known = trial.described.with_decimals(dict.fromkeys(trial.described.decimals, places))

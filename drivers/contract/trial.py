@@ -47,7 +47,12 @@ class Trial:
         self.link = ModbusLink(served.url, timeout_s=5.0, attempts=1)
         self.writes: list[Write] = []
         self.clock = SimClock()
-        self.chamber = Chamber(self.link, registers, LIMITS, self.clock, journal=self.writes.append, secondary_s=0.0)
+        self.connect()
+
+    def connect(self) -> None:
+        """A driver that has not recognised the controller yet."""
+        journal = self.writes.append
+        self.chamber = Chamber(self.link, self.described, LIMITS, self.clock, journal=journal, secondary_s=0.0)
 
     def value(self, name: str) -> Value:
         """What a register holds."""

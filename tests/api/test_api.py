@@ -96,7 +96,7 @@ def test_rows_faster_than_the_means_are_averaged_and_slower_ones_are_kept():
 
 def test_a_table_has_the_numbers_of_its_import(tmp_path):
     cycle(1.0).to_csv(tmp_path / "log.csv", index=False)
-    folder = import_table(tmp_path / "log.csv", None, "MINE", None, tmp_path / "reports").content["run"]
+    folder = import_table(tmp_path / "log.csv", None, "MINE", None, tmp_path / "reports").run
     direct, imported = (bench.open(source).fit("polynomial") for source in (tmp_path / "log.csv", folder))
     for key, coefficient in direct.coefficients.items():
         assert imported.coefficients[key].value == pytest.approx(coefficient.value, rel=1e-6)

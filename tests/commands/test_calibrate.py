@@ -22,7 +22,7 @@ from bench.commands.calibration.order import Order
 from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.recording import MARK
 from bench.commands.calibration.steps import NAMES, STEPS, AgainError
-from bench.record import JobRecord
+from bench.record import DiagnosisRecord, JobRecord
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 QUICK = PROFILES / "plans" / "quick.yaml"
@@ -92,7 +92,7 @@ def test_another_plan_is_another_job(order, tmp_path):
     folder = shutil.copytree(PROFILES, tmp_path / "profiles")
     path = folder / "plans" / "quick.yaml"
     path.write_text(path.read_text() + "# other\n")
-    assert calibrate(replace(order, path=path), steps=fakes()).folder != first.folder
+    assert calibrate(Order.load(path, None, order.serial, order.out, quiet=True), steps=fakes()).folder != first.folder
 
 
 @pytest.mark.parametrize(
@@ -193,7 +193,7 @@ SUSPECT = {"effect": "thermal_lag", "found": True, "look_alikes": ["temperature_
     ],
 )
 def test_every_doubt_holds_the_job_until_the_plan_says_otherwise(diagnosis, added, kinds):
-    found = list(doubts(diagnosis, "why", added))
+    found = list(doubts(diagnosis and DiagnosisRecord.model_validate(diagnosis), "why", added))
     assert [doubt.kind for doubt in found] == kinds
     cases, hold, stop = decided(found, Policy())
     assert (bool(hold), stop) == (bool(kinds), "")

@@ -131,7 +131,7 @@ def test_a_kink_changes_the_slope_and_not_the_value():
 def test_leakage_of_one_degree_a_second_through_one_milliradian_is_3_6_degrees_an_hour():
     bench = Bench(mechanism("quadrature_leakage", phase_mrad=1.0, phase_slope_mrad_per_degc=0.02), start_degc=35.0)
     rate = bench.hold(100.0)[-1]
-    quadrature_dps = bench.acquisition.run.signals.quadrature[-1] / 0.05
+    quadrature_dps = bench.signals.quadrature[-1] / 0.05
     assert rate == pytest.approx(quadrature_dps * 3.6 * 1.2, rel=1e-5)
 
 

@@ -60,7 +60,7 @@ def named(listing: Mapping[str, Path], name: str, what: str) -> Path:
     """The file of this id; InputError with the known ids."""
     if name in listing:
         return listing[name]
-    raise InputError(f"no {what} '{name[:60]}'{nearest(name, listing)}; there are {', '.join(listing) or 'none'}")
+    raise InputError(f"no {what} '{name[:60]}'; there are {', '.join(listing) or 'none'}{nearest(name, listing)}")
 
 
 class Read:
