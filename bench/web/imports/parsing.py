@@ -185,7 +185,7 @@ def _understood(plan: ImportPlan) -> dict[str, Any]:
     return {
         "time": plan.time_source.model_dump(exclude_none=True), "channels": channels, "interval_s": plan.interval_s,
         "duration_s": float(plan.time[-1]), "rows": int(plan.time.size),
-        "segments": [branch.as_segment(i) for i, branch in enumerate(plan.branches)],
+        "segments": [branch.as_segment(i).content() for i, branch in enumerate(plan.branches)],
         "warnings": [shortened(text) for text in plan.warnings],
     }  # fmt: skip
 
