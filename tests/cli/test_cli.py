@@ -196,7 +196,7 @@ def test_a_report_without_the_isothermal_run_keeps_the_diagnosis_that_knew_it(tm
     again = json.loads(bench("report", run, "--static", static, "--model", "polynomial", "--json").stdout)
     saved = json.loads((run / "diagnosis.json").read_text())
     assert not any("diagnosis-before" in text for text in again["warnings"])
-    assert saved == told
+    assert saved == {"format": 1, **told}
     assert again["floor_dph"] == saved["floor_dph"]
     assert "Made from r with the isothermal run s" in (run / "report.html").read_text()
 
