@@ -99,7 +99,7 @@ class Station:
         self.injection = opened.injection
         self.turntable = opened.turntable
         self.buses = opened.buses
-        self._local_buses, self._records = opened.local_buses, opened.records
+        self.local_buses, self._records = opened.local_buses, opened.records
         self._recorder: Recorder | None = None
         self._captures: dict[str, Capture] = {}
         self._links: dict[str, Link] = {}
@@ -119,10 +119,10 @@ class Station:
             self._links[name] = Link(f"bus {name}", self.settings.buses[name].link, self._records.event)
 
     def _capture(self, name: str, path: Path, recorder: Recorder) -> Capture:
-        if name in self._local_buses:
+        if name in self.local_buses:
             writer = JournalWriter(path)
             recorder.keep_synced(writer)
-            return InProcessCapture(self._local_buses[name], writer, now=self.clock.now)
+            return InProcessCapture(self.local_buses[name], writer, now=self.clock.now)
         started_ns = self.clock.started_monotonic_ns if isinstance(self.clock, WallClock) else 0
         heard = [unit.settings for unit in self.everyone if unit.settings.bus == name]
         return ProcessCapture(self.settings.buses[name].to_driver(heard), path, started_ns)
