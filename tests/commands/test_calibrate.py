@@ -22,7 +22,7 @@ from bench.commands.calibration.order import Order
 from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.recording import MARK
 from bench.commands.calibration.steps import NAMES, STEPS, AgainError
-from bench.record import JobRecord
+from bench.record import DiagnosisRecord, JobRecord
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 QUICK = PROFILES / "plans" / "quick.yaml"
@@ -193,7 +193,8 @@ SUSPECT = {"effect": "thermal_lag", "found": True, "look_alikes": ["temperature_
     ],
 )
 def test_every_doubt_holds_the_job_until_the_plan_says_otherwise(diagnosis, added, kinds):
-    found = list(doubts(diagnosis, "why", added))
+    record = None if diagnosis is None else DiagnosisRecord.model_validate(diagnosis)
+    found = list(doubts(record, "why", added))
     assert [doubt.kind for doubt in found] == kinds
     cases, hold, stop = decided(found, Policy())
     assert (bool(hold), stop) == (bool(kinds), "")
