@@ -62,7 +62,7 @@ def _calibrate(folder: Path, number: int) -> None:
         "noise": {"floor_dph": 0.1 + 0.002 * number,
                   "coefficients": [{"name": "white", "value": 0.01, "determined": True}]},
         "residual": {"rms_dph": residual * 0.9, "held_out": [{"by": "blocks", "rms_dph": residual}]},
-        "calibration": {"model": {"name": "spline_lag_loop"}, "coefficients": [number], "parameters": [],
+        "calibration": {"model": {"name": "spline_lag_loop"}, "coefficients": [{"key": "a0", "value": number}], "parameters": [],
                         "validity": {"temperature": {"from": -39.0 + number, "to": 84.0, "unit": "degC"}}},
     }  # fmt: skip
     (folder / "calibration.json").write_text(json.dumps(content))
