@@ -173,7 +173,7 @@ def test_a_run_with_a_hole_in_its_temperatures_is_refused(tmp_path):
     [
         ("calibration.json", edit_amplitude, "it belongs to other data"),
         ("calibration.json", lambda c: c.update(calibration=None), "holds no calibration"),
-        ("calibration.json", lambda c: c["calibration"].pop("scaled"), "is not a calibration of this bench"),
+        ("calibration.json", lambda c: c["calibration"].pop("scaled"), "lacks the numbers of its fit; make it again"),
         ("manifest.json", lambda c: c.update(unit="unit"), "give one with --serial"),
     ],
 )

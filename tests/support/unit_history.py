@@ -57,13 +57,14 @@ def _run(root: Path, number: int, days: int) -> Path:
 def _calibrate(folder: Path, number: int) -> None:
     residual = 0.12 + 0.016 * number
     judged = "PASS" if residual < 0.19 else "FAIL"
+    validity = {"temperature": {"from": -39.0 + number, "to": 84.0, "unit": "degC"}}
     content = {
         "verdict": {"verdict": "adequate"},
         "noise": {"floor_dph": 0.1 + 0.002 * number,
                   "coefficients": [{"name": "white", "value": 0.01, "determined": True}]},
         "residual": {"rms_dph": residual * 0.9, "held_out": [{"by": "blocks", "rms_dph": residual}]},
-        "calibration": {"model": {"name": "spline_lag_loop"}, "coefficients": [{"key": "a0", "value": number}], "parameters": [],
-                        "validity": {"temperature": {"from": -39.0 + number, "to": 84.0, "unit": "degC"}}},
+        "calibration": {"model": {"name": "spline_lag_loop"}, "coefficients": [{"key": "a0", "value": number}],
+                        "parameters": [], "validity": validity},
     }  # fmt: skip
     (folder / "calibration.json").write_text(json.dumps(content))
     result = {
