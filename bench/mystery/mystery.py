@@ -94,7 +94,7 @@ def make_mystery(seed: int, effects_count: int, out: Path, calibration: Path, ch
         samples = virtual.unit(_settings(truth, name, NOISE), traces[name], _seed(seed, number))
         own = profile_from_text(texts[name], files[name]).name
         folders[name] = create_run(out, f"MYSTERY-{seed}", own, created, {"profile.yaml": texts[name]})
-        _write(folders[name], samples, traces[name], {"unit": f"MYSTERY-{seed}", "profile": own, "created": created})
+        _write(folders[name], samples, traces[name], created, f"MYSTERY-{seed}", own)
     paths = {name: str(folder.path.relative_to(out)) for name, folder in folders.items()}
     _seal(envelope, {"format": 1, "seed": seed, "truth": truth, "strengths": strengths, "runs": paths})
     return Mystery(out, folders["run"].path, folders["check"].path, folders["static"].path, envelope)
@@ -153,7 +153,9 @@ def _beyond_curve(temperature: FloatArray, rate: FloatArray) -> float:
     return float(np.sqrt(np.mean(left**2)))
 
 
-def _write(run: RunFolder, samples: virtual.Samples, trace: virtual.Trace, about: Mapping[str, Any]) -> None:
+def _write(
+    run: RunFolder, samples: virtual.Samples, trace: virtual.Trace, created: datetime, unit: str, profile: str
+) -> None:
     columns = {"time": samples.time, **samples.channels}
     table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
     table = table.append_column("segment", pa.array(samples.segment.astype(np.int16)))
@@ -162,9 +164,9 @@ def _write(run: RunFolder, samples: virtual.Samples, trace: virtual.Trace, about
     (run.path / "events.jsonl").write_text("")
     Manifest(
         run=run.path.name,
-        unit=about["unit"],
-        profile=about["profile"],
-        created=about["created"].isoformat(timespec="seconds"),
+        unit=unit,
+        profile=profile,
+        created=created.isoformat(timespec="seconds"),
         state="done",
         cause="finished",
         simulated=True,
@@ -234,7 +236,7 @@ def _without_noise(run: Path, truth: list[Entry], seed: int) -> Dataset:
     trace = virtual.chamber(profile_from_text(read_text(run / "profile.yaml")), seed=seed + 1)
     samples = virtual.unit(_settings(truth, "check", _SILENT), trace, _seed(seed, 1))
     with tempfile.TemporaryDirectory() as folder:
-        _write(RunFolder(Path(folder)), samples, trace, {"created": datetime.now(UTC)})
+        _write(RunFolder(Path(folder)), samples, trace, datetime.now(UTC), "", "")
         return load(folder)
 
 

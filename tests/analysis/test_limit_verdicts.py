@@ -199,7 +199,7 @@ def test_report_writes_the_verdict_and_its_exit_code_is_the_limits(tmp_path):
     assert contents["wide"]["verdict"] == "adequate"
     assert answers["tight"].exit_code == 1
     assert contents["tight"]["limits"]["verdict"] == "FAIL"
-    assert json.loads((run / "limits.json").read_text()) == contents["tight"]["limits"]
+    assert json.loads((run / "limits.json").read_text()) == {"format": 1, **contents["tight"]["limits"]}
     assert "FAIL against limits 'tight'" in rendering.plain(answers["tight"])
     page = (run / "report.html").read_text()
     assert page.index('id="limits"') < page.index('id="profile"')
