@@ -249,13 +249,13 @@ def test_an_allan_deviation_holds_the_angle_once_and_works_in_pieces_of_it(of, m
 
 @pytest.mark.parametrize("rate_hz", [2.0, 8.0])
 def test_a_report_reads_the_means_and_draws_a_bounded_number_of_points(tmp_path, monkeypatch, rate_hz):
-    """The means are read at three resolutions; of the samples, two edges are looked up and no column is decoded."""
+    """The means are read once; of the samples, two edges are looked up and no column is decoded."""
     run = make_run(tmp_path / "run", **ramp_run(CYCLE, rate_hz=rate_hz))
-    read, table, batches = Counter(), pq.read_table, pq.ParquetFile.iter_batches
-    monkeypatch.setattr(pq, "read_table", lambda path, **how: read.update([str(path)]) or table(path, **how))
+    read, table, batches = Counter(), pq.ParquetFile.read, pq.ParquetFile.iter_batches
+    monkeypatch.setattr(pq.ParquetFile, "read", lambda self, **how: read.update(["tables"]) or table(self, **how))
     monkeypatch.setattr(pq.ParquetFile, "iter_batches", lambda self, **how: read.update(["batches"]) or batches(self))
     page = render(quick(run, "spline"))
-    assert read == {str(run / "means.parquet"): 3}
+    assert read == {"tables": 1}
     drawn = [len(trace.get("x") or ()) for figure in figures(page) for trace in figure["data"]]
     costs(sum(drawn), 7500)
 

@@ -180,7 +180,7 @@ def test_a_verification_run_records_the_corrected_rate_and_nothing_is_fitted_to_
     stored = json.loads((result.run.path / "verification.json").read_text())
     assert stored["after"]["rms_dph"] == pytest.approx(found.after.rms_dph)
     assert stored["in_unit"] == {"bank": 1}
-    with pytest.raises(InputError, match="is no verification"):
+    with pytest.raises(InputError, match="is not a verification"):
         verify(short_run, None, None, {})
 
 

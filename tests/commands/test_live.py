@@ -154,11 +154,11 @@ def test_a_bench_that_is_killed_in_real_time_goes_on_with_the_unit_that_kept_cou
         assert second.returncode in {0, 1}, complaints
         manifest = open_run(run.path).manifest()
         assert manifest.state == "done"
-        assert [s["name"] for s in manifest.segments] == ["warm", "back to 23 (resumed)", "warm (resumed)"]
-        gap = manifest.parts[1]["gap"]
-        assert gap["unit_power"] == "kept"
-        assert (gap["before"]["on"], gap["after"]["on"]) == (True, False)  # the watchdog has switched it off
-        assert gap["duration_known"]
+        assert [segment.name for segment in manifest.segments] == ["warm", "back to 23 (resumed)", "warm (resumed)"]
+        gap = manifest.parts[1].gap
+        assert gap.unit_power == "kept"
+        assert (gap.before["on"], gap.after["on"]) == (True, False)  # the watchdog has switched it off
+        assert gap.duration_known
         assert manifest.losses["lost"] == 0
         assert json.loads(said)["admissible"]
     finally:
