@@ -5,16 +5,23 @@ import json
 import numpy as np
 import pytest
 
+from bench.commands import registry_rebuild
 from tests.support.fleet_runs import line
 from tests.support.servers import serving
 from tests.support.unit_history import PDF, UNIT, unit_with_history
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    out = tmp_path_factory.mktemp("fleet")
+def fleet(out):
     unit_with_history(out)
     line(out, 48, odd=20)
+    return out
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Runs of 49 units and the registry of them."""
+    out = fleet(tmp_path_factory.mktemp("fleet"))
+    registry_rebuild(out, None, False)
     return out
 
 
@@ -30,7 +37,13 @@ def page(visitors, address):
     return visitors.come(address, size={"width": 1280, "height": 900})
 
 
-def test_the_registry_is_made_from_the_page_and_a_unit_is_found(page):
+def test_the_registry_is_made_from_the_page_and_a_unit_is_found(visitors, tmp_path):
+    with serving(fleet(tmp_path)) as address:
+        page = visitors.come(address, size={"width": 1280, "height": 900})
+        makes_the_registry_and_finds_a_unit(page)
+
+
+def makes_the_registry_and_finds_a_unit(page):
     page.goto("/units")
     page.get_by_role("button", name="Make it from the run folders").click()
     page.get_by_role("link", name=UNIT).wait_for()

@@ -19,6 +19,10 @@ _DOWN = re.compile(
 )
 
 
+_LATE = re.compile(r"status of 409 .*/api/v1/live/")
+"""A run on a busy computer that does not answer at once; the page asks again."""
+
+
 class Visitors:
     """Windows of one browser program that share nothing."""
 
@@ -56,10 +60,13 @@ class Visitor:
         self.context.add_init_script(_POLICY)
         self.context.on("request", self._asked)
         self.page = self.context.new_page()
-        self.page.on(
-            "console", lambda told: self._said.append(told.text) if told.type in {"error", "warning"} else None
-        )
+        self.page.on("console", self._told)
         self.page.on("pageerror", lambda error: self._said.append(str(error)))
+
+    def _told(self, message):
+        said = f"{message.text} {message.location.get('url', '')}"
+        if message.type in {"error", "warning"} and not _LATE.search(said):
+            self._said.append(said)
 
     def _asked(self, request):
         parts = urlsplit(request.url)
