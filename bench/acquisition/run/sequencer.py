@@ -269,6 +269,8 @@ class Sequencer:
 
     def _guard(self) -> None:
         """Evaluate the guards; RunAborted when one of them ends the run."""
+        if not self._guards.settings:
+            return  # a rehearsal has none, and its signals need not be collected
         for trip in self._guards.evaluate(self._signals.collect(), self._clock.now()):
             self._recorder.event("guard", trip.text, tripped=trip.tripped, action=trip.guard.action)
         if not self.moved:
