@@ -3,6 +3,7 @@
 import signal
 from collections import Counter
 
+import hypothesis
 import pytest
 
 import bench.acquisition.station.station
@@ -12,6 +13,10 @@ from tests.support import acquisition, leftovers, needs
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # tests in the background: benches would ignore it, too
 
+
+CALM = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
+hypothesis.settings.register_profile("bench", **CALM)
+hypothesis.settings.load_profile("bench")  # no example fails because the machine is busy
 
 GUARD = leftovers.guard()
 """Ends the processes of this test run, even when the run is killed."""

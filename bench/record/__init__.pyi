@@ -5,6 +5,10 @@ from .dataset import Segment as Segment
 from .dataset import averaged as averaged
 from .dataset import load as load
 from .dataset import seconds_of as seconds_of
+from .events import EVENTS as EVENTS
+from .events import Events as Events
+from .events import read_events as read_events
+from .events import write_events as write_events
 from .files import copy_whole as copy_whole
 from .files import sha256 as sha256
 from .files import share as share

@@ -7,15 +7,15 @@ with its SHA-256.
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from bench.base import InputError
+from bench.record.events import EVENTS, read_events
 from bench.record.files import sha256
 from bench.record.records.manifest import Manifest
 
@@ -66,12 +66,9 @@ class RunFolder:
         files = sorted({file for pattern in HASHED_PATTERNS for file in self.path.glob(pattern)})
         return {str(file.relative_to(self.path)): sha256(file) for file in files}
 
-    def events(self) -> Iterator[dict[str, Any]]:
-        """The events of the run in order of time."""
-        path = self.path / "events.jsonl"
-        if path.exists():
-            with path.open(encoding="utf-8") as file:
-                yield from (json.loads(line) for line in file if line.strip())
+    def events(self) -> list[dict[str, Any]]:
+        """The events of the run in order of time, without damaged lines."""
+        return read_events(self.path / EVENTS).sound
 
 
 def create_run(

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.acquisition.profile import preflight, profile
 from bench.acquisition.profile.profile import Profile
 from bench.base.errors import InputError
 
-CALM = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+CALM = settings(max_examples=60)
 SHIPPED = sorted((Path(__file__).parents[2] / "profiles").glob("*.yaml"))
 CHAMBER = preflight.Limits(-42, 130, 5.0, preflight.TESTEQUITY_107_COOLING, turn_dps=200.0)
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, Field
 
@@ -12,7 +12,7 @@ from bench.base import config
 from bench.base.errors import InputError
 from bench.base.yaml12 import dump, parse_yaml
 
-CALM = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+CALM = settings(max_examples=60)
 
 
 class Inner(BaseModel):

@@ -210,7 +210,7 @@ def test_an_image_of_another_unit_is_refused():
         read(words_of(delivered("spline"), "split", 1042, 7), 1043)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 30), st.data())
 def test_one_burst_of_up_to_32_bits_never_passes_the_crc(length, data):
     words = words_of(delivered("polynomial"), "fixed", 1, 1)
@@ -233,7 +233,7 @@ def series(values, low=-40.0, high=85.0) -> Delivery:
 finite = st.floats(-50.0, 50.0, allow_subnormal=False)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.lists(finite, min_size=6, max_size=6), st.sampled_from(["fixed", "split_fixed"]))
 def test_rounding_a_coefficient_costs_half_a_step_at_most(values, form):
     made = series(values)
@@ -243,7 +243,7 @@ def test_rounding_a_coefficient_costs_half_a_step_at_most(values, form):
     assert sum(abs(i32(word)) for word in numbers.words) < 1 << 31
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(finite, min_size=6, max_size=6), st.floats(-150.0, 0.0), st.floats(5.0, 150.0))
 def test_the_integer_form_follows_the_model_to_its_last_bits(values, low, span):
     """Bound: half a step a coefficient, and T_k of integers, whose error grows as k^2 of 2^-31."""

@@ -249,7 +249,7 @@ def test_a_torn_last_event_is_said_and_does_not_cost_the_page(whole: Analysis, t
     run = make_run(tmp_path / "torn", **made)
     with (run / "events.jsonl").open("a") as file:
         file.write('{"t_s": 3.0, "ki')
-    assert "events.jsonl is damaged" in Page(render(quick(run))).text
+    assert "events.jsonl: 1 damaged line" in Page(render(quick(run))).text
 
 
 def test_the_file_is_small_and_figures_do_not_grow_with_the_run(whole: Analysis) -> None:

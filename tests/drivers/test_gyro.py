@@ -269,7 +269,7 @@ def test_what_the_unit_calls_invalid_is_a_gap(unit, decoder):
     assert counts(decoder) == {"invalid": 3}
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.data())
 def test_whatever_happens_on_the_wire_samples_stand_in_their_place_and_the_sum_is_right(data):
     unit, decoder = Unit(), GyroDecoder("vibratory", 2)
@@ -293,7 +293,7 @@ def test_whatever_happens_on_the_wire_samples_stand_in_their_place_and_the_sum_i
         assert np.all(series.index % (500 if name == "supply" else 10) == 0)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(noise=st.lists(st.binary(min_size=8, max_size=8), max_size=40), seed=st.integers(0, 1000))
 def test_noise_under_the_right_identifier_never_moves_the_time_axis(noise, seed):
     """Random bytes pass an 8-bit CRC once in 256; a counter from such a frame must not be believed."""
@@ -311,7 +311,7 @@ def test_noise_under_the_right_identifier_never_moves_the_time_axis(noise, seed)
         assert later.index[-1] == 1499
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     ran=st.integers(100, 66_000),
     silent_ms=st.integers(20, 140_000),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from drivers.journal import FRAME, MAGIC, JournalTail, JournalWriter, Kind, read_blocks
 
 PAYLOADS = [bytes([k]) * (37 * k) for k in range(1, 6)] + [MAGIC * 5, b""]
-anywhere = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+anywhere = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 
 
 @pytest.fixture

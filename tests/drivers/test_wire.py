@@ -18,7 +18,7 @@ from drivers.wire import _message as layout_of
 from drivers.wire import load_dbc
 
 FAMILY = Path(__file__).parents[2] / "drivers" / "gyros" / "vibratory.dbc"
-quick = settings(max_examples=200, deadline=None)
+quick = settings(max_examples=200)
 
 
 @st.composite
@@ -177,7 +177,7 @@ def crowded(draw):
     return CantoolsMessage(1, "M", length, signals, is_fd=length > 8, strict=True)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 @given(message=crowded(), data=st.data())
 def test_any_message_decodes_as_cantools_decodes_it(message, data):
     """Big endian, signed, float, odd lengths, over nine bytes of a CAN FD frame, multiplexed: row by row the same."""

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -18,7 +17,7 @@ from bench.acquisition.importer.branches import Branch, find_branches, segment_o
 from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
 from bench.acquisition.importer.tables import Table, read_table
 from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, FloatArray, InputError, __version__, dump, load_config
-from bench.record import Dataset, Manifest, RunFolder, Segment, create_run, sha256, write_means
+from bench.record import EVENTS, Dataset, Manifest, RunFolder, Segment, create_run, sha256, write_events, write_means
 
 _FASTEST_DPH = 5000 * DPH_PER_DPS
 """No gyro measures more [deg/h]."""
@@ -134,7 +133,7 @@ def write_import(
         write_means(run.data, run.means)
         (run.path / "columns.yaml").write_text(_column_map(plan), encoding="utf-8")
         notes = [{"t_s": 0.0, "kind": "import", "text": warning} for warning in plan.warnings]
-        (run.path / "events.jsonl").write_text("".join(f"{json.dumps(note)}\n" for note in notes), encoding="utf-8")
+        write_events(run.path / EVENTS, notes)
         _manifest(plan, run, created, operator).write(run.path)
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}; choose another place with --out", run.path) from None

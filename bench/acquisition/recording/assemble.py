@@ -6,7 +6,6 @@ ticks of the unit's sample counter; a chamber reading stands on the tick nearest
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from bench.acquisition.recording import parts as parted
 from bench.acquisition.recording.journals import BenchJournal, Readings, bus_blocks, fetch, read_bench
 from bench.acquisition.recording.parts import Counted
 from bench.base import CHANNELS, FloatArray, IntArray
-from bench.record import ExecutedSegment, GyroKind, Manifest, RunFolder, write_means
+from bench.record import EVENTS, ExecutedSegment, GyroKind, Manifest, RunFolder, write_events, write_means
 from drivers.frames import joined
 from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
 from drivers.journal import Damage, FrameArray
@@ -80,8 +79,7 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> Manifest:
     events = [event for journal in journals for event in (*journal.events, *journal.watchdog)]
     capture, news = _capture(bus_events)
     events = sorted((*events, *news), key=lambda event: float(event["t_s"]))
-    lines = (json.dumps(event, allow_nan=False) for event in events)
-    (run.path / "events.jsonl").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    write_events(run.path / EVENTS, events)
     seen = max((part.seen for part in parts), key=lambda seen: seen.decoder.samples)
     losses = [part.decoder.losses.as_dict() for part in parts]
     identities = [identity for part in parts if (identity := part.decoder.identity) is not None]

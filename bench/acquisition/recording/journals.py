@@ -17,7 +17,7 @@ import numpy as np
 
 from bench.acquisition.recording.recorder import BENCH_JOURNAL, READING
 from bench.base import InputError
-from bench.record import Begun, ExecutedSegment, GyroKind, RunFolder, copy_whole
+from bench.record import Begun, ExecutedSegment, GyroKind, RunFolder, copy_whole, read_events
 from drivers.journal import Damage, FrameArray, Kind, read_blocks
 from drivers.rate_table import TABLE
 
@@ -111,9 +111,8 @@ def read_bench(run: RunFolder, damage: Damage) -> BenchJournal:
 def _read_watchdog(path: Path) -> list[dict[str, Any]]:
     """Events that the watchdog left, if any; its last line may be torn."""
     events = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
-        with contextlib.suppress(ValueError):
-            event = json.loads(line)
+    for event in read_events(path).sound:
+        with contextlib.suppress(ValueError, KeyError, TypeError):
             events.append({"kind": "watchdog", "text": "", **event, "t_s": float(event["t_s"])})
     return events
 

@@ -73,15 +73,16 @@ class LiveRun:
             return "silent" if isinstance(error.__cause__, TimeoutError) else "gone"
 
 
-def live_at(folder: Path) -> LiveRun | None:
+def live_at(folder: Path | str) -> LiveRun | None:
     """The run that `live.json` in a run folder speaks of, its process alive or not; None without a readable one."""
     try:
-        file = LiveFile(**json.loads((folder / LIVE).read_bytes()))
+        with open(f"{folder}/{LIVE}", "rb") as stream:  # noqa: PTH123 - a Path costs more than the reading of a short file
+            file = LiveFile(**json.loads(stream.read()))
     except (OSError, ValueError, TypeError):
         return None
     kinds = {"pid": int, "port": int, "journals": list}
     sound = all(isinstance(value, kinds.get(name, str)) for name, value in asdict(file).items())
-    return LiveRun((folder,), file) if sound and 0 < file.port < 1 << 16 else None
+    return LiveRun((Path(folder),), file) if sound and 0 < file.port < 1 << 16 else None
 
 
 def process_alive(pid: int) -> bool:

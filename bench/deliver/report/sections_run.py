@@ -11,6 +11,7 @@ from bench.analysis import LOST, Analysis, Completeness, branch_gap
 from bench.base import clock, moment, number
 from bench.deliver.report import figures_run
 from bench.deliver.report.markup import Row, Section, facts, figure, heading, mono, paragraph, table, text_of
+from bench.record import EVENTS, read_events
 
 _LOSS_WORDS: Mapping[str, str] = {
     "received": "received",
@@ -173,14 +174,14 @@ def _name(analysis: Analysis) -> str:
 
 
 def _events(analysis: Analysis) -> Iterator[Row]:
-    try:
-        for event in analysis.run.events():
-            if event.get("kind") not in _QUIET_EVENTS:
-                bad = event.get("kind") in {"guard", "link"} or event.get("ok") is False
-                cells = (clock(_float(event.get("t_s"))), event.get("kind", ""), event.get("text", ""))
-                yield Row(cells, "bad" if bad else "")
-    except ValueError:  # the last line of a run that was killed may be torn
-        yield Row(("–", "report", "events.jsonl is damaged from here on"), "bad")
+    events = read_events(analysis.run.path / EVENTS)
+    for event in events.sound:
+        if event.get("kind") not in _QUIET_EVENTS:
+            bad = event.get("kind") in {"guard", "link"} or event.get("ok") is False
+            cells = (clock(_float(event.get("t_s"))), event.get("kind", ""), event.get("text", ""))
+            yield Row(cells, "bad" if bad else "")
+    if events.damaged:
+        yield Row(("–", "report", f"{EVENTS}: {events.damaged} damaged line(s) left out"), "bad")
 
 
 def _float(value: Any) -> float:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 from bench.acquisition import LiveRun, ending_of
 from bench.base import InputError
-from bench.record import CalibrationRecord, LimitsRecord, Manifest, Record, RunFolder
+from bench.record import EVENTS as EVENTS_FILE
+from bench.record import CalibrationRecord, LimitsRecord, Manifest, Record, RunFolder, read_events
 
 NO_VERDICT: dict[str, Any] = {"analysing": True, "units": [], "verdict": None, "sentence": ""}
 _NOT = "not analysed: "
@@ -74,13 +74,10 @@ def of_folders(folders: Sequence[Path], start: Mapping[str, Any] | None) -> dict
 
 
 def events(folder: Path) -> list[dict[str, Any]]:
-    """The events in a run folder, without incomplete or damaged lines."""
-    found = []
+    """The events in a run folder; none where they cannot be read."""
     with contextlib.suppress(OSError):
-        for line in (folder / "events.jsonl").read_text(encoding="utf-8", errors="replace").splitlines():
-            with contextlib.suppress(ValueError):
-                found.append(json.loads(line))
-    return [event for event in found if isinstance(event, dict)]
+        return read_events(folder / EVENTS_FILE).sound
+    return []
 
 
 def _is_end(event: Mapping[str, Any]) -> bool:

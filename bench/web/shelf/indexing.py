@@ -20,7 +20,7 @@ from typing import Any
 
 from fastapi import Request
 
-from bench.acquisition import LIVE, process_alive
+from bench.acquisition import live_at, process_alive
 from bench.base import InputError
 from bench.record import ComparisonRecord, LimitsRecord, Manifest, VerificationRecord, write_atomically
 from bench.web.ground.problems import NotFoundError
@@ -169,8 +169,8 @@ def _read(id_: str, path: str, stamp: int) -> Entry | None:
     """What a folder says; None where it is none of a run."""
     unit, _, name = id_.partition("/")
     entry = Entry(id_, unit, name.partition("_")[2], "", UNFINISHED, "", None, None, None, None, False, changed=stamp)
-    live = _json(f"{path}/{LIVE}")
-    if live and _alive(live):
+    live = live_at(path)
+    if live is not None and process_alive(live.file.pid):
         entry = replace(entry, state=RUNNING)
     try:
         manifest = Manifest.find(path)
@@ -192,12 +192,6 @@ def _read(id_: str, path: str, stamp: int) -> Entry | None:
         return replace(entry, state=DAMAGED)
 
 
-def _alive(live: Mapping[str, Any]) -> bool:
-    """Whether the process that `live.json` names is there; the file outlives a bench that was killed."""
-    pid = live.get("pid")
-    return isinstance(pid, int) and process_alive(pid)
-
-
 def _judged(path: str) -> dict[str, Any]:
     """What the analysis says of the best model, and the limits where there are some."""
     compared = ComparisonRecord.find(path)
@@ -211,22 +205,10 @@ def _judged(path: str) -> dict[str, Any]:
     }
 
 
-def _json(path: str) -> dict[str, Any]:
-    """The JSON object in a file; empty where there is none that can be read: a list does not fail for one run."""
-    try:
-        with open(path, "rb") as file:  # noqa: PTH123
-            content = json.loads(file.read())
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}
-
-
 def _saved(file: Path) -> dict[str, Entry]:
     """The entries of last time; none where there are none, or of another format."""
-    content = _json(str(file))
-    if content.get("format") != FORMAT:
-        return {}
     try:
-        return {entry["run"]: Entry(**entry) for entry in content["runs"]}
-    except (KeyError, TypeError):
+        content = json.loads(file.read_bytes())
+        return {entry["run"]: Entry(**entry) for entry in content["runs"]} if content["format"] == FORMAT else {}
+    except (OSError, ValueError, KeyError, TypeError):
         return {}
