@@ -29,10 +29,11 @@ def pytest_unconfigure():
 
 
 def pytest_collection_modifyitems(items):
-    """Tests of the page in a browser carry the mark `browser`."""
+    """Tests of the page in a browser carry the mark `browser`, and more time: a busy computer draws slowly."""
     for item in items:
         if "tests/browser/" in item.path.as_posix():
             item.add_marker("browser")
+            item.add_marker(pytest.mark.timeout(900))
 
 
 def pytest_terminal_summary(terminalreporter):

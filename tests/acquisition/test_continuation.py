@@ -86,6 +86,7 @@ def segments(run):
     return [(s.name, s.outcome) for s in run.manifest().segments]
 
 
+@pytest.mark.slow
 def test_the_rest_of_the_profile_is_appended_and_marked(cut_ramp):
     _, run = cut_ramp
     (first, ended), (back, settled), *rest = segments(run)
@@ -155,6 +156,7 @@ def test_a_finished_run_is_refused(cut_ramp):
     ]
 
 
+@pytest.mark.slow
 def test_a_soak_goes_on_for_what_is_left_of_it(tmp_path):
     (path,) = kill_in(tmp_path, "warm", 50)
     run = go_on(path).run
@@ -163,6 +165,7 @@ def test_a_soak_goes_on_for_what_is_left_of_it(tmp_path):
     assert cut.to_s - cut.from_s + rest.to_s - rest.from_s == pytest.approx(120, abs=2)
 
 
+@pytest.mark.slow
 def test_a_bench_that_was_killed_while_it_opened_a_part_has_left_nothing_there(tmp_path):
     (path,) = kill_in(tmp_path, "warm", 50)
     (path / "journal-2").mkdir()
@@ -172,6 +175,7 @@ def test_a_bench_that_was_killed_while_it_opened_a_part_has_left_nothing_there(t
     assert (run.manifest().state, len(run.manifest().parts)) == ("done", 2)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_again_goes_on_again(tmp_path):
     (path,) = kill_in(tmp_path, "up", 60)
 
@@ -189,6 +193,7 @@ def test_a_run_that_is_killed_again_goes_on_again(tmp_path):
     assert names[5:] == [f"warm {RESUMED}", "down"]
 
 
+@pytest.mark.slow
 def test_units_in_one_chamber_go_on_together(tmp_path):
     folders = kill_in(tmp_path, "up", 60, **TWO)
     result = go_on(folders[1], acquisition.station(**TWO))
@@ -199,6 +204,7 @@ def test_units_in_one_chamber_go_on_together(tmp_path):
         assert len(open_run(unit.run.path).manifest().parts) == 2
 
 
+@pytest.mark.slow
 def test_another_unit_than_before_is_refused_before_anything_moves(tmp_path):
     (path,) = kill_in(tmp_path, "up", 60, units=[{"serial": "SIM-0001", "bus": "can0"}])
     settings = acquisition.station(units=[{"serial": "SIM-0001", "bus": "can0"}])
@@ -206,6 +212,7 @@ def test_another_unit_than_before_is_refused_before_anything_moves(tmp_path):
     assert continuation.units(settings).units[0].identity == 1
 
 
+@pytest.mark.slow
 def test_the_command_recovers_goes_on_and_reports(tmp_path):
     (path,) = kill_in(tmp_path, "down", 10)
     (path / remote.LIVE).write_text(json.dumps(
@@ -230,6 +237,7 @@ def test_an_imported_run_has_nothing_to_resume(tmp_path):
     assert "nothing to resume" in answer.stderr
 
 
+@pytest.mark.slow
 def test_a_watchdog_at_work_is_not_disturbed(tmp_path):
     (path,) = kill_in(tmp_path, "up", 20)
     said = {"t_s": 21.0, "utc": datetime.now(UTC).isoformat(), "kind": "watchdog", "text": "making the equipment safe"}
@@ -282,6 +290,7 @@ def test_the_time_of_two_interruptions_of_a_soak_adds_up_and_a_hold_starts_it_an
     assert legs[1].duration_s == pytest.approx(80)
 
 
+@pytest.mark.slow
 def test_real_time_goes_on_and_a_calendar_clock_that_runs_behind_is_told(tmp_path):
     (path,) = kill_in(tmp_path, "up", 20)
     continuation = plan(RunFolder(path), profile_from_text(PROFILE), acquisition.station())

@@ -86,6 +86,7 @@ def test_a_value_that_cannot_be_true_is_named_and_all_else_still_told():
     assert said(found, "register alarm_4").verdict == "told"
 
 
+@pytest.mark.slow
 def test_a_unit_that_is_not_heard_or_is_another_one_is_named():
     with live() as (_, content):
         content["units"][0]["identity"] = 4711

@@ -400,6 +400,7 @@ def check_data(case: Case, run, losses):
 
 
 @pytest.mark.parametrize("case", MATRIX, ids=lambda case: f"{case.group}: {case.name}")
+@pytest.mark.slow
 def test_fault(lab, case):
     outcome = HOW[case.how](lab, case)
     assert outcome.exit_code == case.exit_code, outcome.said

@@ -356,6 +356,7 @@ def test_kill_9_loses_nothing_but_the_tick_it_fell_into(start, tmp_path, ticks):
 
 
 @pytest.mark.parametrize(("number", "cause"), [("SIGINT", "operator (Ctrl-C)"), ("SIGTERM", "SIGTERM")])
+@pytest.mark.slow
 def test_signals_end_the_command_safe_with_exit_code_3(start, tmp_path, number, cause):
     profile = tmp_path / "long.yaml"
     profile.write_text(acquisition.LONG)

@@ -60,6 +60,7 @@ def test_faults_of_a_unit_that_is_not_in_the_run_do_nothing(tmp_path):
     assert run_job(replace(job, serials=("SIM-0001",))).error is None
 
 
+@pytest.mark.slow
 def test_four_units_of_which_one_dies_in_mid_ramp_with_one_command(tmp_path):
     content = yaml.safe_load(FOUR.read_text())
     content["faults"] = [{"at_s": 100, "on": "SIM-0003", "fault": "silence"}]

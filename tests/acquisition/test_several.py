@@ -298,6 +298,7 @@ segments:
 """
 
 
+@pytest.mark.slow
 def test_four_units_of_which_one_dies_in_mid_ramp_give_three_calibrations_and_one_reason(world, tmp_path):
     settings = acquisition.station(**acquisition.config.read_yaml(FOUR).content)
     die = at(100, lambda station: world[0].units.pop(2))

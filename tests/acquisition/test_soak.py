@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from benchmarks.kills import MOST_LOST_S, kill_often
 from benchmarks.soak import random_faults, soak
 
 
+@pytest.mark.slow
 def test_an_hour_of_random_faults_leaves_every_sample_accounted_for_and_no_handle(tmp_path):
     figures = soak(0.75, 3, tmp_path, mean_s=150.0, every_s=60.0)
     assert figures["wrong"] == [], json.dumps(figures)
@@ -20,6 +23,7 @@ def test_faults_repeat_with_their_seed():
     assert 100 < len(random_faults(24, 1, 600)) < 200
 
 
+@pytest.mark.slow
 def test_a_killed_bench_loses_less_than_a_second_and_leaves_a_safe_chamber(tmp_path):
     kills = kill_often(2, 7, tmp_path)
     assert all(kill.lost_s <= MOST_LOST_S and kill.safe and kill.gaps == 0 for kill in kills)

@@ -17,12 +17,14 @@ SAMPLE = cases(SEED)[:N]
 
 
 @pytest.mark.parametrize("case", SAMPLE, ids=lambda case: f"{case.map}-{case.function}-{case.kind}-{case.when}")
+@pytest.mark.slow
 def test_the_chamber_is_off_and_what_is_not_verified_is_said(case, tmp_path):
     outcome = run_case(case, SEED, tmp_path)
     assert outcome.wrong == "", outcome
 
 
 @pytest.mark.parametrize("kind", ["exception 4", "one byte a second"])
+@pytest.mark.slow
 def test_reads_that_are_spoiled_in_a_ramp_end_the_run_with_the_chamber_off(kind, tmp_path):
     outcome = run_case(Case("watlow_f4t", 3, kind, "ramp"), SEED, tmp_path)
     assert outcome.struck_at_end > 0

@@ -407,6 +407,7 @@ def test_a_table_that_leaves_its_rate_has_failed(turntable):
 # ---- on wall time, over a real wire ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_table_of_another_process_is_turned_and_halted_from_outside():
     """`bench sim` on one side, a real station on the other; the watchdog's way to stop it."""
     over = threading.Event()

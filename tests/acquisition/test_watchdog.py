@@ -105,6 +105,7 @@ def events(run):
     return [json.loads(line) for line in (run.path / EVENTS).read_text().splitlines()]
 
 
+@pytest.mark.slow
 def test_a_killed_bench_leaves_a_safe_chamber(world):
     bench, run = world.run()
     bench.kill()
@@ -126,6 +127,7 @@ def test_a_killed_bench_leaves_a_safe_chamber(world):
     assert all(event["t_s"] > 0 and event["utc"] for event in found)
 
 
+@pytest.mark.slow
 def test_a_hanging_bench_is_killed_and_the_chamber_made_safe(world):
     bench, run = world.run()
     bench.send_signal(signal.SIGSTOP)
@@ -135,6 +137,7 @@ def test_a_hanging_bench_is_killed_and_the_chamber_made_safe(world):
     assert events(run)[0]["text"].startswith("the bench was silent for")
 
 
+@pytest.mark.slow
 def test_ctrl_c_and_sigterm_to_everybody_leave_it_to_the_bench(world):
     bench, run = world.run()
     (child,) = [
@@ -152,6 +155,7 @@ def test_ctrl_c_and_sigterm_to_everybody_leave_it_to_the_bench(world):
     assert [event["pid"] for event in run.events() if event["kind"] == "watchdog"] == [child]
 
 
+@pytest.mark.slow
 def test_what_the_watchdog_cannot_verify_it_says_loudly(world):
     bench, run = world.run()
     world.sim.kill()
@@ -164,6 +168,7 @@ def test_what_the_watchdog_cannot_verify_it_says_loudly(world):
 
 
 @pytest.mark.parametrize("world", [10.0], indirect=True)
+@pytest.mark.slow
 def test_a_chamber_that_comes_back_after_the_bench_gave_up_is_made_safe(world):
     bench, run = world.run()
     world.sim.send_signal(signal.SIGSTOP)

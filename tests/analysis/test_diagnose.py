@@ -25,6 +25,7 @@ def still():
     return hidden_run(profile="static", seed=1000)
 
 
+@pytest.mark.slow
 def test_an_engineer_sees_where_the_model_fails_learns_what_is_missing_adds_it_and_watches_the_error_fall(still):
     unit = HiddenUnit((LAG,)).at_strength(2.0, "short")
     run, unseen = unit.run("short", seed=1), unit.run("minor_loops", seed=2)
@@ -60,6 +61,7 @@ def test_what_the_catalogue_does_not_have_is_called_unknown_and_shown(still):
     assert "no effect of the catalogue explains" in answer.sentence
 
 
+@pytest.mark.slow
 def test_a_cause_that_no_channel_records_needs_the_isothermal_run_to_be_seen(still):
     run = HiddenUnit(({"mechanism": "unlogged_drift"},)).at_strength(2.0, "short").run("short", seed=3)
     with_static, without = (diagnose([run], SPLINE, static=s, candidates=FEW) for s in (still, None))
@@ -83,6 +85,7 @@ def test_two_runs_with_turn_on_biases_of_their_own_are_judged_together(still):
     assert [s.effect for s in answer.found] == ["temperature_rate"]
 
 
+@pytest.mark.slow
 def test_rivals_that_one_rate_cannot_tell_apart_are_mutual_and_get_a_next_experiment(still):
     unit = HiddenUnit(({"mechanism": "temperature_rate"},)).at_strength(0.7, "one_rate")
     run = unit.run("one_rate", seed=1)

@@ -21,6 +21,7 @@ def still():
     return hidden_run(profile="static", seed=1000)
 
 
+@pytest.mark.slow
 def test_the_walk_adds_what_pays_and_ends_where_nothing_is_missing(still):
     unit = HiddenUnit((RATE,)).at_strength(2.0, "short")
     walk = improve([unit.run("short", 1)], [unit.run("minor_loops", 2)], SPLINE, static=still, candidates=FEW)

@@ -108,6 +108,7 @@ def test_a_wrong_limit_is_refused_with_its_line(tmp_path, line, said):
     assert said in str(error.value)
 
 
+@pytest.mark.slow
 def test_quantities_of_a_run_are_those_that_were_put_in(whole):
     found = {quantity.name: quantity for quantity in quantities(whole)}
     assert found["bias_span_dph"].value == pytest.approx(whole.bias_span_dph)
@@ -186,6 +187,7 @@ def test_an_extrapolating_and_an_ill_conditioned_fit_are_refused(whole):
     assert any("condition" in text for text in refusals(replace(whole, best=weak)))
 
 
+@pytest.mark.slow
 def test_report_writes_the_verdict_and_its_exit_code_is_the_limits(tmp_path):
     run = make_run(tmp_path / "run", **ramp_run(loop_dph=0.0))
     wide = tmp_path / "wide.yaml"

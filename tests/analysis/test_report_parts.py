@@ -81,6 +81,7 @@ def test_a_run_of_one_piece_has_no_gap(tmp_path):
     assert analyse(folder, diagnose=False).admissible
 
 
+@pytest.mark.slow
 def test_the_report_warns_and_the_calibration_says_that_it_is_not_admissible(tmp_path):
     folder = parted(tmp_path / "r", 1.0)
     result = analyse(folder, diagnose=False)

@@ -264,6 +264,7 @@ def figures(page: str) -> list[dict[str, Any]]:
     return [json.loads(body) for body in re.findall(r'<script[^>]*>(\{"data".*?)</script>', page, re.DOTALL)]
 
 
+@pytest.mark.slow
 def test_a_bound_that_would_not_notice_work_done_twice_is_refused():
     def once() -> None:
         sorted(range(3), key=abs)

@@ -56,6 +56,7 @@ def test_a_unit_fitted_again_alone_has_the_same_numbers(here, moments):
 
 
 @pytest.mark.parametrize("engine", ["pool", "dask"])
+@pytest.mark.slow
 def test_two_workers_find_the_numbers_of_the_serial_refit_bit_for_bit(here, moments, engine):
     if engine == "dask":
         pytest.importorskip("distributed")

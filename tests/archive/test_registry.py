@@ -188,6 +188,7 @@ def _station(where, root, numbers, gate):
             tell(registry, ledger, {"kind": "operator", "name": f"operator {number}"})
 
 
+@pytest.mark.slow
 def test_stations_at_once_lose_no_row(where, root):
     stations, each = 4, 8
     for number in range(stations * each):

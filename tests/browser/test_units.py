@@ -37,13 +37,15 @@ def page(visitors, address):
     return visitors.come(address, size={"width": 1280, "height": 900})
 
 
-def test_the_registry_is_made_from_the_page_and_a_unit_is_found(visitors, tmp_path):
-    with serving(fleet(tmp_path)) as address:
-        page = visitors.come(address, size={"width": 1280, "height": 900})
-        makes_the_registry_and_finds_a_unit(page)
+@pytest.fixture
+def unregistered(tmp_path):
+    """The address of a server over the same runs without a registry; ended after the visitors' windows."""
+    with serving(fleet(tmp_path)) as found:
+        yield found
 
 
-def makes_the_registry_and_finds_a_unit(page):
+def test_the_registry_is_made_from_the_page_and_a_unit_is_found(unregistered, visitors):
+    page = visitors.come(unregistered, size={"width": 1280, "height": 900})
     page.goto("/units")
     page.get_by_role("button", name="Make it from the run folders").click()
     page.get_by_role("link", name=UNIT).wait_for()

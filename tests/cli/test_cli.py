@@ -125,6 +125,7 @@ def test_a_spline_over_a_constant_temperature_is_refused_by_name(tmp_path):
     assert "temperature moves by 0 degC only" in answer.stderr
 
 
+@pytest.mark.slow
 def test_a_sensor_with_whole_degree_steps_is_named_with_the_error_that_it_causes(tmp_path):
     run = ramp_run()
     run["columns"]["rate"] = run["columns"]["rate"] + 2.0 * run["columns"]["temperature"]
@@ -171,6 +172,7 @@ def test_a_diagnosis_of_a_run_without_a_soak_says_what_to_record_and_shows_no_na
     assert "(--static)" in answer.stdout
 
 
+@pytest.mark.slow
 def test_every_command_reads_the_same_noise_floor_from_a_run(run_folder):
     commands = ("compare", "diagnose", "report")
     answers = [json.loads(bench(name, run_folder, "--model", "polynomial", "--json").stdout) for name in commands]
@@ -179,6 +181,7 @@ def test_every_command_reads_the_same_noise_floor_from_a_run(run_folder):
     assert json.loads((run_folder / "diagnosis.json").read_text())["floor_dph"] == answers[0]["floor_dph"]
 
 
+@pytest.mark.slow
 def test_a_report_without_the_isothermal_run_keeps_the_diagnosis_that_knew_it(tmp_path):
     run = make_run(tmp_path / "r", **ramp_run())
     static = make_run(tmp_path / "s", **ramp_run([("soak at 25", "soak", 25.0, 5400.0)], seed=2))
@@ -231,6 +234,7 @@ def test_run_captures_fits_and_reports_in_one_command(profile, tmp_path):
         assert (tmp_path / "reports" / "SIM-0001" / content["run"].rsplit("/", 1)[1] / name).is_file()
 
 
+@pytest.mark.slow
 def test_resume_makes_a_run_of_what_a_killed_bench_left(profile, tmp_path):
     run = json.loads(bench("run", profile("30"), "--out", tmp_path, "--json").stdout)["run"]
     before = json.loads((Path(run) / "manifest.json").read_text())

@@ -93,6 +93,7 @@ def asked(command, places):
 
 
 @pytest.mark.parametrize("command", KEYS)
+@pytest.mark.slow
 def test_a_command_answers_with_its_keys(command, places):
     found, wanted = set(asked(command, places)), set(KEYS[command].split())
     assert found >= wanted
@@ -119,6 +120,7 @@ def test_results_of_equipment_and_live_runs_have_their_keys(tmp_path):
     }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_pipe_gets_tables_in_full_width_and_without_colour(places, monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
     answer = CliRunner().invoke(main, ["compare", str(places["RUN"]), "--model", "polynomial"])

@@ -272,6 +272,7 @@ calibrate(Order.load(Path(sys.argv[1]), None, "SIM-0001", Path(sys.argv[2]), qui
 
 
 @pytest.mark.parametrize("policy", ["resume", "repeat"])
+@pytest.mark.slow
 def test_a_run_that_was_killed_in_the_middle_goes_on_or_is_repeated(tmp_path, policy):
     folder = shutil.copytree(PROFILES, tmp_path / "profiles")
     (folder / "a.yaml").write_text(TINY.format(name="a", to=27, min=1))
@@ -303,6 +304,7 @@ def how_to(title):
     return re.search(rf"## {title}\n+```bash\n(.*?)```", pages, re.DOTALL).group(1)
 
 
+@pytest.mark.slow
 def test_a_unit_goes_from_the_shelf_to_verified_as_the_how_to_says(tmp_path):
     (tmp_path / "profiles").symlink_to(PROFILES)
     commands = how_to("Calibrate a unit in one command") + how_to("Make old numbers again")

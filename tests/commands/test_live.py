@@ -64,6 +64,7 @@ def events(run, kind):
     return [event for event in open_run(Path(run)).events() if event["kind"] == kind]
 
 
+@pytest.mark.slow
 def test_a_live_run_is_held_released_paused_and_aborted_safe_from_another_process(live):
     process, out = live
     (running,) = asked("status", "--out", out)["runs"]
@@ -89,6 +90,7 @@ def test_a_live_run_is_held_released_paused_and_aborted_safe_from_another_proces
     assert not (Path(running["run"]) / remote.LIVE).exists()
 
 
+@pytest.mark.slow
 def test_a_killed_run_is_seen_as_gone_and_says_how_to_go_on(live):
     process, out = live
     process.send_signal(signal.SIGKILL)
@@ -102,6 +104,7 @@ def test_a_killed_run_is_seen_as_gone_and_says_how_to_go_on(live):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="stops a process by a signal")
+@pytest.mark.slow
 def test_a_stopped_process_is_silent_and_its_run_is_not_resumed(live, monkeypatch):
     process, out = live
     (run,) = remote.live_below(out)
@@ -134,6 +137,7 @@ segments:
 """
 
 
+@pytest.mark.slow
 def test_a_bench_that_is_killed_in_real_time_goes_on_with_the_unit_that_kept_counting(tmp_path):
     """Servers, bench, watchdog and capture are processes of their own; only the bench is killed."""
     profile, station, out = tmp_path / "brief.yaml", tmp_path / "station.yaml", tmp_path / "reports"

@@ -45,6 +45,7 @@ def copied(analysed, tmp_path):
     return shutil.copytree(analysed, tmp_path / analysed.name)
 
 
+@pytest.mark.slow
 def test_a_run_is_made_again_bit_for_bit_and_left_as_it_was(analysed):
     before = {path: path.stat().st_mtime_ns for path in analysed.rglob("*")}
     answer = bench("replay", analysed, "--json")
@@ -107,6 +108,7 @@ def test_a_journal_that_is_gone_is_said_and_nothing_is_called_the_same(copied):
     assert "not the recorded file: journal/can0.gtbj" in answer.stdout
 
 
+@pytest.mark.slow
 def test_a_run_of_several_parts_and_units_is_made_again(tmp_path):
     first, second = kill_in(tmp_path, "up", 60, **TWO)
     assert go_on(first, acquisition.station(**TWO)).error is None

@@ -56,6 +56,7 @@ def files(run_folder, tmp_path_factory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_all_formats_carry_the_same_words(files):
     words = to_words((files / "calibration.bin").read_bytes())
     assert read(words).serial == 1

@@ -76,6 +76,7 @@ def page(whole: Analysis) -> Page:
     return Page(render(whole))
 
 
+@pytest.mark.slow
 def test_the_page_asks_no_network_for_anything(page: Page) -> None:
     for tag, attributes in page.tags:
         assert tag not in {"link", "iframe", "img", "object", "embed", "base", "form"}
@@ -301,6 +302,7 @@ def test_a_figure_cannot_end_its_script_early() -> None:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+@pytest.mark.slow
 def test_a_browser_draws_every_figure_offline(whole: Analysis, tmp_path: Path) -> None:
     path = write_report(whole)
     flags = (

@@ -37,6 +37,7 @@ def failed(outcomes: list[Outcome]) -> list[Outcome]:
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu+tcp", "rtu"])
 @pytest.mark.parametrize("name", MAPS)
+@pytest.mark.slow
 def test_a_shipped_map_does_what_every_map_has_to_do(name: str, wire: str):
     outcomes = try_map(load_map(name), partial(ModbusChamber, wire=wire))
     assert not failed(outcomes)
@@ -46,6 +47,7 @@ def test_a_shipped_map_does_what_every_map_has_to_do(name: str, wire: str):
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu"])
 @pytest.mark.parametrize("name", MAPS)
+@pytest.mark.slow
 def test_a_shipped_map_does_so_against_a_server_that_is_not_ours(name: str, wire: str):
     outcomes = try_map(load_map(name), partial(ForeignChamber, wire=wire))
     assert not failed(outcomes)

@@ -72,6 +72,7 @@ def test_another_process_finds_what_was_written(calibrated):
 
 
 @pytest.mark.parametrize(("protocol", "transfer"), WAYS)
+@pytest.mark.slow
 def test_a_bench_killed_before_any_frame_leaves_a_whole_calibration(calibrated, protocol, transfer):
     """At every frame boundary: before the switch the old calibration is in force, afterwards the new one."""
     start = calibrated.read_bytes()

@@ -38,6 +38,7 @@ def unguarded(client: ModbusSerialClient | ModbusTcpClient) -> Callable[[int], i
 
 
 @pytest.mark.parametrize("attempts", [1, 3])
+@pytest.mark.slow
 def test_on_a_serial_line_no_late_answer_becomes_a_wrong_value(attempts: int):
     with on_a_pty() as (line, device):
         link = ModbusLink(f"rtu://{line}", timeout_s=TIMEOUT_S, slowest_s=SLOWEST_S, attempts=attempts)
@@ -49,6 +50,7 @@ def test_on_a_serial_line_no_late_answer_becomes_a_wrong_value(attempts: int):
     assert link.counters.faults >= device.late
 
 
+@pytest.mark.slow
 def test_over_a_gateway_no_late_answer_becomes_a_wrong_value():
     with behind_a_gateway() as (port, device):
         link = ModbusLink(f"rtu+tcp://127.0.0.1:{port}", timeout_s=TIMEOUT_S, slowest_s=SLOWEST_S, attempts=1)

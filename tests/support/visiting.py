@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from urllib.parse import urlsplit
 
-PATIENCE_MS = 60_000
+PATIENCE_MS = 150_000
 DESKTOP, TABLET = {"width": 1440, "height": 900}, {"width": 820, "height": 1180}
 PICTURES = os.environ.get("BENCH_SCREENS")
 """Folder for pictures of the pages; nothing is written without it."""

@@ -80,6 +80,7 @@ def test_on_this_machine_everybody_is_an_engineer_by_the_name_of_its_user(opened
     assert session["open"] is True
 
 
+@pytest.mark.slow
 def test_without_a_token_nothing_of_the_api_answers_but_the_question_who_am_i(guarded):
     client, _ = guarded
     assert client.get(f"{API}/session").json() | {"version": ""} == {

@@ -44,6 +44,7 @@ def asked(token, *arguments):
     return json.loads(answer.stdout)
 
 
+@pytest.mark.slow
 def test_an_operator_steers_a_run_through_the_server_and_stands_in_its_events(site):
     process, out, tokens = site
     operator, viewer = tokens["operator"], tokens["viewer"]

@@ -51,6 +51,7 @@ def test_an_upload_leaves_the_disk_to_the_runs(client, tmp_path, monkeypatch):
     assert list((tmp_path / "out" / ".web" / "imports").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_table_whose_unit_is_unclear_is_shown_then_mapped_then_imported(client, tmp_path):
     sent = send(client, table())
     shown = ended(client, sent)["result"]
@@ -76,6 +77,7 @@ def test_a_table_whose_unit_is_unclear_is_shown_then_mapped_then_imported(client
     assert client.post(place, json=wanted).status_code == 404, "what was imported is gone"
 
 
+@pytest.mark.slow
 def test_an_upload_that_is_given_up_is_gone(client, tmp_path):
     sent = send(client, table())
     ended(client, sent)
@@ -121,6 +123,7 @@ def test_a_name_is_a_name_and_never_a_path(given, kept):
     assert len(safe_name(given * 200 + ".csv").encode()) <= 120
 
 
+@pytest.mark.slow
 def test_a_name_that_climbs_stays_in_its_folder(client, tmp_path):
     sent = send(client, table(), name="../../../../escaped.csv")
     assert sent.json()["file"] == "escaped.csv"
@@ -137,6 +140,7 @@ def test_a_file_of_another_kind_or_another_form_is_refused(client):
     )
 
 
+@pytest.mark.slow
 def test_a_unit_is_no_path_and_no_formula(client):
     sent = send(client, table())
     ended(client, sent)

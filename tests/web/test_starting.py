@@ -76,6 +76,7 @@ def begin(client, plan, **more):
     return answer.json()["start"]
 
 
+@pytest.mark.slow
 def test_a_run_outlives_the_server_is_found_again_and_is_aborted_by_name(settings):
     made, bearer = settings
     with served(made) as client:
@@ -111,6 +112,7 @@ def test_a_run_outlives_the_server_is_found_again_and_is_aborted_by_name(setting
     assert (first["who"], first["text"]) == (folder.manifest().operator, "start")
 
 
+@pytest.mark.slow
 def test_a_run_goes_to_its_verdict_and_is_announced(settings):
     made, bearer = settings
     with served(made) as client:
@@ -131,6 +133,7 @@ def test_a_run_goes_to_its_verdict_and_is_announced(settings):
         begin(client, "hot")  # the station is free again
 
 
+@pytest.mark.slow
 def test_what_the_bench_refuses_is_a_start_that_was_refused_with_its_line(settings):
     made, bearer = settings
     with served(made) as client:
@@ -141,6 +144,7 @@ def test_what_the_bench_refuses_is_a_start_that_was_refused_with_its_line(settin
         assert "\n" not in refused["message"]
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_says_how_to_go_on(settings):
     made, bearer = settings
     with served(made) as client:

@@ -61,6 +61,7 @@ def ended(client: httpx.Client, path: str, body: dict[str, Any]) -> dict[str, An
             return found
 
 
+@pytest.mark.slow
 def test_the_hidden_effect_is_found_added_and_taken_back(client: httpx.Client, store: Path) -> None:
     before = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE]})
     found = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE})
