@@ -34,6 +34,13 @@ def pytest_collection_modifyitems(items):
         if "tests/browser/" in item.path.as_posix():
             item.add_marker("browser")
             item.add_marker(pytest.mark.timeout(900))
+    items.sort(key=_late)
+
+
+def _late(item):
+    """Tests of half a minute begin first: at the end, they would keep one worker busy while the others wait."""
+    slow = item.get_closest_marker("slow")
+    return slow is None or not slow.kwargs.get("first", False)
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -31,7 +31,7 @@ def bash(script, folder):
     return done.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 @pytest.mark.timeout(1800)
 def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
     said = "".join(bash(block, tmp_path) for block in blocks(ROOT / "docs" / "tutorial.md"))

@@ -10,7 +10,7 @@ from benchmarks.kills import MOST_LOST_S, kill_often
 from benchmarks.soak import random_faults, soak
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_an_hour_of_random_faults_leaves_every_sample_accounted_for_and_no_handle(tmp_path):
     figures = soak(0.75, 3, tmp_path, mean_s=150.0, every_s=60.0)
     assert figures["wrong"] == [], json.dumps(figures)

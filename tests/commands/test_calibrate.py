@@ -304,7 +304,7 @@ def how_to(title):
     return re.search(rf"## {title}\n+```bash\n(.*?)```", pages, re.DOTALL).group(1)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_a_unit_goes_from_the_shelf_to_verified_as_the_how_to_says(tmp_path):
     (tmp_path / "profiles").symlink_to(PROFILES)
     commands = how_to("Calibrate a unit in one command") + how_to("Make old numbers again")

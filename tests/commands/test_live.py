@@ -137,7 +137,7 @@ segments:
 """
 
 
-@pytest.mark.slow
+@pytest.mark.slow(first=True)
 def test_a_bench_that_is_killed_in_real_time_goes_on_with_the_unit_that_kept_counting(tmp_path):
     """Servers, bench, watchdog and capture are processes of their own; only the bench is killed."""
     profile, station, out = tmp_path / "brief.yaml", tmp_path / "station.yaml", tmp_path / "reports"
