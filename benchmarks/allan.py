@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.noise import AllanCurve, allan_deviation, allan_pyramid
+from bench.analysis.noise.allan import AllanCurve, allan_deviation, allan_pyramid
 from bench.base.channels import FloatArray
 from benchmarks.rounds import Case, Method, Table, compared, measured
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.acquisition.profile import profile as profiles
 from bench.analysis.effects.model import Model
-from bench.analysis.fit import fit_model
+from bench.analysis.fit.fitting import fit_model
 from bench.base.channels import FloatArray
 from bench.mystery import virtual
 from bench.mystery.hidden import CHANNELS, HIDDEN, NOISE, Entry, draw, scaled, static_curve, times

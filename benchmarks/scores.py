@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from bench.analysis.effects import make
+from bench.analysis.effects.registry import make
 from bench.mystery.hidden import HIDDEN
 
 Result = dict[str, Any]

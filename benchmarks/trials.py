@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import effects
 from bench.analysis.diagnosis.answer import Diagnosis
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
-from bench.analysis.fit import fit_model
+from bench.analysis.fit.fitting import fit_model
 from bench.mystery.hidden import HIDDEN
 from bench.record.dataset import Dataset
 from benchmarks import cases, peers

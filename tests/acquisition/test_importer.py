@@ -9,9 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from bench.acquisition.importer import load_columns, plan_import, write_import
 from bench.acquisition.importer.branches import find_branches, segment_of
 from bench.acquisition.importer.columns import ChannelSource, ColumnMap, TimeSource, split_header
+from bench.acquisition.importer.plan import load_columns, plan_import, write_import
 from bench.acquisition.importer.tables import read_table
 from bench.acquisition.importer.units import conversion
 from bench.base.errors import InputError

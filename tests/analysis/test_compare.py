@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from bench.analysis import effects
 from bench.analysis.diagnosis.compare import compare, ladder
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model, load_model
 from bench.base.errors import InputError
 from tests.support.analysis_data import curve, thermal_cycle, white, with_bias

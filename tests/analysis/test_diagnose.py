@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from bench.analysis import effects
 from bench.analysis.diagnosis.compare import compare
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.improve import add_effect
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.base.errors import InputError
 from tests.support.hidden_runs import HiddenUnit, hidden_run

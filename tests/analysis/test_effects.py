@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline, CubicSpline
 
-from bench.analysis import effects
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect, Series
 from bench.base.channels import CHANNELS
 from bench.base.errors import InputError

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bench.analysis import effects
+from bench.analysis.effects import catalogue
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.example import example
+from bench.analysis.effects.signature import signature
 from bench.base.errors import InputError
 
-SUSPECTS = tuple(entry.name for entry in effects.catalogue() if entry.suspect)
+SUSPECTS = tuple(entry.name for entry in catalogue.catalogue() if entry.suspect)
 
 
 def output(effect, data):
@@ -106,7 +108,7 @@ FIXED = (
 
 
 def test_the_catalogue_holds_the_fixed_names_and_is_documented():
-    entries = {entry.name: entry for entry in effects.catalogue()}
+    entries = {entry.name: entry for entry in catalogue.catalogue()}
     assert set(FIXED) <= set(entries)
     for entry in entries.values():
         assert list(entry.sections) == [
@@ -128,20 +130,20 @@ def test_the_catalogue_holds_the_fixed_names_and_is_documented():
 
 
 def test_every_suspect_has_a_family_of_its_own():
-    families = [effects.entry(name).family for name in SUSPECTS]
+    families = [catalogue.entry(name).family for name in SUSPECTS]
     assert len(set(families)) == len(families)
 
 
 def test_the_page_of_effects_is_up_to_date(request):
     page = request.config.rootpath / "docs" / "effects.md"
-    assert page.read_text(encoding="utf-8") == effects.markdown(), (
+    assert page.read_text(encoding="utf-8") == catalogue.markdown(), (
         "run python -m bench.analysis.effects > docs/effects.md"
     )
 
 
 @pytest.mark.parametrize("name", [name for name in effects.effect_names() if name != "expression"])
 def test_every_effect_has_a_signature(name):
-    drawn = effects.signature(name)
+    drawn = signature(name)
     assert drawn.time_s.shape == drawn.temperature.shape == drawn.contribution.shape
     assert np.abs(drawn.contribution).max() == pytest.approx(1.0)
     assert np.ptp(drawn.contribution) > 0.1

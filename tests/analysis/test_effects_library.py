@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bench.analysis import effects
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.example import example
 from bench.base.channels import CHANNELS
 from bench.base.errors import InputError

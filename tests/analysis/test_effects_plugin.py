@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.analysis import effects
-from bench.analysis.effects import registry
+from bench.analysis.effects import catalogue, registry
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import load_model
-from bench.analysis.fit import fit_model
+from bench.analysis.effects.signature import signature
+from bench.analysis.fit.fitting import fit_model
 from bench.base.errors import InputError
 from bench.cli import main
 from tests.support.analysis_data import thermal_cycle, white, with_bias
@@ -56,10 +57,10 @@ def write(tmp_path):
 def test_an_effect_from_a_file_takes_part_like_a_built_in_one(write):
     assert effects.load_effect(f"{write(GOOD)}:Etalon") == "etalon"
     assert "etalon" in effects.effect_names()
-    entry = effects.entry("etalon")
+    entry = catalogue.entry("etalon")
     assert (entry.summary, entry.suspect) == ("Bias that follows the sine of the temperature", True)
     assert entry.look_alikes == ("spline", "thermal_lag")
-    assert np.abs(effects.signature("etalon").contribution).max() == pytest.approx(1.0)
+    assert np.abs(signature("etalon").contribution).max() == pytest.approx(1.0)
     model = load_model(write("name: m\neffects: [{polynomial: {order: 5}}, {etalon: {phase_rad: 0.5}}]\n", "m.yaml"))
     record = thermal_cycle()
     temperature = record.channel("temperature")
@@ -70,9 +71,9 @@ def test_an_effect_from_a_file_takes_part_like_a_built_in_one(write):
 
 
 def test_the_documentation_page_is_of_the_built_in_effects_only(write):
-    before = effects.markdown()
+    before = catalogue.markdown()
     effects.load_effect(f"{write(GOOD)}:Etalon")
-    assert effects.markdown() == before
+    assert catalogue.markdown() == before
 
 
 def test_loading_the_same_effect_again_replaces_it(write):

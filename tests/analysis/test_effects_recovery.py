@@ -6,10 +6,10 @@ The truth of the terms with memory comes from integrators of this file's own at 
 import numpy as np
 import pytest
 
-from bench.analysis import effects
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.example import example
 from bench.analysis.effects.model import Model
-from bench.analysis.fit import fit_model
+from bench.analysis.fit.fitting import fit_model
 from bench.base.errors import InputError
 from bench.record.dataset import Dataset
 from tests.support.analysis_data import white

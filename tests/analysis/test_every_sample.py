@@ -15,9 +15,9 @@ from bench.analysis.effects.polynomial import Polynomial
 from bench.analysis.effects.regression import Regression
 from bench.analysis.effects.spline import Spline
 from bench.analysis.effects.thermal_lag import ThermalLag
-from bench.analysis.fit import fit_model
 from bench.analysis.fit.cells import STRETCH, Cells
 from bench.analysis.fit.every_sample import SampledRun, read
+from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.samples import BATCH_ROWS, REACH_S, Samples, between
 from bench.analysis.fit.so_far import SoFar
 from bench.analysis.fit.state import State

@@ -10,7 +10,7 @@ from bench.analysis.diagnosis.evidence import drawn, weigh
 from bench.analysis.diagnosis.refine import Refiner
 from bench.analysis.effects.base import Parameter
 from bench.analysis.effects.operators import play, ramp_invariant_lag
-from bench.analysis.noise import Noise
+from bench.analysis.noise.estimate import Noise
 from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface, gls
 from bench.analysis.noise.whitening import Whitener, covariance
 

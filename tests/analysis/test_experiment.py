@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bench.acquisition.profile import profile
-from bench.analysis import effects
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.experiment import Design, NoiseLevel, Rival, next_experiment, propose
 from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans
 from bench.analysis.diagnosis.prediction import chamber_model, predicted_record
 from bench.analysis.diagnosis.suspects import Layout
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import fit_rows
 from bench.mystery import virtual

@@ -9,10 +9,10 @@ import statsmodels.api as sm
 from scipy.interpolate import make_lsq_spline
 from scipy.optimize import curve_fit
 
-from bench.analysis import effects
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect, Parameter
 from bench.analysis.effects.model import Model, load_model
-from bench.analysis.fit import fit_model
+from bench.analysis.fit.fitting import fit_model
 from bench.base.errors import InputError
 from bench.record.dataset import Dataset
 from tests.support.analysis_data import curve, thermal_cycle, white, with_bias

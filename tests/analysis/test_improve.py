@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from bench.analysis import effects
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.improve import add_effect, improve
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.base.errors import InputError
 from tests.support.hidden_runs import HiddenUnit, hidden_run

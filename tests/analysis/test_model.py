@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.analysis import effects
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model, load_model, model_from
 from bench.base.errors import InputError
 

@@ -10,7 +10,7 @@ from bench.analysis.effects.polynomial import Polynomial
 from bench.analysis.effects.regression import Regression
 from bench.analysis.effects.spline import Spline
 from bench.analysis.effects.thermal_lag import ThermalLag
-from bench.analysis.fit import fit_model
+from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.from_moments import check, solve_moments
 from bench.analysis.fit.moments import SIZE, Moments, merged
 from bench.base.errors import InputError

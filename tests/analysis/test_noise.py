@@ -5,18 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from bench.analysis.noise import (
-    Noise,
-    Record,
-    allan_deviation,
-    estimate_noise,
-    expected_rms,
-    gls,
-    likelihood,
-    profile_noise,
-)
-from bench.analysis.noise.allan import allan_pyramid
-from bench.analysis.noise.likelihood import NoiseLattice, Surface
+from bench.analysis.noise import likelihood
+from bench.analysis.noise.allan import allan_deviation, allan_pyramid
+from bench.analysis.noise.estimate import Noise, estimate_noise, expected_rms, profile_noise
+from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface, gls
 from bench.analysis.noise.whitening import Ratios, Whitener, covariance
 from bench.base.errors import InputError
 

@@ -4,7 +4,7 @@ from numpy.polynomial.chebyshev import chebvander
 
 from bench.analysis.diagnosis.candidates import Problem
 from bench.analysis.diagnosis.probes import despike, examine, usual
-from bench.analysis.noise import Noise
+from bench.analysis.noise.estimate import Noise
 from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface
 from bench.analysis.noise.whitening import covariance
 

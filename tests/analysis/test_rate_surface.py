@@ -182,7 +182,7 @@ def turned():
 def test_the_model_of_the_paper_is_the_surface_of_the_paper():
     """`rows: bins` of a surface over the output: NR - B is Rate(NR, T), coefficient by coefficient."""
     from bench.analysis.effects.model import load_model
-    from bench.analysis.fit import fit_model
+    from bench.analysis.fit.fitting import fit_model
 
     record = turned()
     found, wanted = fit_model(load_model("rate_surface"), record), fit_surface(points_of(record))
@@ -195,9 +195,9 @@ def test_the_model_of_the_paper_is_the_surface_of_the_paper():
 
 
 def test_bins_are_for_a_surface_alone():
-    from bench.analysis.effects import make
     from bench.analysis.effects.model import Model
-    from bench.analysis.fit import fit_model
+    from bench.analysis.effects.registry import make
+    from bench.analysis.fit.fitting import fit_model
 
     model = Model("mixed", (make("surface", {"over": "rate"}), make("thermal_lag")), "bins")
     with pytest.raises(InputError, match="rows: bins is for a surface alone, not for thermal_lag"):

@@ -29,7 +29,7 @@ from bench.analysis.fit.products import Products
 from bench.analysis.fit.smooth import Smoother, choose_intervals, solve_spline, spline_normal
 from bench.analysis.fit.so_far import SoFar
 from bench.analysis.fit.state import State
-from bench.analysis.noise import allan_deviation, allan_pyramid
+from bench.analysis.noise.allan import allan_deviation, allan_pyramid
 from bench.commands import analysis
 from bench.deliver.report.html import render
 from drivers.gyro import GyroDecoder

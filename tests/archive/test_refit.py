@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.spline import Spline
-from bench.analysis.fit import fit_model
+from bench.analysis.fit.fitting import fit_model
 from bench.archive.fleet import engines, moments_file
 from bench.archive.fleet.moments_file import Stored
 from bench.archive.fleet.refit import refit_group, refit_unit, write_records

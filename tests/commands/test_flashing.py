@@ -10,9 +10,9 @@ import pytest
 
 from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.memory import open_alone
-from bench.analysis.effects import make
 from bench.analysis.effects.model import Model
-from bench.analysis.fit import fit_model
+from bench.analysis.effects.registry import make
+from bench.analysis.fit.fitting import fit_model
 from bench.analysis.judging.limits import Verdict
 from bench.analysis.judging.verification import Figures, refuse_same_profile, verify
 from bench.base import EquipmentError, InputError, read_yaml

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis.effects import make
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.operators import play, ramp_invariant_lag
-from bench.analysis.fit import fit_model
+from bench.analysis.effects.registry import make
+from bench.analysis.fit.fitting import fit_model
 from bench.base.channels import DPH_PER_DPS
 from bench.base.errors import InputError
 from bench.deliver.export.building import deliver

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from bench.analysis import effects
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model, load_model
 from bench.analysis.judging.judge import analyse
 from bench.base.errors import InputError

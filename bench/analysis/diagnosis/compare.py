@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import effects
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
-from bench.analysis.fit import Fit, fit_model, refuse_corrected
+from bench.analysis.fit.fitting import Fit, fit_model, refuse_corrected
 from bench.analysis.fit.solve import one_blas_thread
 from bench.base import BoolArray, FloatArray, InputError, IntArray, finite
 from bench.record import Dataset

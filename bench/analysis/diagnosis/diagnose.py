@@ -25,8 +25,8 @@ from bench.analysis.diagnosis.verdict import Explanation, Search
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.spline import Spline
-from bench.analysis.fit import Fit, fit_model
 from bench.analysis.fit.design import fit_rows
+from bench.analysis.fit.fitting import Fit, fit_model
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice

@@ -12,8 +12,8 @@ import numpy as np
 
 from bench.analysis.diagnosis.compare import Comparison, HeldOut, Score, SegmentScore, interval_of, segment_name
 from bench.analysis.effects.model import Model
-from bench.analysis.fit import refuse_corrected
 from bench.analysis.fit.every_sample import FOLDS, Pass, SampledRun, read
+from bench.analysis.fit.fitting import refuse_corrected
 from bench.analysis.fit.normal import left_out
 from bench.analysis.fit.solve import one_blas_thread
 from bench.base import BoolArray, FloatArray, InputError, IntArray

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import effects
 from bench.analysis.diagnosis.answer import Diagnosis
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta
 from bench.analysis.diagnosis.evidence import weigh
@@ -23,8 +22,10 @@ from bench.analysis.diagnosis.limits import expected_gap, probability
 from bench.analysis.diagnosis.plan import ChamberLimits, Plan, chamber_limits, exciting, minor_loops, plans
 from bench.analysis.diagnosis.prediction import predicted_record
 from bench.analysis.diagnosis.suspects import Layout, isothermal, offer
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
-from bench.analysis.fit import design, fit_model
+from bench.analysis.fit import design
+from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
 from bench.analysis.thresholds import WEAK_EVIDENCE

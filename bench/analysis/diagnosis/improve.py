@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Literal
 
-from bench.analysis import effects
 from bench.analysis.diagnosis.answer import Diagnosis, SuspectedEffect
 from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
 from bench.analysis.thresholds import PAYS

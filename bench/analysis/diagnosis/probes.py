@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from bench.analysis.diagnosis.candidates import Problem, orthonormal, outside
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
@@ -174,6 +173,8 @@ def cells(temperature: FloatArray, direction: FloatArray, bins: int = 8) -> Prob
 
 def spline(name: str, value: FloatArray, freedom: int = 6) -> Probe:
     """Smooth function of one variable: cubic B-splines, knots at quantiles so that each sees data."""
+    from scipy.interpolate import BSpline
+
     inner = np.unique(np.quantile(value, np.linspace(0.0, 1.0, max(2, freedom - 2))))
     if len(inner) < 3 and np.ptp(value) > 0.0:
         return Probe(name, (value - value.mean())[:, None])

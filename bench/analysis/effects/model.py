@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import effects
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect, options_of
 from bench.base import Document, InputError, dump, library, nearest_or_all, read_yaml
 

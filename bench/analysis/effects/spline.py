@@ -21,8 +21,7 @@ from math import factorial
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline
-from scipy.linalg import null_space
+from scipy import linalg
 
 from bench.analysis.effects.base import (
     Effect,
@@ -80,6 +79,8 @@ class Spline(StaticEffect):
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Basis (n, k) of all splines that meet the end conditions, without the constant; tangents beyond the ends."""
+        from scipy.interpolate import BSpline  # half of the time in which the bench starts
+
         m, scale = self._m, self._scale
         v = (record.channel("temperature") - scale.low) * (m / (scale.high - scale.low))
         inside = np.clip(v, 0.0, float(m))
@@ -135,6 +136,8 @@ def _knots(m: int) -> FloatArray:
 @lru_cache(maxsize=64)
 def _basis(m: int, ends: str) -> FloatArray:
     """B-spline coefficients (m + 3, k), orthonormal, of the splines that meet the end conditions, less the constant."""
+    from scipy.interpolate import BSpline
+
     spline = BSpline(_knots(m), np.eye(m + 3), 3)
     both = np.array([0.0, float(m)])
     conditions = {
@@ -144,13 +147,15 @@ def _basis(m: int, ends: str) -> FloatArray:
         "free": np.zeros((0, m + 3)),
     }[ends]
     # All coefficients equal make the constant (it meets every condition); its complement is what remains.
-    basis: FloatArray = null_space(np.vstack([conditions, np.ones(m + 3)]))
+    basis: FloatArray = linalg.null_space(np.vstack([conditions, np.ones(m + 3)]))
     basis.flags.writeable = False
     return basis
 
 
 def _derivative(m: int, ends: str, order: int, at: FloatArray) -> FloatArray:
     """Derivatives of the basis at v (n, k), per interval width."""
+    from scipy.interpolate import BSpline
+
     spline = BSpline(_knots(m), _basis(m, ends), 3)
     values: FloatArray = (spline.derivative(order) if order else spline)(at)
     return values

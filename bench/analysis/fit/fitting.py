@@ -29,7 +29,7 @@ from bench.analysis.fit.solve import (
     solve,
 )
 from bench.analysis.fit.uncertainty import CovarianceKind, estimate_covariance
-from bench.analysis.noise import Noise
+from bench.analysis.noise.estimate import Noise
 from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import CHANNELS, BoolArray, FloatArray, InputError, finite
 from bench.record import Dataset

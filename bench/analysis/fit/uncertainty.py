@@ -9,7 +9,8 @@ import numpy as np
 
 from bench.analysis.fit.design import Bound, FitRows
 from bench.analysis.fit.solve import Solution, sandwich, solve
-from bench.analysis.noise import Noise, Record, profile_noise
+from bench.analysis.noise.estimate import Noise, profile_noise
+from bench.analysis.noise.likelihood import Record
 from bench.analysis.noise.whitening import covariance as noise_covariance
 from bench.base import FloatArray, IntArray
 

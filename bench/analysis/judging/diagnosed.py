@@ -14,8 +14,8 @@ from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.held_out import unseen
 from bench.analysis.effects.model import Model
-from bench.analysis.fit import fit_model
 from bench.analysis.fit.design import FitRows, fit_rows
+from bench.analysis.fit.fitting import fit_model
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
 

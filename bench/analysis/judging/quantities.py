@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.analysis import effects
 from bench.analysis.diagnosis.compare import Score
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
-from bench.analysis.fit import fit_model
+from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
 from bench.analysis.judging.limits import COVERAGE, Quantity

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.effects.model import Model, load_model, model_from
-from bench.analysis.fit import Fit, fit_model
 from bench.analysis.fit.design import FitRows, fit_rows
+from bench.analysis.fit.fitting import Fit, fit_model
 from bench.analysis.fit.rate_surface import binned_record
 from bench.analysis.thresholds import LEAST_COVERED_DEGC, MOST_DELIVERED_CONDITION, WIDEST_HOLE
 from bench.base import CHANNELS, FloatArray, InputError

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.noise import AllanCurve, Noise, allan_deviation, estimate_noise
+from bench.analysis.noise.allan import AllanCurve, allan_deviation
+from bench.analysis.noise.estimate import Noise, estimate_noise
 from bench.analysis.thresholds import LEAST_STRETCH_S, SETTLED_DEGC_PER_MIN, TURNING_DPS
 from bench.base import FloatArray, InputError, IntArray
 from bench.record import Dataset

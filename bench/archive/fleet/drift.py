@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg, special
 
 from bench.archive.fleet.charts import D2
 from bench.base import BoolArray, FloatArray, IntArray
@@ -88,7 +88,7 @@ class _Solved:
         error = float(np.sqrt(max(float(along @ self.covariance @ along) + extra * self.variance, 0.0)))
         if error == 0.0:
             return None
-        return value, error, float(2 * stats.t.sf(abs(value) / error, self.freedom))
+        return value, error, float(2 * special.stdtr(self.freedom, -abs(value) / error))
 
 
 def _solve(columns: FloatArray, y: FloatArray, lot: IntArray, freedom: int) -> _Solved:

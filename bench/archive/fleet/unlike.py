@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from bench.base import FloatArray
 
@@ -45,9 +45,9 @@ def unlike(table: FloatArray, names: Sequence[str], lots: Sequence[str]) -> tupl
         return distances, []
     z = (straight - centre)[:, used] / spread[used]
     squared, freedom = _distances(z)
-    squared *= stats.chi2.ppf(0.5, freedom) / np.median(squared)
+    squared *= special.chdtri(freedom, 0.5) / np.median(squared)
     distances[whole] = np.sqrt(squared)
-    p = -np.expm1(whole.size * np.log1p(-np.minimum(stats.chi2.sf(squared, freedom), 1 - 1e-16)))
+    p = -np.expm1(whole.size * np.log1p(-np.minimum(special.chdtrc(freedom, squared), 1 - 1e-16)))
     odd = [
         Odd(int(whole[i]), float(np.sqrt(squared[i])), float(p[i]), names[used[lead]], float(z[i, lead]))
         for i in np.flatnonzero(p < UNLIKELY)
@@ -61,8 +61,13 @@ def _straightened(column: FloatArray) -> FloatArray:
     if np.any(column <= 0) or np.ptp(column) == 0:
         return column
     logarithms: FloatArray = np.log(column)
-    skew, logarithmic_skew = (abs(float(stats.skew(values))) for values in (column, logarithms))
+    skew, logarithmic_skew = (abs(_skewness(values)) for values in (column, logarithms))
     return logarithms if logarithmic_skew < skew else column
+
+
+def _skewness(values: FloatArray) -> float:
+    centred = values - values.mean()
+    return float(np.mean(centred**3) / np.mean(centred**2) ** 1.5)
 
 
 def _distances(z: FloatArray) -> tuple[FloatArray, int]:
