@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from bench.analysis.effects.operators import ramp_invariant_lag
 from bench.base import FloatArray
@@ -51,7 +51,7 @@ def chamber_model(records: Sequence[Dataset]) -> ChamberModel:
     start = np.array([*np.log(_TYPICAL_S), 0.0])
     bounds = ([0.0, 0.0, -50.0], [np.log(_LONGEST_S), np.log(_LONGEST_S), 50.0])
     # Robust: the start from room temperature and a chamber that cannot follow are not part of the lag.
-    solved = least_squares(misfit, start, bounds=bounds, loss="soft_l1", f_scale=0.3)
+    solved = scipy.optimize.least_squares(misfit, start, bounds=bounds, loss="soft_l1", f_scale=0.3)
     slow, fast = sorted(np.exp(solved.x[:2]).tolist(), reverse=True)
     rms = float(np.sqrt(np.median(misfit(solved.x) ** 2)) / 0.6745)
     return ChamberModel(slow, fast, float(solved.x[2]), rms)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy
 
 from bench.analysis.diagnosis.candidates import Problem, orthonormal, outside
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
@@ -173,15 +174,13 @@ def cells(temperature: FloatArray, direction: FloatArray, bins: int = 8) -> Prob
 
 def spline(name: str, value: FloatArray, freedom: int = 6) -> Probe:
     """Smooth function of one variable: cubic B-splines, knots at quantiles so that each sees data."""
-    from scipy.interpolate import BSpline
-
     inner = np.unique(np.quantile(value, np.linspace(0.0, 1.0, max(2, freedom - 2))))
     if len(inner) < 3 and np.ptp(value) > 0.0:
         return Probe(name, (value - value.mean())[:, None])
     if np.ptp(value) == 0.0:
         return Probe(name, np.zeros((len(value), 1)))
     knots = np.concatenate([[inner[0]] * 3, inner, [inner[-1]] * 3])
-    return Probe(name, BSpline.design_matrix(np.clip(value, inner[0], inner[-1]), knots, 3).toarray())
+    return Probe(name, scipy.interpolate.BSpline.design_matrix(np.clip(value, inner[0], inner[-1]), knots, 3).toarray())
 
 
 def usual(

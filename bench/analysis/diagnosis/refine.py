@@ -8,7 +8,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq, minimize, minimize_scalar
+import scipy
 
 from bench.analysis.diagnosis.candidates import (
     Candidate,
@@ -143,7 +143,7 @@ class Refiner:
         if len(at) == 1:
             step = 1.0 / max(1, len(candidate.grid()) - 1)
             bounds = (max(0.0, at[0] - step), min(1.0, at[0] + step))
-            least = minimize_scalar(
+            least = scipy.optimize.minimize_scalar(
                 lambda u: function(np.array([u])),
                 bounds=bounds,
                 method="bounded",
@@ -151,7 +151,7 @@ class Refiner:
             )
             unit, height = np.array([float(least.x)]), float(least.fun)
         else:
-            simplex = minimize(
+            simplex = scipy.optimize.minimize(
                 function,
                 at,
                 method="Nelder-Mead",
@@ -224,7 +224,7 @@ def _crossing(rise: Callable[[float], float], best: float, end: float) -> float:
         if (end - outside) * (end - best) <= 0.0:
             outside = end
         if rise(outside) >= _WITHIN:
-            return float(brentq(lambda u: rise(u) - _WITHIN, inside, outside, xtol=1e-4, maxiter=60))
+            return float(scipy.optimize.brentq(lambda u: rise(u) - _WITHIN, inside, outside, xtol=1e-4, maxiter=60))
         if outside == end:
             return end
         inside, step = outside, 2.0 * step

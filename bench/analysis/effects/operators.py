@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 from bench.base import FloatArray
 
@@ -74,9 +75,7 @@ def _lag(time_s: FloatArray, value: FloatArray, tau_s: float) -> FloatArray:
     # behind = x - u obeys behind' = decay * behind - slope * tau * (1 - decay)
     drive = step / step_s * tau_s * np.expm1(-step_s / tau_s)
     if np.ptp(step_s) <= 1e-9 * step_s[0]:
-        from scipy.signal import lfilter  # a second of imports, for few effects
-
-        behind = lfilter([1.0], [1.0, -decay[0]], drive)
+        behind = scipy.signal.lfilter([1.0], [1.0, -decay[0]], drive)
     else:
         behind = np.empty_like(drive)
         last = 0.0

@@ -21,7 +21,7 @@ from math import factorial
 from typing import Any
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from bench.analysis.effects.base import (
     Effect,
@@ -79,15 +79,13 @@ class Spline(StaticEffect):
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Basis (n, k) of all splines that meet the end conditions, without the constant; tangents beyond the ends."""
-        from scipy.interpolate import BSpline  # half of the time in which the bench starts
-
         m, scale = self._m, self._scale
         v = (record.channel("temperature") - scale.low) * (m / (scale.high - scale.low))
         inside = np.clip(v, 0.0, float(m))
         basis, (begin, end) = _basis(m, self.ends), _tangents(m, self.ends)
         present = np.isfinite(v)
         out = np.full((v.size, basis.shape[1]), np.nan)
-        out[present] = BSpline.design_matrix(inside[present], _knots(m), 3) @ basis
+        out[present] = scipy.interpolate.BSpline.design_matrix(inside[present], _knots(m), 3) @ basis
         beyond = (v - inside)[:, None]
         return out + np.where(beyond < 0, beyond * begin, beyond * end)
 
@@ -136,9 +134,7 @@ def _knots(m: int) -> FloatArray:
 @lru_cache(maxsize=64)
 def _basis(m: int, ends: str) -> FloatArray:
     """B-spline coefficients (m + 3, k), orthonormal, of the splines that meet the end conditions, less the constant."""
-    from scipy.interpolate import BSpline
-
-    spline = BSpline(_knots(m), np.eye(m + 3), 3)
+    spline = scipy.interpolate.BSpline(_knots(m), np.eye(m + 3), 3)
     both = np.array([0.0, float(m)])
     conditions = {
         "natural": spline.derivative(2)(both),
@@ -147,16 +143,14 @@ def _basis(m: int, ends: str) -> FloatArray:
         "free": np.zeros((0, m + 3)),
     }[ends]
     # All coefficients equal make the constant (it meets every condition); its complement is what remains.
-    basis: FloatArray = linalg.null_space(np.vstack([conditions, np.ones(m + 3)]))
+    basis: FloatArray = scipy.linalg.null_space(np.vstack([conditions, np.ones(m + 3)]))
     basis.flags.writeable = False
     return basis
 
 
 def _derivative(m: int, ends: str, order: int, at: FloatArray) -> FloatArray:
     """Derivatives of the basis at v (n, k), per interval width."""
-    from scipy.interpolate import BSpline
-
-    spline = BSpline(_knots(m), _basis(m, ends), 3)
+    spline = scipy.interpolate.BSpline(_knots(m), _basis(m, ends), 3)
     values: FloatArray = (spline.derivative(order) if order else spline)(at)
     return values
 

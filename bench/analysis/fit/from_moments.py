@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from bench.analysis.effects.base import Scale, StaticEffect
 from bench.analysis.effects.model import Model
@@ -90,12 +90,12 @@ def _solve_triangle(effect: Polynomial | Regression, moments: Moments) -> tuple[
     scale = np.linalg.norm(columns, axis=0)
     if rows < len(wanted) or np.any(scale == 0.0):
         raise InputError(f"{rows:.0f} rows for {len(wanted)} coefficients: record more, or fit less")
-    r = linalg.qr(np.column_stack([columns / scale, triangle[:, -1]]), mode="r")[0]
+    r = scipy.linalg.qr(np.column_stack([columns / scale, triangle[:, -1]]), mode="r")[0]
     n = len(wanted)
-    spectrum = linalg.svdvals(r[:n, :n])
+    spectrum = scipy.linalg.svdvals(r[:n, :n])
     if not spectrum[-1] > spectrum[0] * np.finfo(float).eps:
         return np.full(n, np.nan), np.inf, np.inf
-    beta = linalg.solve_triangular(r[:n, :n], r[:n, n]) / scale
+    beta = scipy.linalg.solve_triangular(r[:n, :n], r[:n, n]) / scale
     return beta, float(r[n, n] ** 2) if len(r) > n else 0.0, float(spectrum[0] / spectrum[-1])
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from bench.analysis.effects.base import Series
 from bench.analysis.fit.normal import Normal
@@ -138,13 +138,15 @@ def _mixing(table: FloatArray) -> FloatArray:
     mix = np.eye(size)
     if np.any(scale[:-1] == 0.0) or not np.all(np.isfinite(scale)):
         return mix
-    r = linalg.qr((table / scale[:, None]).T, mode="r")[0][:size] / np.sqrt(table.shape[1])
+    r = scipy.linalg.qr((table / scale[:, None]).T, mode="r")[0][:size] / np.sqrt(table.shape[1])
     left = np.abs(np.diag(r))
     for row in range(1, size):
         is_y = row == size - 1
         if not is_y and (left[row] >= _DEPENDENT or left[row] < 1e-13):
             continue
-        share = linalg.solve_triangular(r[:row, :row], r[:row, row]) if np.all(left[:row] > 1e-13) else np.zeros(row)
+        share = (
+            scipy.linalg.solve_triangular(r[:row, :row], r[:row, row]) if np.all(left[:row] > 1e-13) else np.zeros(row)
+        )
         own = np.zeros(size)
         own[row], own[:row] = 1.0 / scale[row], -share / scale[:row]
         # The rest to order one, so that no digit of a small remainder is lost; y keeps its unit.

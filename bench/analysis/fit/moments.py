@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from bench.analysis.effects.base import Scale, Series
 from bench.analysis.effects.regression import Regression
@@ -171,13 +171,13 @@ def _factor(series: Sequence[Series], record: Dataset, weight: FloatArray) -> Fl
     """R (p, p) of the weighted columns [1, Chebyshev polynomials, y]."""
     columns = [np.ones((len(record), 1)), *(one.columns(record) for one in series), record.bias[:, None]]
     weighted = np.hstack(columns) * np.sqrt(weight)[:, None]
-    return _square(linalg.qr(weighted, mode="r")[0], weighted.shape[1])
+    return _square(scipy.linalg.qr(weighted, mode="r")[0], weighted.shape[1])
 
 
 def _stacked(first: FloatArray, second: FloatArray) -> FloatArray:
     if not first.any():
         return second
-    return _square(linalg.qr(np.vstack([first, second]), mode="r")[0], len(first)) if second.any() else first
+    return _square(scipy.linalg.qr(np.vstack([first, second]), mode="r")[0], len(first)) if second.any() else first
 
 
 def _square(r: Any, size: int) -> FloatArray:

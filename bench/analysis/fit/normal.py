@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import FloatArray, InputError
@@ -73,14 +73,14 @@ def solve(form: Normal) -> Solved:
     if form.rows < scale.size or np.any(scale == 0.0):
         raise InputError(f"{form.rows:.0f} rows for {scale.size} coefficients: record more, or fit less")
     scaled = form.gram / np.outer(scale, scale)
-    values = linalg.eigvalsh(scaled)
+    values = scipy.linalg.eigvalsh(scaled)
     condition = condition_of(form, scale)
     if not values[0] > values[-1] * _EPS * len(values) or not condition <= MOST_CONDITION:
         raise InputError(f"not determined by these rows (condition {condition:.1g}, limit {MOST_CONDITION:.0e})")
-    factor = linalg.cho_factor(scaled)
-    inner = linalg.cho_solve(factor, form.right / scale)
+    factor = scipy.linalg.cho_factor(scaled)
+    inner = scipy.linalg.cho_solve(factor, form.right / scale)
     # One step of refinement: what the first solve left over is solved again.
-    inner = (inner + linalg.cho_solve(factor, form.right / scale - scaled @ inner)) / scale
+    inner = (inner + scipy.linalg.cho_solve(factor, form.right / scale - scaled @ inner)) / scale
     return Solved(form.model(inner), inner, float(form.error(inner)), float(form.rows), condition)
 
 
@@ -99,12 +99,12 @@ def penalised_rms(form: Normal, penalty: FloatArray) -> float:
 def condition_of(form: Normal, scale: FloatArray) -> float:
     """Condition of the model's own columns, each scaled to norm one, as `bench.analysis.fit.solve` has it."""
     try:
-        triangle = linalg.cholesky(form.gram / np.outer(scale, scale)) * scale
-    except linalg.LinAlgError:
+        triangle = scipy.linalg.cholesky(form.gram / np.outer(scale, scale)) * scale
+    except scipy.linalg.LinAlgError:
         return np.inf
     # A = Q (triangle @ back^-1): the condition is that of the triangle, without the rows.
-    own = linalg.solve(form.back.T, triangle.T).T
-    spectrum = linalg.svdvals(own / np.linalg.norm(own, axis=0))
+    own = scipy.linalg.solve(form.back.T, triangle.T).T
+    spectrum = scipy.linalg.svdvals(own / np.linalg.norm(own, axis=0))
     return float(spectrum[0] / spectrum[-1]) if spectrum[-1] > spectrum[0] * _EPS else np.inf
 
 
@@ -114,7 +114,7 @@ def sandwich(groups: Normal, inner: FloatArray) -> FloatArray:
     whole = groups.sum()
     count, (n, p) = len(scores), (float(whole.rows), inner.size)
     factor = count / max(count - 1, 1) * n / max(n - p, 1.0)
-    half = groups.back @ linalg.solve(whole.gram, scores.T, assume_a="sym")
+    half = groups.back @ scipy.linalg.solve(whole.gram, scores.T, assume_a="sym")
     covariance: FloatArray = factor * (half @ half.T)
     return covariance
 

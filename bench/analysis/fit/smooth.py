@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy import linalg, optimize
+import scipy
 
 from bench.analysis.effects.base import Scale
 from bench.analysis.effects.spline import Spline
@@ -86,8 +86,8 @@ class Smoother:
         form = spline_normal(cells, sums, intervals, ends)
         penalty = roughness(cells, intervals, ends)
         try:
-            values, vectors = linalg.eigh(penalty, form.gram)
-        except linalg.LinAlgError:
+            values, vectors = scipy.linalg.eigh(penalty, form.gram)
+        except scipy.linalg.LinAlgError:
             raise InputError("spline: the rows do not reach every interval; use fewer intervals") from None
         # Constants (and lines, with free or natural ends) are not rough at all: rounding is not roughness.
         values = np.where(values > 1e-10 * values[-1], values, 0.0)
@@ -130,7 +130,7 @@ class Smoother:
         values = [score(float(np.exp(at))) for at in grid]
         best = int(np.argmin(values))
         bounds = grid[max(best - 1, 0)], grid[min(best + 1, 32)]
-        least = optimize.minimize_scalar(lambda at: score(float(np.exp(at))), bounds=bounds, method="bounded")
+        least = scipy.optimize.minimize_scalar(lambda at: score(float(np.exp(at))), bounds=bounds, method="bounded")
         return self.at(float(np.exp(least.x)), float(least.fun))
 
     def _by_blocks(self, groups: Normal, low: float, high: float) -> Smoothed:

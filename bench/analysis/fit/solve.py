@@ -13,7 +13,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy import linalg, optimize
+import scipy
 from threadpoolctl import ThreadpoolController
 
 from bench.analysis.effects.base import Parameter
@@ -51,7 +51,7 @@ class Solution:
 
     def pseudo_inverse(self, weights: FloatArray) -> FloatArray:
         """Matrix (p, n) that turns y into beta."""
-        inverse: FloatArray = linalg.solve_triangular(self.r, self.q.T) / self.scale[:, None]
+        inverse: FloatArray = scipy.linalg.solve_triangular(self.r, self.q.T) / self.scale[:, None]
         return inverse * np.sqrt(weights)
 
 
@@ -62,11 +62,11 @@ def solve(columns: FloatArray, y: FloatArray, weights: FloatArray) -> Solution:
     scale = np.linalg.norm(weighted, axis=0)
     if len(y) < columns.shape[1] or np.any(scale == 0.0):
         return _unsolved(columns)
-    q, r = linalg.qr(weighted / scale, mode="economic")
-    spectrum = linalg.svdvals(r)
+    q, r = scipy.linalg.qr(weighted / scale, mode="economic")
+    spectrum = scipy.linalg.svdvals(r)
     if not spectrum[-1] > spectrum[0] * np.finfo(float).eps:
         return _unsolved(columns)
-    beta = linalg.solve_triangular(r, q.T @ (root * y)) / scale
+    beta = scipy.linalg.solve_triangular(r, q.T @ (root * y)) / scale
     residual = y - columns @ beta
     rss = float(np.sum(weights * residual**2))
     return Solution(beta, residual, rss, float(spectrum[0] / spectrum[-1]), q, r, scale)
@@ -80,7 +80,7 @@ def projected(columns: FloatArray, y: FloatArray, weights: FloatArray) -> FloatA
         return root * solution.residual
     weighted = columns * root[:, None]
     scale = np.linalg.norm(weighted, axis=0)
-    u, s, _ = linalg.svd(weighted / np.where(scale > 0.0, scale, 1.0), full_matrices=False)
+    u, s, _ = scipy.linalg.svd(weighted / np.where(scale > 0.0, scale, 1.0), full_matrices=False)
     u = u[:, s > s[0] / _TRIAL_CONDITION]
     residual: FloatArray = root * y - u @ (u.T @ (root * y))
     return residual
@@ -97,7 +97,7 @@ def dependent_column(columns: FloatArray, weights: FloatArray) -> int:
     scale = np.linalg.norm(weighted, axis=0)
     if np.any(scale == 0.0):
         return int(np.argmin(scale))
-    _, _, pivots = linalg.qr(weighted / scale, mode="economic", pivoting=True)
+    _, _, pivots = scipy.linalg.qr(weighted / scale, mode="economic", pivoting=True)
     return int(pivots[-1])
 
 
@@ -129,7 +129,7 @@ def left_out_rms(solution: Solution, weights: FloatArray, blocks: IntArray) -> f
         rows = blocks == block
         q, r = solution.q[rows], solution.residual[rows] * root[rows]
         left = np.eye(len(r)) - q @ q.T
-        if linalg.svdvals(np.eye(q.shape[1]) - q.T @ q)[-1] < 1e-9:
+        if scipy.linalg.svdvals(np.eye(q.shape[1]) - q.T @ q)[-1] < 1e-9:
             return np.inf
         total += float(np.sum(np.linalg.solve(left, r) ** 2))
     return float(np.sqrt(total / np.sum(weights)))
@@ -166,7 +166,9 @@ def _refined(inner: Objective, height: Callable[[FloatArray], float], seed: Floa
     if np.all(np.isfinite(inner(seed))):
         inside, step = np.clip(seed, 1e-6, 1 - 1e-6), np.full(seed.size, 1e-4)
         try:
-            solved = optimize.least_squares(inner, inside, bounds=(0.0, 1.0), x_scale=0.1, diff_step=step, max_nfev=60)
+            solved = scipy.optimize.least_squares(
+                inner, inside, bounds=(0.0, 1.0), x_scale=0.1, diff_step=step, max_nfev=60
+            )
             best = min((seed, solved.x), key=height)
         except ValueError:  # a step to where the linear part is singular
             best = seed
@@ -176,7 +178,9 @@ def _refined(inner: Objective, height: Callable[[FloatArray], float], seed: Floa
         "maxfev": 80 * seed.size,
         "initial_simplex": _simplex(best),
     }
-    polished = optimize.minimize(height, best, method="Nelder-Mead", bounds=[(0.0, 1.0)] * seed.size, options=options)
+    polished = scipy.optimize.minimize(
+        height, best, method="Nelder-Mead", bounds=[(0.0, 1.0)] * seed.size, options=options
+    )
     refined: FloatArray = min((best, polished.x), key=height)
     return refined
 

@@ -7,19 +7,19 @@ from __future__ import annotations
 
 from typing import Any
 
-from scipy.special import chdtrc, gammaincinv, ndtr
+import scipy
 
 
 def chi2_quantile(share: float, freedom: Any) -> Any:
     """Value below which a chi-square variable of `freedom` degrees lies with this probability."""
-    return 2 * gammaincinv(freedom / 2, share)
+    return 2 * scipy.special.gammaincinv(freedom / 2, share)
 
 
 def chi2_tail(value: float, freedom: float) -> float:
     """Probability that a chi-square variable of `freedom` degrees exceeds a value."""
-    return float(chdtrc(freedom, max(value, 0.0)))
+    return float(scipy.special.chdtrc(freedom, max(value, 0.0)))
 
 
 def normal_share(value: float) -> float:
     """Probability that a standard normal variable is below a value."""
-    return float(ndtr(value))
+    return float(scipy.special.ndtr(value))

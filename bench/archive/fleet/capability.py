@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from bench.archive.fleet.charts import D2
 from bench.base import FloatArray
@@ -48,15 +48,13 @@ def capability(values: FloatArray, lower: float | None, upper: float | None) -> 
 
 
 def _interval(index: float, n: int, freedom: float) -> tuple[float, float]:
-    half = float(special.ndtri(0.975)) * np.sqrt(1 / (9 * n) + index**2 / (2 * freedom))
+    half = float(scipy.special.ndtri(0.975)) * np.sqrt(1 / (9 * n) + index**2 / (2 * freedom))
     return index - half, index + half
 
 
 def proportion(part: int, whole: int) -> tuple[float, float]:
     """95 % interval of a proportion. Source: E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209."""
-    from scipy import stats  # half a second, and seldom needed
-
     if whole == 0:
         return np.nan, np.nan
-    found = stats.binomtest(part, whole).proportion_ci(0.95, method="wilson")
+    found = scipy.stats.binomtest(part, whole).proportion_ci(0.95, method="wilson")
     return float(found.low), float(found.high)

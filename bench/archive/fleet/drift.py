@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg, special
+import scipy
 
 from bench.archive.fleet.charts import D2
 from bench.base import BoolArray, FloatArray, IntArray
@@ -88,7 +88,7 @@ class _Solved:
         error = float(np.sqrt(max(float(along @ self.covariance @ along) + extra * self.variance, 0.0)))
         if error == 0.0:
             return None
-        return value, error, float(2 * special.stdtr(self.freedom, -abs(value) / error))
+        return value, error, float(2 * scipy.special.stdtr(self.freedom, -abs(value) / error))
 
 
 def _solve(columns: FloatArray, y: FloatArray, lot: IntArray, freedom: int) -> _Solved:
@@ -98,7 +98,7 @@ def _solve(columns: FloatArray, y: FloatArray, lot: IntArray, freedom: int) -> _
     known = scale > 1e-9 * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     scale = np.where(known, scale, 1.0)
     unit = np.where(known, inside / scale, 0.0)
-    inverse = linalg.pinv(unit, rtol=1e-10)
+    inverse = scipy.linalg.pinv(unit, rtol=1e-10)
     beta = inverse @ (y - _means(y[:, None], lot)[lot, 0]) / scale
     left = y - columns @ beta
     variance = float(np.sum((left - _means(left[:, None], lot)[lot, 0]) ** 2)) / freedom

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from bench.base import FloatArray
 
@@ -45,9 +45,9 @@ def unlike(table: FloatArray, names: Sequence[str], lots: Sequence[str]) -> tupl
         return distances, []
     z = (straight - centre)[:, used] / spread[used]
     squared, freedom = _distances(z)
-    squared *= special.chdtri(freedom, 0.5) / np.median(squared)
+    squared *= scipy.special.chdtri(freedom, 0.5) / np.median(squared)
     distances[whole] = np.sqrt(squared)
-    p = -np.expm1(whole.size * np.log1p(-np.minimum(special.chdtrc(freedom, squared), 1 - 1e-16)))
+    p = -np.expm1(whole.size * np.log1p(-np.minimum(scipy.special.chdtrc(freedom, squared), 1 - 1e-16)))
     odd = [
         Odd(int(whole[i]), float(np.sqrt(squared[i])), float(p[i]), names[used[lead]], float(z[i, lead]))
         for i in np.flatnonzero(p < UNLIKELY)
