@@ -63,11 +63,18 @@ def recover(path: Path) -> RunFolder:
     return open_run(path)
 
 
-def recovered(paths: Sequence[Path], interval_s: float | None = None) -> list[Dataset]:
-    """Datasets of runs, of means over `interval_s` [s] (None: the usual one), recovered first where they have to be."""
-    from bench.record import DEFAULT_INTERVAL_S, load
+def recovered(paths: Sequence[Path]) -> list[Dataset]:
+    """1 s means of runs, recovered first where they have to be."""
+    from bench.record import seconds_of
 
-    return [load(recover(path).path, interval_s or DEFAULT_INTERVAL_S) for path in paths]
+    return [seconds_of(recover(path).path) for path in paths]
+
+
+def usual_means(seconds: Sequence[Dataset]) -> list[Dataset]:
+    """Means over the usual interval, of 1 s means."""
+    from bench.record import DEFAULT_INTERVAL_S, averaged
+
+    return [averaged(run, DEFAULT_INTERVAL_S) for run in seconds]
 
 
 def report_on(
@@ -98,8 +105,9 @@ def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], 
     from bench.analysis import load_model
 
     chosen = [load_model(model) for model in models or DEFAULT_MODELS]
-    datasets, checks = recovered(runs), recovered(check)
-    floor_dph = floor_of(runs, datasets[0].interval_s, static)
+    seconds, still = recovered(runs), recovered([static] if static else [])
+    datasets, checks = usual_means(seconds), usual_means(recovered(check))
+    floor_dph = floor_of(seconds, datasets[0].interval_s, still)
     # A model that nobody asked for may lack its channels; one that was asked for is an error without them.
     comparison = compare_models(datasets, chosen, floor_dph, checks or None, strict=bool(models))
     if not comparison.scores:
@@ -113,33 +121,35 @@ def compare_every_sample(
     """`bench compare --every-sample`: the same fitted to all samples of the runs in one pass over each."""
     from bench.analysis import SampledRun, Samples, load_model, of_seconds
     from bench.analysis import compare_every_sample as compare_models
-    from bench.record import load
+    from bench.record import averaged
 
     if check:
         raise InputError("--every-sample scores blocks and segments left out; a check run is scored on means", check[0])
     chosen = [load_model(model) for model in models or DEFAULT_MODELS]
-    folders = [recover(path) for path in runs]
-    records = [SampledRun(Samples(folder.data), load(folder.path, 1.0), load(folder.path)) for folder in folders]
-    floor_dph = floor_of(runs, 1.0, static)
+    seconds, still = recovered(runs), recovered([static] if static else [])
+    fine = [averaged(run, 1.0) for run in seconds]
+    samples = [Samples(open_run(path).data) for path in runs]
+    records = [SampledRun(*one) for one in zip(samples, fine, usual_means(seconds), strict=True)]
+    floor_dph = floor_of(seconds, 1.0, still)
     comparison = compare_models(records, chosen, floor_dph, strict=bool(models))
     if not comparison.scores:
         raise InputError(comparison.refused[0][1], runs[0])
-    seconds = [record.seconds for record in records]
     means = {
-        score.model.name: (of_seconds(score.rms_dph, seconds), of_seconds(score.held_out.rms_dph, seconds))
+        score.model.name: (of_seconds(score.rms_dph, fine), of_seconds(score.held_out.rms_dph, fine))
         for score in comparison.scores
     }
     return ComparedSamples(comparison, sum(record.samples.rows for record in records), floor_dph, means)
 
 
-def floor_of(runs: Sequence[Path], interval_s: float, static: Path | None) -> float:
-    """Noise floor [deg/h] of means over `interval_s` of these runs, NaN where nothing stands still: one number for all
-    commands.
+def floor_of(seconds: Sequence[Dataset], interval_s: float, static: Sequence[Dataset] = ()) -> float:
+    """Noise floor [deg/h] of means over `interval_s` of runs, from 1 s means of them or of an isothermal run; NaN where
+    nothing stands still. The number is the same for all commands.
     """
     from bench.analysis import noise_floor
+    from bench.record import averaged
 
-    still = None if static is None else recovered([static], 1.0)[0]
-    return noise_floor(recovered(runs, 1.0), interval_s, still).floor_dph
+    runs, still = ([averaged(run, 1.0) for run in some] for some in (seconds, static))
+    return noise_floor(runs, interval_s, still[0] if still else None).floor_dph
 
 
 def import_table(file: Path, columns: Path | None, serial: str, dbc: Path | None, out: Path | None) -> Imported:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.base import InputError
-from bench.commands.analysis import floor_of, recovered
+from bench.commands.analysis import floor_of, recovered, usual_means
 from bench.commands.files import write
 from bench.commands.results.analyse import (
     Diagnosed,
@@ -47,9 +47,13 @@ def diagnose(
     from bench.analysis import diagnose as find
     from bench.analysis import load_model, next_experiment
 
-    datasets, checks = recovered(runs), recovered(check)
-    isothermal = recovered([static])[0] if static else None
-    floor_dph = floor_of(runs, datasets[0].interval_s, static)
+    seconds, still = recovered(runs), recovered([static] if static else [])
+    datasets, checks, isothermal = (
+        usual_means(seconds),
+        usual_means(recovered(check)),
+        next(iter(usual_means(still)), None),
+    )
+    floor_dph = floor_of(seconds, datasets[0].interval_s, still)
     found = find(datasets, load_model(model), check=checks, static=isothermal, floor_dph=floor_dph)
     proposal = next_experiment(found, datasets, static=isothermal)
     if proposal is not None:
@@ -82,9 +86,14 @@ def improve(
     from bench.analysis import improve as walk
     from bench.analysis import load_model
 
-    datasets, isothermal = recovered(runs), recovered([static])[0] if static else None
-    floor_dph = floor_of(runs, datasets[0].interval_s, static)
-    found = walk(datasets, recovered(check), load_model(model), static=isothermal, floor_dph=floor_dph)
+    seconds, still = recovered(runs), recovered([static] if static else [])
+    datasets, checks, isothermal = (
+        usual_means(seconds),
+        usual_means(recovered(check)),
+        next(iter(usual_means(still)), None),
+    )
+    floor_dph = floor_of(seconds, datasets[0].interval_s, still)
+    found = walk(datasets, checks, load_model(model), static=isothermal, floor_dph=floor_dph)
     if out is not None:
         write(out, found.model.to_yaml())
     return Improved(found, out)

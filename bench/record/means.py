@@ -74,8 +74,20 @@ def floats(column: pa.Array) -> FloatArray:
     """Values of a column (n,) as numbers, NaN where there is none."""
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.uint8())
-    values: FloatArray = column.cast(pa.float64()).to_numpy(zero_copy_only=False)  # nulls become NaN
-    return values
+    column = column.cast(pa.float64())
+    pieces = column.chunks if isinstance(column, pa.ChunkedArray) else [column]
+    return np.concatenate([_floats(piece) for piece in pieces]) if pieces else np.empty(0)
+
+
+def _floats(column: pa.Array) -> FloatArray:
+    """The same of one piece of doubles. `to_numpy` would import pandas, a tenth of the time of a short command."""
+    present, values = column.buffers()
+    rows = slice(column.offset, column.offset + len(column))
+    numbers: FloatArray = np.frombuffer(values, dtype=np.float64)[rows]
+    if not column.null_count:
+        return numbers
+    bits = np.unpackbits(np.frombuffer(present, dtype=np.uint8), bitorder="little")[rows]
+    return np.where(bits == 1, numbers, np.nan)
 
 
 def _means(columns: dict[str, FloatArray], names: list[str]) -> dict[str, FloatArray | IntArray]:

@@ -157,10 +157,10 @@ class Fit:
 def _walk(folder: Path, model: Model) -> tuple[Model | None, list[dict[str, Any]]]:
     """The model with what it lacked (None: nothing was added), and the decisions on the way."""
     from bench.analysis import improve
-    from bench.record import load
 
-    data = load(folder)
-    found = improve([data], (), model, floor_dph=analysis.floor_of([folder], data.interval_s, None))
+    seconds = analysis.recovered([folder])
+    (data,) = analysis.usual_means(seconds)
+    found = improve([data], (), model, floor_dph=analysis.floor_of(seconds, data.interval_s))
     steps = []
     for step in found.steps:
         suspects = {s.effect: s for s in step.diagnosis.suspects}
