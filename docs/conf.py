@@ -20,7 +20,7 @@ project = "Thermal test bench for gyroscopes"
 author = "the authors of gyro-thermal-bench"
 version = release = bench.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_click", "schema_tables"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_click", "schema_tables", "notebook_pages"]
 html_theme = "furo"
 html_title = f"Thermal test bench {release}"
 html_show_copyright = False
