@@ -78,9 +78,9 @@ COMMANDS = {
         Command("run", _brief, "empty", _unfinished),
         Command("report", lambda at: ("report", _run(at), "--model", "polynomial")),
         Command("diagnose", lambda at: ("diagnose", _run(at), "--model", "polynomial")),
-        Command("export", lambda at: ("export", _run(at), "--out", at / "exported")),
+        Command("export", lambda at: ("export", _run(at), "--format", "json", "--out", at / "exported")),
         Command("flash", lambda at: ("flash", UNIT, "--out", at / "reports", "--quiet")),
-        Command("import", lambda at: ("import", at / "log.csv", "--serial", "IMP-1", "--out", at / "reports")),
+        Command("import", lambda at: ("import", at / "log.csv", "--unit", "IMP-1", "--out", at / "reports")),
         Command("registry rebuild", lambda at: ("registry", "rebuild", "--out", at / "reports")),
         Command("registry lot", lambda at: ("registry", "lot", "L1", UNIT, "--out", at / "reports")),
     )
@@ -154,9 +154,9 @@ def copied(source: Path, target: Path) -> None:
     shutil.copytree(source, target, copy_function=take)
 
 
-def made(folder: Path) -> dict[str, Path]:
-    """The states that commands begin with."""
-    empty, calibrated = folder / "empty", folder / "calibrated"
+def made(folder: Path, place: Path) -> dict[str, Path]:
+    """The states that commands begin with, made in `place`, where every trial will stand: records name their folder."""
+    empty, calibrated = folder / "empty", place
     empty.mkdir(parents=True)
     (empty / "brief.yaml").write_text(BRIEF, encoding="utf-8")
     rows = (f"{t},{3.0 + 0.01 * t % 7:.4f},{20.0 + 0.002 * t:.4f}\n" for t in range(3600))
@@ -167,7 +167,7 @@ def made(folder: Path) -> dict[str, Path]:
     code, _, said = in_a_copy((*words, "--out", calibrated / "reports"), calibrated)
     if code not in {0, 1}:
         raise RuntimeError(f"the run to begin with failed: {said}")
-    return {"empty": empty, "calibrated": calibrated}
+    return {"empty": empty, "calibrated": calibrated.rename(folder / "calibrated")}
 
 
 def wrong(root: Path, reference: dict[str, int]) -> Iterator[str]:
@@ -240,19 +240,20 @@ def campaign(kills: int, seed: int, out: Path | None = None, only: Sequence[str]
     draw = random.Random(seed)
     results = []
     with tempfile.TemporaryDirectory(prefix="bench-kills-") as base:
-        states = made(Path(base) / "states")
+        place = Path(base) / "trial"
+        states = made(Path(base) / "states", place)
         for command in chosen:
-            copied(states[command.needs], folder := Path(base) / "whole")
-            code, changes, said = in_a_copy(command.words(folder), folder)
+            copied(states[command.needs], place)
+            code, changes, said = in_a_copy(command.words(place), place)
             if code not in {0, 1}:
                 raise RuntimeError(f"{command.name} failed without a kill: {said}")
-            reference = counts(folder)
-            shutil.rmtree(folder)
+            reference = counts(place)
+            shutil.rmtree(place)
             share = min(-(-kills // len(chosen)), changes)
             for at in sorted(draw.sample(range(1, changes + 1), share)):
                 found = known.get((command.name, at))
                 if found is None:
-                    found = trial(command, states[command.needs], Path(base) / "trial", at, (changes, reference))
+                    found = trial(command, states[command.needs], place, at, (changes, reference))
                     if out is not None:
                         with out.open("a", encoding="utf-8") as file:
                             file.write(json.dumps(asdict(found)) + "\n")
