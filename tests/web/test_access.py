@@ -357,8 +357,7 @@ def test_tls_is_checked_before_and_its_cookies_go_over_nothing_else(tokens, tmp_
     Tls(certificate, key).check()
     with pytest.raises(InputError, match="not a certificate chain and its key"):
         Tls(key, certificate).check()
-    tls = {"ssl_certfile": certificate, "ssl_keyfile": key}
-    with served(Settings(tmp_path / "out", access=path, secure=True), **tls) as plain:
+    with served(Settings(tmp_path / "out", access=path, secure=True), Tls(certificate, key)) as plain:
         trust = ssl.create_default_context(cafile=str(certificate))
         with httpx.Client(base_url=f"https://127.0.0.1:{plain.base_url.port}", verify=trust, trust_env=False) as client:
             cookie = client.post(f"{API}/session", json={"token": known["viewer"]}).headers["set-cookie"]
