@@ -233,7 +233,7 @@ def serve_desk(desk: Desk, folders: Sequence[Path], journals: Sequence[Path] = (
 class _Server(socketserver.ThreadingTCPServer):
     daemon_threads = True
     block_on_close = False
-    request_queue_size = 128
+    request_queue_size = 1024  # a full queue would let the operator wait for a second try of TCP
 
     def __init__(self, desk: Desk) -> None:
         super().__init__((HOST, 0), _Client)
