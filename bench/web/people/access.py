@@ -10,7 +10,7 @@ from typing import Annotated
 from fastapi import Depends, HTTPException, Request, Response
 
 from bench.base import InputError
-from bench.web.ground.callers import recognised
+from bench.web.ground.callers import network, recognised
 from bench.web.ground.settings import Settings
 from bench.web.ground.throttle import Throttle
 from bench.web.people.people import People, Person, Role
@@ -102,13 +102,14 @@ class Access:
     def _by_token(self, token: str, address: str) -> Person:
         assert self.people is not None
         # Tokens of 256 bits cannot be guessed, so a right one always passes: a stray script with an old token on the
-        # same computer must not keep an operator from aborting a run.
+        # same computer, or behind the same address, must not keep an operator from aborting a run.
         if person := self.people.by_token(token):
             return person
-        if wait_s := self._throttle.wait_s(address):
-            raise HTTPException(429, f"too many wrong tokens from {address}: wait {wait_s} s",
+        if wait_s := self._throttle.wait_s(network(address)):
+            text = f"too many wrong tokens from {address}: wait {wait_s} s; a right one is accepted at once"
+            raise HTTPException(429, text,
                                 {"Retry-After": str(wait_s)})  # fmt: skip
-        self._throttle.wrong(address)
+        self._throttle.wrong(network(address))
         raise HTTPException(401, "this token is not valid: ask the administrator of this server for one",
                             {"WWW-Authenticate": "Bearer"})  # fmt: skip
 

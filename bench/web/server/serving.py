@@ -23,6 +23,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from bench.base import InputError
+from bench.web.ground.callers import network
 from bench.web.ground.settings import Settings
 from bench.web.server.app import create_app
 from bench.web.server.connections import HEADER_S, Guarded, Places, room
@@ -34,7 +35,7 @@ GOODBYE_S = 2
 _LOOK_TICKS = 10
 """uvicorn ticks ten times a second; connections are looked at once."""
 _NEEDS_TOKENS = (
-    "others can reach --host {host}, so tokens are needed: make one with "
+    "others can reach {how}, so tokens are needed: make one with "
     "`bench ui --access access.yaml --new-token NAME --role engineer`, then add --access access.yaml"
 )
 
@@ -75,17 +76,23 @@ class GuardedServer(uvicorn.Server):
         return await super().on_tick(counter)
 
 
-def configured(app: FastAPI, tls: Tls | None = None, **options: Any) -> uvicorn.Config:
-    """How a server of the page is served; `options` are further ones of uvicorn."""
+def configured(app: FastAPI, tls: Tls | None = None, behind: str | None = None, **options: Any) -> uvicorn.Config:
+    """How a server of the page is served; `behind`: address of a reverse proxy; `options` are further ones of uvicorn.
+
+    Connections of the proxy are bounded by the proxy.
+    """
     if tls:
         options |= {"loop": f"{__name__}:_tls_loop", "ssl_certfile": tls.certificate, "ssl_keyfile": tls.key}
     return uvicorn.Config(
         app,
-        http=cast("type[asyncio.Protocol]", partial(Guarded, places=Places(room()))),
+        http=cast(
+            "type[asyncio.Protocol]", partial(Guarded, places=Places(room(), (network(behind),) if behind else ()))
+        ),
         log_level="warning",
         access_log=False,
         server_header=False,
-        proxy_headers=False,
+        proxy_headers=behind is not None,
+        forwarded_allow_ips=behind,
         ws="none",
         lifespan="on",
         timeout_graceful_shutdown=GOODBYE_S,
@@ -119,19 +126,20 @@ class _Server(GuardedServer):
 def serve(settings: Settings, port: int, tls: Tls | None = None, browser: bool = True) -> None:
     """Serve until SIGINT or SIGTERM; InputError where the page is not built, the address is in use or needs tokens."""
     require_page()
-    if settings.access is None and not is_loopback(settings.host):
-        raise InputError(_NEEDS_TOKENS.format(host=settings.host))
+    if settings.access is None and not (is_loopback(settings.host) and settings.behind is None):
+        how = f"--host {settings.host}" if settings.behind is None else f"the proxy --behind {settings.behind}"
+        raise InputError(_NEEDS_TOKENS.format(how=how))
     if tls:
         tls.check()
     try:
         settings.own.touch()
     except OSError as error:
         raise InputError(f"--out cannot hold run folders: {error.strerror}", settings.out) from error
-    app = create_app(replace(settings, secure=tls is not None))
+    app = create_app(replace(settings, secure=tls is not None or settings.behind is not None))
     with _bound(settings.host, port) as listener:
-        if tls is None and not is_loopback(settings.host):
+        if tls is None and settings.behind is None and not is_loopback(settings.host):
             print("bench ui: without --certificate and --key, tokens cross the network unencrypted", file=sys.stderr)
-        options = configured(app, tls)
+        options = configured(app, tls, settings.behind)
         url = f"{'https' if tls else 'http'}://{_name(settings.host)}:{listener.getsockname()[1]}/"
         # uvicorn raises the signal again after its end; the process must go on to its normal end.
         signal.signal(signal.SIGTERM, lambda *_: None)
