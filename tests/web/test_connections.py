@@ -14,7 +14,17 @@ from bench.web.ground.callers import network
 from bench.web.ground.settings import Settings
 from bench.web.people import people
 from bench.web.server import connections
-from bench.web.server.connections import BODY_BYTES, BODY_S, EACH, FRESH_S, HEADER_S, STUCK_S, Guarded, Places
+from bench.web.server.connections import (
+    BODY_BYTES,
+    BODY_S,
+    EACH,
+    EACH_PERSON,
+    FRESH_S,
+    HEADER_S,
+    STUCK_S,
+    Guarded,
+    Places,
+)
 from tests.support.web_client import served
 
 API = "/api/v1"
@@ -63,10 +73,26 @@ def test_whoever_was_recognised_keeps_the_place():
     now = [0.0]
     places = Places(most=EACH + 1, now=lambda: now[0])
     (person,) = come(places, 1, "a")
-    places.recognise(person, "a")
+    places.recognise(person, "Olena")
     now[0] += 2 * FRESH_S
     come(places, 5 * EACH, "a")
     assert not person.dropped
+
+
+def test_a_person_has_places_too_and_takes_none_of_the_others():
+    """A stolen token fills its own places, and its owner's newest connection is heard all the same."""
+    now = [0.0]
+    places = Places(now=lambda: now[0])
+    (other,) = come(places, 1, "a")
+    places.recognise(other, "Olena")
+    thief = come(places, EACH_PERSON, "b")
+    for caller in thief:
+        places.recognise(caller, "line-3")
+    now[0] += 2 * FRESH_S
+    (owner,) = come(places, 1, "c")
+    places.recognise(owner, "line-3")
+    assert [caller.dropped for caller in thief] == [True] + [False] * (EACH_PERSON - 1)
+    assert not any(caller.dropped for caller in (owner, other))
 
 
 def test_when_the_server_is_full_the_address_with_the_most_connections_loses_one():
@@ -81,10 +107,10 @@ def test_places_of_those_who_left_are_free_and_nothing_is_kept_of_them():
     for _ in range(10):
         callers = come(places, 4, "a")
         for caller in callers:
-            places.go(caller, "a")
+            places.go(caller)
         assert not any(caller.dropped for caller in callers)
-    assert places._strangers == {}
-    assert places._all == set()
+    assert places._held == {}
+    assert places._holders == {}
 
 
 def test_an_address_may_be_without_a_limit():

@@ -24,8 +24,8 @@ def network(address: str) -> str:
     return str(ipaddress.ip_network((int(found), 128 - _IPV6_HOST_BITS), strict=False))
 
 
-def recognised(scope: Mapping[str, Any]) -> None:
-    """Tell the connection of this request that it belongs to a person with access."""
-    tell: Callable[[], None] | None = scope.get("extensions", {}).get(RECOGNISED)
+def recognised(scope: Mapping[str, Any], name: str) -> None:
+    """Tell the connection of this request that it belongs to this person."""
+    tell: Callable[[str], None] | None = scope.get("extensions", {}).get(RECOGNISED)
     if tell is not None:
-        tell()
+        tell(name)

@@ -53,7 +53,7 @@ class Access:
     def who(self, request: Request) -> Who:
         """User of this request; HTTPException 401 for an unknown one, 429 after too many wrong tokens."""
         who = self._who(request)
-        recognised(request.scope)
+        recognised(request.scope, who.name)
         return who
 
     def _who(self, request: Request) -> Who:
@@ -84,7 +84,7 @@ class Access:
         if self.people is None or self._sessions is None:
             return Who(_user(), "engineer", address)
         person = self._by_token(token, address)
-        recognised(request.scope)
+        recognised(request.scope, person.name)
         key = self._sessions.begin(person)
         response.set_cookie(
             self._cookie(request), key, max_age=self._sessions.life_s, path="/", secure=self._secure, httponly=True,

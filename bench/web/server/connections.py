@@ -1,8 +1,8 @@
 """Bounds what a connection may hold before and after its sender is recognised.
 
 uvicorn counts idle connections as work and has no time-outs for headers, bodies and answers that nobody reads. Here
-each connection has a place. When places run short, the oldest connection of a stranger is closed, never a new one
-refused: who holds connections open loses them, and who has something to say is heard.
+each connection has a place. When places run short, the oldest connection of whoever holds the most is closed, never a
+new one refused: who holds connections open loses them, and who has something to say is heard.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Container
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.config import Config
@@ -28,10 +28,15 @@ STUCK_S = 30.0
 """An answer of which nothing is read for so long is given up [s]."""
 EACH = 64
 """Connections of strangers from one address."""
+EACH_PERSON = 256
+"""Connections of one person: a few dozen pages."""
 MOST = 2048
 """All connections."""
 FRESH_S = 1.0
 """A connection this young keeps its place, so that what it sent can be read first [s]."""
+
+
+Holder = tuple[Literal["address", "person"], str]
 
 
 class Closable(Protocol):
@@ -42,46 +47,49 @@ class Closable(Protocol):
 
 
 class Places:
-    """The connections of a server; those of strangers by address, oldest first."""
+    """The connections of a server by who holds them: a person, or a stranger's address; oldest first."""
 
     def __init__(
         self, most: int = MOST, unbounded: Container[str] = (), now: Callable[[], float] = time.monotonic
     ) -> None:
         """At most `most` connections; addresses in `unbounded` have no limit of their own."""
         self._most, self._unbounded, self._now = most, unbounded, now
-        self._strangers: dict[str, dict[Closable, float]] = {}
-        self._all: set[Closable] = set()
+        self._held: dict[Holder, dict[Closable, float]] = {}
+        self._holders: dict[Closable, Holder] = {}
 
-    def come(self, one: Closable, group: str) -> None:
-        """A new connection; closes the oldest strangers where there are too many."""
+    def come(self, one: Closable, address: str) -> None:
+        """A new connection of a stranger; closes the oldest where there are too many."""
+        self._take(one, ("address", address), EACH)
+        if len(self._holders) > self._most:
+            self._drop(max(self._held, key=lambda holder: len(self._held[holder])))
+
+    def recognise(self, one: Closable, name: str) -> None:
+        """Its sender is this person."""
+        holder: Holder = ("person", name)
+        if self._holders.get(one, holder) != holder:
+            self.go(one)
+            self._take(one, holder, EACH_PERSON)
+
+    def go(self, one: Closable) -> None:
+        """It is closed, or about to be."""
+        holder = self._holders.pop(one, None)
+        if holder is not None:
+            del self._held[holder][one]
+            if not self._held[holder]:
+                del self._held[holder]
+
+    def _take(self, one: Closable, holder: Holder, most: int) -> None:
         now = self._now()
-        mine = self._strangers.setdefault(group, {})
-        mine[one] = now
-        self._all.add(one)
-        if group not in self._unbounded:
-            while len(mine) > EACH and now - next(iter(mine.values())) > FRESH_S:
-                self._drop(group)
-        if len(self._all) > self._most:
-            self._drop(max(self._strangers, key=lambda name: len(self._strangers[name])))
+        mine = self._held.setdefault(holder, {})
+        mine[one], self._holders[one] = now, holder
+        if holder[1] not in self._unbounded:
+            while len(mine) > most and now - next(iter(mine.values())) > FRESH_S:
+                self._drop(holder)
 
-    def recognise(self, one: Closable, group: str) -> None:
-        """Its sender is no stranger."""
-        self._strangers.get(group, {}).pop(one, None)
-        self._tidy(group)
-
-    def go(self, one: Closable, group: str) -> None:
-        """It is closed."""
-        self._all.discard(one)
-        self.recognise(one, group)
-
-    def _drop(self, group: str) -> None:
-        oldest = next(iter(self._strangers[group]))
-        self.go(oldest, group)
+    def _drop(self, holder: Holder) -> None:
+        oldest = next(iter(self._held[holder]))
+        self.go(oldest)
         oldest.drop()
-
-    def _tidy(self, group: str) -> None:
-        if not self._strangers.get(group, True):
-            del self._strangers[group]
 
 
 class Guarded(H11Protocol):
@@ -92,7 +100,7 @@ class Guarded(H11Protocol):
         _loop: asyncio.AbstractEventLoop | None = None, *, places: Places,
     ) -> None:  # fmt: skip
         super().__init__(config, server_state, app_state, _loop)
-        self._places, self._group = places, ""
+        self._places = places
         self._phase: object = None
         self._waited_s = self._stuck_s = 0.0
         self._received = self._unread = 0
@@ -101,12 +109,11 @@ class Guarded(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take a place."""
         super().connection_made(transport)
-        self._group = network(self.client[0]) if self.client else ""
-        self._places.come(self, self._group)
+        self._places.come(self, network(self.client[0]) if self.client else "")
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Leave the place."""
-        self._places.go(self, self._group)
+        self._places.go(self)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
@@ -134,11 +141,11 @@ class Guarded(H11Protocol):
         if self._waited_s > most_s or self._stuck_s > STUCK_S:
             self.drop()
 
-    def _recognise(self) -> None:
-        self._places.recognise(self, self._group)
+    def _recognise(self, name: str) -> None:
+        self._places.recognise(self, name)
 
 
-def _introduced(app: ASGIApp, recognise: Callable[[], None]) -> ASGIApp:
+def _introduced(app: ASGIApp, recognise: Callable[[str], None]) -> ASGIApp:
     """The application, which learns whom to tell that it has recognised a person."""
 
     async def introduced(scope: Scope, receive: Receive, send: Send) -> None:
