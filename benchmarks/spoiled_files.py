@@ -35,6 +35,7 @@ from bench.cli import main as bench
 from benchmarks import campaigns
 from benchmarks.mutations import BINARY, TEXT, mutated
 from drivers.errors import DriverError
+from drivers.wire import read_layouts
 
 MOST_CPU_S, MOST_BYTES = 10.0, 10**9
 PATIENCE_S = 60
@@ -111,10 +112,11 @@ def _mf4(path: Path) -> None:
 def _log(path: Path) -> None:
     import can
 
-    source = random.Random(1)
+    source, heads = random.Random(1), [message.id for message in read_layouts(DBC).values()]
     with can.Logger(str(path)) as log:
         for i in range(ROWS):
-            log.on_message_received(can.Message(i / 500, 0x100 + i % 6, False, data=source.randbytes(8)))
+            data = source.randbytes(8)
+            log.on_message_received(can.Message(i / 500, heads[i % len(heads)], is_extended_id=False, data=data))
 
 
 def _copied(source: Path) -> Callable[[Path], None]:
