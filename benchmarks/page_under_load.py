@@ -184,7 +184,7 @@ def _run(station: Path, out: Path) -> Iterator[Any]:
 @contextmanager
 def _loaded(case: Case, url: str, token: str) -> Iterator[Any]:
     """A process that keeps the connections; yields a function that counts them."""
-    command = [sys.executable, "-m", "benchmarks.page_under_load", "--attack", case.load, url, token]
+    command = [sys.executable, "-m", "benchmarks.page_under_load", "--attack", case.load, url, f"--token={token}"]
     process = subprocess.Popen([*command, "--connections", str(case.connections)], stdin=subprocess.PIPE,
                                stdout=subprocess.PIPE, text=True)  # fmt: skip
     assert process.stdin is not None
@@ -268,12 +268,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("page_under_load.jsonl"))
     parser.add_argument("--connections", type=int, default=2000)
-    parser.add_argument("--attack", nargs=3, metavar=("LOAD", "URL", "TOKEN"), help=argparse.SUPPRESS)
+    parser.add_argument("--attack", nargs=2, metavar=("LOAD", "URL"), help=argparse.SUPPRESS)
+    parser.add_argument("--token", default="", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
     if arguments.attack:
-        asyncio.run(attack(*arguments.attack, arguments.connections))
+        asyncio.run(attack(*arguments.attack, arguments.token, arguments.connections))
         return 0
     outcomes = campaign(cases(arguments.connections), arguments.out)
     wrong = [outcome for outcome in outcomes if outcome.wrong]
