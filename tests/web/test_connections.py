@@ -35,7 +35,7 @@ class Caller:
     """A connection that remembers its end."""
 
     def __init__(self):
-        self.dropped = False
+        self.dropped, self.fresh = False, True
 
     def drop(self):
         self.dropped = True
@@ -48,47 +48,52 @@ def come(places, count, group):
     return callers
 
 
+def read(*callers):
+    """What they sent has been read."""
+    for caller in callers:
+        caller.fresh = False
+
+
 def test_of_too_many_strangers_at_one_address_the_oldest_go():
-    now = [0.0]
-    places = Places(now=lambda: now[0])
+    places = Places()
     others, first = come(places, 1, "other"), come(places, EACH, "a")
-    now[0] += 2 * FRESH_S
+    read(*others, *first)
     late = come(places, 10, "a")
     assert [caller.dropped for caller in first] == [True] * 10 + [False] * (EACH - 10)
     assert not any(caller.dropped for caller in (*late, *others))
 
 
 def test_a_connection_is_read_before_it_can_lose_its_place():
-    now = [0.0]
-    places = Places(now=lambda: now[0])
-    assert not any(caller.dropped for caller in come(places, 3 * EACH, "a"))
-    now[0] += 2 * FRESH_S
+    places = Places()
+    callers = come(places, 3 * EACH, "a")
+    assert not any(caller.dropped for caller in callers)
+    read(*callers)
     come(places, 1, "a")
-    places_left = Places(most=10, now=lambda: now[0])
+    assert sum(caller.dropped for caller in callers) == 2 * EACH + 1
+    places_left = Places(most=10)
     callers = come(places_left, 11, "a")  # the last limit holds for fresh ones, too
     assert [caller.dropped for caller in callers] == [True] + [False] * 10
 
 
 def test_whoever_was_recognised_keeps_the_place():
-    now = [0.0]
-    places = Places(most=EACH + 1, now=lambda: now[0])
+    places = Places(most=EACH + 1)
     (person,) = come(places, 1, "a")
     places.recognise(person, "Olena")
-    now[0] += 2 * FRESH_S
-    come(places, 5 * EACH, "a")
+    read(person)
+    for _ in range(5):
+        read(*come(places, EACH, "a"))
     assert not person.dropped
 
 
 def test_a_person_has_places_too_and_takes_none_of_the_others():
     """A stolen token fills its own places, and its owner's newest connection is heard all the same."""
-    now = [0.0]
-    places = Places(now=lambda: now[0])
+    places = Places()
     (other,) = come(places, 1, "a")
     places.recognise(other, "Olena")
     thief = come(places, EACH_PERSON, "b")
     for caller in thief:
         places.recognise(caller, "line-3")
-    now[0] += 2 * FRESH_S
+    read(other, *thief)
     (owner,) = come(places, 1, "c")
     places.recognise(owner, "line-3")
     assert [caller.dropped for caller in thief] == [True] + [False] * (EACH_PERSON - 1)
@@ -96,14 +101,14 @@ def test_a_person_has_places_too_and_takes_none_of_the_others():
 
 
 def test_when_the_server_is_full_the_address_with_the_most_connections_loses_one():
-    places = Places(most=50, now=lambda: 0.0)
+    places = Places(most=50)
     few, many, new = come(places, 10, "few"), come(places, 40, "many"), come(places, 5, "new")
     assert not any(caller.dropped for caller in (*few, *new))
     assert sum(caller.dropped for caller in many) == 5
 
 
 def test_places_of_those_who_left_are_free_and_nothing_is_kept_of_them():
-    places = Places(most=4, now=lambda: 0.0)
+    places = Places(most=4)
     for _ in range(10):
         callers = come(places, 4, "a")
         for caller in callers:
@@ -114,10 +119,9 @@ def test_places_of_those_who_left_are_free_and_nothing_is_kept_of_them():
 
 
 def test_an_address_may_be_without_a_limit():
-    now = [0.0]
-    places = Places(unbounded={"proxy"}, now=lambda: now[0])
+    places = Places(unbounded={"proxy"})
     first = come(places, EACH, "proxy")
-    now[0] += 2 * FRESH_S
+    read(*first)
     come(places, EACH, "proxy")
     assert not any(caller.dropped for caller in first)
 
@@ -223,6 +227,17 @@ def test_a_body_that_does_not_come_ends_the_connection_and_a_slow_one_does_not()
                 assert transport.aborted is ended, each
                 connection.connection_lost(None)
                 await settled()
+
+    asyncio.run(trial())
+
+
+def test_a_connection_is_fresh_until_it_was_looked_at():
+    async def trial():
+        with connected(reads) as (connection, _):
+            for _ in range(FRESH_LOOKS):
+                assert connection.fresh
+                connection.look(1.0)
+            assert not connection.fresh
 
     asyncio.run(trial())
 

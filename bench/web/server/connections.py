@@ -8,7 +8,6 @@ new one refused: who holds connections open loses them, and who has something to
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Container
 from typing import Any, Literal, Protocol
 
@@ -32,8 +31,9 @@ EACH_PERSON = 256
 """Connections of one person: a few dozen pages."""
 MOST = 2048
 """All connections."""
-FRESH_S = 1.0
-"""A connection this young keeps its place, so that what it sent can be read first [s]."""
+FRESH_LOOKS = 2
+"""A connection keeps its place until it was looked at so often: what it sent at once has then been read, however busy
+the server is."""
 
 
 Holder = tuple[Literal["address", "person"], str]
@@ -42,6 +42,10 @@ Holder = tuple[Literal["address", "person"], str]
 class Closable(Protocol):
     """A connection."""
 
+    @property
+    def fresh(self) -> bool:
+        """Whether what it sent may not have been read yet."""
+
     def drop(self) -> None:
         """Close it at once."""
 
@@ -49,12 +53,10 @@ class Closable(Protocol):
 class Places:
     """The connections of a server by who holds them: a person, or a stranger's address; oldest first."""
 
-    def __init__(
-        self, most: int = MOST, unbounded: Container[str] = (), now: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, most: int = MOST, unbounded: Container[str] = ()) -> None:
         """At most `most` connections; addresses in `unbounded` have no limit of their own."""
-        self._most, self._unbounded, self._now = most, unbounded, now
-        self._held: dict[Holder, dict[Closable, float]] = {}
+        self._most, self._unbounded = most, unbounded
+        self._held: dict[Holder, dict[Closable, None]] = {}
         self._holders: dict[Closable, Holder] = {}
 
     def come(self, one: Closable, address: str) -> None:
@@ -79,11 +81,10 @@ class Places:
                 del self._held[holder]
 
     def _take(self, one: Closable, holder: Holder, most: int) -> None:
-        now = self._now()
         mine = self._held.setdefault(holder, {})
-        mine[one], self._holders[one] = now, holder
+        mine[one], self._holders[one] = None, holder
         if holder[1] not in self._unbounded:
-            while len(mine) > most and now - next(iter(mine.values())) > FRESH_S:
+            while len(mine) > most and not next(iter(mine)).fresh:
                 self._drop(holder)
 
     def _drop(self, holder: Holder) -> None:
@@ -100,7 +101,7 @@ class Guarded(H11Protocol):
         _loop: asyncio.AbstractEventLoop | None = None, *, places: Places,
     ) -> None:  # fmt: skip
         super().__init__(config, server_state, app_state, _loop)
-        self._places = places
+        self._places, self._looks = places, 0
         self._phase: object = None
         self._waited_s = self._stuck_s = 0.0
         self._received = self._unread = 0
@@ -121,12 +122,18 @@ class Guarded(H11Protocol):
         self._received += len(data)
         super().data_received(data)
 
+    @property
+    def fresh(self) -> bool:
+        """Whether what it sent may not have been read yet."""
+        return self._looks < FRESH_LOOKS
+
     def drop(self) -> None:
         """Close the connection without a word."""
         self.transport.abort()
 
     def look(self, passed_s: float) -> None:
         """Close the connection where headers, body or the reading of the answer take too long; [s] since the last."""
+        self._looks += 1
         unread = self.transport.get_write_buffer_size()
         self._stuck_s = self._stuck_s + passed_s if unread and unread == self._unread else 0.0
         self._unread = unread
