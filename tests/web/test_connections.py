@@ -19,7 +19,7 @@ from bench.web.server.connections import (
     BODY_S,
     EACH,
     EACH_PERSON,
-    FRESH_S,
+    FRESH_LOOKS,
     HEADER_S,
     STUCK_S,
     Guarded,
