@@ -18,7 +18,7 @@ import random
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager, redirect_stderr
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import asdict, dataclass
 from io import StringIO
 from pathlib import Path
@@ -32,6 +32,7 @@ from bench.acquisition.run.status import Status
 from bench.acquisition.run.wiring import Continue, Stop
 from bench.acquisition.station.settings.station import StationSettings
 from bench.base import BenchError, config
+from benchmarks import campaigns
 from benchmarks.spoiling import KINDS, SpoilingProxy
 from drivers.errors import DriverError
 from drivers.modbus import ModbusLink
@@ -189,31 +190,21 @@ def _job(name: str, folder: Path) -> Job:
 
 def campaign(todo: Sequence[Case], seed: int, out: Path) -> list[Outcome]:
     """Run what is not in the file yet, and append it; all outcomes that the file then holds."""
-    known = read(out)
-    done = {outcome.case for outcome in known}
-    if known:
-        out.write_text("".join(f"{json.dumps(asdict(outcome))}\n" for outcome in known), encoding="utf-8")
-    with closing(out.open("a", encoding="utf-8")) as file:
-        for case in todo:
-            if case in done:
-                continue
-            with tempfile.TemporaryDirectory() as scratch:
-                known.append(run_case(case, seed, Path(scratch)))
-            file.write(f"{json.dumps(asdict(known[-1]))}\n")
-            file.flush()
-    return known
+
+    def run(case: Case) -> Outcome:
+        with tempfile.TemporaryDirectory() as scratch:
+            return run_case(case, seed, Path(scratch))
+
+    return campaigns.resumed(todo, run, out, lambda outcome: outcome.case, asdict, _made)
 
 
 def read(path: Path) -> list[Outcome]:
-    """Outcomes of an earlier, perhaps interrupted, campaign; its last line may be torn."""
-    found = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        try:
-            content = json.loads(line)
-        except ValueError:
-            continue
-        found.append(Outcome(**{**content, "case": Case(**content["case"])}))
-    return found
+    """Outcomes of an earlier, perhaps interrupted, campaign."""
+    return campaigns.read(path, _made)
+
+
+def _made(content: dict[str, Any]) -> Outcome:
+    return Outcome(**{**content, "case": Case(**content["case"])})
 
 
 def main() -> int:

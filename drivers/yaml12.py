@@ -22,6 +22,8 @@ Place = tuple[str | int, ...]
 """Where a value stands: keys and list positions from the top of the file."""
 
 _MAX_NODES = 100_000
+_LONGEST = 300
+"""Digits of the longest whole number; a longer one is beyond every floating-point number, as infinity is."""
 _INT = re.compile(r"[-+]?[0-9]+")
 _BASED = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -104,11 +106,14 @@ class _Builder:
     def _scalar(self, node: yaml.Node) -> Any:
         self._check_tag(node, "tag:yaml.org,2002:str")
         text: str = node.value
+        if any("\ud800" <= sign <= "\udfff" for sign in text):
+            raise self.refuse("holds half a character (a surrogate); write the character itself", node)
         if node.style is not None:  # type: ignore[attr-defined]
             return text
         value = _plain(text)
         if isinstance(value, float) and not math.isfinite(value):
-            raise self.refuse(f"'{text}' is not a finite number; every number must be finite", node)
+            shown = text if len(text) <= _LONGEST else f"{text[:20]}... ({len(text):,} characters)"
+            raise self.refuse(f"'{shown}' is not a finite number; every number must be finite", node)
         return value
 
     def _check_tag(self, node: yaml.Node, expected: str) -> None:
@@ -121,9 +126,9 @@ def _plain(text: str) -> Any:
     if text in _WORDS:
         return _WORDS[text]
     if _INT.fullmatch(text):
-        return int(text)
+        return int(text) if len(text) <= _LONGEST else math.inf
     if _BASED.fullmatch(text):
-        return int(text, 0)
+        return int(text, 0) if len(text) <= _LONGEST else math.inf
     if _FLOAT.fullmatch(text) or _NOT_FINITE.fullmatch(text):
         return float(text.replace(".inf", "inf").replace(".nan", "nan")) if _FLOAT.fullmatch(text) else math.nan
     return text

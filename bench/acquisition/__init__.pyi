@@ -3,11 +3,17 @@ from .importer.columns import UnclearColumnError as UnclearColumnError
 from .importer.columns import column_map as column_map
 from .importer.columns import guess as guess
 from .importer.columns import split_header as split_header
+from .importer.confines import Confines as Confines
+from .importer.confines import answering as answering
+from .importer.confines import memory_for as memory_for
+from .importer.confines import run_confined as run_confined
+from .importer.confines import shortened as shortened
 from .importer.plan import ImportPlan as ImportPlan
 from .importer.plan import load_columns as load_columns
 from .importer.plan import plan_import as plan_import
 from .importer.plan import plan_table as plan_table
 from .importer.plan import write_import as write_import
+from .importer.reading import read_confined as read_confined
 from .importer.tables import Table as Table
 from .importer.tables import read_table as read_table
 from .importer.tables import table_of as table_of

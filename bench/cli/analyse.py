@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -99,14 +99,18 @@ def diff(a: Path, b: Path) -> Result:
 @click.option("--unit", "serial", default="unknown", show_default=True, help="Serial number of the unit.")
 @path_option("--dbc", help="Layout of a CAN log (BLF, ASC).")
 @click.option("--preview", is_flag=True, help="Only say what was understood; write nothing.")
+@click.option(
+    "--memory", "memory_gb", type=click.FloatRange(0.4), metavar="GB",
+    help="Memory that reading the file may take [default: 1, or 32 bytes for each of the file's, or what is free].",
+)  # fmt: skip
 @out_option
 @answers
 @registers(begin=True)
-def import_(file: Path, serial: str, out: Path, columns: Path | None, dbc: Path | None, preview: bool) -> Result:
+def import_(out: Path, preview: bool, **options: Any) -> Result:
     """Make a run folder of somebody else's FILE: CSV, Parquet, MF4, BLF or ASC."""
     from bench import commands
 
-    return commands.import_table(file, columns, serial, dbc, None if preview else out)
+    return commands.import_table(out=None if preview else out, **options)
 
 
 @click.command()

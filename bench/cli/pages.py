@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from bench.cli.options import exits, out_option, path_option
 @click.option("--new-token", metavar="NAME", help="Print a new token for NAME once, store its hash in --access, end.")
 @click.option("--role", type=click.Choice(["viewer", "operator", "engineer"]), help="Role of --new-token.")
 @click.option("--name", "names", multiple=True, help="Further host name that browsers may use; may be repeated.")
+@click.option("--behind", metavar="ADDRESS", help="Reverse proxy whose X-Forwarded-For is believed; it speaks TLS.")
 @path_option("--certificate", help="TLS: certificate chain (PEM).")
 @path_option("--key", help="TLS: key of the certificate (PEM).")
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
@@ -30,6 +32,13 @@ def ui(new_token: str | None, role: str | None, **options: Any) -> None:
         else:
             _serve(**options)
             click.echo("ended; runs that were started go on: `bench status`")
+
+
+def _check_address(behind: str) -> None:
+    try:
+        ipaddress.ip_address(behind)
+    except ValueError:
+        raise InputError(f"--behind is {behind!r}, must be the IP address that the proxy asks from") from None
 
 
 def _new_token(access: Path | None, name: str, role: str | None) -> str:
@@ -47,5 +56,7 @@ def _serve(out: Path, certificate: Path | None, key: Path | None, port: int, no_
         raise InputError(f"`bench ui` needs {error.name}; pip install 'gyro-thermal-bench[web]'") from error
     if (certificate is None) != (key is None):
         raise InputError("--certificate and --key belong together; give both or neither")
+    if options["behind"] is not None:
+        _check_address(options["behind"])
     tls = Tls(certificate, key) if certificate and key else None
     serve(Settings(out.resolve(), **options), port, tls, not no_browser)

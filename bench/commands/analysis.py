@@ -152,9 +152,26 @@ def floor_of(seconds: Sequence[Dataset], interval_s: float, static: Sequence[Dat
     return noise_floor(runs, interval_s, still[0] if still else None).floor_dph
 
 
-def import_table(file: Path, columns: Path | None, serial: str, dbc: Path | None, out: Path | None) -> Imported:
-    """`bench import`: a foreign table becomes a run folder below `out`; None only tells what was understood."""
-    from bench.acquisition import load_columns, plan_import, write_import
+HOUR_S = 3600
+"""Whoever imports a large file sits before it, and may end it."""
 
-    plan = plan_import(file, None if columns is None else load_columns(columns), serial, dbc)
+
+def import_table(
+    file: Path,
+    columns: Path | None,
+    serial: str,
+    dbc: Path | None,
+    out: Path | None,
+    memory_gb: float | None = None,
+) -> Imported:
+    """`bench import`: a foreign table becomes a run folder below `out`; None only tells what was understood.
+
+    A confined process reads it, with as much memory as is given or as is free and needed.
+    """
+    from bench.acquisition import ColumnMap, Confines, load_columns, plan_table, read_confined, write_import
+
+    chosen = ColumnMap() if columns is None else load_columns(columns)
+    memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
+    confines = Confines(memory_bytes, cpu_s=4 * HOUR_S, wall_s=4 * HOUR_S, written_bytes=1 << 40)
+    plan = plan_table(read_confined(file, dbc, confines), chosen, serial)
     return Imported(plan, None if out is None else write_import(plan, out).path)

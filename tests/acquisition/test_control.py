@@ -236,7 +236,17 @@ def test_a_name_cannot_forge_a_line_of_the_record(live, sequencer):
     assert len(cause) < 200
 
 
-def test_clients_that_say_nothing_are_turned_away_and_keep_nobody_out_for_long(live, monkeypatch):
+def test_clients_that_say_nothing_keep_nobody_out(live, sequencer):
+    idle = [socket.create_connection((remote.HOST, live.file.port)) for _ in range(10 * control.CLIENTS)]
+    try:
+        assert remote.ask_run(live, "abort")["ok"]
+    finally:
+        for connection in idle:
+            connection.close()
+    assert [name for name, _ in sequencer.asked] == ["request_stop"]
+
+
+def test_clients_that_say_nothing_are_turned_away_and_hold_few_threads(live):
     idle = [socket.create_connection((remote.HOST, live.file.port)) for _ in range(2 * control.CLIENTS)]
     try:
         threads = {thread.name for thread in threading.enumerate() if "process_request" in thread.name}

@@ -13,9 +13,10 @@ import uvicorn
 
 from bench.web.ground.settings import Settings
 from bench.web.server.app import create_app
+from bench.web.server.serving import GuardedServer, Tls, configured
 
 
-class _Server(uvicorn.Server):
+class _Server(GuardedServer):
     """Tells when it is there."""
 
     def __init__(self, config: uvicorn.Config) -> None:
@@ -28,9 +29,9 @@ class _Server(uvicorn.Server):
 
 
 @contextmanager
-def served(settings: Settings, **options: Any) -> Iterator[httpx.Client]:
+def served(settings: Settings, tls: Tls | None = None, **options: Any) -> Iterator[httpx.Client]:
     """A client of a server with these settings; both end with the block. `options` are those of uvicorn."""
-    server = _Server(uvicorn.Config(create_app(settings), log_level="warning", access_log=False, ws="none", **options))
+    server = _Server(configured(create_app(settings), tls, **options))
     with socket.create_server(("127.0.0.1", 0)) as listener:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()

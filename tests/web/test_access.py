@@ -175,6 +175,32 @@ def test_wrong_tokens_are_slowed_down_for_their_address_alone(tokens, tmp_path):
     assert throttle.wait_s("10.0.0.1") == 0
 
 
+def test_behind_one_address_a_wrong_token_slows_wrong_tokens_and_no_right_one(tokens, tmp_path):
+    """Those behind a proxy that is named are told apart; those behind another shared address are not, and get in."""
+    path, known = tokens
+    behind = {"X-Forwarded-For": "192.0.2.1", "X-Forwarded-Proto": "https"}
+    with served(Settings(tmp_path, access=path), behind="127.0.0.1") as client:
+        for _ in range(TRIES):
+            refused(client.get(f"{API}/runs", headers=bearer("wrong") | behind), 401)
+        detail = refused(client.get(f"{API}/runs", headers=bearer("wrong") | behind), 429)
+        assert "from 192.0.2.1" in detail
+        assert "a right one is accepted at once" in detail
+        other = {"X-Forwarded-For": "192.0.2.2"}
+        refused(client.get(f"{API}/runs", headers=bearer("wrong") | other), 401)
+        assert client.get(f"{API}/runs", headers=bearer(known["viewer"]) | behind).status_code == 200
+        assert client.post(f"{API}/session", json={"token": known["viewer"]}, headers=behind).status_code == 200
+        assert client.get(f"{API}/session", headers=behind).json()["role"] == "viewer"
+
+
+def test_nobody_says_for_whom_they_ask_but_the_proxy(tokens, tmp_path):
+    path, _ = tokens
+    with served(Settings(tmp_path, access=path)) as client:
+        for i in range(TRIES):
+            refused(client.get(f"{API}/runs", headers=bearer("wrong") | {"X-Forwarded-For": f"192.0.2.{i}"}), 401)
+        detail = refused(client.get(f"{API}/runs", headers=bearer("wrong") | {"X-Forwarded-For": "192.0.2.99"}), 429)
+        assert "from 127.0.0.1" in detail
+
+
 # Where from
 
 
@@ -322,6 +348,8 @@ def test_a_new_token_is_printed_once_and_stored_as_a_hash_in_a_file_of_its_owner
         (["--access", "loose.yaml"], "chmod 600"),
         (["--access", "odd.yaml"], "odd.yaml:1: "),
         (["--out", "odd.yaml"], "cannot hold run folders"),
+        (["--behind", "127.0.0.1"], "--new-token NAME"),
+        (["--behind", "proxy.local", "--access", "good.yaml"], "must be the IP address"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):
@@ -357,8 +385,7 @@ def test_tls_is_checked_before_and_its_cookies_go_over_nothing_else(tokens, tmp_
     Tls(certificate, key).check()
     with pytest.raises(InputError, match="not a certificate chain and its key"):
         Tls(key, certificate).check()
-    tls = {"ssl_certfile": certificate, "ssl_keyfile": key}
-    with served(Settings(tmp_path / "out", access=path, secure=True), **tls) as plain:
+    with served(Settings(tmp_path / "out", access=path, secure=True), Tls(certificate, key)) as plain:
         trust = ssl.create_default_context(cafile=str(certificate))
         with httpx.Client(base_url=f"https://127.0.0.1:{plain.base_url.port}", verify=trust, trust_env=False) as client:
             cookie = client.post(f"{API}/session", json={"token": known["viewer"]}).headers["set-cookie"]

@@ -15,18 +15,11 @@ import numpy as np
 
 from bench.acquisition.importer.branches import Branch, find_branches, segment_of
 from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
+from bench.acquisition.importer.doubts import doubts, refuse_impossible, time_doubts, time_gaps
 from bench.acquisition.importer.tables import Table, read_table
-from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, FloatArray, InputError, __version__, dump, load_config
+from bench.acquisition.importer.units import Conversion
+from bench.base import CHANNELS, FloatArray, InputError, __version__, dump, load_config
 from bench.record import EVENTS, Dataset, Manifest, RunFolder, Segment, create_run, sha256, write_events, write_means
-
-_FASTEST_DPH = 5000 * DPH_PER_DPS
-"""No gyro measures more [deg/h]."""
-_QUIETEST_DPH = 0.01
-"""A rate that scatters less is most likely in another unit [deg/h]."""
-_COLDEST_DEGC, _HOTTEST_DEGC = -100.0, 200.0
-_CONSTANT_DEGC = 1.0
-_COARSE_DEGC = 0.4
-_GAP_INTERVALS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +100,16 @@ def plan_table(table: Table, columns: ColumnMap, serial: str) -> ImportPlan:
     source = find_time(table, columns)
     mapped = find_channels(table, columns)
     time = _time(table, source)
-    channels = {name: entry.convert(table.columns[entry.column]) for name, entry in mapped.items()}
+    with np.errstate(over="ignore"):  # what is beyond every number is refused below
+        channels = {name: entry.convert(table.columns[entry.column]) for name, entry in mapped.items()}
     for name in ("rate", "temperature"):
         if not np.any(np.isfinite(channels[name])):
             raise InputError(f"column '{mapped[name].column}' ({name}) has no value in any row", table.path)
     channels = {name: values for name, values in channels.items() if np.any(np.isfinite(values))}
     used = tuple(mapped[name] for name in channels)
-    warnings = (*table.notes, *_doubts(channels, mapped), *_time_gaps(time, table))
+    refuse_impossible(time, channels, used, table)
+    warnings = (*table.notes, *time_doubts(time, channels["temperature"]), *doubts(channels, mapped))
+    warnings = (*warnings, *time_gaps(time, table))
     branches = find_branches(time, channels["temperature"])
     return ImportPlan(table, serial, source, time, channels, used, branches, warnings)
 
@@ -148,11 +144,12 @@ def _time(table: Table, source: TimeSource) -> FloatArray:
     missing = np.flatnonzero(~np.isfinite(values))
     if missing.size:
         raise InputError(f"'{source.column}' (time) has no value", table.path, table.line(int(missing[0])))
-    seconds = time_conversion(table, source)(values - values[0]) if source.step_s is None else None
-    time = seconds if seconds is not None else (values - values[0]) * (source.step_s or 1.0)
+    convert = time_conversion(table, source) if source.step_s is None else Conversion(source.step_s)
+    with np.errstate(over="ignore"):
+        time = convert(values - values[0])
     if time.size < 2:
         raise InputError("holds one row; a run needs more", table.path)
-    wrong = np.flatnonzero(np.diff(time) <= 0)
+    wrong = np.flatnonzero(time[1:] <= time[:-1])
     if wrong.size:
         row = int(wrong[0]) + 1
         verb = "stands still" if time[row] == time[row - 1] else "runs backwards"
@@ -166,43 +163,6 @@ def _spell(source: TimeSource) -> str:
         return f"column '{source.column}'" + (f" [{source.unit}]" if source.unit else "")
     numbers = "row numbers" if source.column is None else f"sample numbers in '{source.column}'"
     return f"{numbers}, one every {source.step_s:g} s"
-
-
-def _doubts(channels: Mapping[str, FloatArray], mapped: Mapping[str, Mapped]) -> list[str]:
-    """What the magnitudes make doubtful."""
-    found = []
-    rate, degc = (channels[name][np.isfinite(channels[name])] for name in ("rate", "temperature"))
-    given = mapped["rate"].unit
-    fastest, scatter = float(np.abs(rate).max()), float(np.std(np.diff(rate))) if rate.size > 1 else 0.0
-    if fastest > _FASTEST_DPH:
-        found.append(f"rate reaches {fastest / DPH_PER_DPS:.3g} deg/s when read as {given}: more than any "
-                     "gyro measures; is it in deg/h?")  # fmt: skip
-    elif 0 < scatter < _QUIETEST_DPH and fastest < 15.0:
-        found.append(
-            f"rate scatters by only {scatter:.2g} deg/h from sample to sample when read as {given}; read as rad/s it "
-            f"would be {scatter * DPH_PER_RADPS:.2g} deg/h, as deg/s {scatter * DPH_PER_DPS:.2g} deg/h: check the unit"
-        )
-    if degc.min() < _COLDEST_DEGC or degc.max() > _HOTTEST_DEGC:
-        text = f"temperature is {degc.min():.4g} to {degc.max():.4g} degC when read as {mapped['temperature'].unit}"
-        found.append(f"{text}: check the unit (K, degF?)")
-    if np.ptp(degc) < _CONSTANT_DEGC:
-        found.append(f"temperature is constant ({degc.min():.2f} to {degc.max():.2f} degC): good as a static run for "
-                     "the noise, useless for a model over temperature")  # fmt: skip
-    else:
-        steps = np.diff(np.unique(degc))
-        if steps.size and steps.min() >= _COARSE_DEGC:
-            found.append(f"temperature moves in steps of {steps.min():.2g} degC: too coarse for a good calibration")
-    return found
-
-
-def _time_gaps(time: FloatArray, table: Table) -> list[str]:
-    steps = np.diff(time)
-    gaps = np.flatnonzero(steps > _GAP_INTERVALS * np.median(steps))
-    if not gaps.size:
-        return []
-    line = table.line(int(gaps[0]) + 1)
-    where = "" if line is None else f", the first before line {line}"
-    return [f"{gaps.size} gaps in time, together {float(steps[gaps].sum()):.4g} s{where}; they stay gaps"]
 
 
 def _write_data(plan: ImportPlan, path: Path) -> None:

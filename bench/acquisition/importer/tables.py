@@ -6,14 +6,16 @@ A gap stays NaN. What cannot be read exactly is refused with file and line; noth
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.base import FloatArray, InputError, read_text
+from bench.acquisition.importer.confines import memory_for
+from bench.base import FloatArray, InputError, IntArray, read_text
 from drivers.errors import ConfigError
 from drivers.wire import Message, read_layouts
 
@@ -28,6 +30,10 @@ TIME = "time"
 LONGEST_HEADER = 100_000
 """Bytes of a header line that a person or a logger may have written."""
 MOST_COLUMNS = 2000
+_COPIES = 3
+"""A table in memory, what is made of it, and what reading takes."""
+_SHOWN = 60
+"""Characters of a value in a message."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +43,7 @@ class Table:
     path: Path
     columns: Mapping[str, FloatArray]
     units: Mapping[str, str] = field(default_factory=dict)
-    lines: tuple[int, ...] | range | None = None
+    lines: IntArray | range | None = None
     """Line of each row in a text file."""
     notes: tuple[str, ...] = ()
 
@@ -48,24 +54,45 @@ class Table:
 
     def line(self, row: int) -> int | None:
         """Line of a row in a text file; None for other files."""
-        return None if self.lines is None else self.lines[row]
+        return None if self.lines is None else int(self.lines[row])
 
 
-def read_table(path: Path | str, dbc: Path | str | None = None) -> Table:
-    """Read a table by its file's ending; `dbc` describes the frames of a CAN log. InputError when it cannot be read."""
+def read_table(path: Path | str, dbc: Path | str | None = None, most_bytes: int | None = None) -> Table:
+    """Read a table by its file's ending; `dbc` describes the frames of a CAN log. InputError when it cannot be read.
+
+    What announces that it needs more than `most_bytes` of memory is refused; None: more than is free for it.
+    """
     path = Path(path)
     if not path.is_file():
         raise InputError("no such file" if not path.exists() else "is a folder, not a file", path)
-    if path.stat().st_size == 0:
+    size = path.stat().st_size
+    if size == 0:
         raise InputError("is empty", path)
+    most_bytes = memory_for(size) if most_bytes is None else most_bytes
     ending = path.suffix.lower()
     if ending in CAN_LOGS:
-        return _read_can_log(path, dbc)
-    readers: dict[str, Callable[[Path], Table]] = {".parquet": _read_parquet, ".mf4": _read_mf4, ".mdf": _read_mf4}
-    table = readers.get(ending, _read_csv)(path)
+        return _read_can_log(path, dbc, most_bytes)
+    if ending == ".parquet":
+        table = _read_parquet(path, most_bytes)
+    else:
+        table = _read_mf4(path, most_bytes) if ending in {".mf4", ".mdf"} else _read_csv(path)
     if table.rows == 0:
         raise InputError("holds zero rows: there is a header, and no data", path)
     return table
+
+
+def _refuse_large(rows: int, columns: int, most_bytes: int, path: Path) -> None:
+    """InputError where a table of this size, and what is made of it, does not fit into the memory for it."""
+    if columns > MOST_COLUMNS:
+        raise InputError(f"has {columns:,} columns, allowed are {MOST_COLUMNS:,}", path)
+    table_bytes = 8 * rows * columns
+    if table_bytes > most_bytes // _COPIES:
+        raise InputError(
+            f"holds {rows:,} rows of {columns} columns, {table_bytes / 1e9:.2g} GB unpacked, and may take "
+            f"{most_bytes / _COPIES / 1e9:.2g}, a third of the memory for reading it: export fewer columns or rows, or "
+            "allow more: `bench import --memory GB`",
+            path,
+        )
 
 
 def _read_csv(path: Path) -> Table:
@@ -92,36 +119,60 @@ def _read_csv(path: Path) -> Table:
     notes = () if data.endswith((b"\n", b"\r")) else ("the last line has no line end: its last number may be cut off",)
     tidy = delimiter != " " and not any(mark in body for mark in (b"#", b"\n\n", b"\n\r"))
     columns = _parse(body, delimiter, names) if tidy else None
-    where: range | tuple[int, ...] = range(line + 1, line + 2 + body.count(b"\n"))
+    where: range | IntArray = range(line + 1, line + 2 + body.count(b"\n"))
+    del body
     if columns is None or any(len(column) != len(where) for column in columns.values()):
         where, columns = _read_lines(path, line, delimiter, names)
     for name, column in columns.items():
         bad = np.flatnonzero(np.isinf(column))
         if bad.size:
             text = f"'{name}' is infinite; leave the field empty where there is no value"
-            raise InputError(text, path, where[int(bad[0])])
+            raise InputError(text, path, int(where[int(bad[0])]))
     return Table(path, columns, lines=where, notes=notes)
 
 
 def _read_lines(
     path: Path, header_line: int, delimiter: str, names: list[str]
-) -> tuple[tuple[int, ...], dict[str, FloatArray]]:
-    """Lines and columns of a file with comments or blank lines in it; InputError that names the first wrong line."""
-    lines = read_text(path).replace("\r\n", "\n").split("\n")
-    body = [(i, line) for i, line in enumerate(lines, 1) if i > header_line]
-    body = [(i, line) for i, line in body if line.strip() and not line.lstrip().startswith("#")]
-    if not body:
+) -> tuple[IntArray, dict[str, FloatArray]]:
+    """Lines and columns of a file with comments or blank lines in it; InputError that names the first wrong line.
+
+    One line at a time: a list of the lines of a large file takes forty times its size.
+    """
+    read_text(path)  # is it text?
+    where, tidy = array("q"), bytearray()
+    separator = "\t" if delimiter == " " else delimiter
+    rows = _rows(path, header_line)
+    for number, row in rows:
+        fields = row.split() if delimiter == " " else None
+        found = row.count(delimiter) + 1 if fields is None else len(fields)
+        if found != len(names) or '"' in row:
+            split = _split(row, delimiter)
+            if row.count('"') % 2:
+                raise InputError('a quoted field has no end: the second " is missing', path, number)
+            if len(split) != len(names):
+                raise _wrong_width(found, len(names), delimiter, next(rows, None) is None, InputError("", path, number))
+            if bad := _bad_value(split, names, path, number):
+                raise bad
+        tidy += (row if fields is None else "\t".join(fields)).encode() + b"\n"
+        where.append(number)
+    if not where:
         raise InputError("holds zero rows: there is a header, and no data", path)
-    where, rows = zip(*body, strict=True)
-    _check_fields(rows, where, delimiter, names, path)
-    if delimiter == " ":
-        tidy, separator = ["\t".join(row.split()) for row in rows], "\t"
-    else:
-        tidy, separator = list(rows), delimiter
-    columns = _parse("\n".join(tidy).encode(), separator, names)
+    columns = _parse(bytes(tidy).rstrip(b"\n"), separator, names)
     if columns is None:
-        raise _first_bad(rows, where, delimiter, names, path)
-    return where, columns
+        for number, row in _rows(path, header_line):
+            if bad := _bad_value(_split(row, delimiter), names, path, number):
+                raise bad
+        raise InputError("holds something that is not a number", path)
+    return np.array(where, dtype=np.int64), columns
+
+
+def _rows(path: Path, header_line: int) -> Iterator[tuple[int, str]]:
+    """Lines with content after the header, with their numbers."""
+    with path.open("rb") as file:
+        for number, raw in enumerate(file, 1):
+            line = raw.removesuffix(b"\n").removesuffix(b"\r").decode("utf-8-sig")
+            if number > header_line and line.strip() and not line.lstrip().startswith("#"):
+                yield number, line
 
 
 def _parse(body: bytes, delimiter: str, names: list[str]) -> dict[str, FloatArray] | None:
@@ -173,32 +224,27 @@ def _check_header(names: list[str], path: Path, line: int) -> None:
             raise InputError(f"the header names '{name}' twice; rename one of them", path, line)
 
 
-def _check_fields(rows: Sequence[str], where: Sequence[int], delimiter: str, names: list[str], path: Path) -> None:
-    """Every row has as many fields as the header."""
-    width = len(names)
-    for i, row in enumerate(rows):
-        found = len(row.split()) if delimiter == " " else row.count(delimiter) + 1
-        if found == width or ('"' in row and len(_split(row, delimiter)) == width):
+def _wrong_width(found: int, width: int, delimiter: str, last: bool, place: InputError) -> InputError:
+    """What to say of a line that has not as many fields as the header."""
+    text = f"has {found} fields, the header {width}"
+    if last and found < width:
+        text += ": the file is truncated; delete that line or export it again"
+    elif delimiter == "," and found == 2 * width:
+        text += ": decimal commas? export with decimal points"
+    return InputError(text, place.file, place.line)
+
+
+def _bad_value(fields: Sequence[str], names: list[str], path: Path, line: int) -> InputError | None:
+    """What is not a number in a line."""
+    for name, value in zip(names, fields, strict=False):
+        if value.strip().lower() in _GAPS or _number(value) is not None:
             continue
-        text = f"has {found} fields, the header {width}"
-        if i == len(rows) - 1 and found < width:
-            text += ": the file is truncated; delete that line or export it again"
-        elif delimiter == "," and found == 2 * width:
-            text += ": decimal commas? export with decimal points"
-        raise InputError(text, path, where[i])
-
-
-def _first_bad(rows: Sequence[str], where: Sequence[int], delimiter: str, names: list[str], path: Path) -> InputError:
-    """What is not a number, and where."""
-    for i, row in enumerate(rows):
-        for name, value in zip(names, _split(row, delimiter), strict=False):
-            if value.strip().lower() in _GAPS or _number(value) is not None:
-                continue
-            text = f"'{name}' is '{value.strip()}', not a number"
-            if _number(value.replace(",", ".")) is not None:
-                text += ": decimal commas are not read; export with decimal points"
-            return InputError(text, path, where[i])
-    return InputError("holds something that is not a number", path)
+        shown = value.strip()
+        text = f"'{name}' is '{shown if len(shown) <= _SHOWN else shown[:_SHOWN] + '…'}', not a number"
+        if _number(value.replace(",", ".")) is not None:
+            text += ": decimal commas are not read; export with decimal points"
+        return InputError(text, path, line)
+    return None
 
 
 def _number(text: str) -> float | None:
@@ -208,15 +254,21 @@ def _number(text: str) -> float | None:
         return None
 
 
-def _read_parquet(path: Path) -> Table:
+def _read_parquet(path: Path, most_bytes: int) -> Table:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(path, page_checksum_verification=True)
-    except (OSError, pa.ArrowException) as error:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            known = file.metadata
+            _refuse_large(known.num_rows, known.num_columns, most_bytes, path)
+            names = file.schema_arrow.names
+            parts = [_of_arrow(file.read(columns=[name]), path) for name in dict.fromkeys(names)]
+    except (OSError, ValueError, pa.ArrowException) as error:
         raise InputError(f"not a readable Parquet file ({' '.join(str(error).split())})", path) from None
-    return _of_arrow(table, path)
+    columns = {name: column for part in parts for name, column in part.columns.items()}
+    units = {name: unit for part in parts for name, unit in part.units.items()}
+    return Table(path, columns, units, notes=tuple(note for part in parts for note in part.notes))
 
 
 def table_of(frame: pd.DataFrame, name: str = "DataFrame") -> Table:
@@ -266,11 +318,18 @@ Series = tuple[FloatArray, FloatArray]
 """Times [s] and values of one signal."""
 
 
-def on_one_time_base(path: Path, signals: Mapping[str, Series], units: Mapping[str, str]) -> Table:
+def on_one_time_base(
+    path: Path, signals: Mapping[str, Series], units: Mapping[str, str], most_bytes: int | None = None
+) -> Table:
     """Signals with times of their own on the union of all times; NaN where a signal has no sample."""
     if not any(times.size for times, _ in signals.values()):
         raise InputError("holds no samples", path)
-    time = np.unique(np.concatenate([times for times, _ in signals.values()]))
+    time = last = np.array([])
+    for times, _ in signals.values():
+        if not np.array_equal(times, last):  # those of a group have the same
+            time, last = np.union1d(time, times), times
+    if most_bytes is not None:
+        _refuse_large(time.size, len(signals) + 1, most_bytes, path)
     columns: dict[str, FloatArray] = {TIME: time}
     for name, (times, values) in signals.items():
         columns[name] = np.full(time.size, np.nan)
@@ -278,7 +337,7 @@ def on_one_time_base(path: Path, signals: Mapping[str, Series], units: Mapping[s
     return Table(path, columns, {TIME: "s", **units})
 
 
-def _read_mf4(path: Path) -> Table:
+def _read_mf4(path: Path, most_bytes: int) -> Table:
     try:
         from asammdf import MDF
     except ImportError:
@@ -287,16 +346,22 @@ def _read_mf4(path: Path) -> Table:
     units: dict[str, str] = {}
     try:
         with MDF(path) as file:
+            values, rows = 0, 0
+            for group in file.groups:
+                values += int(group.channel_group.cycles_nr) * len(group.channels)
+                rows = max(rows, int(group.channel_group.cycles_nr))
+            _refuse_large(rows, -(-values // max(rows, 1)), most_bytes, path)
             for signal in file.iter_channels(skip_master=True):
                 if signal.samples.ndim == 1 and signal.samples.dtype.kind in "iufb":
                     name = _free_name(signal.name, signals)
-                    signals[name] = (signal.timestamps.astype(np.float64), signal.samples.astype(np.float64))
+                    times = signal.timestamps.astype(np.float64, copy=False)
+                    signals[name] = (times, signal.samples.astype(np.float64))
                     units[name] = str(signal.unit or "")
     except InputError:
         raise
     except Exception as error:  # asammdf raises whatever its parser trips over
         raise InputError(f"not a readable MF4 file ({type(error).__name__}: {error})", path) from None
-    return on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit})
+    return on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit}, most_bytes)
 
 
 def _free_name(name: str, taken: Mapping[str, Series]) -> str:
@@ -304,7 +369,7 @@ def _free_name(name: str, taken: Mapping[str, Series]) -> str:
     return next(f"{name}{suffix}" for suffix in suffixes if f"{name}{suffix}" not in taken)
 
 
-def _read_can_log(path: Path, dbc: Path | str | None) -> Table:
+def _read_can_log(path: Path, dbc: Path | str | None, most_bytes: int) -> Table:
     if dbc is None:
         raise InputError("a CAN log needs the description of its frames; name it with --dbc", path)
     messages = _messages(dbc)
@@ -340,7 +405,7 @@ def _read_can_log(path: Path, dbc: Path | str | None) -> Table:
             if len(at):  # a multiplexed signal is not in every frame, and may be in none
                 signals[name] = at, column
                 units[name] = message.signals[signal].unit
-    table = on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit})
+    table = on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit}, most_bytes)
     notes = (f"{unread} frames are not described by the DBC and are left out",) if unread else ()
     return Table(path, table.columns, table.units, notes=notes)
 

@@ -39,8 +39,8 @@ Onlooker = Callable[[Station, Status], None]
 
 PATIENCE_S = 2.0
 """A client has this long for its request."""
-CLIENTS = 8
-"""So many at once; further ones are turned away."""
+CLIENTS = 32
+"""So many at once; the next one takes the place of the oldest that has not shown the token."""
 _NAME_LENGTH = 120
 _POLL_S = 0.1
 
@@ -233,24 +233,47 @@ def serve_desk(desk: Desk, folders: Sequence[Path], journals: Sequence[Path] = (
 class _Server(socketserver.ThreadingTCPServer):
     daemon_threads = True
     block_on_close = False
+    request_queue_size = 1024  # a full queue would let the operator wait for a second try of TCP
 
     def __init__(self, desk: Desk) -> None:
         super().__init__((HOST, 0), _Client)
         self.desk = desk
         self.token = secrets.token_urlsafe(24)
         self._places = threading.BoundedSemaphore(CLIENTS)
+        self._strangers: dict[socket.socket, None] = {}
+        self._lock = threading.Lock()
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        if self._places.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
+        if not self._places.acquire(blocking=False):
+            self._turn_away()
+            if not self._places.acquire(timeout=PATIENCE_S):
+                self.shutdown_request(request)
+                return
+        with self._lock:
+            self._strangers[request] = None
+        super().process_request(request, client_address)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
         try:
             super().process_request_thread(request, client_address)
         finally:
             self._places.release()
+
+    def shutdown_request(self, request: Any) -> None:
+        self.recognise(request)
+        super().shutdown_request(request)
+
+    def recognise(self, request: socket.socket) -> None:
+        """It has shown the token, or is about to be closed: it is not turned away."""
+        with self._lock:
+            self._strangers.pop(request, None)
+
+    def _turn_away(self) -> None:
+        """Close the oldest client that has not shown the token; its thread then ends."""
+        with self._lock, contextlib.suppress(OSError, StopIteration):
+            oldest = next(iter(self._strangers))
+            del self._strangers[oldest]
+            oldest.shutdown(socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that went away or talked nonsense is no news for the operator's terminal."""
@@ -274,6 +297,7 @@ class _Client(socketserver.BaseRequestHandler):
             return _refused("not a JSON object")
         if not hmac.compare_digest(str(request.get("token")).encode(errors="replace"), self.server.token.encode()):
             return _refused("wrong token: not the process that its live.json speaks of")
+        self.server.recognise(self.request)
         action = request.get("do")
         if action in ACTIONS:
             try:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import math
+import threading
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -34,6 +35,9 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 }  # fmt: skip
 _DERIVED = ("dT_dt", "direction", "time")
 _MAX_LENGTH, _MAX_NODES = 400, 150
+_PARSING = threading.Lock()
+"""Python up to 3.12 counts the depth of all trees that are parsed at a time as one, and the filters of warnings are one
+for all threads: the page parses in several."""
 
 Terms = dict[str, ast.expr]
 """Factor of each amplitude; '' holds what no amplitude multiplies."""
@@ -103,10 +107,10 @@ def _tree(text: str) -> ast.expr:
     if not isinstance(text, str) or not 0 < len(text) <= _MAX_LENGTH:
         raise InputError(f"expression: a formula is a text of 1 to {_MAX_LENGTH} characters, such as 'k * dT_dt'")
     try:
-        with warnings.catch_warnings():
+        with _PARSING, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             tree = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+    except (SyntaxError, ValueError, RecursionError, MemoryError, SystemError) as error:
         line = " ".join(text.split())
         raise InputError(f"expression: '{line}' is not a formula ({getattr(error, 'msg', error)})") from None
     nodes = list(ast.walk(tree))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import logging
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -15,6 +17,8 @@ from bench.base import BenchError, EquipmentError, InputError, RunAborted
 from drivers.errors import ConfigError, DriverError, IdentityError, LimitError
 
 _log = logging.getLogger("bench.web")
+_REASON = 400
+"""Characters of a reason."""
 
 _MEANINGS = {
     400: "Bad input: what, where, the value, what is allowed",
@@ -56,6 +60,24 @@ def problem(status: int, detail: str, headers: dict[str, str] | None = None) -> 
 def one_line(text: str) -> str:
     """The lines of a message as one."""
     return "; ".join(line.strip() for line in text.splitlines() if line.strip())
+
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def row(make: Callable[[], M], bad: Callable[[str], M]) -> M:
+    """A row of a list that is made of a user's file: `make`, or `bad` with the reason where that fails.
+
+    Whatever is wrong with one file, the other rows are answered.
+    """
+    try:
+        made = make()
+        json.dumps(made.model_dump(mode="json"), allow_nan=False, ensure_ascii=False).encode()
+    except Exception as error:
+        known = isinstance(error, (BenchError, DriverError, OSError))
+        text = one_line(str(error).encode(errors="replace").decode())
+        return bad((text if known else f"cannot be read ({type(error).__name__}: {text})")[:_REASON])
+    return made
 
 
 def add_problems(app: FastAPI) -> None:

@@ -25,6 +25,8 @@ class Settings:
     """The address that the server is bound to."""
     names: tuple[str, ...] = ()
     """Further host names of this server in requests."""
+    behind: str | None = None
+    """Address of a reverse proxy, which says for whom it asks (X-Forwarded-For, X-Forwarded-Proto)."""
     secure: bool = False
     """Served over TLS; cookies are then sent over TLS only."""
     body_bytes: int = 1 << 20
@@ -40,7 +42,7 @@ class Settings:
         return folder
 
 
-def _settings(request: Request) -> Settings:
+async def _settings(request: Request) -> Settings:
     settings: Settings = request.app.state.settings
     return settings
 

@@ -1,18 +1,16 @@
 """The confined process that reads a foreign table: `python -m bench.web.imports.parsing REQUEST ANSWER`.
 
-It limits its own memory, processor time and written bytes before it opens the file, and answers with one JSON object:
-`{"result": …}` or `{"refused": "one line"}`. `bench.web.imports.confined` describes any other end.
+It limits its own memory, processor time and written bytes before it opens the file (`bench.acquisition.answering`).
 """
 
 from __future__ import annotations
 
-import json
-import resource
-import signal
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from bench.acquisition import answering, shortened
 
 if TYPE_CHECKING:
     from bench.acquisition import ImportPlan, Table
@@ -21,44 +19,6 @@ MOST_COLUMNS = 300
 """Columns that the page lists."""
 FIRST_ROWS = 5
 _DRAWN = 600
-_LONGEST = 600
-"""Characters of a message, which may hold names of columns."""
-
-
-def main(request: Path, answer: Path) -> None:
-    """Do what the request says; the answer is a file, so that its size is limited, too."""
-    wanted = json.loads(request.read_text(encoding="utf-8"))
-    confine(wanted["confines"])
-    from bench.base import BenchError
-
-    try:
-        content: dict[str, Any] = {"result": DOES[wanted["do"]](wanted)}
-    except BenchError as error:
-        content = {"refused": shortened(str(error))}
-    except MemoryError:
-        content = {"refused": "memory"}
-    except (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
-        # A parser failed at an unforeseen file: report its message without a traceback.
-        content = {"refused": shortened(f"cannot be read ({type(error).__name__}: {error})")}
-    answer.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
-
-
-def confine(limits: Mapping[str, float]) -> None:
-    """Set limits that this process cannot lift; the alarm ends it even without its server."""
-    signal.setitimer(signal.ITIMER_REAL, limits["wall_s"] + 1.0)
-    for name, kind in (("memory_bytes", resource.RLIMIT_AS), ("cpu_s", resource.RLIMIT_CPU),
-                       ("written_bytes", resource.RLIMIT_FSIZE)):  # fmt: skip
-        own = resource.getrlimit(kind)[1]
-        most = int(limits[name]) if own == resource.RLIM_INFINITY else min(int(limits[name]), own)
-        resource.setrlimit(kind, (most, most))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_NOFILE, (128, 128))
-
-
-def shortened(text: str) -> str:
-    """One line of bounded length without control characters."""
-    line = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())
-    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"
 
 
 def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
@@ -128,31 +88,7 @@ def _table(wanted: Mapping[str, Any]) -> Table:
 
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)
-    path = Path(wanted["file"])
-    _refuse_bomb(path, int(wanted["confines"]["memory_bytes"]))
-    return read_table(path, wanted.get("dbc"))
-
-
-def _refuse_bomb(path: Path, memory_bytes: int) -> None:
-    """InputError for a Parquet file whose header announces too much memory; the limit stops one that lies."""
-    from bench.base import InputError
-
-    if path.suffix.lower() != ".parquet":
-        return
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        known = pq.read_metadata(path)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"not a readable Parquet file ({error})", path) from None
-    wanted = 8 * known.num_rows * known.num_columns
-    if wanted > memory_bytes // 3:
-        raise InputError(
-            f"holds {known.num_rows:,} rows of {known.num_columns} columns, {wanted / 1e9:.1f} GB unpacked; the page "
-            "reads a third of its memory limit at most: use `bench import` on the command line",
-            path,
-        )
+    return read_table(Path(wanted["file"]), wanted.get("dbc"), int(wanted["confines"]["memory_bytes"]))
 
 
 def _column(table: Table, name: str) -> dict[str, Any]:
@@ -209,4 +145,4 @@ def _figure(plan: ImportPlan) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    answering(lambda wanted: DOES[wanted["do"]](wanted), Path(sys.argv[1]), Path(sys.argv[2]))

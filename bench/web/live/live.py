@@ -6,12 +6,13 @@ import asyncio
 import contextlib
 import time
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Depends, FastAPI, HTTPException, Query, Request
 from fastapi import Path as Part
-from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
 from bench.acquisition import LiveFile, LiveRun, ask_run
@@ -33,6 +34,8 @@ router = APIRouter(tags=["live"])
 
 PATIENCE_S = 15.0
 """Longest wait for the outcome of a request [s]; a longer abort is `ending`, and the stream reports its end."""
+ABORTS = 16
+"""Aborts that may be under way at once."""
 _LOOK_S = 0.1
 
 Name = Annotated[str, Part(min_length=1, max_length=200)]
@@ -47,6 +50,7 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
     watcher = Watcher(settings.out, starts, teller)
     watcher.wanted = lambda: stream.listeners > 0
     app.state.starts, app.state.watcher, app.state.stream = starts, watcher, stream
+    app.state.aborts = CapacityLimiter(ABORTS)
     watcher.start()
     try:
         yield
@@ -63,9 +67,9 @@ def watcher_of(request: Request) -> Watcher:
 class _Which:
     """The run that an address names."""
 
-    def __init__(self, unit: Name, run: Name, request: Request, here: Here) -> None:
+    def __init__(self, unit: str, run: str, out: Path, watcher: Watcher) -> None:
         self.id = f"{unit}/{run}"
-        self._unit, self._run, self._out, self._watcher = unit, run, here.out, watcher_of(request)
+        self._unit, self._run, self._out, self._watcher = unit, run, out, watcher
 
     @property
     def watched(self) -> Watched | None:
@@ -90,7 +94,11 @@ class _Which:
         return watched
 
 
-Which = Annotated[_Which, Depends()]
+async def _which(unit: Name, run: Name, request: Request, here: Here) -> _Which:
+    return _Which(unit, run, here.out, watcher_of(request))
+
+
+Which = Annotated[_Which, Depends(_which)]
 
 
 @router.get("/live", response_model_exclude_unset=True)
@@ -151,10 +159,14 @@ async def act(
     who: Operator,
     wait_s: Annotated[float, Query(ge=0.0, le=ENDING_S)] = PATIENCE_S,
 ) -> Asked:
-    """Send a request to a live run and wait up to `wait_s` for its effect; its events name the user."""
-    watched = await run_in_threadpool(which.live)
+    """Send a request to a live run and wait up to `wait_s` for its effect; its events name the user.
+
+    An abort has threads of its own, so that it never waits for what others compute, read or ask for.
+    """
+    threads = request.app.state.aborts if action == "abort" else None
+    watched = await to_thread.run_sync(which.live, limiter=threads)
     try:
-        await run_in_threadpool(ask_run, watched.live, action, who=str(who))
+        await to_thread.run_sync(partial(ask_run, watched.live, action, who=str(who)), limiter=threads)
     except InputError as error:
         raise HTTPException(409, str(error)) from None
     watcher, reached = watcher_of(request), REACHED.get(action, ((), ""))[0]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import getpass
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import Depends, HTTPException, Request, Response
 
 from bench.base import InputError
+from bench.web.ground.callers import network, recognised
 from bench.web.ground.settings import Settings
 from bench.web.ground.throttle import Throttle
 from bench.web.people.people import People, Person, Role
@@ -51,6 +52,11 @@ class Access:
 
     def who(self, request: Request) -> Who:
         """User of this request; HTTPException 401 for an unknown one, 429 after too many wrong tokens."""
+        who = self._who(request)
+        recognised(request.scope, who.name)
+        return who
+
+    def _who(self, request: Request) -> Who:
         address = request.client.host if request.client else "unknown"
         if self.people is None:
             return Who(_user(), "engineer", address)
@@ -78,6 +84,7 @@ class Access:
         if self.people is None or self._sessions is None:
             return Who(_user(), "engineer", address)
         person = self._by_token(token, address)
+        recognised(request.scope, person.name)
         key = self._sessions.begin(person)
         response.set_cookie(
             self._cookie(request), key, max_age=self._sessions.life_s, path="/", secure=self._secure, httponly=True,
@@ -95,13 +102,14 @@ class Access:
     def _by_token(self, token: str, address: str) -> Person:
         assert self.people is not None
         # Tokens of 256 bits cannot be guessed, so a right one always passes: a stray script with an old token on the
-        # same computer must not keep an operator from aborting a run.
+        # same computer, or behind the same address, must not keep an operator from aborting a run.
         if person := self.people.by_token(token):
             return person
-        if wait_s := self._throttle.wait_s(address):
-            raise HTTPException(429, f"too many wrong tokens from {address}: wait {wait_s} s",
+        if wait_s := self._throttle.wait_s(network(address)):
+            text = f"too many wrong tokens from {address}: wait {wait_s} s; a right one is accepted at once"
+            raise HTTPException(429, text,
                                 {"Retry-After": str(wait_s)})  # fmt: skip
-        self._throttle.wrong(address)
+        self._throttle.wrong(network(address))
         raise HTTPException(401, "this token is not valid: ask the administrator of this server for one",
                             {"WWW-Authenticate": "Bearer"})  # fmt: skip
 
@@ -117,23 +125,28 @@ class Access:
         return f"{'__Host-' if self._secure else ''}bench-{request.url.port or 0}"
 
 
-def requires(role: Role) -> Callable[[Request], Who]:
-    """A dependency that returns the user of a request, or answers 401 or 403."""
+def permitted(request: Request, role: Role) -> Who:
+    """The user of a request; HTTPException 401, 403 or 429."""
+    access: Access = request.app.state.access
+    who = access.who(request)
+    if RANKS[who.role] < RANKS[role]:
+        raise HTTPException(403, f"{who.name} is {who.role}; this needs {role}")
+    return who
 
-    def dependency(request: Request) -> Who:
-        access: Access = request.app.state.access
-        who = access.who(request)
-        if RANKS[who.role] < RANKS[role]:
-            raise HTTPException(403, f"{who.name} is {who.role}; this needs {role}")
-        return who
+
+def requires(role: Role) -> Callable[[Request], Awaitable[Who]]:
+    """A dependency that returns the user of a request, or answers 401 or 403; it waits for no thread."""
+
+    async def dependency(request: Request) -> Who:
+        return permitted(request, role)
 
     return dependency
 
 
-def at_least(request: Request) -> Who:
+async def at_least(request: Request) -> Who:
     """Role that every route needs at least: viewer to look, operator to change something."""
     looking = request.method in {"GET", "HEAD"} or request.url.path.endswith(_LOOKING)
-    return requires("viewer" if looking else "operator")(request)
+    return permitted(request, "viewer" if looking else "operator")
 
 
 Viewer = Annotated[Who, Depends(requires("viewer"))]

@@ -13,9 +13,8 @@ from typing import Any, TypeVar
 
 from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile
 from bench.analysis import effect_names, load_limits
-from bench.base import BenchError, InputError, library, nearest
+from bench.base import InputError, library, nearest
 from bench.commands import check_on, load_station
-from drivers.errors import DriverError
 
 MOST_CORNERS = 256
 """Greatest number of corners of a curve; longer ones are thinned."""
@@ -53,7 +52,12 @@ class Catalog:
 def _listing(*folders: Path) -> dict[str, Path]:
     """YAML files by name, sorted; later folders replace earlier ones."""
     found = {file.stem: file for folder in folders if folder.is_dir() for file in folder.glob("*.yaml")}
-    return {name: found[name].resolve() for name in sorted(found) if found[name].is_file()}
+    return {name: found[name].resolve() for name in sorted(found) if found[name].is_file() and is_text(name)}
+
+
+def is_text(name: str) -> bool:
+    """Whether a name can be told; one that is not UTF-8 cannot."""
+    return not any("\ud800" <= sign <= "\udfff" for sign in name)
 
 
 def named(listing: Mapping[str, Path], name: str, what: str) -> Path:
@@ -81,11 +85,8 @@ class Read:
 
 
 def plan(path: Path) -> dict[str, Any]:
-    """A profile in short; `problem` says why it cannot be read."""
-    try:
-        profile = load_profile(path)
-    except (BenchError, DriverError, OSError) as error:
-        return {"name": path.stem, "title": path.stem, "problem": str(error).splitlines()[0]}
+    """A profile in short; raises what reading it raises."""
+    profile = load_profile(path)
     turns = any(leg.turn_dps for leg in profile.legs())
     return {
         "name": profile.name,
@@ -99,11 +100,8 @@ def plan(path: Path) -> dict[str, Any]:
 
 
 def limits(path: Path) -> dict[str, Any]:
-    """A limits file in short; `problem` says why it cannot be read."""
-    try:
-        found = load_limits(path)
-    except (BenchError, OSError) as error:
-        return {"title": path.stem, "problem": str(error).splitlines()[0]}
+    """A limits file in short; raises what reading it raises."""
+    found = load_limits(path)
     return {"title": found.name, "summary": " ".join(found.description.split())}
 
 

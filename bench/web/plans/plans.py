@@ -7,11 +7,10 @@ from pathlib import Path
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from bench.base import BenchError
+from bench.web.ground.problems import row
 from bench.web.ground.settings import Here
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, Read
-from drivers.errors import DriverError
 
 router = APIRouter(tags=["plans"])
 _read = Read()
@@ -75,14 +74,14 @@ class LimitsListed(BaseModel):
 def limits(here: Here) -> LimitsListed:
     """All limits."""
     found = Catalog(here.project, here.own).limits()
-    return LimitsListed(limits=[LimitsInShort(id=id_, **_read(path, catalog.limits)) for id_, path in found.items()])
+    return LimitsListed(limits=[_limits(id_, path) for id_, path in found.items()])
 
 
 @router.get("/plans")
 def plans(here: Here) -> Plans:
     """All profiles."""
     found = Catalog(here.project, here.own).plans()
-    return Plans(plans=[Plan(id=id_, **_read(path, catalog.plan)) for id_, path in found.items()])
+    return Plans(plans=[_plan(id_, path) for id_, path in found.items()])
 
 
 @router.get("/stations")
@@ -92,15 +91,29 @@ def stations(here: Here) -> Stations:
     return Stations(stations=[_station(id_, path) for id_, path in found.items()])
 
 
-def _station(id_: str, path: Path) -> StationInShort:
-    try:
-        settings = _read(path, catalog.station)
-    except (BenchError, DriverError, OSError) as error:
-        return StationInShort(id=id_, title=id_, problem=str(error).splitlines()[0])
-    return StationInShort(
-        id=id_,
-        title=settings.name,
-        simulated=settings.simulated,
-        rate_table=settings.rate_table is not None,
-        units=[unit.serial for unit in settings.units],
+def _limits(id_: str, path: Path) -> LimitsInShort:
+    return row(
+        lambda: LimitsInShort(id=id_, **_read(path, catalog.limits)),
+        lambda problem: LimitsInShort(id=id_, title=id_, problem=problem),
     )
+
+
+def _plan(id_: str, path: Path) -> Plan:
+    return row(
+        lambda: Plan(id=id_, **_read(path, catalog.plan)),
+        lambda problem: Plan(id=id_, name=id_, title=id_, problem=problem),
+    )
+
+
+def _station(id_: str, path: Path) -> StationInShort:
+    def made() -> StationInShort:
+        settings = _read(path, catalog.station)
+        return StationInShort(
+            id=id_,
+            title=settings.name,
+            simulated=settings.simulated,
+            rate_table=settings.rate_table is not None,
+            units=[unit.serial for unit in settings.units],
+        )
+
+    return row(made, lambda problem: StationInShort(id=id_, title=id_, problem=problem))

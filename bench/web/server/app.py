@@ -16,13 +16,12 @@ from bench.web.live import live, starting
 from bench.web.people import session
 from bench.web.people.access import Access, at_least
 from bench.web.plans import checking, plans
-from bench.web.server.gate import Gate
+from bench.web.server.gate import API, Gate
 from bench.web.server.pages import add_pages
 from bench.web.shelf import fleet, runs, units
 from bench.web.shelf.stock import Stock
 from bench.web.workbench import analyses, diagnoses, figures, models
 
-API = "/api/v1"
 OPEN = (session.router,)
 """Routes that anybody may call: signing in."""
 GUARDED = (

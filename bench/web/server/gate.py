@@ -1,8 +1,9 @@
 """Checks every request before its route sees it, and sets the headers of every answer.
 
 The Host must be a name of this server, against DNS rebinding. A request that changes something must come from a page of
-this server, with a content type that no form of another site can send. Bodies are counted while they come in. It is
-written for ASGI directly, so that a stream of events passes through unchanged.
+this server, with a content type that no form of another site can send. A stranger is refused before the body of the
+request is read; bodies are counted while they come in. It is written for ASGI directly, so that a stream of events
+passes through unchanged.
 """
 
 from __future__ import annotations
@@ -13,14 +14,20 @@ from typing import NamedTuple
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from bench.base import InputError
 from bench.web.ground.policy import HEADERS
 from bench.web.ground.problems import problem
 from bench.web.ground.settings import Settings
+from bench.web.people.access import Access
 
 _HARMLESS = {"GET", "HEAD", "OPTIONS"}
-IMPORTS = "/api/v1/imports"
+API = "/api/v1"
+IMPORTS = f"{API}/imports"
+OPEN = frozenset({f"{API}/session", f"{API}/openapi.json"})
+"""What anybody may ask: who am I, and what can be asked."""
 
 
 class Refusal(NamedTuple):
@@ -28,6 +35,7 @@ class Refusal(NamedTuple):
 
     status: int
     detail: str
+    headers: dict[str, str] | None = None
 
 
 class Gate:
@@ -54,7 +62,7 @@ class Gate:
                 answer.setdefault("Cache-Control", "no-store" if path.startswith("/api/") else "no-cache")
             await send(message)
 
-        refusal = self._refusal(scope["method"], path, headers)
+        refusal = self._refusal(scope["method"], path, headers) or _stranger(scope)
         if refusal:
             await problem(*refusal)(scope, receive, dressed)
             return
@@ -111,6 +119,21 @@ def _wrong_type(method: str, path: str, headers: Headers) -> Refusal | None:
     return None if kind == "application/json" else Refusal(415, f"Content-Type is {kind[:60]!r}, must be {allowed}")
 
 
+def _stranger(scope: Scope) -> Refusal | None:
+    """Why the sender of this request may not ask; None for a person with access, and where anybody may ask."""
+    path: str = scope["path"]
+    if not path.startswith(f"{API}/") or path in OPEN:
+        return None
+    access: Access = scope["app"].state.access
+    try:
+        access.who(Request(scope))
+    except HTTPException as error:
+        return Refusal(error.status_code, error.detail, dict(error.headers or {}))
+    except InputError as error:
+        return Refusal(400, str(error))
+    return None
+
+
 def _too_large(limit: int) -> Refusal:
     return Refusal(413, f"the request is larger than the {limit} bytes that are allowed here")
 
@@ -124,7 +147,7 @@ def _bounded(receive: Receive, limit: int) -> Receive:
         message = await receive()
         seen += len(message.get("body", b""))
         if seen > limit:
-            raise HTTPException(*_too_large(limit))
+            raise HTTPException(*_too_large(limit)[:2])
         return message
 
     return counted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import errno
 import ipaddress
@@ -14,21 +15,27 @@ import threading
 import webbrowser
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
 import uvicorn
+from fastapi import FastAPI
 
 from bench.base import InputError
+from bench.web.ground.callers import network
 from bench.web.ground.settings import Settings
 from bench.web.server.app import create_app
+from bench.web.server.connections import HEADER_S, Guarded, Places, room
 from bench.web.server.gate import is_loopback
 from bench.web.server.pages import require_page
 
 GOODBYE_S = 2
 """Time that streams of events have to end after a signal [s]."""
-_CONNECTIONS = 256
+_LOOK_TICKS = 10
+"""uvicorn ticks ten times a second; connections are looked at once."""
 _NEEDS_TOKENS = (
-    "others can reach --host {host}, so tokens are needed: make one with "
+    "others can reach {how}, so tokens are needed: make one with "
     "`bench ui --access access.yaml --new-token NAME --role engineer`, then add --access access.yaml"
 )
 
@@ -57,7 +64,50 @@ def _no_password() -> str:
     raise ValueError("the key has a password")
 
 
-class _Server(uvicorn.Server):
+class GuardedServer(uvicorn.Server):
+    """Looks at its connections once a second (`connections.Guarded.look`)."""
+
+    async def on_tick(self, counter: int) -> bool:
+        """Look at the connections; whether the server ends."""
+        if counter % _LOOK_TICKS == 0:
+            for connection in list(self.server_state.connections):
+                if isinstance(connection, Guarded):
+                    connection.look(1.0)
+        return await super().on_tick(counter)
+
+
+def configured(app: FastAPI, tls: Tls | None = None, behind: str | None = None, **options: Any) -> uvicorn.Config:
+    """How a server of the page is served; `behind`: address of a reverse proxy; `options` are further ones of uvicorn.
+
+    Connections of the proxy are bounded by the proxy.
+    """
+    if tls:
+        options |= {"loop": f"{__name__}:_tls_loop", "ssl_certfile": tls.certificate, "ssl_keyfile": tls.key}
+    return uvicorn.Config(
+        app,
+        http=cast(
+            "type[asyncio.Protocol]", partial(Guarded, places=Places(room(), (network(behind),) if behind else ()))
+        ),
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        proxy_headers=behind is not None,
+        forwarded_allow_ips=behind,
+        ws="none",
+        lifespan="on",
+        timeout_graceful_shutdown=GOODBYE_S,
+        **options,
+    )
+
+
+def _tls_loop() -> asyncio.AbstractEventLoop:
+    """An event loop in which a handshake may not take a minute, as is asyncio's own limit."""
+    loop = asyncio.new_event_loop()
+    setattr(loop, "create_server", partial(loop.create_server, ssl_handshake_timeout=HEADER_S))  # noqa: B010
+    return loop
+
+
+class _Server(GuardedServer):
     """Prints its address once it serves."""
 
     def __init__(self, config: uvicorn.Config, url: str, browser: bool) -> None:
@@ -76,31 +126,20 @@ class _Server(uvicorn.Server):
 def serve(settings: Settings, port: int, tls: Tls | None = None, browser: bool = True) -> None:
     """Serve until SIGINT or SIGTERM; InputError where the page is not built, the address is in use or needs tokens."""
     require_page()
-    if settings.access is None and not is_loopback(settings.host):
-        raise InputError(_NEEDS_TOKENS.format(host=settings.host))
+    if settings.access is None and not (is_loopback(settings.host) and settings.behind is None):
+        how = f"--host {settings.host}" if settings.behind is None else f"the proxy --behind {settings.behind}"
+        raise InputError(_NEEDS_TOKENS.format(how=how))
     if tls:
         tls.check()
     try:
         settings.own.touch()
     except OSError as error:
         raise InputError(f"--out cannot hold run folders: {error.strerror}", settings.out) from error
-    app = create_app(replace(settings, secure=tls is not None))
+    app = create_app(replace(settings, secure=tls is not None or settings.behind is not None))
     with _bound(settings.host, port) as listener:
-        if tls is None and not is_loopback(settings.host):
+        if tls is None and settings.behind is None and not is_loopback(settings.host):
             print("bench ui: without --certificate and --key, tokens cross the network unencrypted", file=sys.stderr)
-        options = uvicorn.Config(
-            app,
-            log_level="warning",
-            access_log=False,
-            server_header=False,
-            proxy_headers=False,
-            ws="none",
-            lifespan="on",
-            limit_concurrency=_CONNECTIONS,
-            timeout_graceful_shutdown=GOODBYE_S,
-            ssl_certfile=tls.certificate if tls else None,
-            ssl_keyfile=tls.key if tls else None,
-        )
+        options = configured(app, tls, settings.behind)
         url = f"{'https' if tls else 'http'}://{_name(settings.host)}:{listener.getsockname()[1]}/"
         # uvicorn raises the signal again after its end; the process must go on to its normal end.
         signal.signal(signal.SIGTERM, lambda *_: None)

@@ -9,13 +9,14 @@ from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
 from bench.analysis import FUNCTIONS, Expression, catalogue, load_model, variables
-from bench.base import BenchError, InputError, library
+from bench.base import InputError, library
 from bench.record import slug, write_atomically
+from bench.web.ground.problems import row
 from bench.web.ground.settings import Here, Settings
 from bench.web.jobs.jobs import jobs_of
 from bench.web.people.access import Engineer
+from bench.web.plans.catalog import is_text
 from bench.web.workbench.asking import ModelJson, model_json
-from drivers.errors import DriverError
 
 router = APIRouter(tags=["workbench"])
 
@@ -182,18 +183,19 @@ def model_files(here: Settings) -> dict[str, tuple[Path, Where]]:
     )  # fmt: skip
     for folder, where in folders:
         for path in sorted(folder.glob("*.yaml")) if folder.is_dir() else ():
-            same = path.stem in found and path.samefile(found[path.stem][0])
-            if path.is_file() and not same:
+            if not path.is_file() or not is_text(path.stem):
+                continue
+            if path.stem not in found or not path.samefile(found[path.stem][0]):
                 found[path.stem] = (path, where)
     return found
 
 
 def _known(path: Path, where: Where) -> KnownModel:
-    try:
+    def made() -> KnownModel:
         model = load_model(path)
-    except (BenchError, DriverError, OSError) as error:
-        return KnownModel(name=path.stem, where=where, problem=str(error).splitlines()[0])
-    content = model_json(model)
-    return KnownModel(
-        name=path.stem, where=where, effects=content["effects"], rows=content["rows"], yaml=model.to_yaml()
-    )
+        content = model_json(model)
+        return KnownModel(
+            name=path.stem, where=where, effects=content["effects"], rows=content["rows"], yaml=model.to_yaml()
+        )
+
+    return row(made, lambda problem: KnownModel(name=path.stem, where=where, problem=problem))

@@ -1,0 +1,135 @@
+"""What the magnitudes of a foreign table say: the impossible is refused, the implausible is warned of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from bench.acquisition.importer.columns import Mapped
+from bench.acquisition.importer.tables import Table
+from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, FloatArray, InputError
+
+_FASTEST_DPH = 5000 * DPH_PER_DPS
+"""No gyro measures more [deg/h]."""
+_QUIETEST_DPH = 0.01
+"""A rate that scatters less is most likely in another unit [deg/h]."""
+_COLDEST_DEGC, _HOTTEST_DEGC = -100.0, 200.0
+_CONSTANT_DEGC = 1.0
+_COARSE_DEGC = 0.4
+_GAP_INTERVALS = 5.0
+
+_DEGC = (-273.15, 1000.0)
+_POSSIBLE = {
+    "rate": (-1e6 * DPH_PER_DPS, 1e6 * DPH_PER_DPS), "temperature": _DEGC, "chamber_temperature": _DEGC,
+    "chamber_setpoint": _DEGC, "frequency": (0.0, 1e9), "applied_rate": (-1e6, 1e6), "drive": (-1e6, 1e6),
+    "quadrature": (-1e6, 1e6), "supply": (-1e6, 1e6),
+}  # fmt: skip
+"""Values outside are no measurement of a gyro [unit of the channel]."""
+_POSSIBLE_STEP_S = (1e-7, 1e5)
+"""Median time from row to row."""
+_PLAUSIBLE_STEP_S = (1e-5, 3600.0)
+_LONGEST_S = 20 * 365.25 * 86400
+_LONG_S = 14 * 86400.0
+_SPAN_DEGC = 5.0
+_DAY_S = 86400.0
+_SLOW, _FAST = 0.05, 60.0
+"""Chambers that sweep more than `_SPAN_DEGC` do so within these rates [degC/min]."""
+_MINUTE_S = 60.0
+
+
+def refuse_impossible(
+    time: FloatArray, channels: Mapping[str, FloatArray], mapped: Sequence[Mapped], table: Table
+) -> None:
+    """InputError, with the line, for what no gyro, chamber or clock can have measured; time in [s] since the first."""
+    advice = "check the unit (s, ms, us?) and the column"
+    if time[-1] > _LONGEST_S:
+        raise InputError(f"time goes on for {time[-1]:.3g} s, which is {time[-1] / 31557600:.3g} years: {advice}",
+                         table.path, table.line(time.size - 1))  # fmt: skip
+    step_s = float(np.median(np.diff(time))) if time.size > 1 else 1.0  # finite, as the last one is
+    low, high = _POSSIBLE_STEP_S
+    if not low <= step_s <= high:
+        text = f"one row every {step_s:.3g} s, must be {low:g} to {high:g}"
+        raise InputError(f"{text}: {advice}", table.path, table.line(1))
+    for one in mapped:
+        low, high = _POSSIBLE.get(one.channel, (-np.inf, np.inf))
+        values = channels[one.channel]
+        wrong = np.flatnonzero((values < low) | (values > high))
+        if wrong.size:
+            unit = CHANNELS[one.channel].unit
+            text = f"'{one.column}' ({one.channel}) is {values[wrong[0]]:.6g} {unit} when read as {one.unit}"
+            raise InputError(f"{text}, must be {low:.6g} to {high:.6g}: check the unit and the column; leave the field "
+                             "empty where nothing was measured", table.path, table.line(int(wrong[0])))  # fmt: skip
+
+
+def time_doubts(time: FloatArray, degc: FloatArray) -> list[str]:
+    """What makes the unit of the time doubtful; (n,) each, [s] and [degC]."""
+    if time.size < 2:
+        return []
+    step_s = float(np.median(np.diff(time)))
+    low, high = _PLAUSIBLE_STEP_S
+    if not low <= step_s <= high:
+        return [f"one row every {step_s:.3g} s: check the unit of the time (s, ms, us?)"]
+    fastest = _fastest(time, degc)
+    lasts = (
+        f"the record lasts {time[-1] / 86400:.3g} days, and its temperature changes by {fastest:.2g} degC/min at most"
+    )
+    slow = time[-1] > _DAY_S and np.nanmax(degc) - np.nanmin(degc) > _SPAN_DEGC and fastest < _SLOW
+    if slow or time[-1] > _LONG_S:
+        return [f"{lasts}: is the time in ms? then it would be {time[-1] / 1000 / 3600:.3g} h"]
+    if fastest > _FAST:
+        return [f"temperature changes by {fastest:.3g} degC/min: no chamber does; check the unit of the time"]
+    return []
+
+
+def _fastest(time: FloatArray, degc: FloatArray) -> float:
+    """Fastest change of the temperature over a minute, or over a hundredth of a shorter record [degC/min]."""
+    known = np.isfinite(degc)
+    if np.count_nonzero(known) < 2:
+        return 0.0
+    time, degc = time[known], degc[known]
+    width_s = min(_MINUTE_S, max(float(time[-1] - time[0]) / 100, float(np.median(np.diff(time)))))
+    grid = np.linspace(time[0], time[-1], 5000)
+    change = np.abs(np.interp(grid + width_s, time, degc) - np.interp(grid, time, degc))
+    return float(np.quantile(change, 0.95)) * _MINUTE_S / width_s
+
+
+def doubts(channels: Mapping[str, FloatArray], mapped: Mapping[str, Mapped]) -> list[str]:
+    """What the magnitudes make doubtful."""
+    found = []
+    rate, degc = (channels[name][np.isfinite(channels[name])] for name in ("rate", "temperature"))
+    given = mapped["rate"].unit
+    fastest, scatter = float(np.abs(rate).max()), float(np.std(np.diff(rate))) if rate.size > 1 else 0.0
+    if fastest > _FASTEST_DPH:
+        found.append(f"rate reaches {fastest / DPH_PER_DPS:.3g} deg/s when read as {given}: more than any "
+                     "gyro measures; is it in deg/h?")  # fmt: skip
+    elif 0 < scatter < _QUIETEST_DPH and fastest < 15.0:
+        found.append(
+            f"rate scatters by only {scatter:.2g} deg/h from sample to sample when read as {given}; read as rad/s it "
+            f"would be {scatter * DPH_PER_RADPS:.2g} deg/h, as deg/s {scatter * DPH_PER_DPS:.2g} deg/h: check the unit"
+        )
+    if degc.min() < _COLDEST_DEGC or degc.max() > _HOTTEST_DEGC:
+        text = f"temperature is {degc.min():.4g} to {degc.max():.4g} degC when read as {mapped['temperature'].unit}"
+        found.append(f"{text}: check the unit (K, degF?)")
+    if rate.size > 1 and np.ptp(rate) == 0.0:
+        found.append(f"rate is {rate[0]:.6g} deg/h in every row: no gyro is so quiet; is it the right column, and did "
+                     "the unit still measure?")  # fmt: skip
+    if np.ptp(degc) < _CONSTANT_DEGC:
+        found.append(f"temperature is constant ({degc.min():.2f} to {degc.max():.2f} degC): good as a static run for "
+                     "the noise, useless for a model over temperature")  # fmt: skip
+    else:
+        steps = np.diff(np.unique(degc))
+        if steps.size and steps.min() >= _COARSE_DEGC:
+            found.append(f"temperature moves in steps of {steps.min():.2g} degC: too coarse for a good calibration")
+    return found
+
+
+def time_gaps(time: FloatArray, table: Table) -> list[str]:
+    """Where rows are missing."""
+    steps = np.diff(time)
+    gaps = np.flatnonzero(steps > _GAP_INTERVALS * np.median(steps))
+    if not gaps.size:
+        return []
+    line = table.line(int(gaps[0]) + 1)
+    where = "" if line is None else f", the first before line {line}"
+    return [f"{gaps.size} gaps in time, together {float(steps[gaps].sum()):.4g} s{where}; they stay gaps"]
