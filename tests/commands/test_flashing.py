@@ -97,7 +97,7 @@ def test_a_stale_calibration_is_refused_unless_it_is_meant(tmp_path):
 
 def test_the_calibration_of_another_unit_is_refused_and_the_attempt_recorded(tmp_path):
     settings = station()
-    with pytest.raises(IdentityError, match="serial number is 1 by its memory, the image is for 2"):
+    with pytest.raises(IdentityError, match="serial number in its memory is 1, the image is for 2"):
         flash(settings, settings.units[0], calibration(serial=2), tmp_path)
     records = [json.loads(path.read_text()) for path in (tmp_path / "SIM-0001" / "flash").glob("*.json")]
     assert [record["state"] for record in records] == ["failed"]

@@ -45,7 +45,7 @@ class Preisach(Mechanism):
 
 
 class _Relays:
-    """Relays with their thresholds in order, so that a step touches only those that it passes."""
+    """Relays sorted by their thresholds, so that a step updates only those that it passes."""
 
     def __init__(self, centre: FloatArray, half: FloatArray, start_degc: float) -> None:
         self._thresholds = tuple((np.argsort(x), np.sort(x)) for x in (centre - half, centre + half))
