@@ -28,7 +28,7 @@ from bench.deliver.report.described import summary_of
 from bench.deliver.report.markup import Row, Section, commands, figure, glossary, heading, lead, paragraph, table, wide
 from bench.record import Dataset
 
-TITLE = "What is missing"
+TITLE = "Missing effects"
 _ENOUGH = 3
 """Suspects whose evidence is drawn side by side."""
 _SURE = 1e-9
