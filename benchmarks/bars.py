@@ -1,4 +1,4 @@
-"""The bars of the campaign: what was asked, what was measured, and whether it was reached."""
+"""The bars of the campaign: target, measured value, and whether it was reached."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def bars(results: Sequence[Result]) -> str:
 
 
 def _missed(single: Sequence[Result]) -> str:
-    """Every effect that was missed, how often, and what was said instead."""
+    """Every effect that was missed, how often, and the answers given instead."""
     said: dict[str, list[str]] = {}
     for result in single:
         if not named(result):
@@ -64,7 +64,7 @@ def _counted(words: Sequence[str]) -> str:
 
 
 def _bar(words: str, bar: float, results: Sequence[Result], true: Callable[[Result], bool]) -> tuple[str, ...]:
-    """A share with its interval (Wilson); a negative bar is a most, not a least."""
+    """A share with its interval (Wilson); a negative bar is an upper limit, not a lower one."""
     asked = f"{'at least' if bar > 0 else 'at most'} {abs(100 * bar):.0f} %"
     if not results:
         return (words, asked, "–", "–", "0", "not measured")

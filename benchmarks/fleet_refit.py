@@ -1,9 +1,9 @@
-"""Refit of a large fleet: units a second, serial, in a pool and on Dask, and that all answers are the same bit for bit.
+"""Refit of a large fleet: units per second, serial, in a pool and on Dask; checks that all results agree bit for bit.
 
     python -m benchmarks.fleet_refit --units 100000 --model "spline 24" --engine serial --engine dask:1 --engine dask:2
 
-Each simulated unit is a run of 8.4 h at 30 s means (1006 rows, two cycles of -40 to 85 degC) with its own bias curve,
-its own noise and gaps; only its moments are kept.
+Each simulated unit is a run of 8.4 h at 30 s means (1006 rows, two cycles of -40 to 85 degC) with a separate bias
+curve, noise and gaps; only its moments are kept.
 """
 
 from __future__ import annotations

@@ -141,7 +141,7 @@ def test_images_in_files(tmp_path):
     path.write_bytes(calibration().content)
     assert from_file(path).image.label == calibration().image.label
     path.write_bytes(b"nothing")
-    with pytest.raises(InputError, match="no calibration image"):
+    with pytest.raises(InputError, match="not a calibration image"):
         from_file(path)
     with pytest.raises(InputError, match="cannot be read"):
         from_file(tmp_path / "none")

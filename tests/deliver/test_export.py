@@ -186,7 +186,7 @@ def changed(place: int, value: int, sealed: bool = True) -> list[int]:
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (changed(0, 1), "no calibration image"),
+        (changed(0, 1), "not a calibration image"),
         (changed(1, 2), "format version is 2"),
         (changed(2, 9), "form is 9"),
         (changed(3, 5), "its header states 5"),
@@ -197,7 +197,7 @@ def changed(place: int, value: int, sealed: bool = True) -> list[int]:
         (changed(30, 63), "shift 63"),
         (changed(38, 999), "block 0 refers"),
         (changed(40, 0x7FC00000), "not finite"),
-        ([], "no calibration image"),
+        ([], "not a calibration image"),
     ],
 )
 def test_an_image_that_is_wrong_is_refused(words, why):

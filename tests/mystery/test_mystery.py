@@ -102,7 +102,7 @@ def test_no_model_does_better_than_perfect_knowledge(revealed):
 
 
 def test_a_second_mystery_does_not_overwrite_the_first(mystery, profile):
-    with pytest.raises(InputError, match="contains a mystery already"):
+    with pytest.raises(InputError, match="already contains a mystery"):
         make_mystery(SEED, 1, mystery.folder, profile, profile)
 
 
