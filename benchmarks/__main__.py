@@ -106,14 +106,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SECTIONS)}; all if none")
     parser.add_argument("--quick", action="store_true", help="small sizes; the page is not written")
-    wishes = parser.parse_args()
-    if unknown := set(wishes.names) - set(SECTIONS):
+    options = parser.parse_args()
+    if unknown := set(options.names) - set(SECTIONS):
         parser.error(f"unknown: {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}")
     os.environ.update(ONE_THREAD)
-    for name in wishes.names or SECTIONS:
-        text = run(name, wishes.quick)
+    for name in options.names or SECTIONS:
+        text = run(name, options.quick)
         print(f"## {name}\n\n{text}\n", flush=True)
-        if not wishes.quick:
+        if not options.quick:
             write(PAGE, name, text)
     return 0
 

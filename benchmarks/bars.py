@@ -50,12 +50,12 @@ def bars(results: Sequence[Result]) -> str:
 
 def _missed(single: Sequence[Result]) -> str:
     """Every effect that was missed, how often, and the answers given instead."""
-    said: dict[str, list[str]] = {}
+    answers: dict[str, list[str]] = {}
     for result in single:
         if not named(result):
-            said.setdefault(result["hidden"][0], []).append(", ".join(result["found"]) or "nothing found")
+            answers.setdefault(result["hidden"][0], []).append(", ".join(result["found"]) or "nothing found")
     cases = Counter(result["hidden"][0] for result in single)
-    words = (f"{name} in {len(each)} of {cases[name]} ({_counted(each)})" for name, each in said.items())
+    words = (f"{name} in {len(each)} of {cases[name]} ({_counted(each)})" for name, each in answers.items())
     return "; ".join(words) or "none"
 
 

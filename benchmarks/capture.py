@@ -246,8 +246,8 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--rounds", type=int, default=3)
-    wishes = parser.parse_args()
-    show(tables(wishes.quick, wishes.seconds, wishes.rounds))
+    options = parser.parse_args()
+    show(tables(options.quick, options.seconds, options.rounds))
 
 
 if __name__ == "__main__":

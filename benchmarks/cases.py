@@ -106,7 +106,7 @@ class Case:
     """A unit with hidden mechanisms and their factors: its runs by profile, with and without the mechanisms.
 
     What adds to the output does so in proportion, so that units of several strengths share their recordings; what moves
-    the resonator's temperature is recorded anew.
+    the resonator's temperature is recorded again.
     """
 
     hidden: tuple[str, ...]

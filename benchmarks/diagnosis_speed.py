@@ -113,11 +113,11 @@ def main() -> None:
     parser.add_argument("runs", nargs="*", type=Path)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--child", type=int, metavar="WORKERS")
-    wishes = parser.parse_args()
-    if wishes.child:
-        print("\n" + json.dumps(once(wishes.runs[0], wishes.child)))
+    options = parser.parse_args()
+    if options.child:
+        print("\n" + json.dumps(once(options.runs[0], options.child)))
         return
-    for table in tables(False, wishes.runs, wishes.rounds):
+    for table in tables(False, options.runs, options.rounds):
         print(table.markdown())
 
 

@@ -111,12 +111,12 @@ def timed(name: str, delivery: Delivery, form: str, rows: int = 200_000, rounds:
         subprocess.run(["gcc", "-std=c99", "-O2", "-g", "-o", str(program), *sources], check=True)
         samples = wander(delivery, rows)
         _store(folder / "in", delivery, words, samples)
-        said = subprocess.run(
+        output = subprocess.run(
             [str(program), str(folder / "in"), str(rows), str(rounds)], check=True, capture_output=True, text=True
         ).stdout.split()
         counted = _instructions(folder, program, delivery, words) if shutil.which("valgrind") else None
     worst = worst_errors(delivery, [form])[0].worst
-    return Timed(name, form, worst, float(said[0]), float(said[1]), float(said[2]), counted)
+    return Timed(name, form, worst, float(output[0]), float(output[1]), float(output[2]), counted)
 
 
 def _store(path: Path, delivery: Delivery, words: list[int], counts: Mapping[int, IntArray]) -> int:

@@ -114,8 +114,8 @@ def campaign(options: argparse.Namespace) -> None:
         for number, result in enumerate(pool.imap_unordered(work, wanted, chunksize=2), 1):
             out.write(json.dumps(result) + "\n")
             out.flush()
-            said = result.get("error") or f"{result.get('verdict')} {result.get('found', '')}"
-            print(f"{number}/{len(wanted)} {result['key']} {result['seconds']} s: {said}", flush=True)
+            answer = result.get("error") or f"{result.get('verdict')} {result.get('found', '')}"
+            print(f"{number}/{len(wanted)} {result['key']} {result['seconds']} s: {answer}", flush=True)
 
 
 def lines(file: Path) -> list[dict[str, Any]]:

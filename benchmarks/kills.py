@@ -97,8 +97,8 @@ def kill_once(station: Path, out: Path, wait_s: float) -> Kill:
     run = RunFolder(journal.parent.parent)
     damage = Damage()
     blocks = [block for path in sorted(run.journal.glob("*.gtbj")) for block in read_blocks(path, damage)]
-    told = list(read_blocks(run.journal / "bench.gtbj"))[-1]  # bench time beside calendar time
-    killed_s = told.t_s + (killed_ns - told.wall_ns) * 1e-9
+    last = list(read_blocks(run.journal / "bench.gtbj"))[-1]  # bench time beside calendar time
+    killed_s = last.t_s + (killed_ns - last.wall_ns) * 1e-9
     manifest = assemble(run)
     data = pq.read_table(run.data, columns=["time", "rate"])
     times = data["time"].to_numpy()[np.isfinite(data["rate"].to_numpy())]

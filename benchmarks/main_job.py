@@ -130,8 +130,8 @@ def child(checkout: Path, profile: Path) -> dict[str, Any]:
     environment = {**os.environ, "PYTHONPATH": str(checkout.resolve()), "OPENBLAS_NUM_THREADS": "1"}
     with tempfile.TemporaryDirectory() as out:
         command = [sys.executable, __file__, "--child", str(profile.resolve()), out]
-        said = subprocess.run(command, env=environment, cwd=out, check=True, stdout=subprocess.PIPE, text=True).stdout
-    answer: dict[str, Any] = json.loads(said.splitlines()[-1])
+        output = subprocess.run(command, env=environment, cwd=out, check=True, stdout=subprocess.PIPE, text=True).stdout
+    answer: dict[str, Any] = json.loads(output.splitlines()[-1])
     return answer
 
 
@@ -223,11 +223,11 @@ def main() -> None:
     parser.add_argument("--profile", type=Path, default=Path("profiles/ramp_-40_85.yaml"))
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--child", nargs=2, type=Path, metavar=("PROFILE", "OUT"))
-    wishes = parser.parse_args()
-    if wishes.child:
-        print(json.dumps(run_once(*wishes.child)))
+    options = parser.parse_args()
+    if options.child:
+        print(json.dumps(run_once(*options.child)))
         return
-    for table in compared(wishes.profile, wishes.before, wishes.after, wishes.rounds):
+    for table in compared(options.profile, options.before, options.after, options.rounds):
         print(table.markdown(), end="\n\n")
 
 

@@ -272,8 +272,8 @@ def main() -> None:
     parser.add_argument("--buses", type=int, default=4)
     parser.add_argument("--rate", type=float, default=8500.0)
     parser.add_argument("--seconds", type=float, default=30.0)
-    wishes = parser.parse_args()
-    found, others = trial(wishes.buses, wishes.rate, wishes.seconds)
+    options = parser.parse_args()
+    found, others = trial(options.buses, options.rate, options.seconds)
     for one in found:
         print(json.dumps(one))
     print(json.dumps(others), "load", os.getloadavg())

@@ -142,7 +142,7 @@ def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: flo
     result = run_job(job, watcher)
     took_s = time.monotonic() - started_s
     after = len(os.listdir("/proc/self/fd")), threading.active_count()  # noqa: PTH208
-    told = episodes(result.run)
+    reported = episodes(result.run)
     time_axis = axis(result.run)
     injection = watcher.station.injection  # type: ignore[union-attr]
     struck = {on: dict(wire.counts) for on, wire in injection.wires.items()}
@@ -160,7 +160,7 @@ def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: flo
         "state": manifest.state,
         "cause": manifest.cause,
         "losses": manifest.losses,
-        "events": told,
+        "events": reported,
         **time_axis,
         "rss_kb": [round(kb) for _, kb, _, _ in watcher.seen],
         "rss_slope_kb_per_h": round(watcher.slope_kb_per_h(), 1),
@@ -225,7 +225,7 @@ def leaks(figures: dict[str, Any], hours: float) -> Iterator[str]:
     """Resources that grow although they must not."""
     if hours >= 4 and figures["rss_slope_kb_per_h"] > MOST_KB_PER_H:
         yield f"memory grows by {figures['rss_slope_kb_per_h']} kB/h"
-    for what in ("open_files", "threads"):  # a connection that is just being made anew may be seen twice
+    for what in ("open_files", "threads"):  # a connection that is being renewed may be counted twice
         most, least_late = max(figures[what]["first_quarter"]), min(figures[what]["last_quarter"])
         if least_late > most:
             yield f"{what} grow: {figures[what]}"

@@ -37,7 +37,7 @@ def run(kind: str, hidden: tuple[str, ...], strength: float, seed: int, profile:
     unseen = [case.run(cases.LOOPS, _CHECK)] if tried else []
     began = time.process_time()
     found = diagnose([first], MODEL, check=unseen, static=still)
-    result = {"processor_s": round(time.process_time() - began, 2), **_said(found)}
+    result = {"processor_s": round(time.process_time() - began, 2), **_content(found)}
     if unseen:
         result |= _held_out(case, first, unseen[0], found)
     given = peers.shelf(first, MODEL)
@@ -46,7 +46,7 @@ def run(kind: str, hidden: tuple[str, ...], strength: float, seed: int, profile:
     return result
 
 
-def _said(found: Diagnosis) -> dict[str, Any]:
+def _content(found: Diagnosis) -> dict[str, Any]:
     listed = [
         {"effect": s.effect, "found": s.found, "evidence": round(s.evidence, 2), "alike": s.look_alikes}
         for s in found.suspects
@@ -94,7 +94,7 @@ def _error(model: Model, first: Dataset, check: Dataset) -> float:
 def _second(case: cases.Case, first: Dataset, still: Dataset) -> dict[str, Any]:
     """After the run that the bench proposes, and after the first run again: whether the families are distinguished."""
     before = diagnose([first], MODEL, static=still)
-    result = {**_said(before), "tied": _tied(before)}
+    result = {**_content(before), "tied": _tied(before)}
     if not result["tied"]:
         return result
     proposal = next_experiment(before, [first], static=still)
@@ -104,7 +104,7 @@ def _second(case: cases.Case, first: Dataset, still: Dataset) -> dict[str, Any]:
     for name, profile, number in (("after", proposal.profile_yaml, _SECOND), ("repeated", case_profile(first), _AGAIN)):
         second = case.run(profile, number)
         both = diagnose([first, replace(second, name=f"{second.name} {number}")], MODEL, static=still)
-        result[name] = {**_said(both), "tied": _tied(both)}
+        result[name] = {**_content(both), "tied": _tied(both)}
     result["predicted"] = [round(x, 1) if np.isfinite(x) else None for x in result["predicted"]]
     return result
 

@@ -148,10 +148,10 @@ def a_day(browser: Browser, out: Path, updates: int) -> list[Row]:
                 page.evaluate(DRAWN, ticks)
             sleep(2)
             before, seen = resident_mib(renderer(browser)), weighed(page)
-            told = f"heap {seen['heap']:.1f} MiB, {seen['nodes']:.0f} nodes, {seen['listeners']:.0f} listeners"
-            told += f"; its process {before:.0f}, then {resident_mib(renderer(browser)):.0f} MiB"
-            told += f", server {resident_mib(process.pid):.0f} MiB"
-            rows.append((f"live page after {page.evaluate('globalThis.updates'):,} updates", told))
+            measured = f"heap {seen['heap']:.1f} MiB, {seen['nodes']:.0f} nodes, {seen['listeners']:.0f} listeners"
+            measured += f"; its process {before:.0f}, then {resident_mib(renderer(browser)):.0f} MiB"
+            measured += f", server {resident_mib(process.pid):.0f} MiB"
+            rows.append((f"live page after {page.evaluate('globalThis.updates'):,} updates", measured))
             print(*rows[-1], f"{perf_counter() - begin:.0f} s", flush=True)
         page.context.close()
     return rows

@@ -172,7 +172,9 @@ class CanopenTable:
         self._beat()
         self._refuse_fault()
         if self.enabled and (now := self._state()) != cia402.ENABLED:
-            raise ReadBackError(f"{self}: the axis is in state '{now}', not '{cia402.ENABLED}': somebody stopped it")
+            raise ReadBackError(
+                f"{self}: the axis is in state '{now}', not '{cia402.ENABLED}': it was switched off externally"
+            )
         if not self._by_pdo:
             self._on_reading(0, struct.pack("<ii", self._get(cia402.POSITION), self._get(cia402.VELOCITY)), None)
         beats, self._beats = self._beats, 0

@@ -14,7 +14,7 @@ class Preisach(Mechanism):
     """Ensemble of micro-slips in glue and solder: relays up at c + h, down at c - h, B = a mean(state) (Preisach 1935).
 
     Centres c are spread evenly, half widths h exponentially. Which relays a unit has belongs to the unit, not to
-    the run, hence a seed of its own.
+    the run, hence a separate seed.
     """
 
     mechanism: Literal["preisach"] = "preisach"
