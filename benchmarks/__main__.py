@@ -1,10 +1,10 @@
 """All benchmarks, one command: tables side by side, and docs/performance.md.
 
     python -m benchmarks                 # everything, about an hour on two cores; writes docs/performance.md
-    python -m benchmarks fit allan       # only these sections; the others of the page stay as they are
-    python -m benchmarks --quick         # small sizes, some minutes: shows that all of it runs, writes nothing
+    python -m benchmarks fit allan       # only these sections; the others of the page are not changed
+    python -m benchmarks --quick         # small sizes, some minutes: checks that everything runs, writes nothing
 
-Peers that are not installed are named in their rows: `pip install -e '.[dev,peers]'` has them all.
+Rows of missing peers name them: `pip install -e '.[dev,peers]'` installs all.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def run(name: str, quick: bool) -> str:
 
 
 def _made(module: str, quick: bool) -> str:
-    """The tables of a module, or why there are none."""
+    """The tables of a module, or the reason why they are missing."""
     try:
         make: Callable[[bool], list[Table]] = import_module(f"benchmarks.{module}").tables
         return "\n\n".join(table.markdown() for table in make(quick))
@@ -92,7 +92,7 @@ def _made(module: str, quick: bool) -> str:
 
 
 def write(page: Path, name: str, text: str) -> None:
-    """Put text between the markers of a section; ValueError where the page has none."""
+    """Put text between the markers of a section; ValueError for a page without them."""
     old = page.read_text(encoding="utf-8")
     begin, end = f"<!-- benchmark: {name} -->\n", f"<!-- end: {name} -->"
     head, found, rest = old.partition(begin)
@@ -106,14 +106,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SECTIONS)}; all if none")
     parser.add_argument("--quick", action="store_true", help="small sizes; the page is not written")
-    wishes = parser.parse_args()
-    if unknown := set(wishes.names) - set(SECTIONS):
+    options = parser.parse_args()
+    if unknown := set(options.names) - set(SECTIONS):
         parser.error(f"unknown: {', '.join(sorted(unknown))}; there are {', '.join(SECTIONS)}")
     os.environ.update(ONE_THREAD)
-    for name in wishes.names or SECTIONS:
-        text = run(name, wishes.quick)
+    for name in options.names or SECTIONS:
+        text = run(name, options.quick)
         print(f"## {name}\n\n{text}\n", flush=True)
-        if not wishes.quick:
+        if not options.quick:
             write(PAGE, name, text)
     return 0
 

@@ -25,7 +25,7 @@ _KEPT = "rate.npy"
 
 
 def _write(folder: Path, rows: int) -> None:
-    """White noise and a random walk, the averaging times of the pyramid, and what allantools says at these."""
+    """White noise and a random walk, the averaging times of the pyramid, and the results of allantools for these."""
     rng = np.random.default_rng(1)
     rate = 2.0 + rng.standard_normal(rows) + 1e-3 * np.cumsum(rng.standard_normal(rows))
     np.save(folder / _KEPT, rate)

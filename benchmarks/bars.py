@@ -1,4 +1,4 @@
-"""The bars of the campaign: what was asked, what was measured, and whether it was reached."""
+"""The bars of the campaign: target, measured value, and whether it was reached."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def bars(results: Sequence[Result]) -> str:
 
 
 def _missed(single: Sequence[Result]) -> str:
-    """Every effect that was missed, how often, and what was said instead."""
-    said: dict[str, list[str]] = {}
+    """Every effect that was missed, how often, and the answers given instead."""
+    answers: dict[str, list[str]] = {}
     for result in single:
         if not named(result):
-            said.setdefault(result["hidden"][0], []).append(", ".join(result["found"]) or "nothing found")
+            answers.setdefault(result["hidden"][0], []).append(", ".join(result["found"]) or "nothing found")
     cases = Counter(result["hidden"][0] for result in single)
-    words = (f"{name} in {len(each)} of {cases[name]} ({_counted(each)})" for name, each in said.items())
+    words = (f"{name} in {len(each)} of {cases[name]} ({_counted(each)})" for name, each in answers.items())
     return "; ".join(words) or "none"
 
 
@@ -64,7 +64,7 @@ def _counted(words: Sequence[str]) -> str:
 
 
 def _bar(words: str, bar: float, results: Sequence[Result], true: Callable[[Result], bool]) -> tuple[str, ...]:
-    """A share with its interval (Wilson); a negative bar is a most, not a least."""
+    """A share with its interval (Wilson); a negative bar is an upper limit, not a lower one."""
     asked = f"{'at least' if bar > 0 else 'at most'} {abs(100 * bar):.0f} %"
     if not results:
         return (words, asked, "–", "–", "0", "not measured")

@@ -1,4 +1,4 @@
-"""Input of the benchmark of capture: frames of a simulated unit, frames of a DBC with everything a DBC may hold."""
+"""Input of the benchmark of capture: frames of a simulated unit, frames of a DBC with all features of DBC files."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def simulated(count: int) -> FrameArray:
 
 
 def of_any_kind(count: int) -> FrameArray:
-    """Frames of the DBC above, by turns, with random bits; floats are finite."""
+    """Frames of the DBC above, in turn, with random bits; floats are finite."""
     random = np.random.default_rng(2)
     frames = np.zeros(count, dtype=FRAME)
     frames["id"], frames["t_ns"] = 1 + np.arange(count) % 4, np.arange(count) * 125_000
@@ -128,7 +128,7 @@ def few(given: Given) -> Given:
 
 
 def bus_log(path: Path, frames: FrameArray) -> Any:
-    """The frames as asammdf keeps a CAN log (ASAM bus logging)."""
+    """The frames as a CAN log of asammdf (ASAM bus logging)."""
     from asammdf import MDF, Signal
 
     kind = np.dtype(
@@ -163,7 +163,7 @@ def bus_log(path: Path, frames: FrameArray) -> Any:
 
 
 def log_of(given: Given) -> Path:
-    """The bus log of these frames beside their DBC, written when it is asked for first."""
+    """The bus log of these frames beside their DBC, written on first use."""
     path = given.dbc.with_name(f"{given.dbc.stem}{len(given.frames)}.mf4")
     if not path.exists():
         bus_log(path, given.frames)
@@ -171,7 +171,7 @@ def log_of(given: Given) -> Path:
 
 
 def messages(frames: FrameArray) -> list[Any]:
-    """The same frames as python-can's messages, which its writers take."""
+    """The same frames as python-can messages, for its writers."""
     from drivers.frames import to_messages
 
     return list(to_messages(frames, "1"))

@@ -1,9 +1,9 @@
-"""Decoding, writing and capturing CAN frames beside what a user would call instead, in one run.
+"""Decoding, writing and capturing CAN frames beside alternatives, in one run.
 
     python -m benchmarks.capture [--quick] [--seconds 30] [--rounds 3]
 
-CPU is that of a process of its own with one thread, the least of alternating rounds; input is loaded before. Frames are
-those of one simulated unit with its own DBC, and of a DBC with everything that a DBC may hold.
+CPU is that of a separate process with one thread, the least of alternating rounds; input is loaded before. Frames are
+those of one simulated unit with its own DBC, and of a DBC with all features of DBC files.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def with_cantools(given: Given) -> Columns:
 
 
 def cantools_calls(given: Given) -> Columns:
-    """The calls alone: nothing is kept."""
+    """Only the calls; results are discarded."""
     decode = given.database.decode_message
     for identifier, payload in zip(given.ids, given.payloads, strict=True):
         decode(identifier, payload, decode_choices=False)
@@ -80,7 +80,7 @@ def cantools_calls(given: Given) -> Columns:
 
 
 def with_asammdf(given: Given) -> Columns:
-    """Extraction from a log on disk, as its user has it."""
+    """Extraction from a log on disk."""
     from asammdf import MDF
 
     path = log_of(given)
@@ -137,7 +137,7 @@ def few_written(given: Written) -> Written:
 
 
 def in_blocks(given: Written) -> int:
-    """Our journal, a block of 1024 records with its CRC by one write each."""
+    """Our journal: one write per block of 1024 records with its CRC."""
     path = fresh(given, "gtbj")
     writer = JournalWriter(path)
     for start in range(0, len(given.frames), 1024):
@@ -148,7 +148,7 @@ def in_blocks(given: Written) -> int:
 
 
 def by_message(given: Written) -> int:
-    """The same from python-can's messages, one by one, as the capture gets them."""
+    """The same from python-can's messages, one by one, as in the capture."""
     from drivers.frames import to_record
 
     path = fresh(given, "gtbj")
@@ -230,7 +230,7 @@ def tables(quick: bool = False, seconds: float = 30.0, rounds: int = 3) -> list[
 
 
 def saturated_tables(seconds: float) -> list[Table]:
-    """Buses at and beyond what they can carry."""
+    """Buses at and beyond their capacity."""
     from benchmarks.saturated import tables as of_buses
 
     return of_buses(seconds)
@@ -246,8 +246,8 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--rounds", type=int, default=3)
-    wishes = parser.parse_args()
-    show(tables(wishes.quick, wishes.seconds, wishes.rounds))
+    options = parser.parse_args()
+    show(tables(options.quick, options.seconds, options.rounds))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Runs with one hidden mechanism of the truth, its amplitude set so that what it leaves has a given strength.
+"""Runs with one hidden mechanism of the truth whose effect on the residual has a given strength.
 
-Physics only: the truth integrates, nothing here knows a regressor of the analysis. Strength = RMS of the part that the
-static spline over temperature cannot absorb / RMS of the noise that is left beside the same spline.
+Only physics: the truth integrates, and no regressor of the analysis is used. Strength = RMS of the part that the
+static spline over temperature cannot absorb / RMS of the residual noise after the same spline.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _recorded(unit: str, profile: str, seed: int, turns: bool) -> Dataset:
 
 
 def table(seconds: int) -> FloatArray:
-    """A rate table that stands and turns at two rates in both directions, ten minutes each [deg/s]."""
+    """A rate table that stops and turns at two rates in both directions, ten minutes each [deg/s]."""
     return np.asarray(np.array(_TURNS_DPS)[np.arange(seconds + 1) // _TURN_S % len(_TURNS_DPS)])
 
 
@@ -89,7 +89,7 @@ def dataset(samples: virtual.Samples, path: virtual.Trace, name: str) -> Dataset
 
 
 def absorbed(record: Dataset, values: FloatArray, model: Model) -> FloatArray:
-    """What the static model leaves of a series (n,) of this record."""
+    """Residual of the static model for a series (n,) of this record."""
     plain = replace(
         record, channels={**{k: v for k, v in record.channels.items() if k != "applied_rate"}, "rate": values}
     )
@@ -97,16 +97,16 @@ def absorbed(record: Dataset, values: FloatArray, model: Model) -> FloatArray:
 
 
 def rms(values: FloatArray) -> float:
-    """Root of the mean square, gaps left out."""
+    """Root of the mean square, without gaps."""
     return float(np.sqrt(np.nanmean(values**2)))
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A unit with hidden mechanisms, as drawn and how many times: its runs by profile, and what it would be without.
+    """A unit with hidden mechanisms and their factors: its runs by profile, with and without the mechanisms.
 
     What adds to the output does so in proportion, so that units of several strengths share their recordings; what moves
-    the resonator's temperature is recorded anew.
+    the resonator's temperature is recorded again.
     """
 
     hidden: tuple[str, ...]
@@ -117,7 +117,7 @@ class Case:
     parts: tuple[tuple[Entry, float], ...]
 
     def run(self, profile: str, number: int = 0) -> Dataset:
-        """A run of the unit; another `number` is another day, on which what belongs to one run does not happen."""
+        """A run of the unit; another `number` is another day, on which mechanisms of one run do not occur."""
         parts = [(e, factor) for e, factor in self.parts if number == 0 or not HIDDEN[e["mechanism"]].one_run]
         if any(HIDDEN[entry["mechanism"]].thermal for entry, _ in parts):
             return self._recorded([times(entry, factor) for entry, factor in parts], NOISE, profile, number)
@@ -128,11 +128,11 @@ class Case:
         return replace(run, channels={**run.channels, "rate": rate})
 
     def quiet(self, profile: str, number: int) -> Dataset:
-        """The unit without what is hidden in it: what an isothermal run shows when nothing excites it."""
+        """The unit without its hidden mechanisms, as in an isothermal run."""
         return self._recorded([], NOISE, profile, number)
 
     def noise(self, profile: str, number: int) -> FloatArray:
-        """What the noise alone adds to such a run (n,) [deg/h], about its mean; what is hidden does not change it."""
+        """Noise of such a run (n,) [deg/h] about its mean, independent of the hidden mechanisms."""
         alone = self.quiet(profile, number).bias - self._recorded([], SILENT, profile, number).bias
         return np.asarray(alone - np.nanmean(alone))
 
@@ -161,7 +161,7 @@ def case(hidden: Sequence[str], strength: float, seed: int, profile: str, model:
 
 
 def scale(entry: Entry, target: float, share: Callable[[Entry], float]) -> float:
-    """How many times an entry has a share of the target [deg/h]: in proportion, or within 1 % if it is thermal."""
+    """Factor for an entry to reach the target [deg/h]: exact if proportional, within 1 % if it is thermal."""
     if HIDDEN[entry["mechanism"]].thermal:
         name = HIDDEN[entry["mechanism"]].amplitudes[0]
         start = MECHANISMS[entry["mechanism"]].model_fields[name].default

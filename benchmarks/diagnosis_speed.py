@@ -2,9 +2,9 @@
 
     python -m benchmarks.diagnosis_speed [RUN ...] [--rounds 3]
 
-Without a run three hours are simulated. A process per answer, numbers of workers by turns, the least counts, imports
-are not counted. "own" is the CPU of the process that asks (two idle processors need at
-least that long), "all" includes copies.
+Without a run three hours are simulated. A process per result, numbers of workers in turn; the least value counts,
+imports are not counted. "own" is the CPU of the main process (two idle processors need at least that long), "all"
+includes copies.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ def _recorded(folder: Path) -> Path:
 
 
 def _spent() -> tuple[float, float, float]:
-    """CPU of this process, of its copies that ended, and wall [s]."""
+    """CPU of this process, of its ended copies, and wall time [s]."""
     times = os.times()
     return time.process_time(), times.children_user + times.children_system, time.perf_counter()
 
 
 def once(path: Path, workers: int) -> dict[str, Any]:
-    """One diagnosis in this process: its means and floor, then the search; times [s] and a digest of the answer."""
+    """One diagnosis in this process: its means and floor, then the search; times [s] and a digest of the result."""
 
     from bench.analysis.diagnosis.diagnose import diagnose
     from bench.analysis.effects.model import load_model
@@ -75,7 +75,7 @@ def once(path: Path, workers: int) -> dict[str, Any]:
 
 
 def measured(path: Path, rounds: int) -> Table:
-    """All numbers of workers by turns."""
+    """All numbers of workers in turn."""
     tries: dict[int, list[dict[str, Any]]] = {workers: [] for workers in _WORKERS}
     for _ in range(rounds):
         for workers, own in tries.items():
@@ -113,11 +113,11 @@ def main() -> None:
     parser.add_argument("runs", nargs="*", type=Path)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--child", type=int, metavar="WORKERS")
-    wishes = parser.parse_args()
-    if wishes.child:
-        print("\n" + json.dumps(once(wishes.runs[0], wishes.child)))
+    options = parser.parse_args()
+    if options.child:
+        print("\n" + json.dumps(once(options.runs[0], options.child)))
         return
-    for table in tables(False, wishes.runs, wishes.rounds):
+    for table in tables(False, options.runs, options.rounds):
         print(table.markdown())
 
 

@@ -1,8 +1,8 @@
-"""How long the generated C takes: `python -m benchmarks.embedded` prints a table for docs and closing notes.
+"""Speed of the generated C code: `python -m benchmarks.embedded` prints a table for docs and closing notes.
 
 Time per sample: least of the rounds over a wandering record, gcc -O2. Worst: the greatest single call in 200,000 (with
-the clock's own cost; on a machine shared with others it shows the machine) and its 99.9th percentile. Instructions per
-sample by callgrind, where it is installed: least and greatest over kinds of input, which tells how constant they are.
+the clock's own cost; on a shared machine it shows mainly the machine) and its 99.9th percentile. Instructions per
+sample by callgrind, if it is installed: least and greatest over kinds of input, which shows how constant they are.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Timed:
 
 
 def models() -> Mapping[str, Delivery]:
-    """The papers' models and the one that a diagnosis usually ends with, with random coefficients of a usual size."""
+    """The papers' models and the usual result of a diagnosis, with random coefficients of typical size."""
     rng = np.random.default_rng(7)
     rate = channel_signal("rate", -300.0 * 3600, 300.0 * 3600)
     celsius = channel_signal("temperature", -55.0, 125.0)
@@ -99,7 +99,7 @@ def models() -> Mapping[str, Delivery]:
 
 
 def timed(name: str, delivery: Delivery, form: str, rows: int = 200_000, rounds: int = 15) -> Timed:
-    """Compile, run, count."""
+    """Compile, run and count instructions."""
     words = words_of(delivery, form, 1, 1)
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
@@ -111,12 +111,12 @@ def timed(name: str, delivery: Delivery, form: str, rows: int = 200_000, rounds:
         subprocess.run(["gcc", "-std=c99", "-O2", "-g", "-o", str(program), *sources], check=True)
         samples = wander(delivery, rows)
         _store(folder / "in", delivery, words, samples)
-        said = subprocess.run(
+        output = subprocess.run(
             [str(program), str(folder / "in"), str(rows), str(rounds)], check=True, capture_output=True, text=True
         ).stdout.split()
         counted = _instructions(folder, program, delivery, words) if shutil.which("valgrind") else None
     worst = worst_errors(delivery, [form])[0].worst
-    return Timed(name, form, worst, float(said[0]), float(said[1]), float(said[2]), counted)
+    return Timed(name, form, worst, float(output[0]), float(output[1]), float(output[2]), counted)
 
 
 def _store(path: Path, delivery: Delivery, words: list[int], counts: Mapping[int, IntArray]) -> int:

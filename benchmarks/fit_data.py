@@ -1,4 +1,4 @@
-"""The samples that the fits of `benchmarks.one_pass` are given, as arrays and as a file, and the fit in many digits."""
+"""Samples for the fits of `benchmarks.one_pass`, as arrays and as a file, and a fit in high precision."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def ends(x: np.ndarray) -> tuple[float, float]:
 
 
 def truth(d: Data) -> np.ndarray:
-    """The curve without noise that is in the samples."""
+    """The noise-free curve of the samples."""
     return 12.0 + 3.0 * np.sin(d["temperature"] / 20.0) + 0.02 * d["temperature"]
 
 
@@ -54,7 +54,7 @@ def clamped(d: Data) -> np.ndarray:
 
 
 def write_file(path: Path, rows: int) -> None:
-    """A record of so many samples, a row group at a time, as the bench writes its own."""
+    """Write a record of samples, one row group at a time, as the bench does."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -73,7 +73,7 @@ def write_file(path: Path, rows: int) -> None:
 def sketch(path: Path, names: tuple[str, ...]) -> tuple[Data, np.ndarray]:
     """The first rows of every row group: which columns depend on each other, over the whole range.
 
-    The bench itself takes its 1 s means for this; the start of a run alone would not do, it stands still.
+    The bench uses its 1 s means for this; the start of a run is not sufficient, because its temperature is constant.
     """
     import pyarrow.parquet as pq
 

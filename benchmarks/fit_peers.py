@@ -1,4 +1,4 @@
-"""What a user would call instead of the one-pass fits, on the same samples, sorting included."""
+"""Alternatives to the one-pass fits, on the same samples, sorting included."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def scipy_univariate(d: Data) -> Predict:
 
 
 def powers_of(d: Data, bounds: list[tuple[float, float]]) -> np.ndarray:
-    """13 columns, normalised, in the order of memory that LAPACK wants."""
+    """13 columns, normalised, in the memory order of LAPACK."""
     out = np.empty((d["y"].size, 13), order="F")
     out[:, 0] = 1.0
     for k, (name, own) in enumerate(zip(FOUR, bounds, strict=True)):
@@ -61,7 +61,7 @@ def gelsy(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def gelsy_rows(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """As a user has them who stacked the columns: a row after the other in memory, with the checks of the defaults."""
+    """Stacked columns, row by row in memory, with the default checks."""
     from scipy import linalg
 
     return linalg.lstsq(np.ascontiguousarray(columns), y, lapack_driver="gelsy")[0]
@@ -120,7 +120,7 @@ def sklearn_linear(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def pygam_spline(d: Data) -> Predict:
-    """The same 27 B-splines; the least smoothing that it is stable with."""
+    """The same 27 B-splines; the least smoothing that is stable."""
     from pygam import LinearGAM, s
 
     fitted = LinearGAM(s(0, n_splines=INTERVALS + 3, lam=1e-6), fit_intercept=False)
@@ -142,7 +142,7 @@ SMOOTHING = 0.18
 
 
 def csaps_smooth(d: Data) -> Predict:
-    """A knot at every sample, the smoothing given: its own choice fails on noise that is this dense."""
+    """A knot at every sample, the smoothing given: its automatic choice fails for such dense noise."""
     import csaps
 
     x, first = np.unique(d["temperature"], return_index=True)

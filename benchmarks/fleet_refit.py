@@ -1,9 +1,9 @@
-"""Refit of a large fleet: units a second, serial, in a pool and on Dask, and that all answers are the same bit for bit.
+"""Refit of a large fleet: units per second, serial, in a pool and on Dask; checks that all results agree bit for bit.
 
     python -m benchmarks.fleet_refit --units 100000 --model "spline 24" --engine serial --engine dask:1 --engine dask:2
 
-Each simulated unit is a run of 8.4 h at 30 s means (1006 rows, two cycles of -40 to 85 degC) with its own bias curve,
-its own noise and gaps; only its moments are kept.
+Each simulated unit is a run of 8.4 h at 30 s means (1006 rows, two cycles of -40 to 85 degC) with a separate bias
+curve, noise and gaps; only its moments are kept.
 """
 
 from __future__ import annotations
@@ -81,17 +81,17 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, default=Path("fleet_refit"))
     parser.add_argument("--engine", action="append")
     parser.add_argument("--model", action="append")
-    wishes = parser.parse_args()
-    wishes.folder.mkdir(parents=True, exist_ok=True)
-    source = wishes.folder / f"moments_{wishes.units}.parquet"
+    options = parser.parse_args()
+    options.folder.mkdir(parents=True, exist_ok=True)
+    source = options.folder / f"moments_{options.units}.parquet"
     if not source.exists():
         begun = time.perf_counter()
-        moments_file.write(source, fleet(wishes.units))
+        moments_file.write(source, fleet(options.units))
         print(f"simulated in {time.perf_counter() - begun:.0f} s, {source.stat().st_size / 1e6:.0f} MB")
     print(f"{'model':<12} {'engine':<8} {'s':>7} {'units/s':>8} {'failed':>6}  digest            own peak MB")
-    for model in wishes.model or ["spline 24"]:
-        for name in wishes.engine or ["serial", "pool:2", "dask:1", "dask:2"]:
-            target = wishes.folder / "records.parquet"
+    for model in options.model or ["spline 24"]:
+        for name in options.engine or ["serial", "pool:2", "dask:1", "dask:2"]:
+            target = options.folder / "records.parquet"
             begun = time.perf_counter()
             records = engine(name)(MODELS[model], moments_file.stored_groups(source))
             count, failed = write_records(target, MODELS[model], records)

@@ -1,7 +1,7 @@
-"""How often is the hidden effect named? `python -m benchmarks.hidden_effects` writes docs/hidden_effects.md.
+"""How often the hidden effect is named: `python -m benchmarks.hidden_effects` writes docs/hidden_effects.md.
 
-Every case is a unit of the simulated truth with nothing, one or two mechanisms hidden in it. Results are kept as JSON
-lines in the cache, one case a line: an interrupted campaign goes on where it stopped, and the table can be written at
+Every case is a unit of the simulated truth with zero, one or two hidden mechanisms. Results are kept as JSON
+lines in the cache, one case per line: an interrupted campaign continues, and the table can be written at
 any time (`--table-only`).
 """
 
@@ -35,7 +35,7 @@ KINDS = ("single", "clean", "pair", "second")
 
 @dataclass(frozen=True)
 class Job:
-    """One case; `second` asks for the run that the bench proposes, and for the first run repeated."""
+    """One case; `second` adds the run that the bench proposes, and a repetition of the first run."""
 
     kind: str
     hidden: tuple[str, ...]
@@ -45,14 +45,14 @@ class Job:
 
     @property
     def key(self) -> str:
-        """What its line in the cache is found by."""
+        """Key of its line in the cache."""
         return f"{self.kind}|{'+'.join(self.hidden)}|{self.strength:g}|{self.seed}|{self.profile}"
 
 
 def jobs(options: argparse.Namespace) -> Iterator[Job]:
-    """All cases, the telling ones first and seed after seed, so that a campaign cut short is a smaller campaign.
+    """All cases, the most informative first and seed by seed, so that an interrupted campaign is a smaller campaign.
 
-    Neighbours share a unit, whose physics are then computed once.
+    Neighbouring cases share a unit, whose physics are then computed once.
     """
     everything = list(_everything(options))
     first = [job for job in everything if _telling(job)]
@@ -77,7 +77,7 @@ def _everything(options: argparse.Namespace) -> Iterator[Job]:
 
 
 def _telling(job: Job) -> bool:
-    """Cases that the bars are about, and of the others every so many."""
+    """Cases for the bars, and a part of the others."""
     from bench.mystery.hidden import HIDDEN
 
     if job.kind == "single":
@@ -92,7 +92,7 @@ def _telling(job: Job) -> bool:
 
 
 def work(job: Job) -> dict[str, Any]:
-    """The result of one case, or the error that it ended with."""
+    """The result of one case, or its error."""
     from benchmarks import trials
 
     began = time.perf_counter()
@@ -104,7 +104,7 @@ def work(job: Job) -> dict[str, Any]:
 
 
 def campaign(options: argparse.Namespace) -> None:
-    """Run the cases that the cache does not hold yet, and append each as soon as it is done."""
+    """Run the cases that are not in the cache yet, and append each result at once."""
     options.cache.mkdir(parents=True, exist_ok=True)
     file = options.cache / "results.jsonl"
     known = {line["key"] for line in lines(file)}
@@ -114,12 +114,12 @@ def campaign(options: argparse.Namespace) -> None:
         for number, result in enumerate(pool.imap_unordered(work, wanted, chunksize=2), 1):
             out.write(json.dumps(result) + "\n")
             out.flush()
-            said = result.get("error") or f"{result.get('verdict')} {result.get('found', '')}"
-            print(f"{number}/{len(wanted)} {result['key']} {result['seconds']} s: {said}", flush=True)
+            answer = result.get("error") or f"{result.get('verdict')} {result.get('found', '')}"
+            print(f"{number}/{len(wanted)} {result['key']} {result['seconds']} s: {answer}", flush=True)
 
 
 def lines(file: Path) -> list[dict[str, Any]]:
-    """Results of the cache, the last of each key, errors left out so that they are tried again."""
+    """Results of the cache, the last of each key, without errors, so that these are tried again."""
     if not file.is_file():
         return []
     read = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines() if line.endswith("}")]

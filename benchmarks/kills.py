@@ -1,10 +1,10 @@
-"""SIGKILL at random times to a bench with real processes and real time: what is lost, and is what is left sound?
+"""SIGKILL at random times to a bench with real processes and real time: measures the loss, and checks the rest.
 
     python -m benchmarks.kills --kills 20 --seed 1
 
 Chamber and bus are served by `bench sim`; each run is killed with its whole process group, the capture of the bus
-included. Lost is what lies between the kill and the last sample of the recovered run. Prints one JSON object; exit
-code 1 when a kill cost more than a second, a recovered block has a wrong CRC, or the chamber was not made safe.
+included. The loss is the time between the kill and the last sample of the recovered run. Prints one JSON object; exit
+code 1 when a kill lost more than a second, a recovered block has a wrong CRC, or the chamber was not made safe.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MOST_LOST_S = 1.0
 
 @dataclass(frozen=True)
 class Kill:
-    """What one kill cost."""
+    """Loss of one kill."""
 
     after_s: float
     """Bench time of the kill [s]."""
@@ -57,7 +57,7 @@ class Kill:
 
 @contextmanager
 def served(folder: Path) -> Iterator[Path]:
-    """A simulated station in a process of its own; yields the station file that drives it."""
+    """A simulated station in a separate process; yields its station file."""
     path = folder / "station.yaml"
     sim = bench("sim", "--write-station", path)
     try:
@@ -76,13 +76,13 @@ def served(folder: Path) -> Iterator[Path]:
 
 
 def bench(*arguments: Any, **options: Any) -> subprocess.Popen[str]:
-    """The command in a process of its own."""
+    """The command in a separate process."""
     command = [sys.executable, "-c", "from bench.cli import main; main()", *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 
 def kill_once(station: Path, out: Path, wait_s: float) -> Kill:
-    """Start a run, kill it so many seconds after its first frame, recover it."""
+    """Start a run, kill it the given time after its first frame, recover it."""
     process = bench("run", station.parent / "profile.yaml", "--station", station, "--out", out, "--model", "polynomial",
                     start_new_session=True)  # fmt: skip
     try:
@@ -97,8 +97,8 @@ def kill_once(station: Path, out: Path, wait_s: float) -> Kill:
     run = RunFolder(journal.parent.parent)
     damage = Damage()
     blocks = [block for path in sorted(run.journal.glob("*.gtbj")) for block in read_blocks(path, damage)]
-    told = list(read_blocks(run.journal / "bench.gtbj"))[-1]  # bench time beside calendar time
-    killed_s = told.t_s + (killed_ns - told.wall_ns) * 1e-9
+    last = list(read_blocks(run.journal / "bench.gtbj"))[-1]  # bench time beside calendar time
+    killed_s = last.t_s + (killed_ns - last.wall_ns) * 1e-9
     manifest = assemble(run)
     data = pq.read_table(run.data, columns=["time", "rate"])
     times = data["time"].to_numpy()[np.isfinite(data["rate"].to_numpy())]
@@ -120,7 +120,7 @@ def _wait_for(condition: Any) -> Any:
 
 
 def kill_often(kills: int, seed: int, folder: Path) -> list[Kill]:
-    """So many kills, each 0 to 4 s after the first frames."""
+    """The given number of kills, each 0 to 4 s after the first frames."""
     rng = random.Random(seed)
     with served(folder) as station:
         return [kill_once(station, folder / f"out{n}", rng.uniform(0.0, 4.0)) for n in range(kills)]

@@ -1,4 +1,4 @@
-"""What no program can beat: a pass over memory, reading the file, a round trip on loopback, the bus's bit rate."""
+"""Physical limits: a pass over memory, reading the file, a round trip on loopback, the bus's bit rate."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def spline_in_memory(d: Any) -> Any:
 
 
 def decoded(path: Path) -> int:
-    """Every value of the four columns that a spline needs, a batch at a time, one thread."""
+    """Every value of the four columns that a spline needs, batch by batch, one thread."""
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as source:
@@ -55,7 +55,7 @@ def decoded(path: Path) -> int:
 
 
 def bytes_of(path: Path) -> int:
-    """The whole file, out of the page cache."""
+    """The whole file, from the page cache."""
     count = 0
     with path.open("rb", buffering=0) as source:
         while piece := source.read(1 << 20):
@@ -75,7 +75,7 @@ def controller() -> Iterator[tuple[Any, int]]:
 
 
 def our_requests(count: int) -> None:
-    """One poll's first block, so many times, by the product's link: checked and decoded."""
+    """First block of a poll, repeated, by the bench's link: checked and decoded."""
     from drivers.modbus import ModbusLink
 
     with controller() as (registers, port):
@@ -87,7 +87,7 @@ def our_requests(count: int) -> None:
 
 
 def pymodbus_requests(count: int) -> None:
-    """The same words with the client of pymodbus alone: neither checked nor decoded."""
+    """The same words with only the client of pymodbus: neither checked nor decoded."""
     from pymodbus.client import ModbusTcpClient
 
     from drivers.registers import block_of
@@ -100,7 +100,7 @@ def pymodbus_requests(count: int) -> None:
 
 
 def bare_round_trips(count: int) -> None:
-    """As many bytes there and back between two threads."""
+    """The same number of bytes in both directions between two threads."""
     with echo() as link:
         for _ in range(count):
             link.sendall(bytes(_REQUEST_BYTES))
@@ -207,7 +207,7 @@ def gyro_payloads(n: int) -> np.ndarray:
 
 
 def bus_table() -> Table:
-    """Frames a second that the bit rate allows, and how many units that is."""
+    """Frames per second that the bit rate allows, and the corresponding number of units."""
     size = 8
     plain = 19 + 8 * size + 15 + 13
     worst = plain + (19 + 8 * size + 15 - 1) // 4

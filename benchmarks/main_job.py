@@ -1,9 +1,9 @@
-"""How many times real time the main job runs, before and after a change, by stage, and that no bit of it changed.
+"""Speed of the main job in multiples of real time, before and after a change, by stage; checks that no bit changed.
 
     git worktree add /tmp/before 40f771d
     python -m benchmarks.main_job --before /tmp/before [--after .] [--profile profiles/quick.yaml] [--rounds 3]
 
-Each run is a process of its own, before and after by turns; CPU is that of all its threads. Of the rounds the fastest
+Each run is a separate process, before and after in turn; CPU is that of all its threads. Of the rounds the fastest
 counts, stage by stage. The digests are those of all captured frames, all chamber readings, and the tables.
 """
 
@@ -49,7 +49,7 @@ ACQUISITION = ("simulation", "acquisition", "start, imports")
 
 
 class Stages:
-    """CPU and wall time [s] of each stage, less that of the stages inside it."""
+    """CPU and wall time [s] of each stage, minus that of the stages inside it."""
 
     def __init__(self) -> None:
         self.cpu_s: dict[str, float] = defaultdict(float)
@@ -59,7 +59,7 @@ class Stages:
 
     @contextmanager
     def of(self, name: str) -> Iterator[None]:
-        """Count what happens inside as this stage."""
+        """Count the time inside as this stage."""
         self._charge()
         self._open.append(name)
         try:
@@ -115,7 +115,7 @@ def run_once(profile: Path, out: Path) -> dict[str, Any]:
 
 
 def digest(journal: Path) -> str:
-    """Of the frames and readings of a journal; events and headers know the calendar."""
+    """Of the frames and readings of a journal; events and headers contain calendar time."""
     from drivers.journal import Kind, read_blocks
 
     kept = (block for block in read_blocks(journal) if block.kind in (Kind.FRAMES, Kind.READING))
@@ -130,8 +130,8 @@ def child(checkout: Path, profile: Path) -> dict[str, Any]:
     environment = {**os.environ, "PYTHONPATH": str(checkout.resolve()), "OPENBLAS_NUM_THREADS": "1"}
     with tempfile.TemporaryDirectory() as out:
         command = [sys.executable, __file__, "--child", str(profile.resolve()), out]
-        said = subprocess.run(command, env=environment, cwd=out, check=True, stdout=subprocess.PIPE, text=True).stdout
-    answer: dict[str, Any] = json.loads(said.splitlines()[-1])
+        output = subprocess.run(command, env=environment, cwd=out, check=True, stdout=subprocess.PIPE, text=True).stdout
+    answer: dict[str, Any] = json.loads(output.splitlines()[-1])
     return answer
 
 
@@ -141,7 +141,7 @@ def least(runs: list[dict[str, Any]], what: str) -> dict[str, float]:
 
 
 def tables(quick: bool) -> list[Table]:
-    """This checkout against the commit before the main job was sped up, where the repository still has it."""
+    """This checkout against the commit before the main job was sped up, if the repository contains it."""
     profile = Path("profiles/quick.yaml" if quick else "profiles/ramp_-40_85.yaml")
     with tempfile.TemporaryDirectory() as name:
         before = exported(BEFORE, Path(name))
@@ -149,7 +149,7 @@ def tables(quick: bool) -> list[Table]:
 
 
 def exported(commit: str, folder: Path) -> Path | None:
-    """The files of a commit; None where it is not known."""
+    """The files of a commit; None for an unknown one."""
     made = subprocess.run(
         ["git", "archive", commit], cwd=Path(__file__).parent.parent, capture_output=True, check=False
     )
@@ -160,7 +160,7 @@ def exported(commit: str, folder: Path) -> Path | None:
 
 
 def compared(profile: Path, before: Path | None, after: Path, rounds: int) -> list[Table]:
-    """Runs by turns; two tables."""
+    """Runs in turn; two tables."""
     old, new = [], []
     for _ in range(rounds):
         if before is not None:
@@ -192,7 +192,7 @@ def real_time(profile: Path, before: list[dict[str, Any]], after: list[dict[str,
 
 
 def multiple(runs: list[dict[str, Any]], what: str, kept: tuple[str, ...]) -> float:
-    """Simulated time over the least time of the stages that begin so; 0 without a run."""
+    """Simulated time over the least time of the stages with this prefix; 0 without a run."""
     sums = [sum(s for name, s in run[what].items() if name.startswith(kept)) for run in runs]
     return float(runs[0]["simulated_s"] / min(sums)) if runs else 0.0
 
@@ -223,11 +223,11 @@ def main() -> None:
     parser.add_argument("--profile", type=Path, default=Path("profiles/ramp_-40_85.yaml"))
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--child", nargs=2, type=Path, metavar=("PROFILE", "OUT"))
-    wishes = parser.parse_args()
-    if wishes.child:
-        print(json.dumps(run_once(*wishes.child)))
+    options = parser.parse_args()
+    if options.child:
+        print(json.dumps(run_once(*options.child)))
         return
-    for table in compared(wishes.profile, wishes.before, wishes.after, wishes.rounds):
+    for table in compared(options.profile, options.before, options.after, options.rounds):
         print(table.markdown(), end="\n\n")
 
 

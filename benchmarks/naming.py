@@ -1,9 +1,9 @@
 """The missing effect named by the bench, by SysIdentPy and by pysindy, on the same run in 30 s means.
 
-The peers get the columns of the bench's own library on a grid of their parameters (benchmarks.peers), which is part of
-their work; what they do not do is in the bench's time: noise, whitening, held-out blocks, look-alikes, parameters with
-uncertainty. How often each of them is right is in docs/hidden_effects.md; here the error is 1 where another effect
-comes first.
+The peers get the columns of the bench's library on a grid of their parameters (benchmarks.peers), which is part of
+their work; the time of the bench also includes work that they do not do: noise, whitening, held-out blocks,
+look-alikes, parameters with uncertainty. How often each of them is right is in docs/hidden_effects.md; here the error
+is 1 if another effect comes first.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ HIDDEN, STRENGTH = "thermal_lag", 1.5
 
 
 class Given(NamedTuple):
-    """A run with the effect hidden in it, and one of the same unit that stands still."""
+    """A run with the hidden effect, and an isothermal one of the same unit."""
 
     run: Dataset
     still: Dataset
@@ -32,7 +32,7 @@ def load(folder: Path) -> Given:
 
 
 def short(given: Given) -> Given:
-    """A quarter of the run: enough to have everything imported."""
+    """A quarter of the run: enough to import everything."""
     keep = given.run.time < given.run.time[given.run.time.size // 4]
     return Given(given.run.select(keep), given.still)
 

@@ -1,10 +1,10 @@
-"""One pass over the samples beside what a user would call instead, in memory and from a file, and what comes after.
+"""One pass over the samples beside alternatives, in memory and from a file, and the questions after it.
 
     python -m benchmarks fit                          # 2 h at 500 Hz: 3.6 million samples; 36 million from a file
 
-The error is the largest difference from the fit in many digits at 997 rows, relative to the largest value of that fit:
-columns and sums in extended precision (64 bits), solved with 50 digits. That of a smoothed fit, for which there is no
-common answer, is against the curve that is in the samples.
+The error is the largest difference from the fit in high precision at 997 rows, relative to the largest value of that
+fit: columns and sums in extended precision (64 bits), solved with 50 digits. That of a smoothed fit, which has no
+unique answer, is relative to the noise-free curve of the samples.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SMOOTH_ROWS = 100_000
 
 
 def columns(folder: Path, rows: int = 0) -> Data:
-    """The samples; of them evenly spread `rows`, if given."""
+    """The samples, or `rows` of them, evenly spread."""
     kept = {path.stem: np.load(path) for path in folder.glob("*.npy")}
     return thinned(kept, rows) if rows else kept
 
@@ -65,7 +65,7 @@ SMOOTH = f"smoothing spline, {SMOOTH_ROWS:,} samples; error from the true curve"
 
 
 def solvers(names: tuple[str, ...], build: Any, *chosen: str) -> dict[str, Method]:
-    """Peers that solve least squares on columns that the user has built and normalised."""
+    """Peers that solve least squares on columns that were built and normalised before."""
     known = {
         "scipy gelsy, columns in Fortran order": Method(peers.dense(names, build, peers.gelsy)),
         "scipy gelsy, C order, defaults": Method(peers.dense(names, build, peers.gelsy_rows)),
@@ -122,7 +122,7 @@ CASES = {
 
 
 def after_the_pass(folder: Path) -> dict[str, float]:
-    """CPU [ms] of each question after the pass; no sample is read again."""
+    """CPU [ms] of each question after the pass; samples are not read again."""
     from bench.analysis.fit.normal import held_out_rms, left_out, solve
     from bench.analysis.fit.smooth import Smoother, choose_intervals, solve_spline, spline_normal
 

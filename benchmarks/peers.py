@@ -1,7 +1,7 @@
-"""The same cases through FROLS (SysIdentPy) and STLSQ (pysindy), with the bench's own library of regressors.
+"""The same cases with FROLS (SysIdentPy) and STLSQ (pysindy), with the bench's library of regressors.
 
-They are given more than their users would have: the candidates' columns on a grid of their nonlinear parameters, made
-orthogonal to the static spline, and the residual of that spline. What differs is how they choose.
+They get more than their users usually have: the candidates' columns on a grid of their nonlinear parameters, made
+orthogonal to the static spline, and the residual of that spline. Only their selection differs.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ STLSQ_THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0)
 
 @dataclass(frozen=True)
 class Choice:
-    """Effects in the order of a peer's preference and its score of the first; `default`: names it unasked."""
+    """Effects in the order of a peer's preference and its score of the first; `default`: named by default."""
 
     ranking: tuple[str, ...]
     score: float
@@ -35,7 +35,7 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class Shelf:
-    """Regressors (n, k) of unit RMS outside the spline, whose they are, and the spline's residual (n,)."""
+    """Regressors (n, k) of unit RMS outside the spline, their effects, and the spline's residual (n,)."""
 
     names: tuple[str, ...]
     columns: FloatArray

@@ -1,8 +1,8 @@
-"""One way to measure for all benchmarks: a process per method, one thread, alternating rounds, the least counts.
+"""Measurement for all benchmarks: a process per method, one thread, alternating rounds; the least value counts.
 
 A benchmark module declares `CASES: dict[str, Case]` and `tables(quick) -> list[Table]`, which calls `measured`. A
-method runs in a process of its own (`python -m benchmarks.rounds MODULE CASE METHOD FOLDER`): the input is loaded and
-not counted, a warm-up on few rows takes imports and caches out of the count, then the work is done `REPEATS` times.
+method runs in a separate process (`python -m benchmarks.rounds MODULE CASE METHOD FOLDER`): the input is loaded and
+not counted, a warm-up on few rows excludes imports and caches, then the work is done `REPEATS` times.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ TIMEOUT_S = 1800.0
 
 @dataclass(frozen=True)
 class Method:
-    """What is measured; `needs` names packages that may be missing; a `limit` is what no method can beat.
+    """A measured method; `needs` names packages that may be missing; a `limit` is a physical limit.
 
-    `once`: so slow that one try on all rows says it.
+    `once`: so slow that it runs once on all rows.
     """
 
     work: Callable[[Any], Any]
@@ -43,10 +43,10 @@ class Method:
 
 @dataclass(frozen=True)
 class Case:
-    """Methods that answer the same question; the first is ours, and ratios are against it.
+    """Methods for the same task; the first is ours, and ratios are relative to it.
 
-    `load` reads the input from the folder that the parent filled, `few` makes a small one of it for the warm-up,
-    `error` compares an answer with the reference in the folder (None: not compared).
+    `load` reads the input from the folder that the parent filled, `few` takes a small part of it for the warm-up,
+    `error` compares a result with the reference in the folder (None: not compared).
     """
 
     load: Callable[[Path], Any]
@@ -76,7 +76,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table as it stands in docs/performance.md, with the one sentence that says how to read it."""
+    """A table of docs/performance.md, with one sentence of explanation."""
 
     title: str
     reading: str
@@ -116,7 +116,7 @@ def times_ours(row: Row, ours: Row) -> str:
 
 
 def measured(module: str, folder: Path, cases: Mapping[str, Case], rounds: int) -> list[Row]:
-    """All methods of all cases, by turns in so many rounds; what is not installed or fails is said in its row."""
+    """All methods of all cases, in alternating rounds; a missing package or a failure is stated in its row."""
     found: list[Row] = []
     for case, own in cases.items():
         tries: dict[str, list[Row]] = {name: [] for name in own.methods}
@@ -129,7 +129,7 @@ def measured(module: str, folder: Path, cases: Mapping[str, Case], rounds: int) 
 
 
 def best(rows: Sequence[Row]) -> Row:
-    """Least times and largest peak of the rounds; a failure stays one."""
+    """Least times and largest peak of the rounds; a failure is kept."""
     failed = [row for row in rows if row.failed]
     if failed:
         return failed[0]
@@ -138,7 +138,7 @@ def best(rows: Sequence[Row]) -> Row:
 
 
 def missing(packages: Sequence[str]) -> str:
-    """Packages that are not here, in words for a row; empty if all are."""
+    """Missing packages as text for a row; empty if all are installed."""
     gone = [name for name in packages if importlib.util.find_spec(name) is None]
     return f"not installed: {', '.join(gone)}" if gone else ""
 
@@ -152,7 +152,7 @@ def _attempt(module: str, folder: Path, case: str, name: str, method: Method) ->
 
 
 def spawn(module: str, *arguments: str) -> dict[str, Any]:
-    """A module of ours in a process of its own with one thread; the JSON that it prints last, or {"failed": why}."""
+    """A module of the benchmarks in a separate process with one thread; its last JSON line, or {"failed": reason}."""
     command = [sys.executable, "-m", module, *arguments]
     try:
         done = subprocess.run(
@@ -166,20 +166,20 @@ def spawn(module: str, *arguments: str) -> dict[str, Any]:
 
 
 def memory_mb(line: str) -> float:
-    """A line of this process's memory: VmHWM is its peak, VmRSS what it holds now [MB]."""
+    """A line of this process's memory: VmHWM is its peak, VmRSS its current size [MB]."""
     text = Path("/proc/self/status").read_text(encoding="ascii")
     return next(float(row.split()[1]) for row in text.splitlines() if row.startswith(line)) * 1024 / 1e6
 
 
 def forget_the_peak() -> float:
-    """Let the peak begin anew; returns what is held now [MB]."""
+    """Reset the peak; returns the current size [MB]."""
     gc.collect()
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     return memory_mb("VmRSS")
 
 
 def timed(work: Callable[[], Any], repeats: int = REPEATS) -> tuple[dict[str, float], Any]:
-    """Least CPU and wall [s] and the peak [MB] above what is held before, and the last answer."""
+    """Least CPU and wall [s] and the peak [MB] above the size before, and the last result."""
     before, cpu, wall = forget_the_peak(), float("inf"), float("inf")
     answer: Any = None
     for _ in range(repeats):

@@ -1,9 +1,9 @@
-"""Saturated buses captured in processes of their own while a report is rendered: frames lost, and the CPU share.
+"""Saturated buses captured in separate processes while a report is rendered: frames lost, and the CPU share.
 
     python -m benchmarks.saturated [--buses 4] [--rate 8500] [--seconds 30]
 
-A sender and its broker are one process a bus, the capture is the product's, frames carry a counter: the proof is that
-the journal holds every number once and in order. CPU is that of each process over the same time, from /proc.
+Each bus has one process with sender and broker, the capture is that of the bench, frames carry a counter: the proof is
+that the journal contains every number once and in order. CPU is that of each process over the same time, from /proc.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 def send(rate: float, seconds: float, parent: Connection) -> None:
-    """The sender's process: a broker, and counted frames at so many a second (0: as fast as it takes them)."""
+    """The sender's process: a broker, and counted frames at the given rate (0: as fast as possible)."""
     from drivers.sim.loopcan import Broker, LoopBus
 
     broker = Broker()
@@ -59,7 +59,7 @@ def send(rate: float, seconds: float, parent: Connection) -> None:
 
 
 def counted(start: int, end: int) -> np.ndarray:
-    """Frames with 8 bytes each that carry their own number."""
+    """Frames with 8 bytes each that contain their number."""
     frames = np.zeros(end - start, dtype=FRAME)
     frames["id"], frames["len"] = 0x120, 8
     frames["data"] = np.arange(start, end, dtype="<u8").view(np.uint8).reshape(-1, 8)
@@ -74,7 +74,7 @@ def cpu_s(pid: int) -> float:
 
 @contextmanager
 def reporting(folder: Path) -> Iterator[tuple[int, Callable[[], int]]]:
-    """A process that renders a report of a simulated run over and over; yields what counts them."""
+    """A process that renders a report of a simulated run repeatedly; yields their counter."""
     code = "import sys; from benchmarks.saturated import render; render(sys.argv[1], sys.argv[2])"
     command = [sys.executable, "-c", code, str(folder), str(folder / "count")]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
@@ -89,7 +89,7 @@ def reporting(folder: Path) -> Iterator[tuple[int, Callable[[], int]]]:
 
 
 def render(folder: str, count: str) -> None:
-    """Make a run, then its report over and over."""
+    """Make a run, then its report repeatedly."""
     from bench.analysis.effects.model import load_model
     from bench.commands import acquisition, analysis
 
@@ -123,7 +123,7 @@ class Line:
         self._pipe.send("go")
 
     def poll(self) -> bool:
-        """As the run's loop does once a second; whether the sender has done."""
+        """Poll as the loop of a run does once per second; returns whether the sender has ended."""
         self.polled += len(self.capture.poll())
         self.seen.append(self.capture.health())
         return self._pipe.poll(0)
@@ -133,7 +133,7 @@ class Line:
         return cpu_s(self.capture.pid), cpu_s(self.sender.pid)
 
     def finish(self) -> dict[str, Any]:
-        """Let the capture catch up, close, and hold the journal against the counter."""
+        """Let the capture catch up, close, and compare the journal with the counter."""
         sent, lasted_s = self._pipe.recv()
         begun = time.monotonic()
         while self.capture.health().frames < sent and time.monotonic() - begun < 60 and not self.capture.health().error:
@@ -166,7 +166,7 @@ class Line:
 
 
 def journalled(path: Path) -> tuple[np.ndarray, list[str]]:
-    """Numbers of the frames in a journal, and what its capture had to say."""
+    """Numbers of the frames in a journal, and the events of its capture."""
     frames, events = [np.zeros(0, dtype="<u8")], []
     for block in read_blocks(path):
         if block.kind is Kind.FRAMES:
@@ -177,7 +177,7 @@ def journalled(path: Path) -> tuple[np.ndarray, list[str]]:
 
 
 def trial(buses: int, rate: float, seconds: float, report: bool = True) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """So many buses at so many frames a second; what became of each, and what else ran."""
+    """A trial with the given number of buses and frame rate; result of each bus, and the load beside it."""
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -272,8 +272,8 @@ def main() -> None:
     parser.add_argument("--buses", type=int, default=4)
     parser.add_argument("--rate", type=float, default=8500.0)
     parser.add_argument("--seconds", type=float, default=30.0)
-    wishes = parser.parse_args()
-    found, others = trial(wishes.buses, wishes.rate, wishes.seconds)
+    options = parser.parse_args()
+    found, others = trial(options.buses, options.rate, options.seconds)
     for one in found:
         print(json.dumps(one))
     print(json.dumps(others), "load", os.getloadavg())

@@ -1,4 +1,4 @@
-"""What the table counts: was the hidden effect found, named, left in a tie, told apart?"""
+"""Counts of the table: whether the hidden effect was found, named, left in a tie, distinguished."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ def family(effect: str) -> str:
 
 
 def hidden_families(result: Result) -> set[str]:
-    """Families of what is hidden, as far as the library has them."""
+    """Families of the hidden mechanisms that the library covers."""
     names = [HIDDEN[name].effect for name in result["hidden"]]
     return {family(name) for name in names if name}
 
 
 def inside(results: Iterable[Result]) -> list[Result]:
-    """Results in which all that is hidden is in the library."""
+    """Results in which the library covers all hidden mechanisms."""
     return [r for r in results if all(HIDDEN[name].effect for name in r["hidden"])]
 
 
@@ -38,7 +38,7 @@ def tie(result: Result) -> bool:
 
 
 def unknown(result: Result) -> bool:
-    """The bench says that something is missing and that it has no name for it."""
+    """The bench reports that an unknown effect is missing."""
     return bool(result["verdict"] == "unknown_effect")
 
 
@@ -53,15 +53,15 @@ def in_three(result: Result) -> bool:
 
 
 def both(result: Result) -> bool:
-    """All that is hidden was found."""
+    """All hidden mechanisms were found."""
     return hidden_families(result) <= {family(name) for name in result["found"]}
 
 
 def tied(second: Iterable[Result]) -> list[Result]:
-    """Units that the first run leaves open and a second run was made of."""
+    """Units that the first run left undecided and that have a second run."""
     return [r for r in second if r["tied"] and "after" in r]
 
 
 def decided(result: Result, key: str) -> bool:
-    """The families are told apart, and rightly."""
+    """The families are distinguished correctly."""
     return not result[key]["tied"] and named({**result, **result[key]})

@@ -1,9 +1,9 @@
-"""A long simulated run with random faults: does anything leak, is every episode told, are the losses what was injected?
+"""A long simulated run with random faults: checks leaks, the report of every episode, and losses against injections.
 
     python -m benchmarks.soak --hours 24 --seed 1 [--out FOLDER]
 
 Prints one JSON object; exit code 1 when something is wrong. Bench time is simulated, the wires are real: Modbus TCP
-through a proxy that spoils answers, CAN frames through a wrapper that spoils frames. 24 h take about ten minutes.
+through a proxy that injects faults, CAN frames through a wrapper that injects faults. 24 h take about ten minutes.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def random_fault(rng: random.Random, at_s: float) -> dict[str, Any]:
 
 
 def random_faults(hours: float, seed: int, mean_s: float) -> list[dict[str, Any]]:
-    """Faults over so many hours, about one every `mean_s` [s]."""
+    """Faults over the given hours, about one every `mean_s` [s]."""
     rng, at_s, faults = random.Random(seed), 60.0, []
     while at_s < 3600.0 * hours - 120.0:
         faults.append(random_fault(rng, at_s))
@@ -85,7 +85,7 @@ def random_faults(hours: float, seed: int, mean_s: float) -> list[dict[str, Any]
 
 
 def profile_text(hours: float) -> str:
-    """Ramps of up to 40 degC at 1.5 degC/min and soaks, so many hours in all and a little more."""
+    """Ramps of up to 40 degC at 1.5 degC/min and soaks, slightly longer than the given hours in total."""
     cycles = max(round(hours / 2), 1)
     quarter_min = 15.0 * hours / cycles  # of a cycle: ramp, soak, ramp, soak
     high = 25.0 + min(40.0, 1.5 * quarter_min)
@@ -100,7 +100,7 @@ def profile_text(hours: float) -> str:
 
 @dataclass
 class Watcher:
-    """Looks at the process while the run goes on."""
+    """Observes the process during the run."""
 
     every_s: float
     seen: list[tuple[float, float, int, int]] = field(default_factory=list)
@@ -113,7 +113,7 @@ class Watcher:
             self.seen.append((status.t_s, resident_kb(), len(os.listdir("/proc/self/fd")), threading.active_count()))  # noqa: PTH208
 
     def quarters(self, column: int) -> dict[str, list[int]]:
-        """What was seen in the first and in the last quarter of the run."""
+        """Observations of the first and of the last quarter of the run."""
         quarter = max(len(self.seen) // 4, 1)
         parts = {"first_quarter": self.seen[:quarter], "last_quarter": self.seen[-quarter:]}
         return {name: sorted({int(row[column]) for row in rows}) for name, rows in parts.items()}
@@ -131,7 +131,7 @@ def resident_kb() -> float:
 
 
 def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: float = SAMPLE_S) -> dict[str, Any]:
-    """Run it; what was measured, and under `wrong` what should not be."""
+    """Run it; returns the measured values, and under `wrong` the violations."""
     faults = random_faults(hours, seed, mean_s)
     content = dict(config.read_yaml(STATION).content) | {"faults": faults, "seed": seed}
     text = profile_text(hours)
@@ -142,7 +142,7 @@ def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: flo
     result = run_job(job, watcher)
     took_s = time.monotonic() - started_s
     after = len(os.listdir("/proc/self/fd")), threading.active_count()  # noqa: PTH208
-    told = episodes(result.run)
+    reported = episodes(result.run)
     time_axis = axis(result.run)
     injection = watcher.station.injection  # type: ignore[union-attr]
     struck = {on: dict(wire.counts) for on, wire in injection.wires.items()}
@@ -160,7 +160,7 @@ def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: flo
         "state": manifest.state,
         "cause": manifest.cause,
         "losses": manifest.losses,
-        "events": told,
+        "events": reported,
         **time_axis,
         "rss_kb": [round(kb) for _, kb, _, _ in watcher.seen],
         "rss_slope_kb_per_h": round(watcher.slope_kb_per_h(), 1),
@@ -173,7 +173,7 @@ def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: flo
 
 
 def episodes(run: RunFolder) -> dict[str, int]:
-    """Number of events by kind; of those of a rehearsal, beginnings and ends apart."""
+    """Number of events by kind; for those of a rehearsal, beginnings and ends separately."""
     kinds: Counter[str] = Counter()
     for event in run.events():
         kinds[
@@ -183,7 +183,7 @@ def episodes(run: RunFolder) -> dict[str, int]:
 
 
 def axis(run: RunFolder) -> dict[str, Any]:
-    """How many samples there are, and whether their time stamps increase."""
+    """Number of samples, and whether their time stamps increase."""
     samples, last_s, backwards = 0, -1.0, 0
     with pq.ParquetFile(run.data) as file:
         for group in range(file.num_row_groups):
@@ -196,7 +196,7 @@ def axis(run: RunFolder) -> dict[str, Any]:
 
 
 def wrong(figures: dict[str, Any], faults: list[dict[str, Any]], hours: float) -> Iterator[str]:
-    """What must not be."""
+    """Violations."""
     losses = figures["losses"]
     if figures["hours"] < hours - 0.05:
         yield f"{figures['hours']} h instead of {hours:g}"
@@ -222,10 +222,10 @@ def wrong(figures: dict[str, Any], faults: list[dict[str, Any]], hours: float) -
 
 
 def leaks(figures: dict[str, Any], hours: float) -> Iterator[str]:
-    """What grows and must not."""
+    """Resources that grow although they must not."""
     if hours >= 4 and figures["rss_slope_kb_per_h"] > MOST_KB_PER_H:
         yield f"memory grows by {figures['rss_slope_kb_per_h']} kB/h"
-    for what in ("open_files", "threads"):  # a connection that is just being made anew may be seen twice
+    for what in ("open_files", "threads"):  # a connection that is being renewed may be counted twice
         most, least_late = max(figures[what]["first_quarter"]), min(figures[what]["last_quarter"])
         if least_late > most:
             yield f"{what} grow: {figures[what]}"

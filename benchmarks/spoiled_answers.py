@@ -1,4 +1,4 @@
-"""Is the chamber off, and is the truth told, when only its answers are spoiled and every request still reaches it?
+"""Checks that the chamber is off, and the report true, when only its answers are corrupted and all requests reach it.
 
     python -m benchmarks.spoiled_answers --out spoiled.jsonl --seed 1
 
@@ -66,7 +66,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of it."""
+    """Result of one run."""
 
     case: Case
     off: bool
@@ -82,12 +82,12 @@ class Outcome:
 
     @property
     def unverified(self) -> bool:
-        """Whether the bench says that it could not verify the safe state."""
+        """Whether the bench reports that it could not verify the safe state."""
         return NOT_VERIFIED in self.said
 
     @property
     def wrong(self) -> str:
-        """What is not as it should be; empty: nothing."""
+        """Violations; empty if there are none."""
         if not self.off:
             return "the chamber is on"
         if self.case.when == "before" and not self.struck_at_end:
@@ -100,7 +100,7 @@ class Outcome:
 
 
 def cases(seed: int, maps: Sequence[str] = ()) -> list[Case]:
-    """All of them, in an order that the seed gives."""
+    """All cases, in an order given by the seed."""
     found = []
     for name in maps or list_maps():
         registers = load_map(name).registers.values()
@@ -133,7 +133,7 @@ def run_case(case: Case, seed: int, folder: Path) -> Outcome:
 
 
 class _Watcher:
-    """Arms the proxy when its time has come, and ends the run where the safe state is what matters."""
+    """Arms the proxy at the right time, and ends the run for cases of the safe state."""
 
     def __init__(self, when: When, proxies: list[SpoilingProxy]) -> None:
         self.began, self.struck, self.at_last = False, None if when == "before" else 0, 0
@@ -156,7 +156,7 @@ class _Watcher:
 
 @contextmanager
 def _spoiled(case: Case, seed: int) -> Iterator[tuple[list[SimulatedStation], list[SpoilingProxy]]]:
-    """The station's simulator is kept in sight, and its link goes through the proxy."""
+    """Keeps a reference to the station's simulator, and routes its link through the proxy."""
     worlds: list[SimulatedStation] = []
     proxies: list[SpoilingProxy] = []
     simulate = opening.simulate

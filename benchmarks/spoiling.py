@@ -1,6 +1,6 @@
-"""A proxy of the tests' own between driver and chamber: every request passes, chosen answers are spoiled.
+"""A separate proxy of the tests between driver and chamber: it forwards every request and corrupts chosen answers.
 
-Independent of `drivers.sim.faults`, which the bench offers for rehearsals: it speaks Modbus TCP on plain sockets.
+Independent of `drivers.sim.faults`, which the bench offers for rehearsals: it implements Modbus TCP on plain sockets.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LATE_S = 0.4
 
 @dataclass(frozen=True)
 class Spoiled:
-    """What is sent instead of an answer: pieces after waiting [s], and what becomes of the connection."""
+    """Bytes sent instead of an answer: pieces after delays [s], and whether the connection is kept."""
 
     pieces: Sequence[tuple[float, bytes]] = ()
     then: Literal["stay", "close", "reset"] = "stay"
@@ -36,7 +36,7 @@ def _one(data: bytes) -> Spoiled:
 
 
 def _framed(answer: bytes, pdu: bytes) -> Spoiled:
-    """The same header with another content, its length right."""
+    """The same header with another content and the correct length."""
     return _one(answer[:4] + struct.pack(">H", len(pdu) + 1) + answer[6:HEADER] + pdu)
 
 
@@ -45,7 +45,7 @@ def _exception(code: int) -> Spoil:
 
 
 def _replaced(at: int, change: Callable[[int], int]) -> Spoil:
-    """One byte of the answer is another one."""
+    """One byte of the answer is replaced."""
     return lambda request, answer, rng: _one(answer[:at] + bytes([change(answer[at]) & 0xFF]) + answer[at + 1 :])
 
 
@@ -54,7 +54,7 @@ def _length(value: int) -> Spoil:
 
 
 def _filled(byte: int) -> Spoil:
-    """Right frame, every data byte the same: registers for a read, address and value for a write."""
+    """Correct frame, all data bytes equal: registers for a read, address and value for a write."""
 
     def spoil(request: bytes, answer: bytes, rng: random.Random) -> Spoiled:
         kept = HEADER + (2 if answer[HEADER] in (3, 4) else 1)
@@ -138,7 +138,7 @@ class SpoilingProxy:
         threading.Thread(target=self._accept, name="spoiling proxy", daemon=True).start()
 
     def close(self) -> None:
-        """Accept nobody any more; threads of open connections end with them."""
+        """Accept no further connections; threads of open connections end with them."""
         self._ends.set()
         with contextlib.suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
@@ -168,7 +168,7 @@ class SpoilingProxy:
                     return
 
     def _send(self, client: socket.socket, spoiled: Spoiled) -> bool:
-        """Whether the connection stays."""
+        """Whether the connection is kept."""
         for wait_s, data in spoiled.pieces:
             if self._ends.wait(wait_s):
                 return False
@@ -179,7 +179,7 @@ class SpoilingProxy:
 
 
 def _frame(source: socket.socket) -> bytes:
-    """One frame with its header; EOFError when the peer is gone."""
+    """One frame with its header; EOFError when the peer has closed the connection."""
     head = _exactly(source, HEADER)
     return head + _exactly(source, int.from_bytes(head[4:6], "big") - 1)
 

@@ -31,7 +31,7 @@ _LEVEL = 0.95  # of clean runs below a peer's threshold
 _HEAD = """# Hidden effects: how often the bench names them
 
 Written by `python -m benchmarks.hidden_effects`; {cases} cases, {seeds} seeds. Every case is a simulated unit whose
-truth integrates states of its own and shares no formula with the analysis. The model diagnosed is a static spline with
+truth integrates separate states and shares no formula with the analysis. The model diagnosed is a static spline with
 8 intervals; beside the run there is an isothermal run of three hours. Noise: 0.01 deg/sqrt(h), 0.03 deg/h, 0.03
 deg/h/sqrt(h).
 
@@ -147,8 +147,8 @@ def _outside(single: Sequence[Result]) -> str:
         for strength in strengths:
             these = [r for r in own if r["hidden"] == [name] and r["strength"] == strength]
             wrong = sorted({r["found"][0] for r in these if r["found"] and r["verdict"] == "missing_effect"})
-            said = _share(these, unknown)
-            cells.append(f"{said} (named {', '.join(wrong)})" if wrong else said)
+            share = _share(these, unknown)
+            cells.append(f"{share} (named {', '.join(wrong)})" if wrong else share)
         rows.append((name, *cells))
     return table(("hidden", *(f"{s:g}" for s in strengths)), rows)
 

@@ -1,4 +1,4 @@
-"""One case of the campaign: record, diagnose, and ask the peers."""
+"""One case of the campaign: record, diagnose, and run the peers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CHECK, _AGAIN, _SECOND, _STILL = 1, 2, 3, 4  # numbers of the runs of one unit
 
 
 def run(kind: str, hidden: tuple[str, ...], strength: float, seed: int, profile: str) -> dict[str, Any]:
-    """Everything that the table needs of one case."""
+    """All data of one case for the table."""
     case = cases.case(hidden, strength, seed, profile, MODEL)
     still = case.quiet(cases.STATIC, _STILL)
     first = case.run(profile)
@@ -37,7 +37,7 @@ def run(kind: str, hidden: tuple[str, ...], strength: float, seed: int, profile:
     unseen = [case.run(cases.LOOPS, _CHECK)] if tried else []
     began = time.process_time()
     found = diagnose([first], MODEL, check=unseen, static=still)
-    result = {"processor_s": round(time.process_time() - began, 2), **_said(found)}
+    result = {"processor_s": round(time.process_time() - began, 2), **_content(found)}
     if unseen:
         result |= _held_out(case, first, unseen[0], found)
     given = peers.shelf(first, MODEL)
@@ -46,7 +46,7 @@ def run(kind: str, hidden: tuple[str, ...], strength: float, seed: int, profile:
     return result
 
 
-def _said(found: Diagnosis) -> dict[str, Any]:
+def _content(found: Diagnosis) -> dict[str, Any]:
     listed = [
         {"effect": s.effect, "found": s.found, "evidence": round(s.evidence, 2), "alike": s.look_alikes}
         for s in found.suspects
@@ -64,7 +64,7 @@ def _said(found: Diagnosis) -> dict[str, Any]:
 
 
 def _held_out(case: cases.Case, first: Dataset, check: Dataset, found: Diagnosis) -> dict[str, Any]:
-    """RMS on the unseen run over its realised noise: the present model, with what was named, its rival, the truth."""
+    """RMS on the unseen run over its realised noise: current model, named effects, rival, truth."""
     noise = cases.rms(case.noise(cases.LOOPS, _CHECK))
     named = [s for s in found.suspects if s.found]
     rival = next((s for s in found.suspects if not s.found), None)
@@ -86,15 +86,15 @@ def _true(names: Sequence[str], first: Dataset) -> Model:
 
 
 def _error(model: Model, first: Dataset, check: Dataset) -> float:
-    """RMS on the check run of a model fitted to the first, apart from the constant between two days."""
+    """RMS on the check run of a model fitted to the first, without the constant between two days."""
     left = check.bias - fit_model(model, first, covariance="none").predict(check).bias
     return cases.rms(left - np.nanmean(left))
 
 
 def _second(case: cases.Case, first: Dataset, still: Dataset) -> dict[str, Any]:
-    """After the run that the bench proposes, and after the first run again: are the families told apart?"""
+    """After the run that the bench proposes, and after the first run again: whether the families are distinguished."""
     before = diagnose([first], MODEL, static=still)
-    result = {**_said(before), "tied": _tied(before)}
+    result = {**_content(before), "tied": _tied(before)}
     if not result["tied"]:
         return result
     proposal = next_experiment(before, [first], static=still)
@@ -104,7 +104,7 @@ def _second(case: cases.Case, first: Dataset, still: Dataset) -> dict[str, Any]:
     for name, profile, number in (("after", proposal.profile_yaml, _SECOND), ("repeated", case_profile(first), _AGAIN)):
         second = case.run(profile, number)
         both = diagnose([first, replace(second, name=f"{second.name} {number}")], MODEL, static=still)
-        result[name] = {**_said(both), "tied": _tied(both)}
+        result[name] = {**_content(both), "tied": _tied(both)}
     result["predicted"] = [round(x, 1) if np.isfinite(x) else None for x in result["predicted"]]
     return result
 
@@ -115,6 +115,6 @@ def case_profile(first: Dataset) -> str:
 
 
 def _tied(found: Diagnosis) -> list[str]:
-    """Families that the answer leaves open; one where it is decided, none where nothing was found."""
+    """Families that the result leaves open: one if it is decided, empty if nothing was found."""
     named = {s.effect for s in found.found[:1]} | set(found.found[0].look_alikes if found.found else ())
     return sorted({effects.make(name).family for name in named} if len(named) > 1 else ())

@@ -1,7 +1,7 @@
-"""The page on the bench, measured in a real browser: `python -m benchmarks.web [--updates 432000] [--docs]`.
+"""The page, measured in a real browser: `python -m benchmarks.web [--updates 432000] [--docs]`.
 
 First page, a day of live updates at 5 Hz without growing, the server's work for each browser, the filter of 10,000
-runs, and how soon a hidden effect is found. Prints one Markdown table; `--docs` puts it into docs/web.md, too.
+runs, and the time to find a hidden effect. Prints one Markdown table; `--docs` also writes it to docs/web.md.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def first_page(browser: Browser, address: str) -> Row:
 
 
 def resident_mib(pid: int) -> float:
-    """Of the server itself; its computing processes stand idle."""
+    """Memory of the server process; its computing processes are idle."""
     return int(re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text())[1]) / 1024  # type: ignore[index]
 
 
@@ -108,7 +108,7 @@ def cpu_s(pid: int) -> float:
 
 
 def weighed(page: Page) -> dict[str, float]:
-    """What the page holds after everything that nobody needs is gone."""
+    """Memory of the page after a garbage collection."""
     session = page.context.new_cdp_session(page)
     for _ in range(3):
         session.send("HeapProfiler.collectGarbage")
@@ -124,7 +124,7 @@ def go_on(process: Any, ticks: int) -> None:
 
 
 def renderer(browser: Browser) -> int:
-    """Process of the page: the largest one that draws."""
+    """Renderer process of the page: the largest one."""
     session = browser.new_browser_cdp_session()
     found = session.send("SystemInfo.getProcessInfo")["processInfo"]
     session.detach()
@@ -132,7 +132,7 @@ def renderer(browser: Browser) -> int:
 
 
 def a_day(browser: Browser, out: Path, updates: int) -> list[Row]:
-    """The live page through as many updates as a day has at 5 Hz, as fast as it shows them; weighed while it rests."""
+    """The live page through as many updates as a day has at 5 Hz, as fast as possible; memory is measured at rest."""
     rows = []
     with child("-m", "benchmarks.web_source", str(out), "0") as (process, address):
         page = browser.new_context(base_url=address, viewport={"width": 1440, "height": 900}).new_page()
@@ -148,10 +148,10 @@ def a_day(browser: Browser, out: Path, updates: int) -> list[Row]:
                 page.evaluate(DRAWN, ticks)
             sleep(2)
             before, seen = resident_mib(renderer(browser)), weighed(page)
-            told = f"heap {seen['heap']:.1f} MiB, {seen['nodes']:.0f} nodes, {seen['listeners']:.0f} listeners"
-            told += f"; its process {before:.0f}, then {resident_mib(renderer(browser)):.0f} MiB"
-            told += f", server {resident_mib(process.pid):.0f} MiB"
-            rows.append((f"live page after {page.evaluate('globalThis.updates'):,} updates", told))
+            measured = f"heap {seen['heap']:.1f} MiB, {seen['nodes']:.0f} nodes, {seen['listeners']:.0f} listeners"
+            measured += f"; its process {before:.0f}, then {resident_mib(renderer(browser)):.0f} MiB"
+            measured += f", server {resident_mib(process.pid):.0f} MiB"
+            rows.append((f"live page after {page.evaluate('globalThis.updates'):,} updates", measured))
             print(*rows[-1], f"{perf_counter() - begin:.0f} s", flush=True)
         page.context.close()
     return rows
@@ -189,7 +189,7 @@ def mystery(root: Path) -> Path:
 
 
 def filtered(browser: Browser, out: Path, run: Path) -> Row:
-    """From a word typed into the list of 10,000 runs to the list that fits."""
+    """From a word typed into the list of 10,000 runs to the filtered list."""
     for i in range(10_000):
         folder = out / f"U-{i // 20:04d}" / f"2026{1 + i % 12:02d}{1 + i % 28:02d}T{i % 20:02d}0000Z_ramp"
         folder.mkdir(parents=True)

@@ -1,7 +1,7 @@
-"""A server of the page with a run that exists only as pictures: `python -m benchmarks.web_source OUT HZ`.
+"""A server of the page with a run that exists only as states: `python -m benchmarks.web_source OUT HZ`.
 
-All is the real one but the answer of the run: instead of asking a process, the watcher is given the next tick. HZ 0 is
-as fast as the browser takes them; nothing is dropped then. Ticks go on as far as the newest number on stdin says.
+Everything is real except the answer of the run: instead of asking a process, the watcher gets the next tick. HZ 0 is
+as fast as the browser reads them, without dropping any. Ticks continue up to the last number on stdin.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PROFILE = (
 
 
 class Source:
-    """A run of one unit: a tick for each question."""
+    """A run of one unit: a tick for each request."""
 
     def __init__(self) -> None:
         self.trace, self.ticks, self._most = Trace(), 0, 1
@@ -44,7 +44,7 @@ class Source:
 
     @property
     def rests(self) -> bool:
-        """Whether there is no tick to tell of."""
+        """Whether all ticks were sent."""
         return self.ticks >= self._most
 
     def ask(self, _run: Any, _action: str, *_: Any, since: int = 0, generation: int = 0, **__: Any) -> dict[str, Any]:
@@ -74,7 +74,7 @@ class Source:
 
 
 def unhindered(app: Any, watcher: Any, source: Source) -> None:
-    """Take a turn whenever every browser has got what was told before; pictures are never dropped then."""
+    """Continue when every browser has received the last state, so that states are never dropped."""
 
     def run() -> None:
         looked_s = 0.0

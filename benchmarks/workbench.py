@@ -1,6 +1,6 @@
-"""How long the workbench lets one wait: `python -m benchmarks.workbench OUT UNIT/RUN` (a 500 Hz run of some hours).
+"""Waiting times of the workbench: `python -m benchmarks.workbench OUT UNIT/RUN` (a 500 Hz run of some hours).
 
-Ten thousand copies of the run's small files make the list; the rest is asked over HTTP as the page asks it.
+Ten thousand copies of the run's small files make the list; the rest is requested over HTTP as by the page.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """An Ideal Aerosmith rate table (1270VS and relatives): ASCII over RS-232, 9600 8N1.
 
 A command ends with CR, an answer with `>`; a `?` in the answer is an error. Source: two independent public programs
-that drive such tables (a sinusoid test and a laboratory's README), not the maker's manual: what they leave
-open is marked uncertain below and verified on the table. The rate is that of the position over time, so it is right
-whatever the unit of JOG is. Nothing in this protocol stops the axis when the bench dies: keep the table's own limit.
+that drive such tables (a sinusoid test and a laboratory's README), not the manufacturer's manual. What they do not
+define is marked uncertain below and verified on the table. The rate is computed from position over time, so it is
+correct for any unit of JOG. This protocol does not stop the axis when the bench stops responding: set the table's own
+limit.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ JogUnit = Literal["deg/s", "deg/min"]
 JOG_PER_DPS: dict[JogUnit, float] = {"deg/s": 1.0, "deg/min": 60.0}
 """Uncertain: one source sends +-360 and comments `1-21600 deg/min`. Verified by position over time in `enable`."""
 SERVO_ON, SERVO_OFF = "SRV1", "SRV0"
-"""Uncertain: the sources name SRV for the motor, not its argument."""
+"""Uncertain: the sources give SRV as the motor command, without its argument."""
 ERROR = "?"
 PROBE_S = 6.0
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?")
@@ -55,30 +56,30 @@ class AerosmithTable:
             raise LinkError(f"{self._name} does not open: {error}") from error
 
     def identify(self) -> str:
-        """Position and motion status have the form that the description says; nothing moves."""
+        """Check that position and motion status have the described form; nothing moves."""
         position, moving = self._number("PPO"), self._number("MCO5")
         return f"{self._name}: position {position:g} deg, motion status {moving:g}"
 
     def prepare(self) -> tuple[str, ...]:
         """Nothing to set up."""
-        return ("the table does not stop by itself when the bench falls silent",)
+        return ("the table does not stop by itself when the bench stops sending",)
 
     def enable(self) -> None:
-        """Motor on, then the unit of JOG by position over time, at the smallest number that is one."""
+        """Switch the motor on, then verify the unit of JOG by position over time, at JOG1."""
         self.enabled = True
         self._ask(SERVO_ON)
         self._ask(f"ACL{self.limits.accel_dps2:g}")
         self._ask("JOG1")
-        found = self._measure(PROBE_S)
+        measured = self._measure(PROBE_S)
         self.stop()
-        wanted = 1.0 / JOG_PER_DPS[self._unit]
-        if not abs(found - wanted) <= 0.1 * wanted:
-            near = next((unit for unit, per in JOG_PER_DPS.items() if abs(found * per - 1.0) <= 0.1), "neither")
-            text = f"JOG1 turns {found:.4f} deg/s: the unit is {near}, the station file says {self._unit}"
+        expected = 1.0 / JOG_PER_DPS[self._unit]
+        if not abs(measured - expected) <= 0.1 * expected:
+            near = next((unit for unit, per in JOG_PER_DPS.items() if abs(measured * per - 1.0) <= 0.1), "unknown")
+            text = f"JOG1 turns {measured:.4f} deg/s: the unit is {near}, the station file states {self._unit}"
             raise IdentityError(f"{self._name}: {text}; correct jog_unit")
 
     def set_rate(self, rate_dps: float, accel_dps2: float | None = None) -> None:
-        """Acceleration, then jog; the protocol has no command that reads either back, `poll` shows the rate."""
+        """Set the acceleration, then jog; the protocol cannot read either back, `poll` shows the rate."""
         accel = self.limits.accel_dps2 if accel_dps2 is None else accel_dps2
         self.limits.check(rate_dps, accel)
         self._ask(f"ACL{accel:g}")
@@ -90,7 +91,7 @@ class AerosmithTable:
         return self._measure(0.5)
 
     def position(self) -> float:
-        """By the encoder, now, turns included [deg]."""
+        """Current encoder position, turns included [deg]."""
         return self._read()[1]
 
     def poll(self) -> TableArray:
@@ -102,17 +103,17 @@ class AerosmithTable:
         return table_array([((before[0] + now_s) / 2, (position - before[1]) / (now_s - before[0]), position)])
 
     def stop(self) -> None:
-        """STO, then wait until the position stands."""
+        """Send STO, then wait until the position is constant."""
         limit_s = abs(self.commanded_dps) / self.limits.accel_dps2 + 5.0
         self._ask("STO")
         self.commanded_dps = 0.0
         until_s = self._clock.now() + limit_s
         while abs(now_dps := self.rate()) > STOPPED_DPS:
             if self._clock.now() >= until_s:
-                raise ReadBackError(f"{self._name}: still turns {now_dps:.2f} deg/s {limit_s:.0f} s after STO")
+                raise ReadBackError(f"{self._name}: still turns at {now_dps:.2f} deg/s {limit_s:.0f} s after STO")
 
     def safe(self) -> list[SafeStep]:
-        """Stop, standing, motor off."""
+        """Stop, verify the standstill, switch the motor off."""
         if not self.enabled:
             return []
         steps = [attempt("rate table stands", self._stand), attempt("rate table off", self._switch_off)]
@@ -125,14 +126,14 @@ class AerosmithTable:
 
     def _stand(self) -> str:
         self.stop()
-        return f"position stands, motion status {self._number('MCO5'):g}"
+        return f"position is constant, motion status {self._number('MCO5'):g}"
 
     def _switch_off(self) -> str:
         self._ask(SERVO_OFF)
         return "acknowledged"
 
     def _measure(self, time_s: float) -> float:
-        """Position over time [deg/s], once the table has got there."""
+        """Position over time [deg/s], after the table has reached its rate."""
         if time_s > 1.0:
             self._clock.sleep_until(self._clock.now() + 1.0)
         from_s, start = self._read()
@@ -141,10 +142,10 @@ class AerosmithTable:
         return (end - start) / (to_s - from_s)
 
     def _read(self) -> tuple[float, float]:
-        """Bench time [s] and position [deg]; a position that is counted modulo 360 is unwound."""
-        asked_s = self._clock.now()
+        """Bench time [s] and position [deg]; a position that is counted modulo 360 is unwrapped."""
+        sent_s = self._clock.now()
         answer = self._number("PPO")
-        t_s = (asked_s + self._clock.now()) / 2
+        t_s = (sent_s + self._clock.now()) / 2
         if self._last is None:
             position = answer
         else:
@@ -159,11 +160,11 @@ class AerosmithTable:
     def _number(self, command: str) -> float:
         answer = self._ask(command)
         if (match := _NUMBER.search(answer)) is None:
-            raise IdentityError(f"{self._name}: {command} answers {answer!r}, which holds no number")
+            raise IdentityError(f"{self._name}: {command} answers {answer!r}, which contains no number")
         return float(match.group())
 
     def _ask(self, command: str) -> str:
-        """Send a command and return its answer; what an earlier one left behind is thrown away first."""
+        """Send a command and return its answer; unread bytes of earlier answers are discarded first."""
         try:
             self._port.reset_input_buffer()
             self._port.write(f"{command}\r".encode("ascii"))

@@ -1,7 +1,8 @@
 """The captures that put every frame of a CAN bus into a journal.
 
-`InProcessCapture` serves a simulated bus in lock-step. `ProcessCapture` serves a real bus: an OS process of its own
-with a bare receive loop, because analysis in the same process holds the interpreter longer than a kernel buffers.
+`InProcessCapture` serves a simulated bus in lock-step. `ProcessCapture` serves a real bus in a separate OS process
+that only receives, because analysis in the same process would block the interpreter for longer than the kernel buffers
+frames.
 """
 
 from __future__ import annotations
@@ -30,23 +31,23 @@ __all__ = ["BusSettings", "Capture", "CaptureHealth", "InProcessCapture", "Proce
 
 
 class Capture(Protocol):
-    """Puts every frame of a bus into a journal and hands it on."""
+    """Writes every frame of a bus to a journal, and returns it."""
 
     def poll(self) -> FrameArray:
         """Frames since the last call, (n,); what could not be received is in `health().error`."""
 
     def health(self) -> CaptureHealth:
-        """How the capture is."""
+        """State of the capture."""
 
     def close(self) -> None:
         """Stop and close what the capture opened."""
 
 
 class InProcessCapture:
-    """Drains a bus into a journal whenever it is polled. Bus and journal remain the caller's.
+    """Moves all waiting frames of a bus to a journal at each poll. The caller owns bus and journal.
 
-    `stamp` turns a `Message.timestamp` [s] into bench time [ns]; without it the bus carries bench time already, as
-    a simulated one does. `now` is bench time [s] for errors and events; without it they get that of the last frame.
+    `stamp` converts a `Message.timestamp` [s] to bench time [ns]; without it the timestamps must be bench time, as on
+    a simulated bus. `now` is bench time [s] for errors and events; without it they get the time of the last frame.
     A bus that fails is tried again at the next poll. OSError of the journal (a full disk) reaches the caller.
     """
 
@@ -78,7 +79,7 @@ class InProcessCapture:
         return frames
 
     def health(self) -> CaptureHealth:
-        """Counts so far and what is wrong with the bus."""
+        """Counts so far, and the error of the bus."""
         tally = self._tally
         return CaptureHealth(
             tally.frames,
@@ -92,7 +93,7 @@ class InProcessCapture:
         )
 
     def close(self) -> None:
-        """Take what is left on the bus."""
+        """Journal the frames that are still on the bus."""
         self.poll()
         summarise(self._writer, self._tally, self._now())
 
@@ -106,7 +107,7 @@ class InProcessCapture:
             self._writer.append(Kind.FRAMES, block.tobytes(), len(block), self._tally.last_ns * 1e-9)
 
     def _report(self, error: str | None) -> None:
-        """An event when the bus begins to fail, and one when it is back."""
+        """Journal an event when the bus begins to fail, and another one when it works again."""
         if (error is None) == (self._error is None):
             self._error = error
             return
@@ -131,16 +132,16 @@ class InProcessCapture:
                 except ValueError:  # CAN FD with more than 8 bytes
                     self._tally.unreadable += 1
         except (can.CanError, OSError):
-            if not records:  # what came before the failure is kept; the next poll meets the failure again
+            if not records:  # frames from before the failure are kept; the next poll meets the failure again
                 raise
         return to_frames(records) if records else NO_FRAMES
 
 
 class ProcessCapture:
-    """Captures a bus in an OS process of its own; frames reach this process through the journal.
+    """Captures a bus in a separate OS process; frames reach this process through the journal.
 
     `start_monotonic_ns` is the monotonic time [ns] at bench time 0. Raises ConfigError or LinkError when the bus does
-    not open. Afterwards nothing raises: `health().error` says what is wrong, and the process opens a failed bus again.
+    not open. Afterwards nothing raises: `health().error` reports the error, and the process opens a failed bus again.
     It ends on `close()`, and by itself when this process dies.
     """
 
@@ -150,7 +151,7 @@ class ProcessCapture:
         self, settings: BusSettings, journal_path: Path, start_monotonic_ns: int, timeout_s: float = 30.0
     ) -> None:
         self._tail = JournalTail(journal_path)
-        self._tail.poll()  # frames of an earlier capture into the same journal are not news
+        self._tail.poll()  # skips frames of an earlier capture into the same journal
         context = multiprocessing.get_context("spawn")
         self._beat = Beat(context, str(settings))
         self._control, child_end = context.Pipe()
@@ -174,12 +175,12 @@ class ProcessCapture:
         return self._process.pid
 
     def poll(self) -> FrameArray:
-        """Frames that were journalled since the last call, (n,); the last ones are there after `close()`."""
+        """Frames that were journalled since the last call, (n,); the last ones are available after `close()`."""
         parts = [block.frames() for block in self._tail.poll() if block.kind is Kind.FRAMES]
         return joined(parts) if parts else NO_FRAMES
 
     def health(self) -> CaptureHealth:
-        """The last heartbeat; a process that has died or is silent for a second is an error."""
+        """The last heartbeat; a process that has died, or has sent none for a second, is an error."""
         health = self._beat.health()
         if not self._process.is_alive():
             code = self._process.exitcode
@@ -189,7 +190,7 @@ class ProcessCapture:
         return health
 
     def close(self) -> None:
-        """End the process; what the bus still held is journalled first. A second call does nothing."""
+        """End the process; frames that wait on the bus are journalled first. A second call does nothing."""
         self._control.close()
         self._process.join(5.0)
         if self._process.is_alive():
@@ -213,16 +214,16 @@ def _capture_process(
 ) -> None:
     """Main function of the capture process."""
     parent_pid = os.getppid()
-    told: list[int] = []
+    received: list[int] = []
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides when to stop
-    signal.signal(signal.SIGTERM, lambda number, _: told.append(number))
+    signal.signal(signal.SIGTERM, lambda number, _: received.append(number))
     raise_priority()
-    said_to_stop = stop_when(control, parent_pid)
+    stop_requested = stop_when(control, parent_pid)
     writer = None
     try:
         writer = JournalWriter(journal_path)
         recorder = Recorder(lambda: open_bus(settings), writer, beat, start_monotonic_ns)
-        recorder.run(lambda: control.send(None), lambda: bool(told) or said_to_stop())
+        recorder.run(lambda: control.send(None), lambda: bool(received) or stop_requested())
     except DriverError as error:  # the bus did not open; the parent raises it
         control.send(error)
     except (OSError, ValueError) as error:  # a full disk, or frames that the journal cannot hold

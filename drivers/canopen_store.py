@@ -20,14 +20,14 @@ Transfer = Literal["segmented", "expedited"]
 
 
 class CanopenStore(CoefficientStore):
-    """Node `node`; an image goes as one segmented transfer, or word by word for a unit that knows no segments."""
+    """Node `node`; an image is one segmented transfer, or word by word for a unit without segmented transfer."""
 
     def __init__(self, line: UnitLine, node: int, transfer: Transfer = "segmented") -> None:
         super().__init__(line)
-        logging.getLogger("canopen").setLevel(logging.CRITICAL)  # its errors are ours to tell
+        logging.getLogger("canopen").setLevel(logging.CRITICAL)  # we report its errors
         self._node, self._transfer = node, transfer
         self._answers = 0
-        self._broken: DriverError | None = None  # canopen goes on for a while after an error: the first one counts
+        self._broken: DriverError | None = None  # canopen continues for a while after an error: the first one counts
         network = canopen.Network()
         network.send_message = self._send
         self._sdo = network.add_node(canopen.RemoteNode(node, canopen.ObjectDictionary())).sdo
@@ -35,7 +35,7 @@ class CanopenStore(CoefficientStore):
         line.listen(SDO_ANSWER + node, self._on_answer)
 
     def get(self, what: Memory) -> bytes:
-        """Read a value; an image of single words as long as its header says."""
+        """Read a value; the header of an image that is read word by word states its length."""
         if self._transfer == "expedited" and what.value.size == 0:
             return self._words(what.value.sub)
         with self._wire(what.name):
@@ -57,7 +57,7 @@ class CanopenStore(CoefficientStore):
                 self._sdo.download(*flash_objects.word_object(bank, word), image[4 * word : 4 * word + 4])
 
     def reset(self) -> None:
-        """NMT: reset node."""
+        """Send NMT reset node."""
         self.line.send(0, bytes([NMT_RESET, self._node]))
 
     def _words(self, bank: int) -> bytes:
@@ -70,7 +70,7 @@ class CanopenStore(CoefficientStore):
             return head + b"".join(rest)
 
     def _send(self, identifier: int, data: bytes, remote: bool = False) -> None:
-        """Send a request and wait for its answer, so that canopen finds it when it looks."""
+        """Send a request and wait for its answer, so that canopen finds it at once."""
         before = self._answers
         if self._broken is not None:
             raise self._broken

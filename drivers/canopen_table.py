@@ -1,8 +1,8 @@
-"""A rate table with a CiA 402 drive in profile velocity mode, through `canopen`, on a CAN channel of its own.
+"""A rate table with a CiA 402 drive in profile velocity mode, through `canopen`, on a separate CAN channel.
 
 The drive reports its encoder on a transmit PDO with each reading's time of arrival; one SDO read of the status word
-ends every poll, so that everything the drive sent before has been taken in. The drive is told to stop by itself when
-it no longer hears us (0x1016, 0x6007): our heartbeat is sent by `poll`, so a hung bench stops the axis, too.
+ends every poll, so that everything the drive sent before has been received. The drive is configured to stop by itself
+when our heartbeat is missing (0x1016, 0x6007). `poll` sends our heartbeat, so a hung bench stops the axis, too.
 """
 
 from __future__ import annotations
@@ -24,32 +24,32 @@ from drivers.errors import ConfigError, IdentityError, LinkError, ReadBackError,
 from drivers.rate_table import STOPPED_DPS, SafeStep, TableArray, TableLimits, attempt, table_array
 
 MASTER = 0x7F
-"""Our own node number, for the heartbeat that the drive watches."""
+"""Our node number, for the heartbeat that the drive supervises."""
 ANSWER_S, ANSWERS = 0.5, 3
-"""How long an answer is waited for [s], and how often it is asked for: together less than the drive's patience."""
+"""Timeout of an answer [s], and attempts: together less than the drive's heartbeat timeout."""
 PROBE_DPS, PROBE_S = 1.0, 2.0
 _PDO, _BEAT = 0x180, 0x700
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What cannot be read from the drive."""
+    """Settings that cannot be read from the drive."""
 
     node: int
     counts_per_degree: float
-    """Units of position in one degree of the table, gear included; velocity in the same units per second."""
+    """Units of position per degree of the table, gear included; velocity in the same units per second."""
     sample_ms: int = 20
     """Interval of the encoder readings."""
     heartbeat_s: float = 3.0
-    """Longest silence, either way, before the axis is stopped."""
+    """Longest interval without a heartbeat, in either direction, before the axis is stopped."""
     latency_s: float = 0.0
-    """By how much a reading's velocity lags behind the motion."""
+    """Lag of a reading's velocity behind the motion."""
     vendor: int | None = None
-    """Vendor number (0x1018:1) that has to answer; None: any."""
+    """Required vendor number (0x1018:1); None: any."""
 
 
 class CanopenTable:
-    """One axis. The bus is the caller's; nothing else may send on it. See `drivers.rate_table.RateTable`."""
+    """One axis. The caller owns the bus; nothing else may send on it. See `drivers.rate_table.RateTable`."""
 
     def __init__(
         self,
@@ -59,7 +59,7 @@ class CanopenTable:
         clock: Clock,
         stamp: Callable[[float], float] = lambda timestamp_s: timestamp_s,
     ) -> None:
-        """`stamp` makes bench time [s] of the time stamp of a message at its arrival."""
+        """`stamp` converts the time stamp of a message at its arrival to bench time [s]."""
         self.limits = limits
         self.commanded_dps = 0.0
         self.enabled = False
@@ -67,7 +67,7 @@ class CanopenTable:
         self._readings: deque[tuple[float, float, float]] = deque()
         self._turns = 0  # of the 32-bit position register
         self._last_counts = 0
-        self._heard_s = clock.now()
+        self._last_sign_s = clock.now()
         self._beats = 0
         self._by_pdo = False
         if limits.rate_dps * drive.counts_per_degree >= 1 << 31:
@@ -84,7 +84,7 @@ class CanopenTable:
     # ---- before it turns --------------------------------------------------------------------------------------------
 
     def identify(self) -> str:
-        """Device profile 402 and profile velocity among its modes; writes nothing."""
+        """Check device profile 402 and its profile velocity mode; writes nothing."""
         profile = self._get(cia402.DEVICE_TYPE) & 0xFFFF
         if profile != cia402.PROFILE_402:
             raise IdentityError(f"{self}: device profile {profile}, not {cia402.PROFILE_402}: not a CiA 402 drive")
@@ -93,14 +93,17 @@ class CanopenTable:
         return f"CiA 402 drive, node {self._drive.node}, {self._state()}"
 
     def prepare(self) -> tuple[str, ...]:
-        """Encoder readings by PDO, heartbeats both ways, quick stop when we fall silent."""
+        """Set up encoder readings by PDO, heartbeats in both directions, quick stop when ours is missing."""
         missing = []
         consumer = MASTER << 16 | round(1000 * self._drive.heartbeat_s)
         for what, action in (
             ("readings by PDO (they are polled)", self._map_readings),
             ("heartbeat", lambda: self._set(cia402.PRODUCER_HEARTBEAT, round(250 * self._drive.heartbeat_s))),
             ("supervision of our heartbeat", lambda: self._set(cia402.CONSUMER_HEARTBEAT, consumer, 1)),
-            ("quick stop on our silence", lambda: self._set(cia402.ABORT_OPTION, cia402.ON_ABORT_QUICK_STOP)),
+            (
+                "quick stop when our heartbeat is missing",
+                lambda: self._set(cia402.ABORT_OPTION, cia402.ON_ABORT_QUICK_STOP),
+            ),
             ("quick stop that holds", lambda: self._set(cia402.QUICK_STOP_OPTION, cia402.QUICK_STOP_AND_STAY)),
             ("quick stop ramp", lambda: self._set(cia402.QUICK_STOP_DECELERATION, self._counts(self._accel(None)))),
         ):
@@ -109,13 +112,13 @@ class CanopenTable:
             except RefusedError as error:
                 missing.append(f"{what}: {error}")
         self._node.nmt.send_command(0x01)  # operational
-        self._heard_s = self._clock.now()
+        self._last_sign_s = self._clock.now()
         return tuple(missing)
 
     def enable(self) -> None:
-        """Through the state machine to `operation enabled`, target rate 0 first; a fault is never cleared.
+        """Go through the state machine to `operation enabled`, target rate 0 first; a fault is never cleared.
 
-        Then the unit of velocity is verified at a slow rate: it is the drive's setting, and no object tells it.
+        Then verify the unit of velocity at a slow rate: it is a setting of the drive that no object reports.
         """
         self._refuse_fault()
         self._set(cia402.MODE, cia402.PROFILE_VELOCITY)
@@ -129,22 +132,22 @@ class CanopenTable:
         self._verify_unit()
 
     def _verify_unit(self) -> None:
-        """IdentityError when the position does not move as fast as the velocity says."""
-        wanted = min(PROBE_DPS, self.limits.rate_dps)
-        self.set_rate(wanted)
+        """IdentityError when the position does not change at the commanded velocity."""
+        commanded = min(PROBE_DPS, self.limits.rate_dps)
+        self.set_rate(commanded)
         self._wait(1.0)
         from_s, start = self._clock.now(), self.position()
         self._wait(PROBE_S)
-        found = (self.position() - start) / (self._clock.now() - from_s)
+        measured = (self.position() - start) / (self._clock.now() - from_s)
         self.stop()
-        if abs(found - wanted) > 0.1 * wanted:
-            text = f"commanded {wanted:g} deg/s, its position moves by {found:.4g} deg/s"
+        if abs(measured - commanded) > 0.1 * commanded:
+            text = f"commanded {commanded:g} deg/s, its position moves by {measured:.4g} deg/s"
             raise IdentityError(f"{self}: {text}; set the drive's velocity to counts per second, correct the gear")
 
     # ---- turning ----------------------------------------------------------------------------------------------------
 
     def set_rate(self, rate_dps: float, accel_dps2: float | None = None) -> None:
-        """Acceleration, then target; each read back."""
+        """Set the acceleration, then the target rate; each is read back."""
         accel = self._accel(accel_dps2)
         self.limits.check(rate_dps, accel)
         for index in (cia402.ACCELERATION, cia402.DECELERATION):
@@ -153,43 +156,46 @@ class CanopenTable:
         self.commanded_dps = rate_dps
 
     def rate(self) -> float:
-        """By the drive's encoder, now [deg/s]."""
+        """Current rate by the drive's encoder [deg/s]."""
         return self._get(cia402.VELOCITY) / self._drive.counts_per_degree
 
     def position(self) -> float:
-        """By the drive's encoder, now [deg]."""
+        """Current position by the drive's encoder [deg]."""
         return self._get(cia402.POSITION) / self._drive.counts_per_degree
 
     def poll(self) -> TableArray:
         """Readings since the last call.
 
-        Raises RefusedError for a fault, ReadBackError for an axis that was switched off, LinkError for a silent drive.
+        Raises RefusedError for a fault, ReadBackError for an axis that was switched off, LinkError when the drive does
+        not answer.
         """
         self._beat()
         self._refuse_fault()
         if self.enabled and (now := self._state()) != cia402.ENABLED:
-            raise ReadBackError(f"{self}: the axis is in state '{now}', not '{cia402.ENABLED}': somebody stopped it")
+            raise ReadBackError(
+                f"{self}: the axis is in state '{now}', not '{cia402.ENABLED}': it was switched off externally"
+            )
         if not self._by_pdo:
             self._on_reading(0, struct.pack("<ii", self._get(cia402.POSITION), self._get(cia402.VELOCITY)), None)
-        heard, self._beats = self._beats, 0
+        beats, self._beats = self._beats, 0
         rows = [self._readings.popleft() for _ in range(len(self._readings))]
         now_s = self._clock.now()
-        if heard or rows:
-            self._heard_s = now_s
-        if now_s - self._heard_s > self._drive.heartbeat_s:
-            raise LinkError(f"{self}: neither readings nor a heartbeat for {now_s - self._heard_s:.0f} s")
+        if beats or rows:
+            self._last_sign_s = now_s
+        if now_s - self._last_sign_s > self._drive.heartbeat_s:
+            raise LinkError(f"{self}: neither readings nor a heartbeat for {now_s - self._last_sign_s:.0f} s")
         return table_array(rows)
 
     # ---- the end ----------------------------------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Rate 0 with the usual acceleration; ReadBackError when the table does not come to a stand."""
+        """Go to rate 0 with the usual acceleration; ReadBackError when the table does not come to a standstill."""
         limit_s = abs(self.rate()) / self.limits.accel_dps2 + 5.0
         self.set_rate(0.0)
         self._await(lambda: abs(self.rate()) < STOPPED_DPS, limit_s, "standing")
 
     def safe(self) -> list[SafeStep]:
-        """Quick stop, standing, voltage off; a drive that was never enabled is left as it was found."""
+        """Quick stop, verify the standstill, switch the voltage off; a drive that was never enabled is not changed."""
         if not self.enabled:
             return []
         steps = [
@@ -201,7 +207,7 @@ class CanopenTable:
         return steps
 
     def close(self) -> None:
-        """Stop listening; the drive goes on watching our heartbeat."""
+        """Stop receiving; the drive continues to supervise our heartbeat."""
         if self._network.notifier is not None:
             self._network.notifier.stop()
             self._network.notifier = None
@@ -222,7 +228,7 @@ class CanopenTable:
 
     def _disable(self) -> str:
         with contextlib.suppress(RefusedError):
-            self._set(cia402.TARGET_VELOCITY, 0)  # so that whoever enables it next finds it standing
+            self._set(cia402.TARGET_VELOCITY, 0)  # so that it stands still when it is enabled next
         self._command(cia402.DISABLE_VOLTAGE)
         self._await(lambda: self._state() in {"switch on disabled", cia402.FAULT}, 2.0, "voltage off")
         return f"state {self._state()}"
@@ -245,7 +251,7 @@ class CanopenTable:
     def _on_reading(self, cob_id: int, data: bytes | bytearray, timestamp_s: float | None) -> None:
         counts, velocity = struct.unpack_from("<ii", data)
         t_s = self._clock.now() if timestamp_s is None else self._stamp(timestamp_s)
-        if abs(counts - self._last_counts) > 1 << 31:  # the register went over its end
+        if abs(counts - self._last_counts) > 1 << 31:  # the register overflowed
             self._turns += 1 if counts < self._last_counts else -1
         self._last_counts = counts
         per_degree = self._drive.counts_per_degree
@@ -258,7 +264,7 @@ class CanopenTable:
     def _beat(self) -> None:
         with self._wire("heartbeat"):
             self._network.send_message(_BEAT + MASTER, b"\5")
-            self._network.check()  # the receiving thread ends silently
+            self._network.check()  # the receiving thread does not report its end
 
     def _refuse_fault(self) -> None:
         if self._state() in {cia402.FAULT, "fault reaction active"}:
@@ -274,7 +280,7 @@ class CanopenTable:
             self._wait(0.1)
 
     def _wait(self, time_s: float) -> None:
-        """Let time pass [s], alive."""
+        """Wait [s], sending heartbeats."""
         until_s = self._clock.now() + time_s
         while self._clock.now() < until_s - 1e-6:
             self._beat()
@@ -301,8 +307,8 @@ class CanopenTable:
         """Write and read back."""
         with self._wire(f"0x{index:04X}:{sub}"):
             self._entry(index, sub).raw = value
-        if (found := self._get(index, sub)) != value:
-            raise ReadBackError(f"{self}: 0x{index:04X}:{sub}: wrote {value}, reads back {found}")
+        if (read := self._get(index, sub)) != value:
+            raise ReadBackError(f"{self}: 0x{index:04X}:{sub}: wrote {value}, reads back {read}")
 
     def _entry(self, index: int, sub: int) -> Any:
         entry = self._node.sdo[index]

@@ -1,6 +1,6 @@
-"""The bare receive loop of a capture process: every frame of a bus into a journal, and a heartbeat that can be read.
+"""The receive loop of a capture process: writes every frame of a bus to a journal, and publishes a heartbeat.
 
-No Notifier, no decoding, no printing: nothing here may take longer than the kernel buffers frames.
+It does not use a Notifier, decode or print: nothing here may take longer than the kernel buffers frames.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ ERROR_BUS_OFF = 0x40
 
 
 class Recorder:
-    """Receives from a bus into a journal until told to stop; opens the bus again when it fails."""
+    """Receives from a bus into a journal until it is stopped; opens the bus again when it fails."""
 
     def __init__(self, open_bus: Callable[[], can.BusABC], writer: JournalWriter, beat: Beat, start_ns: int) -> None:
         self._open_bus = open_bus
@@ -39,7 +39,7 @@ class Recorder:
         self._beat = beat
         self._start_ns = start_ns
         self._tally = Tally()
-        self._off = False  # the controller says that it is off the bus
+        self._off = False  # the controller has reported bus off
         self._lag = Lag()
 
     def run(self, ready: Callable[[], None], stopped: Callable[[], bool]) -> None:
@@ -48,7 +48,7 @@ class Recorder:
         DriverError when the bus does not open at first; OSError when the journal cannot be written (a full disk).
         """
         bus = self._open_bus()
-        self._beat.publish(self._tally)  # whoever asks right after `ready` must not find us silent
+        self._beat.publish(self._tally)  # the heartbeat must exist before `ready`
         ready()
         with self._synced():
             while True:
@@ -70,11 +70,11 @@ class Recorder:
     def _receive(self, bus: can.BusABC, stopped: Callable[[], bool]) -> None:
         while not stopped():
             self._batch(bus, BATCH_NS)
-        while self._batch(bus, 0) == BATCH_FRAMES:  # what the bus still holds
+        while self._batch(bus, 0) == BATCH_FRAMES:  # frames that still wait on the bus
             pass
 
     def _batch(self, bus: can.BusABC, within_ns: int) -> int:
-        """Journal the frames that arrive within a time [ns], or those that wait already; how many there were."""
+        """Journal the frames that arrive within a time [ns], or those that wait already; returns their number."""
         deadline_ns = time.monotonic_ns() + within_ns
         records: list[bytes] = []
         behind_ns = 0
@@ -102,7 +102,7 @@ class Recorder:
                 if message.is_error_frame:
                     self._tally.error_frames += 1
                 self._watch_controller(message)
-        except OSError as error:  # some interfaces let the error of the operating system through
+        except OSError as error:  # some interfaces raise the error of the operating system
             raise can.CanOperationError(one_line(error)) from error
         finally:
             self._watch_lag(behind_ns)
@@ -110,7 +110,7 @@ class Recorder:
         return len(records)
 
     def _watch_lag(self, behind_ns: int) -> None:
-        """Say in the journal that the capture falls behind its bus, and that it has caught up."""
+        """Journal an event when the capture falls behind its bus, and when it has caught up."""
         tally = self._tally
         tally.behind_ns, tally.most_behind_ns = behind_ns, max(tally.most_behind_ns, behind_ns)
         now_s = (time.monotonic_ns() - self._start_ns) * 1e-9
@@ -126,7 +126,7 @@ class Recorder:
         self._beat.publish(self._tally)
 
     def _watch_controller(self, message: can.Message) -> None:
-        """SocketCAN raises nothing when its controller is off the bus; an error frame says so, a frame that it is over.
+        """SocketCAN raises nothing at bus off: an error frame reports it, and the next frame shows that it is over.
 
         linux/can/error.h: class CAN_ERR_BUSOFF is bit 0x40 of the identifier.
         """
@@ -165,13 +165,13 @@ class Recorder:
         return f"bus open again after {(now_ns - self._tally.since_ns) * 1e-9:.1f} s; no frames in between"
 
     def _summarise(self) -> None:
-        """Leave the counts of what was wrong in the journal, for the report."""
+        """Write the counts of errors to the journal, for the report."""
         now_s = (time.monotonic_ns() - self._start_ns) * 1e-9
         summarise(self._writer, self._tally, now_s, quiet=True)
 
     @contextmanager
     def _synced(self) -> Iterator[None]:
-        """Force the journal to the disk once a second from a thread, which does not hold up the loop."""
+        """Force the journal to the disk once a second, from a thread that does not block the loop."""
         done = threading.Event()
 
         def sync() -> None:
@@ -191,7 +191,7 @@ class Recorder:
 
 
 def raise_priority() -> None:
-    """Ask the system to run this process before others; where it refuses, nothing changes."""
+    """Raise the priority of this process; without permission, nothing changes."""
     try:
         os.nice(-10)
     except OSError:
@@ -199,13 +199,13 @@ def raise_priority() -> None:
 
 
 def event(writer: JournalWriter, text: str, t_s: float, **facts: int) -> None:
-    """What the capture of a bus has to say, in the journal of that bus."""
+    """Write an event of the capture to the journal of its bus."""
     content = {"kind": "capture", "text": text, **facts}
     writer.append(Kind.EVENT, json.dumps(content).encode(), 1, t_s, time.time_ns())
 
 
 def summarise(writer: JournalWriter, tally: Tally, t_s: float, quiet: bool = False) -> None:
-    """Counts of what was wrong on a bus, as an event; nothing was wrong: none, or with `quiet` one that is no news."""
+    """Write the error counts of a bus as an event; all 0: no event, or with `quiet` one that is not shown."""
     wrong = tally.error_frames or tally.recoveries or tally.unreadable or tally.spells
     if not wrong and not quiet:
         return
@@ -225,5 +225,5 @@ def _shut(bus: can.BusABC) -> None:
 
 
 def stop_when(control: Any, parent_pid: int) -> Callable[[], bool]:
-    """True from the moment that the parent says so, closes its end of the pipe `control`, or has died."""
+    """A function that is true once the parent sends on the pipe `control`, closes its end, or has died."""
     return lambda: control.poll() or os.getppid() != parent_pid

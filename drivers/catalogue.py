@@ -11,11 +11,11 @@ _HEAD = """\
 # Chambers
 
 Written by `python -m drivers.catalogue` from the register maps in `drivers/chambers/`; do not edit. Addresses are
-0-based, as sent on the wire. No map was tried on a real controller yet: run `bench doctor STATION` on yours first, and
-compare what is marked as uncertain with its panel. It reads only.
+0-based, as sent on the wire. No map was tested on a real controller yet: run `bench doctor STATION` on yours first, and
+compare the registers marked as uncertain with its panel. This command only reads.
 
-Another controller needs a map of its own and no code: a YAML file beside the station file, named there as
-`map: mine.yaml`. `bench doctor STATION --contract` tries it on a simulated controller made of it.
+Another controller needs a new map and no code: a YAML file beside the station file, named there as
+`map: mine.yaml`. `bench doctor STATION --contract` tests it on a simulated controller.
 """
 
 
@@ -35,9 +35,9 @@ def _chapter(name: str, registers: RegisterMap) -> Iterator[str]:
     yield f"{registers.model}. {registers.connection}. Ramp: {_ramp(registers)}."
     yield ""
     for rule in registers.identify:
-        yield f"- Refused unless `{rule.register}` fits: {rule.why}."
+        yield f"- Refused unless `{rule.register}` matches: {rule.why}."
     if registers.eeprom_writes:
-        yield f"- Memory survives {registers.eeprom_writes} writes: written on change only, never stepped by the host."
+        yield f"- Memory endures {registers.eeprom_writes} writes: written on change only, never stepped by the host."
     run = registers.run
     if run.least_on_s or run.least_off_s:
         yield f"- At least {run.least_on_s:g} s on and {run.least_off_s:g} s off; the safe state does not wait."

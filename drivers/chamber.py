@@ -1,7 +1,7 @@
 """The thermal chamber: identified before it is commanded, every write read back, every reading checked.
 
 Order of use: `identify()`, then `set_point()` or `ramp_to()`, then `start()`; `poll()` at every tick; `safe()` at the
-end. Nothing outside the limits is ever sent, and nothing is clipped to them. This driver is no safety device: the
+end. Values outside the limits are refused: they are neither sent nor clipped. This driver is not a safety device: the
 chamber keeps its own limit controller.
 """
 
@@ -49,13 +49,13 @@ class ChamberReading:
     """Output [%], heating positive."""
     on: bool
     alarm: tuple[str, ...]
-    """Active alarms as `register: value`; empty: none. Refreshed with the slower registers."""
+    """Active alarms as `register: value`. Refreshed with the slower registers."""
     compressor: bool | None
-    """None: the controller does not tell."""
+    """None: the controller does not report it."""
     door: bool | None = None
-    """Whether the door is open. None: the controller does not tell."""
+    """Whether the door is open. None: the controller does not report it."""
     sensor_break: bool | None = None
-    """Whether the controller has lost its sensor. None: it does not tell."""
+    """Whether the controller has lost its sensor. None: it does not report it."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +66,12 @@ class SafeStep:
     ok: bool
     detail: str
     sent: bool = False
-    """Not verified, but the command was sent to its address."""
+    """The command was sent, but not verified."""
 
 
 @dataclass(frozen=True)
 class _Command:
-    """A step to the safe state: how it is done and read back, and how it is sent when nothing can be read."""
+    """A step to the safe state: as a verified write, and as an unverified one for when nothing can be read."""
 
     what: str
     verified: Callable[[], None]
@@ -94,10 +94,10 @@ class Chamber:
     ) -> None:
         """`limits` [degC] are the station's; `journal` sees every write; alarms are read every `secondary_s` [s].
 
-        `known` is what another process read of this controller when the run started: `safe` needs no more.
+        `known` holds what another process read from this controller when the run started; it suffices for `safe`.
         """
         if not (limits[0] < limits[1] and all(map(math.isfinite, limits))):
-            raise ConfigError(f"chamber limits {limits[0]} to {limits[1]} degC are no range")
+            raise ConfigError(f"chamber limits {limits[0]} to {limits[1]} degC: the first must be below the second")
         self._controller = Controller(link, registers, limits, clock, journal, known)
         self._clock = clock
         self._secondary_s = secondary_s
@@ -120,17 +120,17 @@ class Chamber:
 
     @property
     def known(self) -> Known | None:
-        """What `identify` read first; None before. Hand it to whoever may have to make the chamber safe."""
+        """What `identify` read first; None before. A process that may have to make the chamber safe needs it."""
         return self._controller.known
 
     @property
     def commanded(self) -> float | None:
-        """Last set point [degC] that this driver wrote and read back; another one in force is an operator's."""
+        """Last set point [degC] that this driver wrote and read back; a different one was set by an operator."""
         return self._commanded
 
     @property
     def writes(self) -> int:
-        """Registers written since this object was made; some controllers survive a limited number."""
+        """Registers written since this object was made; the memory of some controllers endures a limited number."""
         return self._controller.writes
 
     # ---- reading ----------------------------------------------------------------------------------------------------
@@ -148,9 +148,9 @@ class Chamber:
         return identity
 
     def poll(self) -> ChamberReading:
-        """The polled registers, always in the same blocks, and from time to time the slower ones.
+        """Read the polled registers, always in the same blocks, and every `secondary_s` the slower ones.
 
-        Raises LimitError when a value cannot be true (NaN, outside the sensor's range), LinkError without an answer.
+        Raises LimitError when a value is impossible (NaN, outside the sensor's range), LinkError without an answer.
         """
         values = self._poll_block()
         t_s = self._clock.now()
@@ -172,23 +172,23 @@ class Chamber:
         )
 
     def deviations(self) -> list[str]:
-        """Every difference between what the controller holds and what we commanded; empty: it is still ours.
+        """Every difference between the values in the controller and those that the bench commanded.
 
-        For after a reconnection: a chamber that lost its power may go on alone, or with another set point.
+        For use after a reconnection: a chamber that lost power may run with another set point, or be off.
         """
-        found = []
+        deviations = []
         if self._commanded is not None:
             for name in ("setpoint", *self._map.setpoint_copies):
                 held = self._held(name)
                 if not self._map[name].agrees(self._commanded, held):
                     text = f"{held:g} degC" if isinstance(held, float) else held
-                    found.append(f"{name} is {text}, the bench commanded {self._commanded:g} degC")
+                    deviations.append(f"{name} is {text}, the bench commanded {self._commanded:g} degC")
         if self._on is not None:
             run = self._map.run
-            ours, held = run.on if self._on else run.off, self._held(run.state)
-            if held != ours:
-                found.append(f"{run.state} is {held}, the bench commanded {ours}")
-        return found
+            commanded, held = run.on if self._on else run.off, self._held(run.state)
+            if held != commanded:
+                deviations.append(f"{run.state} is {held}, the bench commanded {commanded}")
+        return deviations
 
     # ---- commanding -------------------------------------------------------------------------------------------------
 
@@ -203,10 +203,10 @@ class Chamber:
         """Let the controller move its set point to `target` [degC] at `rate` [degC/min]."""
         ramp = self._map.ramp
         if ramp is None:
-            raise ConfigError(f"{self._map.model} has no ramp of its own: step the set point from the host")
+            raise ConfigError(f"{self._map.model} has no native ramp: step the set point from the host")
         self._controller.check_target(target)
         if not rate > 0:
-            raise LimitError(f"a ramp of {rate:g} degC/min is none; nothing was sent")
+            raise LimitError(f"ramp rate {rate:g} degC/min must be above 0; nothing was sent")
         self._map[ramp.rate].encode(rate)
         self._controller.write(ramp.rate, rate)
         for name, value in ramp.on.items():
@@ -215,14 +215,14 @@ class Chamber:
         self._commanded = target
 
     def hold(self) -> float:
-        """Stop a native ramp where it is; returns the set point [degC] that is held."""
+        """Stop a native ramp at its current set point; returns that set point [degC]."""
         reading = self.poll()
-        here = reading.setpoint if reading.working_setpoint is None else reading.working_setpoint
-        self.set_point(here)
-        return here
+        current = reading.setpoint if reading.working_setpoint is None else reading.working_setpoint
+        self.set_point(current)
+        return current
 
     def start(self) -> None:
-        """Switch the chamber on; refused before a set point was written, since the old one may be anybody's.
+        """Switch the chamber on; refused before a set point was written, since the old one is unknown.
 
         Waits until the compressor was off long enough.
         """
@@ -234,7 +234,7 @@ class Chamber:
         self._switched(on=True)
 
     def stop(self) -> None:
-        """Switch the chamber off and wait until it says so. Raises ReadBackError when it does not.
+        """Switch the chamber off and wait until it reports off. Raises ReadBackError when it does not.
 
         Waits until the compressor was on long enough; the safe state does not.
         """
@@ -245,10 +245,10 @@ class Chamber:
     def safe(self, ambient: float, limit_s: float = SAFE_STEP_S) -> list[SafeStep]:
         """Set point to `ambient` [degC] first, ramp off, then chamber off; each step read back; never raises.
 
-        Every step is tried whatever became of the others. Each has `limit_s` [s]; a request that was sent before its
-        end still gets its answer or its timeout. As soon as one of them cannot be verified, this step and all after it
-        are sent at once without verification, with the decimals and limits that were read at the start: off waits for
-        no answer. The steps after it are then tried again, verified.
+        Every step is tried, also when others fail. Each has `limit_s` [s]; a request that was sent before this limit
+        may still wait for its answer. As soon as a step cannot be verified, this step and all later ones are sent at
+        once without verification, with the decimals and limits that were read at the start, so that switching off does
+        not wait for an answer. The later steps are then tried again, verified.
         """
         steps = [
             _Command(
@@ -258,8 +258,8 @@ class Chamber:
             ),
             _Command("ramp off", lambda: self._ramp_off(always=True), self._send_ramp_off),
             _Command("chamber off", lambda: self._off(always=True), self._send_off),
-        ]  # ambient first: should off fail, the chamber is driven to where it does no harm
-        self._controller.identity = None  # proves again who answers; without that proof nothing counts as verified
+        ]  # ambient first: if switching off fails, the chamber goes to a harmless temperature
+        self._controller.identity = None  # identify again; otherwise nothing counts as verified
         done: list[SafeStep] = []
         sent: dict[str, bool] = {}
         first: Exception | None = None
@@ -290,7 +290,7 @@ class Chamber:
             return self._controller.read_poll()
         except LimitError as error:
             if "sensor_break" in self._map and self._held("sensor_break") == "broken":
-                raise LimitError(f"{self._map.model} says that its sensor is broken: {error}") from error
+                raise LimitError(f"{self._map.model} reports a broken sensor: {error}") from error
             raise
 
     def _poll_secondary(self) -> dict[str, Value]:
@@ -303,7 +303,7 @@ class Chamber:
         return values
 
     def _read_slow(self, register: Register) -> Value | None:
-        """Value of a slow register; None: this controller does not have it, or it is not what its weak source says."""
+        """Value of a slow register; None: the controller does not have it, or an uncertain register is implausible."""
         try:
             return self._controller.read(register)
         except RefusedError as error:
@@ -316,20 +316,20 @@ class Chamber:
         return None
 
     def _verified(self, action: Callable[[], None], limit_s: float) -> Exception | None:
-        """Do it and read it back; what kept it from being verified, None when it was."""
+        """Perform the action and read it back; returns the error that prevented this, None on success."""
         try:
             with self._controller.within(limit_s):
                 if self._controller.identity is None:
-                    self._controller.recognise()  # a sensor break does not keep us from switching off
+                    self._controller.recognise()  # a sensor break must not prevent switching off
                 action()
-        except Exception as error:  # the way to the safe state goes on whatever happens
+        except Exception as error:  # the other steps to the safe state must still be tried
             return error
         return None
 
     def _sent(self, step: _Command, trouble: Exception) -> bool:
-        """Send a step without verification; whether it went out.
+        """Send a step without verification; returns whether it was sent.
 
-        A controller that says that it is another one, or shows another unit, would take our set point for another
+        A controller that identifies as another one, or uses another unit, would interpret our set point as another
         temperature: it is only switched off.
         """
         stranger = isinstance(trouble, IdentityError) and not isinstance(trouble, UnreadableError)
@@ -340,8 +340,8 @@ class Chamber:
         except NoConnectionError:
             return False
         except (LinkError, RefusedError):
-            return True  # it went out; its answer means nothing
-        except Exception:  # nothing was sent, and the way to the safe state goes on
+            return True  # it was sent; its answer is not trusted
+        except Exception:  # nothing was sent; the other steps must still be tried
             return False
         return True
 
@@ -378,11 +378,11 @@ class Chamber:
 
 
 def _why(trouble: Exception | None, first: Exception | None) -> str:
-    """What a step has to say: of several that failed for want of an answer, all give the reason of the first."""
+    """Detail of a step; all steps that failed for lack of an answer state the reason of the first."""
     if trouble is None:
         return "read back"
-    wanting = (LinkError, RefusedError, IdentityError)
-    shown = first if isinstance(trouble, wanting) and isinstance(first, wanting) else trouble
+    unanswered = (LinkError, RefusedError, IdentityError)
+    shown = first if isinstance(trouble, unanswered) and isinstance(first, unanswered) else trouble
     return str(shown) if isinstance(shown, DriverError) else f"{type(shown).__name__}: {shown}"
 
 

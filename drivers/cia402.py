@@ -1,8 +1,8 @@
-"""What a CiA 402 drive in profile velocity mode shows on the wire: objects, states, commands.
+"""Objects, states and commands of a CiA 402 drive in profile velocity mode.
 
 Source: CiA 402 (IEC 61800-7-201, -301), objects 0x6040-0x60FF, and CiA 301 for 0x1000-0x1A00. Rates and positions are
-in units of the drive; how many make a degree stands in the station file. The simulated drive has this description from
-here, and nothing else.
+in units of the drive; the station file gives the units per degree. Driver and simulated drive share only this
+description.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PROFILE_402 = 402
 PROFILE_VELOCITY = 3
 """Mode of operation; bit 2 of the supported modes."""
 ON_ABORT_QUICK_STOP = 3
-"""Abort option: a lost master is a quick stop."""
+"""Abort option: a lost master causes a quick stop."""
 QUICK_STOP_AND_STAY = 6
 """Quick stop option: slow down on the quick stop ramp and stay in QUICK STOP ACTIVE, axis held."""
 
@@ -106,7 +106,7 @@ def _variable(name: str, place: tuple[int, int], kind: int, access: str, value: 
 
 
 def state(status_word: int) -> str:
-    """State of the drive by its status word."""
+    """Name of the drive state in a status word."""
     return next((name for mask, value, name in _STATES if status_word & mask == value), f"0x{status_word:04X}")
 
 

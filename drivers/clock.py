@@ -1,7 +1,7 @@
 """Bench time: wall time on real equipment, lock-step simulated time otherwise.
 
-Everything that waits, waits on a `Clock`; nothing else in the bench sleeps. Bench time starts at 0 s, or later where a
-run goes on that was cut off.
+All code of the bench waits on a `Clock`; nothing else sleeps. Bench time starts at 0 s, or later when an interrupted
+run is continued.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Clock(Protocol):
         """Bench time [s]."""
 
     def utc(self) -> datetime:
-        """Calendar time that belongs to `now()`."""
+        """Calendar time of `now()`."""
 
     def sleep_until(self, t_s: float) -> None:
         """Return when bench time has reached `t_s` [s]."""
@@ -52,7 +52,7 @@ class WallClock:
 
 
 class SimClock:
-    """Bench time that advances only when somebody waits for it, in pieces of at most one second.
+    """Bench time that advances only when a caller waits, in pieces of at most one second.
 
     Each attached step is called for each piece, in the order of attachment, so a simulation is deterministic
     and as fast as the machine allows.

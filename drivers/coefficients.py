@@ -1,8 +1,9 @@
-"""Calibration coefficients in a unit: what its memory offers by any protocol, and the one safe way to change it.
+"""Calibration coefficients in a unit: the operations of its memory over any protocol, and the safe way to change it.
 
-`program` is that way: serial number, archive of the old image, write to the bank that is not in force, read back word
-by word, the CRC that the unit computes, the switch, reset, heartbeat with the new set, read again. Until the switch is
-turned the unit keeps what it has, whatever happens; the switch is turned only to an image that the unit has checked.
+`program` checks the serial number, archives the old image, writes to the bank that is not in force, reads it back word
+by word, compares the CRC that the unit computes, turns the switch, resets the unit, waits for a heartbeat with the new
+set and reads again. Until the switch is turned, the unit keeps its old calibration, whatever fails; the switch is
+turned only to an image that the unit has checked.
 """
 
 from __future__ import annotations
@@ -62,24 +63,24 @@ class CoefficientStore(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        """Make the unit start anew; does not wait for it."""
+        """Restart the unit; does not wait for it."""
 
     def number(self, what: Memory) -> int:
-        """A value as a number; ReadBackError where its length is not the one described."""
+        """A value as a number; ReadBackError when its length differs from the described one."""
         data = self.get(what)
         if len(data) != what.value.size:
-            raise ReadBackError(f"{self.line}: {what.name} has {len(data)} bytes, {what.value.size} are described")
+            raise ReadBackError(f"{self.line}: {what.name} has {len(data)} bytes, expected {what.value.size}")
         return int.from_bytes(data, "little")
 
     def active(self) -> int:
         """Bank in force, 0: none."""
         bank = self.number(Memory.ACTIVE)
         if bank not in {0, *flash_objects.BANKS}:
-            raise ReadBackError(f"{self.line}: bank in force is {bank}, there are {flash_objects.BANKS}")
+            raise ReadBackError(f"{self.line}: bank in force is {bank}, allowed are {flash_objects.BANKS}")
         return bank
 
     def read(self, bank: int) -> bytes:
-        """Image in a bank; empty where there is none."""
+        """Image in a bank; empty for an empty bank."""
         image = self.get(flash_objects.bank(bank))
         return image if len(image) >= _LEAST_BYTES else b""
 
@@ -88,17 +89,17 @@ class CoefficientStore(ABC):
         return self.number(flash_objects.crc(bank))
 
     def switch(self) -> None:
-        """Put the other bank in force from the next reset on; RefusedError where the unit does not accept its image."""
+        """Put the other bank in force from the next reset on; RefusedError when the unit does not accept its image."""
         self.set(Memory.SWITCH, SIGNATURE.to_bytes(4, "little"))
 
     def compensate(self, on: bool) -> None:
         """Correct the rate, or send it raw until the next reset; read back."""
         self.set(Memory.COMPENSATION, bytes([on]))
         if self.number(Memory.COMPENSATION) != on:
-            raise ReadBackError(f"{self.line}: compensation does not go {'on' if on else 'off'}")
+            raise ReadBackError(f"{self.line}: compensation does not switch {'on' if on else 'off'}")
 
     def heartbeat(self) -> Identity:
-        """What the next heartbeat says."""
+        """Identity in the next heartbeat."""
         self.line.identity = None
         self.line.wait(lambda: self.line.identity is not None, BEAT_S, "heartbeat")
         assert self.line.identity is not None
@@ -107,7 +108,7 @@ class CoefficientStore(ABC):
 
 @dataclass
 class Programmed:
-    """What `program` did."""
+    """Result of `program`."""
 
     serial: int
     bank: int = 0
@@ -125,25 +126,25 @@ def program(
     archive: Callable[[bytes], None] = lambda old: None,
     onlooker: Callable[[str], None] = lambda step: None,
 ) -> Programmed:
-    """Put an image into the unit that it is for, and in force.
+    """Write an image to its unit, and put it in force.
 
-    `archive` sees the old image (empty: none) before anything is written; what it raises ends it there. DriverError,
-    one line, names the step that failed and what the unit is left with.
+    `archive` gets the old image (empty bytes when there is none) before anything is written; an exception from it ends
+    the procedure. DriverError, one line, names the step that failed and the resulting state of the unit.
     """
     if len(image) % 4 or not _LEAST_BYTES <= len(image) <= BANK_BYTES:
         raise LimitError(f"image of {len(image)} bytes, a bank takes whole words, {_LEAST_BYTES} to {BANK_BYTES} bytes")
     done = Programmed(struct.unpack_from("<I", image, _SERIAL_AT)[0])
     steps = _Steps(store.line, done, onlooker)
     with steps("serial number"):
-        found = store.number(Memory.SERIAL)
-        heard = store.heartbeat()
-        for who, serial in (("its memory", found), ("its heartbeat", heard.serial)):
+        in_memory = store.number(Memory.SERIAL)
+        heartbeat = store.heartbeat()
+        for origin, serial in (("its memory", in_memory), ("its heartbeat", heartbeat.serial)):
             if serial != done.serial:
-                raise IdentityError(f"serial number is {serial} by {who}, the image is for {done.serial}")
+                raise IdentityError(f"serial number in {origin} is {serial}, the image is for {done.serial}")
     with steps("archive"):
-        done.old_bank, done.old_set = store.active(), heard.coefficient_set
+        done.old_bank, done.old_set = store.active(), heartbeat.coefficient_set
         done.old = store.read(done.old_bank) if done.old_bank else b""
-        steps.left = f"the unit keeps what it has ({_calibration(done)})"
+        steps.left = f"the unit is unchanged ({_calibration(done)})"
         archive(done.old)
     done.bank = 2 if done.old_bank == 1 else 1
     with steps("write"):
@@ -154,7 +155,7 @@ def program(
         done.crc = store.crc(done.bank)
         if done.crc != zlib.crc32(image[:-4]):
             raise ReadBackError(f"the unit computes 0x{done.crc:08X}, the image has 0x{zlib.crc32(image[:-4]):08X}")
-    steps.left = f"the unit has {_calibration(done)} or the new one in force, both whole; flash again"
+    steps.left = f"{_calibration(done)} or the new one is in force, both are complete; flash again"
     with steps("switch"):
         store.switch()
     steps.left = "the new calibration is stored and checked; switch the unit off and on, then flash again to verify"
@@ -171,33 +172,33 @@ def program(
 
 
 def _started(store: CoefficientStore, done: Programmed, boots: int) -> int:
-    """Coefficient set that the heartbeat says after the reset."""
+    """Coefficient set in the heartbeat after the reset."""
     line = store.line
     line.wait(lambda: line.boots > boots, BOOT_S, "boot-up heartbeat after the reset")
-    heard = store.heartbeat()
-    if heard.serial != done.serial:
-        raise IdentityError(f"serial number {heard.serial} came back, {done.serial} was reset")
-    if heard.coefficient_set in {0, done.old_set}:
-        raise ReadBackError(f"coefficient set is {heard.coefficient_set} after the switch, as before or none")
-    return heard.coefficient_set
+    heartbeat = store.heartbeat()
+    if heartbeat.serial != done.serial:
+        raise IdentityError(f"serial number is {heartbeat.serial} after the reset, before it was {done.serial}")
+    if heartbeat.coefficient_set in {0, done.old_set}:
+        raise ReadBackError(f"coefficient set is {heartbeat.coefficient_set} after the switch, expected a new one")
+    return heartbeat.coefficient_set
 
 
-def _compare(wanted: bytes, found: bytes) -> None:
-    """Word by word; ReadBackError names the first that differs."""
-    if len(found) != len(wanted):
-        raise ReadBackError(f"{len(found) // 4} words read back, {len(wanted) // 4} were written")
-    pairs = zip(struct.iter_unpack("<I", wanted), struct.iter_unpack("<I", found), strict=True)
+def _compare(written: bytes, read: bytes) -> None:
+    """Compare word by word; ReadBackError names the first difference."""
+    if len(read) != len(written):
+        raise ReadBackError(f"{len(read) // 4} words read back, {len(written) // 4} were written")
+    pairs = zip(struct.iter_unpack("<I", written), struct.iter_unpack("<I", read), strict=True)
     for number, ((one,), (other,)) in enumerate(pairs):
         if one != other:
             raise ReadBackError(f"word {number} reads back 0x{other:08X}, 0x{one:08X} was written")
 
 
 def _calibration(done: Programmed) -> str:
-    return f"calibration in bank {done.old_bank}" if done.old_bank else "no calibration"
+    return f"the calibration in bank {done.old_bank}" if done.old_bank else "no calibration"
 
 
 class _Steps:
-    """Time limits, and errors that name the step and what the unit is left with."""
+    """Time limits, and errors that name the step and the resulting state of the unit."""
 
     def __init__(self, line: UnitLine, done: Programmed, onlooker: Callable[[str], None]) -> None:
         self.left = "nothing was written"

@@ -1,7 +1,7 @@
-"""The controller of a chamber behind its registers: recognised before it is written, every write read back.
+"""The controller of a chamber, accessed by registers: recognised before it is written, every write read back.
 
-This is the only place that writes a register. Nothing outside the limits is ever sent, nothing is clipped to them, and
-what stands already is not written again: some controllers keep each write in a memory that wears out.
+This is the only module that writes a register. Values outside the limits are neither sent nor clipped. A register that
+already holds the value is not written again: some controllers store each write in a memory that wears out.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from drivers.registers import Register, RegisterMap, Value
 
 ILLEGAL_ADDRESS = 2
 NOT_NOW = frozenset({5, 6, 10, 11})
-"""Modbus exceptions that mean a controller or a gateway which cannot answer now, and not a request that is wrong."""
+"""Modbus exceptions of a controller or gateway that cannot answer now; the request itself is not wrong."""
 WEAR_WINDOW_S = 600.0
 WEAR_WRITES = 30
-"""More writes within WEAR_WINDOW_S to a memory that wears out are a set point stepped by the host [Eurotherm HA026230:
-some 100 000 writes; at this pace it would last three weeks]."""
+"""More writes than this within WEAR_WINDOW_S to a memory that wears out mean that the host steps the set point
+[Eurotherm HA026230: some 100 000 writes; at this rate it would last three weeks]."""
 
 _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
 class Identity:
-    """What the controller said about itself."""
+    """Identity that the controller reported."""
 
     model: str
     answers: tuple[tuple[str, str], ...]
@@ -50,14 +50,14 @@ class Identity:
 
 @dataclass(frozen=True)
 class Known:
-    """What a controller said when it was recognised first, as far as a command needs it that goes out unverified."""
+    """Data from the first recognition of a controller that unverified commands need."""
 
     decimals: Mapping[str, int]
-    """Implied decimals, by the register that tells them."""
+    """Implied decimals, by the register that holds them."""
     limits: tuple[float, float]
     """Set points that station and controller both allowed [degC]."""
     words: Mapping[str, int] = field(default_factory=dict)
-    """Whole words of the registers of which only some bits are written."""
+    """Whole words of registers of which the driver writes only some bits."""
 
 
 NOT_READ = "not read back"
@@ -93,7 +93,7 @@ class Controller:
         self.known = known
         """From the first recognition; what is read later must not contradict it."""
         self.writes = 0
-        """Registers written since this object was made: what a memory that wears out has lost."""
+        """Registers written since this object was made: wear of the controller's memory."""
         self._described = registers
         self._link = link
         self._station_limits = limits
@@ -111,9 +111,9 @@ class Controller:
 
     @contextmanager
     def within(self, limit_s: float) -> Iterator[None]:
-        """No request begins later than `limit_s` [s] of bench time or wall time from now; then LinkError.
+        """Requests that begin later than `limit_s` [s] of bench time or wall time from now raise LinkError.
 
-        For the safe state: what a failing link costs is bounded, and the wear of a memory does not count.
+        For the safe state: bounds the time on a failing link, and ignores the limit on writes.
         """
         bench_s, wall_s = self._clock.now() + limit_s, time.monotonic() + limit_s
         self._deadline = lambda: self._clock.now() > bench_s or time.monotonic() > wall_s
@@ -125,7 +125,7 @@ class Controller:
     # ---- reading ----------------------------------------------------------------------------------------------------
 
     def recognise(self) -> Identity:
-        """Identity rules, implied decimals and limits: what a write needs. Writes nothing; IdentityError."""
+        """Check the identity rules, and read implied decimals and limits. Writes nothing; IdentityError."""
         model = self._described.model
         self.identity = None
         answers = []
@@ -137,8 +137,8 @@ class Controller:
             answers.append((rule.register, text))
         places = {name: round(float(self._identifying(name))) for name in self._described.decimals}
         if self.known is not None and places != self.known.decimals:
-            text = f"implies decimals {places}, and {dict(self.known.decimals)} when it was recognised first"
-            raise IdentityError(f"{model}: {text}; somebody changed its display")
+            text = f"implies decimals {places}, but {dict(self.known.decimals)} when it was recognised first"
+            raise IdentityError(f"{model}: {text}; its display settings were changed")
         answers += [(name, str(count)) for name, count in places.items()]
         self.map = self._described.with_decimals(places)
         low, high = self._station_limits
@@ -161,7 +161,7 @@ class Controller:
         return self._ask(lambda: self._link.read(register))
 
     def read_poll(self) -> dict[str, Value]:
-        """Values of the polled registers, always in the same blocks where the firmware reads across gaps."""
+        """Values of the polled registers, always in the same blocks if the firmware reads across gaps."""
         if self._whole_block:
             try:
                 blocks = [self._ask(lambda b=block: self._link.read_block(b)) for block in self.map.blocks]  # type: ignore[misc]
@@ -169,7 +169,7 @@ class Controller:
             except RefusedError as error:
                 if error.code != ILLEGAL_ADDRESS:
                     raise
-                self._whole_block = False  # this firmware does not read across its gaps
+                self._whole_block = False  # this firmware does not read across gaps
         return {name: self.read(self.map[name]) for name in self.map.poll}
 
     # ---- writing ----------------------------------------------------------------------------------------------------
@@ -185,18 +185,18 @@ class Controller:
             )
 
     def write_target(self, target: float, *, always: bool = False) -> None:
-        """Write the set point, and those that have to be the same."""
+        """Write the set point and its copies."""
         for name in ("setpoint", *self.map.setpoint_copies):
             self.write(name, target, always=always)
 
     def write(self, name: str, value: Value, *, always: bool = False) -> None:
-        """Write when it changes something, or `always`, and read back."""
+        """Write when the value changes, or `always`, and read back."""
         if self.identity is None:
             raise IdentityError(f"{self.map.model}: nothing is written before identify()")
         words = self.map[name].encode(value)
         old, old_words = self._old(self.map[name])
         if self._identified_at != self._link.counters.connections:
-            self.recognise()  # after a reconnection the equipment, its limits or its decimals may be others
+            self.recognise()  # after a reconnection the equipment, its limits or its decimals may differ
             words = self.map[name].encode(value)
             if name in ("setpoint", *self.map.setpoint_copies):
                 self.check_target(float(value))
@@ -212,7 +212,7 @@ class Controller:
             raise ReadBackError(f"{name}: wrote {value} {register.unit}, reads back {read_back} {register.unit}")
 
     def send_target(self, target: float) -> None:
-        """As `send`: the set point, and those that have to be the same; LimitError outside the limits of the start."""
+        """As `send`: the set point and its copies; LimitError outside the limits that were read at the start."""
         known, registers = self._as_known()
         low, high = known.limits
         if not low <= target <= high:
@@ -220,19 +220,19 @@ class Controller:
         self.send({name: target for name in ("setpoint", *registers.setpoint_copies)})
 
     def send(self, settings: Mapping[str, Value]) -> None:
-        """Send writes once, unverified, with what was known at the start; nothing is read before or after them.
+        """Send writes once, unverified, with the data of the first recognition; nothing is read before or after.
 
-        For the safe state of a controller whose answers cannot be trusted. All are sent whatever became of the others;
-        then LinkError or RefusedError when one got no sound answer: the controller may have done it all the same.
+        For the safe state of a controller whose answers cannot be trusted. All are sent, also when others fail; then
+        LinkError or RefusedError when one got no valid answer, although the controller may have executed it.
         """
-        troubles: list[DriverError] = []
+        errors: list[DriverError] = []
         for name, value in settings.items():
             try:
                 self._send_unverified(name, value)
             except DriverError as error:
-                troubles.append(error)
-        if troubles:
-            raise troubles[0]
+                errors.append(error)
+        if errors:
+            raise errors[0]
 
     def _send_unverified(self, name: str, value: Value) -> None:
         known, registers = self._as_known()
@@ -252,15 +252,15 @@ class Controller:
     # ---- inside -----------------------------------------------------------------------------------------------------
 
     def _as_known(self) -> tuple[Known, RegisterMap]:
-        """What was read at the start, and the map with its decimals."""
+        """Data of the first recognition, and the map with its decimals."""
         if self.known is None:
             raise IdentityError(f"{self._described.model}: it was never recognised")
         return self.known, self._described.with_decimals(self.known.decimals)
 
     def _ask(self, request: Callable[[], _T]) -> _T:
-        """One request, unless its time is over; refusals in the words of this controller."""
+        """One request, unless its time limit has passed; refusals are explained by this controller's map."""
         if self._deadline and self._deadline():
-            raise LinkError(f"{self.map.model}: the time limit of this step is over; nothing was sent")
+            raise LinkError(f"{self.map.model}: the time limit of this step has passed; nothing was sent")
         try:
             return request()
         except RefusedError as error:
@@ -270,11 +270,11 @@ class Controller:
             raise RefusedError(f"{error} ({self.map.model}: {meaning})", error.code) from None
 
     def _identifying(self, name: str) -> Value:
-        """A register that identification needs: what cannot be read is refused."""
+        """Value of a register that identification needs; IdentityError when it cannot be read."""
         try:
             return self.read(self.map[name] if name not in self._described.decimals else self._described[name])
         except RefusedError as error:
-            if error.code in NOT_NOW:  # says nothing of who it is
+            if error.code in NOT_NOW:  # this gives no information about its identity
                 raise
             raise UnreadableError(f"{self.map.model}: {name} cannot be read: {error}") from error
         except LimitError as error:
@@ -301,13 +301,13 @@ class Controller:
             self._recent.popleft()
         if len(self._recent) >= WEAR_WRITES:
             raise LimitError(
-                f"{self.map.model}: {WEAR_WRITES} writes within {WEAR_WINDOW_S / 60:g} min, and its memory survives"
-                f" {self.map.eeprom_writes}: nothing was sent; let it ramp by itself instead of stepping the set point"
+                f"{self.map.model}: {WEAR_WRITES} writes within {WEAR_WINDOW_S / 60:g} min, and its memory endures"
+                f" {self.map.eeprom_writes}: nothing was sent; use its native ramp instead of stepping the set point"
             )
         self._recent.append(now_s)
 
     def _old(self, register: Register) -> tuple[Value, tuple[int, ...] | None]:
-        """What the register holds before a write, with its words; None: nothing that we would have written."""
+        """Value of the register before a write, with its words; None: a value that the driver would not write."""
         try:
             old = self.read(register)
         except LimitError as error:

@@ -1,7 +1,7 @@
-"""The fastest frame of each stretch of a record, in constant memory: how well the line along them is known.
+"""Uncertainty of the line along the fastest frame of each stretch of a record, in constant memory.
 
-A stretch is a power of two of samples; when there are too many stretches, pairs of them become one. So what is kept
-does not depend on how the frames were cut into blocks.
+The length of a stretch is a power of two of samples; when there are too many stretches, pairs of them are merged. The
+result therefore does not depend on how the frames were divided into blocks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 MOST = 128
 FIRST_SHIFT = 10
 FEWEST = 8
-"""Fewer stretches than this do not tell how well a line is known."""
+"""Fewer stretches than this are not enough to estimate the uncertainty of a line."""
 FINE_NS = 1000
 _NORMAL = 1.4826
 """Standard deviation of a normal distribution in units of its median absolute deviation."""
@@ -26,9 +26,9 @@ _NORMAL = 1.4826
 
 @dataclass(frozen=True)
 class Known:
-    """How well a line along the envelope is known: standard uncertainties of its slope [ns a sample] and start [ns].
+    """Standard uncertainties of a line along the envelope: of its slope [ns per sample] and its start [ns].
 
-    So near to the line as `spread_ns` are the fastest frames of 95 % of all stretches.
+    The fastest frames of 95 % of all stretches lie within `spread_ns` of the line.
     """
 
     slope: float
@@ -37,7 +37,7 @@ class Known:
 
 
 class Envelope:
-    """Least delay [ns] of each stretch of samples, and where it was."""
+    """Least delay [ns] of each stretch of samples, and its sample index."""
 
     def __init__(self) -> None:
         self._shift = FIRST_SHIFT
@@ -45,10 +45,10 @@ class Envelope:
         self._least: list[int] = []
         self._first = 0
         self._step = 0
-        """Of the stamps [ns]; `FINE_NS` or less: too small to matter; 0: all alike, nothing is known of them."""
+        """Resolution of the stamps [ns]; `FINE_NS` or less is negligible; 0: unknown, all delays are equal."""
 
     def add(self, index: IntArray, delay: IntArray) -> None:
-        """Take in samples (n,) and their delays [ns]; indices increase, over calls too."""
+        """Add samples (n,) and their delays [ns]; indices must increase, also from call to call."""
         if not len(index):
             return
         self._see_steps(delay)
@@ -61,11 +61,11 @@ class Envelope:
             self._widen()
 
     def known(self, offset_ns: float, slope: float) -> Known | None:
-        """How well the line of this slope [ns a sample] from `offset_ns` at index 0 is known; None: too short a record.
+        """Uncertainty of the line with this slope [ns per sample] and `offset_ns` at index 0; None: record too short.
 
-        The line touches the fastest frames of all; a robust line through those of each stretch is another estimate
-        from other frames. What they differ by counts as much as the scatter about the latter, and as an error of the
-        size of the spread, or of the steps of coarse stamps, that creeps in from one end of the record to the other.
+        The line touches the fastest frames of the whole record; a robust line through the fastest frame of each
+        stretch is a second estimate. Three contributions are added in quadrature: the difference of both estimates, the
+        scatter about the second one, and a drift error over the record as large as the spread or the stamp resolution.
         """
         if len(self._at) < FEWEST:
             return None

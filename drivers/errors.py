@@ -1,14 +1,14 @@
-"""The errors of the drivers: one class for each decision that a caller can take.
+"""The errors of the drivers: one class for each decision that a caller can make.
 
-DriverError                 anything the equipment or its link refuses or fails at
+DriverError                 the equipment or its link refuses or fails
 ├── ConfigError             a register map, DBC or station entry is wrong: fix the file
 ├── LimitError              a value outside the limits of the equipment; nothing was sent
 ├── IdentityError           the equipment that answered is not the one described; nothing was written
-│   └── UnreadableError     it could not be asked who it is: nothing is known against it
-├── LinkError               no answer, a torn or a foreign answer: retry, reconnect or go safe
+│   └── UnreadableError     its identity could not be read, so it may still be the right one
+├── LinkError               no answer, a damaged answer or one to another request: retry, reconnect or go safe
 │   └── NoConnectionError   nothing was sent
 ├── RefusedError            the equipment answered with an exception code: do not retry blindly
-└── ReadBackError           what was written is not what reads back: go safe
+└── ReadBackError           the value read back differs from the value written: go safe
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ class DriverError(Exception):
     """Base of all errors that equipment drivers raise."""
 
     exit_code = 4
-    """Of a program that ends with it: 2 where a file or value is to be mended, 4 where equipment failed."""
+    """Exit code of a program that ends with it: 2 when a file or value must be corrected, 4 when equipment failed."""
 
 
 class ConfigError(DriverError):
@@ -40,11 +40,11 @@ class IdentityError(DriverError):
 
 
 class UnreadableError(IdentityError):
-    """A register that tells who the equipment is was refused: nothing is known for it or against it."""
+    """A register that identifies the equipment could not be read: the identity is unknown."""
 
 
 class LinkError(DriverError):
-    """No answer in time, a torn answer, or one that belongs to another request."""
+    """No answer in time, a damaged answer, or one that belongs to another request."""
 
 
 class NoConnectionError(LinkError):
@@ -60,9 +60,9 @@ class RefusedError(DriverError):
 
 
 class ReadBackError(DriverError):
-    """What was written does not read back."""
+    """The value read back differs from the value written."""
 
 
 def one_line(error: BaseException) -> str:
-    """Text of an error without line breaks; its type when it has none."""
+    """Text of an error without line breaks; its type when the text is empty."""
     return " ".join(str(error).split()) or type(error).__name__

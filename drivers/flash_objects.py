@@ -1,4 +1,4 @@
-"""How a unit's calibration memory is reached: CANopen objects and UDS identifiers, one table for driver and simulator.
+"""CANopen objects and UDS identifiers of a unit's calibration memory, one table for driver and simulator.
 
 The memory has two banks, each for one image of docs/eeprom.md, and a switch that names the bank in force. The bank in
 force cannot be written. A write of `SIGNATURE` to the switch makes the unit check the image in the other bank and,
@@ -13,12 +13,12 @@ from typing import Literal
 
 BANKS = (1, 2)
 BANK_BYTES = 4000
-"""Room of a bank: 1000 words, and with the head of a UDS request less than the 4095 bytes of one ISO-TP message."""
+"""Size of a bank: 1000 words, and with the head of a UDS request less than the 4095 bytes of one ISO-TP message."""
 SIGNATURE = 0x65766173
 """`save` as the bytes of a little-endian word, as in CiA 301, object 1010h."""
 
 NODE_BASE = 0x10
-"""CANopen node of unit 0: beside the heartbeat of the layout (0x700 + number), which another node number would have."""
+"""CANopen node of unit 0; its NMT heartbeat does not collide with the heartbeat of the layout (0x700 + number)."""
 SDO_REQUEST, SDO_ANSWER = 0x600, 0x580
 UDS_REQUEST, UDS_ANSWER = 0x6C0, 0x6D0
 """CAN identifiers of unit 0."""
@@ -28,7 +28,7 @@ Protocol = Literal["canopen", "uds"]
 
 @dataclass(frozen=True)
 class Addresses:
-    """Where a unit is reached; `node` is its CANopen node, `request` and `answer` are UDS identifiers."""
+    """Addresses of a unit; `node` is its CANopen node, `request` and `answer` are UDS identifiers."""
 
     protocol: Protocol
     node: int
@@ -37,7 +37,7 @@ class Addresses:
 
     @classmethod
     def usual(cls, number: int, protocol: Protocol = "canopen") -> Addresses:
-        """Those of unit `number` of the shipped family."""
+        """Addresses of unit `number` of the shipped family."""
         return cls(protocol, NODE_BASE + number, UDS_REQUEST + number, UDS_ANSWER + number)
 
 
@@ -47,7 +47,7 @@ _PAGES = {1: 0x2200, 2: 0x2300}
 
 @dataclass(frozen=True)
 class Object:
-    """Where a value stands: CANopen index and sub-index, UDS data identifier, and its length [bytes], 0: varies."""
+    """Address of a value: CANopen index and sub-index, UDS data identifier, and its length [bytes], 0: varies."""
 
     index: int
     sub: int
@@ -56,24 +56,24 @@ class Object:
 
 
 class Memory(Enum):
-    """Values that a unit has."""
+    """Values in a unit."""
 
     SERIAL = Object(0x1018, 4, 0xFD00, 4)
     """Serial number, as in the heartbeat and in images."""
     ACTIVE = Object(0x2100, 0, 0xFD01, 1)
-    """Bank that the switch names, 0: none holds an image that the unit accepts."""
+    """Bank that the switch names, 0: neither bank holds an image that the unit accepts."""
     SET = Object(0x2104, 0, 0xFD02, 1)
-    """Number of the calibration in force, counted over switches (1 to 255), as the heartbeat says it; 0: none."""
+    """Number of the calibration in force, as in the heartbeat: counts switches (1 to 255); 0: none in force."""
     COMPENSATION = Object(0x2103, 0, 0xFD03, 1)
     """1: the rate is corrected; 0: it is raw, until the next reset."""
     SWITCH = Object(0x1010, 1, 0xFD04, 4)
     """Write `SIGNATURE` to turn the switch. Reads 1."""
     BANK_1 = Object(0x2101, 1, 0xFD11, 0)
     BANK_2 = Object(0x2101, 2, 0xFD12, 0)
-    """Image in a bank; one word of ones where there is none."""
+    """Image in a bank; one word of ones for an empty bank."""
     CRC_1 = Object(0x2102, 1, 0xFD21, 4)
     CRC_2 = Object(0x2102, 2, 0xFD22, 4)
-    """CRC-32 that the unit computes over the image in a bank without its last word; 0 where there is no image."""
+    """CRC-32 that the unit computes over the image in a bank without its last word; 0 for an empty bank."""
 
 
 def bank(number: int) -> Memory:

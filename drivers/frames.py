@@ -1,4 +1,4 @@
-"""python-can messages as FRAME records and back: the one place that knows both."""
+"""Conversion between python-can messages and FRAME records."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def to_frames(records: Iterable[bytes]) -> FrameArray:
 
 
 def joined(blocks: Sequence[FrameArray]) -> FrameArray:
-    """All FRAME records of several blocks (n,), in order, as bytes: numpy joins named fields ten times slower."""
+    """All FRAME records of several blocks (n,), in order; joined as bytes, ten times faster than named fields."""
     if len(blocks) == 1:
         return blocks[0]
     whole: FrameArray = np.concatenate([block.view(np.uint8) for block in blocks]).view(FRAME)

@@ -1,6 +1,6 @@
-"""Gyro on CAN: blocks of captured frames become samples, and every frame that did not is counted.
+"""Gyro on CAN: converts blocks of captured frames to samples, and counts every frame that it rejects.
 
-cantools reads the layout from the DBC once; frames are decoded by numpy. A DBC describes a family by the names of its
+cantools reads the layout from the DBC once; numpy decodes the frames. A DBC describes a family by the names of its
 signals:
 
 * `Rate`, `SampleCounter` in one message: one sample of the rate; optional `RateValid`, `LoopLocked`, `RateSaturated`
@@ -31,24 +31,24 @@ __all__ = ["GyroBlock", "GyroDecoder", "Identity", "Losses", "SampleClock", "Ser
 _GOOD = {"RateValid": 1, "LoopLocked": 1, "RateSaturated": 0}
 _WORD = np.dtype("<u8")
 _HEAD, _IDENTIFIED = np.uint64(0xFFFF_FFFF_FFFF), np.uint64(0xFF_FFFF_FFFF)
-"""Of the second word of a FRAME record: identifier, flags and length; identifier and flags."""
+"""Masks of the second word of a FRAME record: identifier, flags and length; identifier and flags."""
 WordArray = npt.NDArray[np.uint64]
 BOOT_UP = 0
 
 
 @dataclass(frozen=True)
 class Losses:
-    """What happened to the frames of one unit. Each count but `received` and `out_of_order` left a gap in the data."""
+    """Frame counts of one unit. Each count except `received` and `out_of_order` means a gap in the data."""
 
     received: int = 0  # frames of this unit, all messages
-    lost: int = 0  # rate samples for which no sound frame arrived
-    slow_lost: int = 0  # slow samples for which no sound frame arrived
-    corrupt: int = 0  # wrong CRC, wrong length, or a counter that fits nothing
+    lost: int = 0  # rate samples without an intact frame
+    slow_lost: int = 0  # slow samples without an intact frame
+    corrupt: int = 0  # wrong CRC, wrong length, or an implausible counter
     repeated: int = 0  # the same sample again
     late: int = 0  # arrived too long after its sample was taken
-    out_of_order: int = 0  # overtaken by a later frame; put back in its place when its block was still open
-    invalid: int = 0  # the unit itself says: not valid, not locked or saturated
-    resets: int = 0  # the unit started anew
+    out_of_order: int = 0  # arrived after a later frame; sorted into its place within its block
+    invalid: int = 0  # the unit reports: not valid, not locked or saturated
+    resets: int = 0  # the unit restarted
 
     def as_dict(self) -> dict[str, int]:
         """Counts by name."""
@@ -65,7 +65,7 @@ class Series:
 
 @dataclass(frozen=True)
 class GyroBlock:
-    """Samples of one block of frames; indices increase strictly, over blocks too. What is missing is a gap."""
+    """Samples of one block of frames; indices increase strictly, also from block to block. Missing samples are gaps."""
 
     index: IntArray  # sample index (n,)
     t_ns: IntArray  # bench time of arrival [ns] (n,)
@@ -75,9 +75,9 @@ class GyroBlock:
 
 
 class GyroDecoder:
-    """Unit `number` of a gyro family: frames in, samples out. Stateful: feed it the blocks in the order of capture.
+    """Decodes the frames of unit `number` of a gyro family. Stateful: pass the blocks in the order of capture.
 
-    `losses` counts since the start, `identity` is what the last heartbeat said (None before the first), `last` holds
+    `losses` counts since the start, `identity` is that of the last heartbeat (None before the first), `last` holds
     the latest value of each slow channel, `samples` the number of rate samples delivered.
     """
 
@@ -104,15 +104,15 @@ class GyroDecoder:
         self._slow = [SlowMessage(message, self.interval_s) for message in messages.values() if is_slow(message)]
         self.counter_bits = self._rate.signals["SampleCounter"].length
         self._track = CounterTrack(self.counter_bits, self._interval_ns, late_s)
-        self._look = b"?"  # heads of the last block; found in it: how many frames, and which have the right length
-        self._found: dict[str, tuple[int, IntArray]] = {}
-        self._reference: Reference | None = None  # the last sound rate frame
-        self._said = b""  # the last heartbeats, as long as they are no news
-        self._claim: tuple[int, ...] = ()  # who the last heartbeat says that it is
+        self._heads = b"?"  # of the last block
+        self._rows: dict[str, tuple[int, IntArray]] = {}  # by message: number of frames, rows of the right length
+        self._reference: Reference | None = None  # the last intact rate frame
+        self._unchanged = b""  # payload of the last heartbeats, while it does not change
+        self._claim: tuple[int, ...] = ()  # identity in the last heartbeat
         self._booted = False  # a boot-up heartbeat arrived and no rate frame since
 
     def decode(self, frames: FrameArray) -> GyroBlock:
-        """Samples of FRAME records in the order of capture; frames of other units are left alone."""
+        """Samples of FRAME records in the order of capture; frames of other units are ignored."""
         words = np.ascontiguousarray(frames).view(_WORD).reshape(-1, 3)
         self._sort(words)
         boot = self._read_heartbeat(words)
@@ -146,12 +146,12 @@ class GyroDecoder:
 
     @property
     def conflict(self) -> str | None:
-        """Two units under one number, or another one than before, in words; None when all is well."""
+        """Text of a conflict: two units with one number, or another unit than before; None without a conflict."""
         return self._impostors.conflict
 
     @property
     def serials(self) -> Sequence[int]:
-        """Serial numbers of the last heartbeats, each time that it changed; one while one unit answers."""
+        """Serial numbers of the last heartbeats, one entry per change; a single one without a conflict."""
         return self._impostors.serials
 
     def _count(self, **more: int) -> None:
@@ -161,53 +161,53 @@ class GyroDecoder:
                 self._counts[name] = self._counts.get(name, 0) + count
 
     def _sort(self, words: WordArray) -> None:
-        """Find the frames of each message among FRAME records (n, 3); blocks that look alike are sorted once."""
+        """Find the frames of each message among FRAME records (n, 3); a block with the same heads is sorted once."""
         heads = words[:, 1] & _HEAD
-        if (look := heads.tobytes()) == self._look:
+        if (pattern := heads.tobytes()) == self._heads:
             return
-        self._look = look
+        self._heads = pattern
         for message in (self._rate, self._heartbeat, *(slow.message for slow in self._slow)):
             head = message.id + self._number | FLAG_EXTENDED * message.extended << 32
             at = np.flatnonzero(heads & _IDENTIFIED == np.uint64(head))
             whole = heads[at] >> np.uint64(40) == np.uint64(message.length)
-            self._found[message.name] = len(at), at if whole.all() else at[whole]
+            self._rows[message.name] = len(at), at if whole.all() else at[whole]
 
     def _sound(self, words: WordArray, message: Message) -> tuple[IntArray, ByteArray]:
         """Positions (n,) and payloads (n, 8) of the frames of a message whose length and CRC are right."""
-        found, at = self._found[message.name]
+        received, at = self._rows[message.name]
         data = words[at, 2].view(np.uint8).reshape(-1, 8)
         if "Crc8" in message.signals:
             sound = message.crc(data, message.id + self._number) == data[:, message.length - 1]
             if not sound.all():
                 at, data = at[sound], data[sound]
-        self._count(received=found, corrupt=found - len(at))
+        self._count(received=received, corrupt=received - len(at))
         return at, data
 
     def _read_heartbeat(self, words: WordArray) -> IntArray:
-        """Take in the identity; positions of boot-up heartbeats."""
+        """Update the identity; returns positions of boot-up heartbeats."""
         at, data = self._sound(words, self._heartbeat)
         if not len(at):
             return at
-        said = data.tobytes()
-        if said == self._said:  # the same once a second is no news
+        payload = data.tobytes()
+        if payload == self._unchanged:
             self._impostors.heard(self.serials[-1:])
             return at[:0]
         raw = {name: signal.unpack(data) for name, signal in self._heartbeat.signals.items()}
         one = self._impostors.heard(raw["Serial"].tolist())
         absent = np.zeros(len(at), dtype=np.int64)
         fields = (raw.get(name, absent).tolist() for name in ("Serial", "Firmware", "CoefficientSet"))
-        for claim in zip(*fields, strict=True):  # another one may be a flipped bit, until it comes again
+        for claim in zip(*fields, strict=True):  # a changed one may be a flipped bit, until it is repeated
             sure = self.identity is None or claim == self._claim
             self._claim = claim
             if sure:
                 serial, firmware, coefficient_set = claim
                 self.identity = Identity(serial, firmware, coefficient_set, int(raw["State"][-1]))
         boot: IntArray = at[raw["State"] == BOOT_UP]
-        self._said = said if one and sure and not len(boot) else b""
+        self._unchanged = payload if one and sure and not len(boot) else b""
         return boot
 
     def _boot_rows(self, at: IntArray, boot: IntArray) -> IntArray:
-        """Rows of the rate frames that follow a boot-up heartbeat, one of an earlier block included."""
+        """Rows of the rate frames that follow a boot-up heartbeat, also one of an earlier block."""
         if not len(boot) and not self._booted:
             return boot
         rows = np.searchsorted(at, boot)
@@ -224,7 +224,7 @@ class GyroDecoder:
         return rate_dph, valid
 
     def _read_slow(self, words: WordArray, rate_at: IntArray, rate: Reference) -> dict[str, Series]:
-        """Slow channels, tied to the rate samples by the low bits of the counter."""
+        """Slow channels, assigned to the rate samples by the low bits of the counter."""
         before = self._reference
         if before is not None:
             rate = Reference(*(np.concatenate(pair) for pair in zip(before, rate, strict=True)))
@@ -238,7 +238,7 @@ class GyroDecoder:
                 self._count(repeated=repeated, slow_lost=lost)
                 data = data[rows]
             else:
-                index, data = np.zeros(0, dtype=np.int64), data[:0]  # nothing to tie them to before the first sample
+                index, data = np.zeros(0, dtype=np.int64), data[:0]  # before the first rate sample
             for name, (signal, factor) in slow.channels.items():
                 value = slow.message.signals[signal].physical(data) * factor
                 series[name] = Series(index, value)

@@ -1,4 +1,4 @@
-"""How a capture is: what it has seen, what is wrong and since when; readable from another process."""
+"""State of a capture: its counts, its error and since when; readable from another process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class CaptureHealth:
-    """State of a capture; `error` is None while frames can arrive."""
+    """State of a capture; `error` is None while frames can be received."""
 
     frames: int
     last_frame_s: float | None
@@ -19,20 +19,20 @@ class CaptureHealth:
     since_s: float | None = None
     """Bench time [s] at which `error` began."""
     recoveries: int = 0
-    """How often frames could arrive again after an error."""
+    """Number of recoveries from an error."""
     ended: bool = False
-    """Nobody will try again: the capture process has gone, or the disk refuses its journal."""
+    """The capture will not try again: its process has ended, or its journal cannot be written."""
     unreadable: int = 0
-    """What arrived and fits no record: CAN FD frames of more than 8 bytes, garbled lines of an adapter."""
+    """Received data that no record can hold: CAN FD frames of more than 8 bytes, garbled lines of an adapter."""
     bus: str = ""
     behind_s: float = 0.0
-    """How long the frames taken last had waited for the capture [s], by the stamps of the interface."""
+    """Delay of the last frames from reception by the interface to the capture [s]."""
     most_behind_s: float = 0.0
-    """The longest that a frame has waited since the start [s]."""
+    """Longest such delay since the start [s]."""
 
     @property
     def state(self) -> Literal["ok", "degraded", "lost"]:
-        """`degraded`: nothing arrives, the bus is being opened again; `lost`: it will not come back by itself."""
+        """`degraded`: the bus is being opened again; `lost`: the capture will not recover by itself."""
         if self.error is None:
             return "ok"
         return "lost" if self.ended else "degraded"
@@ -43,7 +43,7 @@ class CaptureHealth:
 
 
 class Beat:
-    """Heartbeat in memory that the capture process writes and its parent reads; carries no lock that could be lost."""
+    """Heartbeat in shared memory that the capture process writes and its parent reads, without a lock."""
 
     TEXT_BYTES = 400
 
@@ -55,7 +55,7 @@ class Beat:
         self._ended = context.RawValue("b", 0)
 
     def publish(self, tally: Tally) -> None:
-        """Say that the loop is alive, and what it has seen."""
+        """Publish the counts with the current time."""
         self._numbers[:] = [
             tally.frames,
             tally.last_ns,
@@ -69,16 +69,16 @@ class Beat:
         self._beat.value = time.monotonic_ns()
 
     def fail(self, text: str, *, ended: bool = False) -> None:
-        """Say what is wrong; an empty text says that it is right again."""
+        """Publish an error; an empty text clears it."""
         self._text.value = text.encode()[: self.TEXT_BYTES - 1]
         self._ended.value = ended
 
     def age_s(self) -> float:
-        """Time since the last sign of life [s]."""
+        """Time since the last `publish` [s]."""
         return (time.monotonic_ns() - int(self._beat.value)) * 1e-9
 
     def health(self) -> CaptureHealth:
-        """What was published last."""
+        """The state published last."""
         frames, last_ns, since_ns, error_frames, recoveries, unreadable, behind_ns, most_behind_ns = self._numbers[:]
         text = self._text.value.decode(errors="replace")
         return CaptureHealth(
@@ -98,7 +98,7 @@ class Beat:
 
 @dataclass
 class Tally:
-    """What a capture has seen since its start; times are bench times [ns], -1 for never."""
+    """Counts of a capture since its start; times are bench times [ns], -1 for never."""
 
     frames: int = 0
     last_ns: int = -1

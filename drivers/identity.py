@@ -1,4 +1,4 @@
-"""Who answers under a unit's number: what the heartbeat says, and whether it is one unit or two."""
+"""Identity of the unit that answers under a number, and detection of two units with one number."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Identity:
-    """What the unit says about itself in its heartbeat."""
+    """Identity of a unit, from its heartbeat."""
 
     serial: int
     firmware: int
@@ -18,10 +18,10 @@ class Identity:
 
 
 class Impostors:
-    """Notices a second unit with the same number on the bus, by its heartbeats or by its sample counter.
+    """Detects a second unit with the same number on the bus, by its heartbeats or by its sample counter.
 
-    Two serial numbers in turn are proof. Two counters, or every sample twice, are as good as that when they make up
-    more than a fifth of the frames over some seconds; single stray or repeated frames are not.
+    Two alternating serial numbers are proof. Frames with a second counter or a repeated sample are also proof when they
+    are more than a fifth of the frames over some seconds; single stray or repeated frames are not.
     """
 
     SHARE = 0.2
@@ -29,23 +29,23 @@ class Impostors:
 
     def __init__(self, number: int) -> None:
         self.serials: list[int] = []
-        """Serial numbers that answered, each time that it changed. A new one counts when it is heard twice in a short
-        while: heartbeats need not carry a CRC."""
-        self._heard: deque[int] = deque(maxlen=4)
+        """Serial numbers that answered, one entry per change. A new one counts after two of the last four heartbeats:
+        heartbeats need not carry a CRC."""
+        self._last: deque[int] = deque(maxlen=4)
         self._number = number
-        self._recent: deque[tuple[int, int]] = deque()  # frames, and those among them that fit nothing or came twice
+        self._recent: deque[tuple[int, int]] = deque()  # frames, and those among them that are implausible or repeated
         self._counters: str | None = None
 
     def heard(self, serials: Sequence[int]) -> bool:
-        """The serial numbers of the heartbeats of a block; whether they are all that of the unit."""
+        """Add the serial numbers of the heartbeats of a block; returns whether all are that of the unit."""
         for serial in serials:
-            self._heard.append(serial)
-            if not self.serials or (self.serials[-1] != serial and self._heard.count(serial) > 1):
+            self._last.append(serial)
+            if not self.serials or (self.serials[-1] != serial and self._last.count(serial) > 1):
                 self.serials = [*self.serials[-7:], serial]
         return {*serials} == {self.serials[-1]}
 
     def counted(self, frames: int, misfits: int) -> None:
-        """So many rate frames in a block, and how many of them carried a second counter or a sample again."""
+        """Add the number of rate frames of a block, and how many carried a second counter or a repeated sample."""
         self._recent.append((frames, misfits))
         while sum(count for count, _ in self._recent) - self._recent[0][0] >= self.FRAMES:
             self._recent.popleft()
@@ -58,7 +58,7 @@ class Impostors:
 
     @property
     def conflict(self) -> str | None:
-        """What is wrong, for a human; None while one unit answers. Stays once it was seen."""
+        """Text for the user; None while one unit answers. A conflict remains until the end of the run."""
         serials = self.serials
         if len(serials) > 2 and serials[-3] == serials[-1]:
             return (
@@ -66,5 +66,5 @@ class Impostors:
                 f"with this number on one bus; disconnect one or give it another number"
             )
         if len(serials) > 1:
-            return f"serial number {serials[-1]} answers as number {self._number}, where {serials[-2]} did before"
+            return f"serial number {serials[-1]} answers as number {self._number}; before, {serials[-2]} did"
         return self._counters

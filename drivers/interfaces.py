@@ -1,7 +1,7 @@
 """The only module that opens CAN buses: any python-can interface by its name, with its bit timing and its filters.
 
-What python-can says when the library of a vendor is not there differs from interface to interface (ImportError,
-OSError, NameError, an exception of its own); here it is one ConfigError that names what to install.
+When the library of a vendor is missing, python-can raises a different exception for each interface (ImportError,
+OSError, NameError, a custom one); here it is one ConfigError that names what to install.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ NEEDS = {
     "serial": "the Python package pyserial",
     "udp_multicast": "the Python package msgpack",
 }
-"""What an interface of python-can 4.6 cannot do without (its documentation, and its error where it is not there)."""
+"""Requirements of the interfaces of python-can 4.6 (from its documentation, and its error when they are missing)."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class BusSettings:
     """Which python-can interface to open; `options` are passed to it as they are.
 
     `timing` are the fields of `can.BitTiming`, or of `can.BitTimingFd` when `fd` is set; it replaces `bitrate` and
-    `data_bitrate`. `filters` are python-can filters; none: everything is received.
+    `data_bitrate`. `filters` are python-can filters; without filters everything is received.
     """
 
     interface: str
@@ -70,9 +70,9 @@ class BusSettings:
 
 
 def open_bus(settings: BusSettings) -> can.BusABC:
-    """Open a bus; ConfigError when the settings cannot work here, LinkError when the bus is not there now.
+    """Open a bus; ConfigError when the settings cannot work here, LinkError when the bus is not available now.
 
-    Our own frames are never received: what was sent to a unit must not look as if the unit had sent it.
+    Our own frames are never received: they must not be mistaken for frames of a unit.
     """
     import can
 
@@ -127,7 +127,7 @@ def _options(settings: BusSettings) -> dict[str, Any]:
 
 
 def _timing(settings: BusSettings, given: Mapping[str, Any]) -> can.BitTiming | can.BitTimingFd:
-    """Bit timing from its fields; from bit rate and sample point (`from_sample_point`) where the fields say so."""
+    """Bit timing from its fields; with a sample point among them, by `from_sample_point`."""
     import can
 
     kind = can.BitTimingFd if settings.fd else can.BitTiming
@@ -150,7 +150,7 @@ def _needs(settings: BusSettings) -> str:
 
 
 def _enlarge_buffer(bus: can.BusABC) -> None:
-    """SocketCAN holds some 300 frames unless asked for more; where the system refuses, it stays as it is."""
+    """Enlarge the SocketCAN buffer, which by default holds some 300 frames; without permission, nothing changes."""
     link = getattr(bus, "socket", None)
     if isinstance(link, socket.socket) and link.family == getattr(socket, "AF_CAN", None):
         with contextlib.suppress(OSError):

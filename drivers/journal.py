@@ -1,8 +1,8 @@
 """Append-only journal of a run: CRC-framed blocks that survive `kill -9` and a power cut.
 
-Each block is written by one `write` call: header with its CRC-32, payload, and a CRC-32 over all. A reader takes every
-block whose CRC is right, resynchronises on the magic after a damaged one, and reports the bytes it had to leave out.
-The header has a CRC of its own so that a damaged length cannot make a reader wait for bytes that never come. One
+Each block is written by one `write` call: header with its CRC-32, payload, and a CRC-32 over all. A reader accepts
+every block whose CRC is right, resynchronises on the magic after a damaged one, and reports the bytes it skipped.
+The header has a separate CRC so that a damaged length cannot make a reader wait for bytes that never arrive. One
 writer per file. Readers may follow a file while it grows.
 """
 
@@ -44,7 +44,7 @@ FLAG_EXTENDED, FLAG_REMOTE, FLAG_ERROR = 1, 2, 4
 
 
 class Kind(IntEnum):
-    """What a block carries."""
+    """Content of a block."""
 
     FRAMES = 1  # FRAME records
     READING = 2  # chamber readings, float64 rows
@@ -87,12 +87,12 @@ class JournalWriter:
         crc = zlib.crc32(payload, zlib.crc32(head))
         block = b"".join((head, payload, _CRC.pack(crc)))
         written = os.write(self._fd, block)
-        if written != len(block):  # a full disk may take a part of the block; the reader skips it by its CRC
+        if written != len(block):  # a full disk may store a part of the block; the reader skips it by its CRC
             raise OSError(28, "journal block written only in part (disk full?)", str(self.path))
         self._sequence += 1
 
     def sync(self) -> None:
-        """Force what was appended to the disk."""
+        """Force all appended blocks to the disk."""
         os.fdatasync(self._fd)
 
     def close(self) -> None:
@@ -128,20 +128,20 @@ class JournalTail:
 
     @property
     def torn_bytes(self) -> int:
-        """Bytes at the end that do not (yet) make a whole block."""
+        """Bytes at the end that are not (yet) a complete block."""
         return len(self._rest)
 
 
 @dataclass
 class Damage:
-    """What a reader had to leave out: damaged bytes between blocks, and a torn block at the end."""
+    """Bytes that a reader skipped: damaged bytes between blocks, and a torn block at the end."""
 
     skipped_bytes: int = 0
     torn_bytes: int = 0
 
 
 def read_blocks(path: Path, damage: Damage | None = None, chunk_bytes: int = 1 << 24) -> Iterator[Block]:
-    """All sound blocks of a finished or killed journal, in constant memory; counts into `damage` what is not sound."""
+    """All intact blocks of a finished or killed journal, in constant memory; counts the other bytes in `damage`."""
     damage = damage if damage is not None else Damage()
     rest = b""
     with path.open("rb") as file:
@@ -163,7 +163,7 @@ def read_blocks(path: Path, damage: Damage | None = None, chunk_bytes: int = 1 <
 def _parse(data: bytes, final: bool = False) -> tuple[list[Block], int, int]:
     """Blocks in `data`, the number of bytes used, and the number of bytes skipped as damaged.
 
-    A block that `data` holds only in part stops the search, unless `final` says that no more will come.
+    An incomplete block at the end of `data` stops the search, unless the data is `final`.
     """
     blocks: list[Block] = []
     position = skipped = 0
@@ -186,7 +186,7 @@ def _parse(data: bytes, final: bool = False) -> tuple[list[Block], int, int]:
 
 
 def _block(data: bytes, start: int) -> tuple[Block | None, int]:
-    """The block whose magic is at `start`, None if it is not whole and sound; where it (or its header) should end."""
+    """The block whose magic is at `start`, None if it is incomplete or damaged; where it (or its header) should end."""
     body = start + _HEADER.size + _CRC.size
     head = data[start:body]
     if len(head) < body - start or zlib.crc32(head[: -_CRC.size]) != _CRC.unpack_from(head, _HEADER.size)[0]:

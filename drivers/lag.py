@@ -1,20 +1,20 @@
-"""How far a capture is behind its bus: the age of each frame when it is taken, and when that becomes news."""
+"""Lag of a capture behind its bus: the age of each frame when it is received, and when it is reported."""
 
 from __future__ import annotations
 
 LIMIT_NS = 200_000_000
-"""Behind by more than this is told: SocketCAN's usual buffer is then full several times over on a busy bus."""
+"""A lag above this [ns] is reported: on a busy bus it is several times the capacity of SocketCAN's default buffer."""
 PLAUSIBLE_NS = 1_000_000_000
-"""Stamps may always be this old [ns]; older ones only as a backlog that has grown so old."""
+"""Ages up to this [ns] are always plausible; larger ones only when the backlog has had time to grow to them."""
 SLACK_NS = 10_000_000
 
 
 class Lag:
     """Ages of frames [ns] from the calendar stamps of their interface.
 
-    A frame can have become older since the one before only by the time that has passed. So a calendar clock that is
-    set, or an interface that stamps with a clock of its own, does not pass for a backlog, and a real backlog of many
-    seconds is believed. An interface that stamps only when it hands a frame over shows none.
+    From one frame to the next the age can grow only by the time that has passed. So a step of the calendar clock, or an
+    interface with another clock, is not mistaken for a backlog, and a real backlog of many seconds is recognised. An
+    interface that stamps a frame only on delivery never shows a lag.
     """
 
     def __init__(self) -> None:
@@ -25,18 +25,18 @@ class Lag:
         self._since_s: float | None = None
 
     def age_ns(self, now_ns: int, stamped_ns: int) -> int:
-        """Age of a frame taken at `now_ns` (monotonic) whose stamp says `stamped_ns`; 0 when that cannot be."""
+        """Age of a frame received at `now_ns` (monotonic), `stamped_ns` by its stamp; 0 when that is implausible."""
         oldest = 0 if self._at_ns is None else self._age_ns + now_ns - self._at_ns + SLACK_NS
         age = stamped_ns if 0 < stamped_ns < max(oldest, PLAUSIBLE_NS) else 0
         self._age_ns, self._at_ns = age, now_ns
         return age
 
     def caught_up(self, now_ns: int) -> None:
-        """Nothing waits any more."""
+        """Reset the age: no frame waits."""
         self._age_ns, self._at_ns = 0, now_ns
 
     def news(self, behind_ns: int, now_s: float) -> str:
-        """What to say after a batch whose oldest frame had waited `behind_ns`; mostly nothing.
+        """Text of an event after a batch whose oldest frame had waited `behind_ns`; empty when there is none.
 
         `most_ns` is the longest wait of this spell.
         """

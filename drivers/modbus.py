@@ -1,15 +1,15 @@
 """The Modbus link of a chamber: the only module that touches a pymodbus client.
 
 pymodbus accepts short answers, answers with another function code and, on RTU framing, late answers to an earlier
-request. So nothing is retried inside pymodbus; here every answer is checked against its request, and after anything
-doubtful the link is brought back in step before the next request:
+request. So retries inside pymodbus are off; here every answer is checked against its request, and after any error the
+link is resynchronised before the next request:
 
-* Modbus TCP numbers its requests, so a fresh connection is enough;
-* RTU has no numbers, so the slowest possible answer is waited out, and what arrives is thrown away until the line was
-  silent for one whole timeout. What arrives between two requests is thrown away before the second one is sent.
+* Modbus TCP numbers its requests, so a new connection is enough;
+* RTU has no numbers, so the link waits for the slowest possible answer, and discards received bytes until the line was
+  silent for one whole timeout. Bytes that arrive between two requests are discarded before the second one is sent.
 
-What this cannot tell: an RTU answer that comes after the slowest possible time, in the middle of the next exchange, and
-has the right function and length. Hence `slowest_s`, and polled blocks of one fixed shape in the register maps.
+One error remains undetected: an RTU answer that arrives after the slowest possible time, in the middle of the next
+exchange, with the right function and length. Hence `slowest_s`, and polled blocks of a fixed shape in register maps.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # imported where a link is opened: a rehearsal opens none
     from pymodbus.client import ModbusSerialClient, ModbusTcpClient
     from pymodbus.pdu import ModbusPDU
 
-# pymodbus logs its recent traffic at every error; our errors already say what happened.
+# pymodbus logs its recent traffic at every error; our errors already describe it.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 EXCEPTIONS = {
@@ -53,13 +53,13 @@ _Client: TypeAlias = Union["ModbusTcpClient", "ModbusSerialClient"]
 
 
 def prepare() -> None:
-    """Import what a link needs: a process that must act at once has no time for it then."""
+    """Import what a link needs in advance, for a process that must act without delay."""
     import pymodbus.client  # noqa: F401
 
 
 @dataclass
 class LinkCounters:
-    """What the link went through since it was opened."""
+    """Events of the link since it was made."""
 
     requests: int = 0
     faults: int = 0
@@ -70,8 +70,8 @@ class LinkCounters:
 class ModbusLink:
     """Checked requests to one Modbus device. Not for use by several threads.
 
-    Raises LinkError when no trustworthy answer came within the attempts, RefusedError for exception responses. Each
-    request connects if need be; whoever calls again after an error waits `back_off.wait_s(failures)` in between.
+    Raises LinkError when no valid answer came within the attempts, RefusedError for exception responses. Each
+    request connects if necessary; after an error, the caller waits `back_off.wait_s(failures)` before the next one.
     """
 
     def __init__(
@@ -87,8 +87,8 @@ class ModbusLink:
         """Prepare a link; the connection is made by the first request.
 
         `url` is `tcp://host:port` (Modbus TCP), `rtu+tcp://host:port` (RTU frames through a serial gateway) or
-        `rtu:///dev/ttyUSB0?baudrate=9600&parity=N&stopbits=1`. `slowest_s` [s] is the time after which an answer
-        cannot come any more, twice the timeout unless given; only RTU needs it. Raises ConfigError.
+        `rtu:///dev/ttyUSB0?baudrate=9600&parity=N&stopbits=1`. `slowest_s` [s] is the latest time of an answer, by
+        default twice the timeout; only RTU needs it. Raises ConfigError.
         """
         if not 0 < timeout_s <= 60 or attempts < 1 or not 0 <= device_id <= 247:
             raise ConfigError(
@@ -120,21 +120,21 @@ class ModbusLink:
         return {r.name: r.decode(words[r.address - start : r.end - start]) for r in members}
 
     def write(self, register: Register, value: Value) -> None:
-        """Write one register of the whitelist; LimitError before anything is sent. Does not read back."""
+        """Write one writable register; LimitError before anything is sent. Does not read back."""
         if register.write is None:
             raise ConfigError(f"{register.name} is not a register that may be written")
         self._request(register.write, register.address, register.count, register.encode(value))
 
     def send(self, register: Register, value: Value) -> None:
-        """Write once over a fresh connection, whatever the answers to earlier requests were; does not read back.
+        """Write once over a new connection, whatever happened to earlier requests; does not read back.
 
-        NoConnectionError when nothing was sent; LinkError without a sound answer and RefusedError for an exception
-        response, although the device may have done it all the same.
+        NoConnectionError when nothing was sent; LinkError without a valid answer and RefusedError for an exception
+        response, although the device may have executed the write.
         """
         if register.write is None:
             raise ConfigError(f"{register.name} is not a register that may be written")
         words = register.encode(value)
-        if not self.url.startswith("rtu:"):  # a serial line has no connection to be renewed
+        if not self.url.startswith("rtu:"):  # a serial line has no connection
             self.close()
         self.counters.requests += 1
         where = f"{self.url}: function {register.write}, address {register.address}, {register.count} words"
@@ -148,7 +148,7 @@ class ModbusLink:
             raise type(error)(f"{where}: {error}") from None
 
     def _request(self, code: int, address: int, count: int, words: Sequence[int] = ()) -> Sequence[int]:
-        """One request with its bounded repetitions; the words that were read."""
+        """One request with a limited number of attempts; returns the words that were read."""
         where = f"{self.url}: function {code}, address {address}, {count} words"
         for attempt in range(1, self._attempts + 1):
             self.counters.requests += 1
@@ -158,7 +158,7 @@ class ModbusLink:
             except RefusedError as error:
                 if error.code not in _TRANSIENT:
                     raise RefusedError(f"{where}: {error}", error.code) from None
-                if not self._numbered:  # a gateway gives up (11) before the device does, whose answer still comes
+                if not self._numbered:  # after a gateway times out (11), the device may still answer
                     self._resynchronise()
                 if attempt == self._attempts:
                     raise RefusedError(f"{where}: {error} ({attempt} attempts)", error.code) from None
@@ -183,7 +183,7 @@ class ModbusLink:
             answer = self._send(code, address, count, words)
         except (ModbusException, OSError) as error:
             raise LinkError(f"no valid answer: {error}") from error
-        except Exception as error:  # pymodbus decodes what a device sends: garbage may end it anywhere
+        except Exception as error:  # pymodbus may raise anything when it decodes garbage
             raise LinkError(f"no valid answer: {type(error).__name__}: {error}") from error
         if answer.function_code == code | 0x80:
             number = answer.exception_code
@@ -218,15 +218,15 @@ class ModbusLink:
             return
         try:
             for _ in range(self._drains):
-                heard = self._client.recv(None)  # up to one timeout
-                if not heard and time.monotonic() >= self._sent_s + self._slowest_s:
+                received = self._client.recv(None)  # up to one timeout
+                if not received and time.monotonic() >= self._sent_s + self._slowest_s:
                     return
         except (ModbusException, OSError):
             pass
         self.close()
 
     def _discard_waiting(self) -> None:
-        """Throw away what an RTU gateway sent without being asked; on a serial line pymodbus does it."""
+        """Discard bytes that an RTU gateway sent without a request; on a serial line pymodbus does it."""
         from pymodbus.client import ModbusSerialClient
 
         client = self._client

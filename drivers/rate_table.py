@@ -1,8 +1,8 @@
-"""Rate tables: what every driver offers, and the values that they exchange.
+"""Rate tables: the interface of every driver, and the values that they exchange.
 
-Order of use: `identify()`, `prepare()`, `enable()`, `set_rate()`; `poll()` at every tick, which also tells the table
-that we are alive; `safe()` at the end. Nothing outside the limits is ever sent, and nothing is clipped to them. No
-driver clears a fault, and none is a safety device: the table keeps its own emergency stop.
+Order of use: `identify()`, `prepare()`, `enable()`, `set_rate()`; `poll()` at every tick, which also sends our
+heartbeat; `safe()` at the end. Values outside the limits are refused: they are neither sent nor clipped. Drivers do not
+clear faults and are not safety devices: the table keeps its own emergency stop.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ TABLE = np.dtype([("t_s", "<f8"), ("rate_dps", "<f8"), ("position_deg", "<f8")])
 TableArray = npt.NDArray[np.void]
 
 STOPPED_DPS = 0.1
-"""Slower than this the table stands [deg/s]; encoders and servos are never quite still."""
+"""Rate below which the table counts as stopped [deg/s]; encoders and servos are never completely still."""
 
 
 @dataclass(frozen=True)
 class TableLimits:
-    """What may be asked of the table."""
+    """Limits of the table."""
 
     rate_dps: float
-    """Fastest rate, either way [deg/s]."""
+    """Highest rate, in either direction [deg/s]."""
     accel_dps2: float
-    """Strongest acceleration [deg/s^2]; used when none is given."""
+    """Highest acceleration [deg/s^2], and its default."""
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) and value > 0 for value in (self.rate_dps, self.accel_dps2)):
             raise ConfigError(f"rate table limits {self.rate_dps} deg/s, {self.accel_dps2} deg/s^2 must be above 0")
 
     def check(self, rate_dps: float, accel_dps2: float) -> None:
-        """LimitError when the table may not do this; call it before anything is sent."""
+        """LimitError outside the limits; call it before anything is sent."""
         if not abs(rate_dps) <= self.rate_dps:
             text = f"rate {rate_dps:g} deg/s is outside the limits +-{self.rate_dps:g} deg/s; nothing was sent"
             raise LimitError(text)
@@ -57,44 +57,44 @@ class RateTable(Protocol):
 
     @property
     def limits(self) -> TableLimits:
-        """What may be asked of it."""
+        """Limits of the table."""
 
     @property
     def commanded_dps(self) -> float:
         """Rate that was commanded last [deg/s]; 0 before."""
 
     enabled: bool
-    """Whether we have switched the axis on: then `safe` has to stop it."""
+    """Whether we have switched the axis on; if so, `safe` stops it."""
 
     def identify(self) -> str:
-        """Who answers; IdentityError when it is not the table that the station describes. Nothing is written."""
+        """Identity as text; IdentityError when it is not the table that the station describes. Writes nothing."""
 
     def prepare(self) -> tuple[str, ...]:
-        """Set up readings and supervision, nothing moves; what the table does not have of it, as text."""
+        """Set up readings and supervision, nothing moves; returns what the table does not support, as text."""
 
     def enable(self) -> None:
-        """Switch the axis on, standing."""
+        """Switch the axis on at rate 0."""
 
     def set_rate(self, rate_dps: float, accel_dps2: float | None = None) -> None:
-        """Go to `rate_dps` [deg/s]; written and read back, the table needs its time to get there."""
+        """Command `rate_dps` [deg/s], written and read back; does not wait until the table reaches it."""
 
     def rate(self) -> float:
-        """Rate by the encoder, now [deg/s]."""
+        """Current encoder rate [deg/s]."""
 
     def position(self) -> float:
-        """Position by the encoder, now [deg]."""
+        """Current encoder position [deg]."""
 
     def poll(self) -> TableArray:
-        """Encoder readings since the last call, and a sign of life; LinkError when the table is silent."""
+        """Encoder readings since the last call; sends our heartbeat. LinkError when the table does not answer."""
 
     def stop(self) -> None:
-        """Come to a stand with the usual acceleration and wait for it."""
+        """Stop with the usual acceleration and wait for the standstill."""
 
     def safe(self) -> list[SafeStep]:
-        """Stop as fast as the table's quick stop does, then switch off; verified by reading. Never raises."""
+        """Stop by the table's quick stop, then switch off; verified by reading. Never raises."""
 
     def close(self) -> None:
-        """Let go of the link."""
+        """Close the link."""
 
 
 def table_array(rows: Iterable[tuple[float, float, float]]) -> TableArray:
@@ -103,7 +103,7 @@ def table_array(rows: Iterable[tuple[float, float, float]]) -> TableArray:
 
 
 def attempt(what: str, action: Callable[[], str]) -> SafeStep:
-    """One step to the safe state; `action` returns what it verified. The way goes on whatever happens."""
+    """One step to the safe state; `action` returns what it verified. Never raises, so that all steps are tried."""
     try:
         return SafeStep(what, True, action())
     except DriverError as error:

@@ -1,7 +1,7 @@
-"""One register of a controller: where it is, what it means, and how its values become words on the wire.
+"""One register of a controller: its address, its meaning, and the coding of its values as words on the wire.
 
-Decoding is as strict as encoding: a value that cannot be right (NaN, infinite, outside the register's limits) raises
-instead of becoming data.
+Decoding is as strict as encoding: an impossible value (NaN, infinite, outside the register's limits) raises instead of
+becoming data.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Text = Annotated[str, Field(min_length=1)]
 
 @dataclass(frozen=True, config=STRICT)
 class Register:
-    """One quantity of a controller: where it is, how it is coded, and what may be read from or written to it."""
+    """One quantity of a controller: its address, its coding, and what may be read from or written to it."""
 
     name: str
     address: Annotated[int, Field(ge=0, le=0xFFFF)]
@@ -42,26 +42,26 @@ class Register:
     write: Literal[6, 16] | None = None
     """Function code that writes it; None: the driver never writes it."""
     words: Annotated[int, Field(ge=0, le=MAX_BLOCK_WORDS)] = 0
-    """Length of a text (one character a register); numbers know their own."""
+    """Length of a text (one character per register); for numbers, their type defines it."""
     word_order: Literal["high_first", "low_first"] = "high_first"
     scale: FiniteFloat = 1.0
     """Value = raw number x scale."""
     decimals: str = ""
-    """Register that holds how many decimals the controller implies; read at identify. Empty: none are implied."""
+    """Register that holds how many decimals the controller implies; read by `identify`. Empty: no implied decimals."""
     mask: Annotated[int, Field(ge=1, le=0xFFFF)] | None = None
-    """The only bits of the word that belong to this register; a write leaves the others as they are."""
+    """The bits of the word that belong to this register; a write does not change the other bits."""
     unit: str = ""
     values: Mapping[str, int] = field(default_factory=dict)
     """Names of an enumeration."""
     low: FiniteFloat | None = None
-    """Limits of what is ever written; for a register that is only read, of what can be true."""
+    """Limits of written values; for a register that is only read, limits of plausible values."""
     high: FiniteFloat | None = None
     tolerance: Annotated[FiniteFloat, Field(ge=0)] | None = None
     """Largest difference between written and read back; default half a count, or a float32 rounding."""
     normal: tuple[str, ...] = ()
-    """Names that mean nothing is wrong; when given, any other value is an alarm."""
+    """Names of normal states; when given, any other value is an alarm."""
     alarming: tuple[str, ...] = ()
-    """Names that are an alarm; any other value is not."""
+    """Names of alarms; any other value is not an alarm."""
     optional: bool = False
     """Not every controller of this model has it."""
     uncertain: bool = False
@@ -69,15 +69,15 @@ class Register:
 
     def __post_init__(self) -> None:
         if (self.type == "ascii") != (self.words > 0):
-            raise ValueError("words is the length of an ascii register and of no other")
+            raise ValueError("words must be given for an ascii register, and only for it")
         if self.scale == 0 or (self.type in ("ascii", "float32") and self.scale != 1):
-            raise ValueError("scale belongs to integers and is not 0")
+            raise ValueError("scale must not be 0, and is only allowed for integers")
         if self.values and self.type != "uint16":
-            raise ValueError("an enumeration is a uint16")
+            raise ValueError("a register with values must be a uint16")
         if self.write == 6 and self.count != 1:
             raise ValueError("function code 6 writes one word; use 16")
         if self.decimals and "int" not in self.type:
-            raise ValueError("decimals belong to integers")
+            raise ValueError("decimals are only allowed for integers")
         if self.mask is not None:
             self._check_mask(self.mask)
         if unknown := {*self.normal, *self.alarming} - set(self.values):
@@ -85,9 +85,9 @@ class Register:
 
     def _check_mask(self, mask: int) -> None:
         if self.type != "uint16" or not self.values:
-            raise ValueError("a mask belongs to an enumeration")
+            raise ValueError("a mask needs values and the type uint16")
         if outside := [name for name, code in self.values.items() if code & ~mask]:
-            raise ValueError(f"{', '.join(outside)} has bits outside the mask {mask:#x}")
+            raise ValueError(f"bits of {', '.join(outside)} are outside the mask {mask:#x}")
 
     @cached_property
     def count(self) -> int:
@@ -96,22 +96,22 @@ class Register:
 
     @cached_property
     def end(self) -> int:
-        """First address behind the register."""
+        """First address after the register."""
         return self.address + self.count
 
     def with_decimals(self, places: int) -> Register:
-        """The same register once the controller has said how many decimals it implies."""
+        """The same register with the implied decimals that the controller reported."""
         return replace(self, scale=self.scale * 10.0**-places, decimals="")
 
     @property
     def whole_word(self) -> Register:
-        """The word that a masked register is a part of."""
+        """The word that contains a masked register."""
         return replace(self, mask=None, values={}, normal=(), alarming=())
 
     def decode(self, words: Sequence[int]) -> Value:
         """Value of `words` as read from the wire.
 
-        Raises LimitError when no healthy controller could have meant it: NaN, infinite, outside low..high.
+        Raises LimitError for a value that a healthy controller cannot report: NaN, infinite, outside low..high.
         """
         self._check_scale()
         if len(words) != self.count:
@@ -119,7 +119,7 @@ class Register:
         if self.type == "ascii":
             text = "".join(chr(word & 0xFF) for word in words).rstrip("\0 ")
             if not text.isprintable():
-                raise LimitError(f"{self.name} reads {text!r}, which is no text")
+                raise LimitError(f"{self.name} reads {text!r}, which is not printable text")
             return text
         ordered = words if self.word_order == "high_first" else tuple(reversed(words))
         as_words, as_number = _coding(self.count, self.type)
@@ -128,7 +128,7 @@ class Register:
             raw &= 0xFFFF if self.mask is None else self.mask
             return next((name for name, code in self.values.items() if code == raw), f"code {raw}")
         value = float(raw * self.scale)
-        # A target that somebody left outside what we would write is legal; a measurement outside its range is not.
+        # A set point outside the limits that we would write is legal; a measurement outside its range is not.
         if not (self._within(value) if self.write is None else _possible(value)):
             raise self._refusal(value, "reads", "; a sensor break, or wrong word order, scale or unit")
         return value
@@ -138,7 +138,7 @@ class Register:
         self._check_scale()
         if self.type == "ascii":
             if not isinstance(value, str) or len(value) > self.words or not value.isascii():
-                raise LimitError(f"{self.name}: {value!r} is no ASCII text of at most {self.words} characters")
+                raise LimitError(f"{self.name}: {value!r} is not ASCII text of at most {self.words} characters")
             return tuple(ord(char) for char in value.ljust(self.words, "\0"))
         number = self._number(value)
         if self.type != "float32":
@@ -152,7 +152,7 @@ class Register:
         return words if self.word_order == "high_first" else tuple(reversed(words))
 
     def agrees(self, written: Value, read: Value) -> bool:
-        """Whether `read` is what a healthy controller gives back for `written`."""
+        """Whether `read` equals `written` within the tolerance."""
         if isinstance(written, str) or isinstance(read, str):
             return written == read
         tolerance = self.tolerance
@@ -161,17 +161,19 @@ class Register:
         return abs(written - read) <= tolerance * (1 + 1e-9)
 
     def is_alarm(self, value: Value) -> bool:
-        """Whether `value` of this register is an alarm by the map."""
+        """Whether the map defines `value` of this register as an alarm."""
         return value in self.alarming or (bool(self.normal) and value not in self.normal)
 
     def _check_scale(self) -> None:
         if self.decimals:
-            raise ConfigError(f"{self.name}: its decimals stand in {self.decimals}, which was not read yet: identify")
+            raise ConfigError(
+                f"{self.name}: its decimals are in {self.decimals}, which was not read yet: call identify() first"
+            )
 
     def _number(self, value: Value) -> float:
         if self.values:
             if value not in self.values:
-                raise LimitError(f"{self.name}: {value!r} is none of {', '.join(self.values)}")
+                raise LimitError(f"{self.name}: {value!r} is not one of {', '.join(self.values)}")
             return self.values[str(value)]
         if isinstance(value, str | bool):
             raise LimitError(f"{self.name}: {value!r} is not a number")
@@ -191,28 +193,28 @@ class Register:
 
 @cache
 def _coding(count: int, kind: str) -> tuple[struct.Struct, struct.Struct]:
-    """The same bytes as words and as a number."""
+    """Formats that read the same bytes as words and as a number."""
     return struct.Struct(f">{count}H"), struct.Struct(">" + _FORMATS[kind])
 
 
 def _possible(value: float) -> bool:
-    """Finite, and not what a round float32 looks like with its two words swapped."""
+    """Finite, and not so small as a round float32 whose two words are swapped."""
     return math.isfinite(value) and not 0 < abs(value) < _TINY
 
 
 def block_of(registers: Iterable[Register]) -> tuple[int, int, int]:
     """Function code, address and length [words] of the one request that reads all `registers`.
 
-    Raises ValueError when there is none.
+    Raises ValueError when one request cannot read them.
     """
     members = tuple(registers)
     if len(members) == 1:
         return members[0].read, members[0].address, members[0].count
     codes = {register.read for register in members}
     if len(codes) != 1:
-        raise ValueError(f"a block is read with one function code, not {sorted(codes)}")
+        raise ValueError(f"a block must have one function code, not {sorted(codes)}")
     start = min(register.address for register in members)
     count = max(register.end for register in members) - start
     if count > MAX_BLOCK_WORDS:
-        raise ValueError(f"a block of {count} words; Modbus reads at most {MAX_BLOCK_WORDS}")
+        raise ValueError(f"a block has {count} words; Modbus reads at most {MAX_BLOCK_WORDS}")
     return codes.pop(), start, count

@@ -1,7 +1,7 @@
-"""Register maps: everything that a driver knows about one controller model, as data.
+"""Register maps: the complete description of one controller model, as data.
 
-A map is a YAML file in `drivers/chambers/`, or anywhere (`drivers/registers.py` reads it). Nothing here talks to
-equipment; the driver and the simulator share this description of the wire and nothing else.
+A map is a YAML file in `drivers/chambers/`, or anywhere (`drivers/registers.py` reads it). This module does not access
+equipment; the driver and the simulator share only this description of the wire.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from drivers.register import MAX_BLOCK_WORDS, STRICT, Register, Text, Value
 Seconds = Annotated[FiniteFloat, Field(ge=0, le=3600)]
 
 _STATES = {"door": {"open", "closed"}, "sensor_break": {"ok", "broken"}, "compressor": {"off", "on"}}
-"""Registers that the driver knows by name, and the values that they need to have."""
+"""Registers that the driver uses by name, and the values that they must have."""
 
 
 @dataclass(frozen=True, config=STRICT)
 class Rule:
-    """What a register must read before anything is written: a pattern for names and texts, a range for numbers."""
+    """Value that a register must read before anything is written: a pattern for texts, a range for numbers."""
 
     register: str
     why: Text
@@ -39,12 +39,12 @@ class Rule:
     def __post_init__(self) -> None:
         ranged = self.low is not None and self.high is not None and self.low <= self.high
         if ranged == (self.pattern is not None):
-            raise ValueError("a rule has a pattern, or low and high")
+            raise ValueError("a rule needs either a pattern, or low and high")
         if self.example is not None and not self.accepts(self.example):
             raise ValueError(f"the example {self.example!r} does not satisfy the rule")
 
     def accepts(self, value: Value) -> bool:
-        """Whether the controller may be the described one."""
+        """Whether `value` satisfies the rule."""
         if self.pattern is not None:
             return isinstance(value, str) and re.search(self.pattern, value) is not None
         if isinstance(value, str) or self.low is None or self.high is None:
@@ -52,7 +52,7 @@ class Rule:
         return self.low <= value <= self.high
 
     def example_of(self, register: Register) -> Value:
-        """A value of its register that satisfies it; ConfigError when the map has none."""
+        """A value of its register that satisfies it; ConfigError when the map does not give one."""
         if self.low is not None:
             return self.low
         for candidate in (self.example, *register.values):
@@ -63,7 +63,7 @@ class Rule:
 
 @dataclass(frozen=True, config=STRICT)
 class Run:
-    """How the controller is started and stopped, and where it says that it is."""
+    """How the controller is started and stopped, and the register that reports its state."""
 
     register: str
     on: str
@@ -72,7 +72,7 @@ class Run:
     least_on_s: Seconds = 0.0
     """Shortest time on [s] before we switch it off; the safe state does not wait."""
     least_off_s: Seconds = 0.0
-    """Shortest time off [s] before we switch it on again, for the compressor's sake."""
+    """Shortest time off [s] before we switch it on again; protects the compressor."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -86,10 +86,10 @@ class Ramp:
 
 @dataclass(frozen=True, config=STRICT)
 class RegisterMap:
-    """Everything that the driver knows about one controller model.
+    """Description of one controller model.
 
-    The driver looks for registers by name: `temperature` and `setpoint` always; `working_setpoint`, `power`,
-    `setpoint_low`, `setpoint_high`, `compressor` (off, on), `door` (open, closed) and `sensor_break` (ok, broken) where
+    The driver uses registers by name: `temperature` and `setpoint` always; `working_setpoint`, `power`,
+    `setpoint_low`, `setpoint_high`, `compressor` (off, on), `door` (open, closed) and `sensor_break` (ok, broken) if
     the controller has them.
     """
 
@@ -100,13 +100,13 @@ class RegisterMap:
     run: Run
     identify: tuple[Rule, ...]
     connection: str = ""
-    """How the controller is reached, for people."""
+    """How the controller is connected, as text for the user."""
     sources: Mapping[str, Text] = field(default_factory=dict)
-    """What the abbreviations in the registers' `source` stand for; given, every source has to name one."""
+    """Abbreviations in the registers' `source`, and what they stand for; if given, every source must contain one."""
     notes: tuple[str, ...] = ()
-    """What one has to know at the controller, for people."""
+    """Notes on the controller for the user."""
     unit_register: str | None = None
-    """Register of an identify rule that refuses degF; None: the controller does not tell its unit."""
+    """Register of an identify rule that refuses degF; None: the controller does not report its unit."""
     setpoint_copies: tuple[str, ...] = ()
     """Further set points that are always written together with `setpoint`."""
     secondary: tuple[str, ...] = ()
@@ -118,11 +118,11 @@ class RegisterMap:
     block_words: Annotated[int, Field(ge=2, le=MAX_BLOCK_WORDS)] = MAX_BLOCK_WORDS
     """Longest block [words] that the controller reads."""
     unreadable: tuple[tuple[int, int], ...] = ()
-    """First and last address of holes that no block may touch."""
+    """First and last address of gaps that a block must not contain."""
     eeprom_writes: Annotated[int, Field(gt=0)] | None = None
-    """Writes that the controller's memory survives; given, the host never steps its set point. None: no such limit."""
+    """Writes that the controller's memory endures; if given, the host never steps its set point. None: unlimited."""
     exceptions: Mapping[int, str] = field(default_factory=dict)
-    """What this controller means by an exception code, where it departs from the Modbus specification."""
+    """Meaning of exception codes, where this controller departs from the Modbus specification."""
 
     def __post_init__(self) -> None:
         self._check_names()
@@ -131,7 +131,7 @@ class RegisterMap:
         if self.eeprom_writes is not None and self.ramp is None:
             raise ValueError("eeprom_writes needs a native ramp: stepping the set point would wear the memory out")
         if unknown := {name for name in self.decimals if self[name].decimals or "int" not in self[name].type}:
-            raise ValueError(f"decimals stand in plain integers, not in {', '.join(sorted(unknown))}")
+            raise ValueError(f"decimals must be in plain integers, not in {', '.join(sorted(unknown))}")
         try:
             for name in (self.run.register, self.run.state):
                 self[name].encode(self.run.on)
@@ -153,15 +153,17 @@ class RegisterMap:
             raise ValueError(f"unit_register {self.unit_register} has no identify rule")
         needed = {"temperature", "setpoint", self.run.state}
         if not needed <= set(self.poll):
-            raise ValueError(f"poll has to hold {', '.join(sorted(needed))}")
+            raise ValueError(f"poll must contain {', '.join(sorted(needed))}")
         for register in self.registers.values():
             if self.sources and not any(re.search(rf"\b{re.escape(c)}\b", register.source) for c in self.sources):
-                raise ValueError(f"{register.name}: source {register.source!r} names none of {', '.join(self.sources)}")
+                raise ValueError(
+                    f"{register.name}: source {register.source!r} does not contain any of {', '.join(self.sources)}"
+                )
 
     def _check_writable(self) -> None:
         for name in ("setpoint", *self.setpoint_copies, self.run.register, *self._ramp_settings()):
             if self[name].write is None:
-                raise ValueError(f"register {name} has to be writable")
+                raise ValueError(f"register {name} must be writable")
 
     def _check_states(self) -> None:
         for name, values in _STATES.items():
@@ -193,22 +195,22 @@ class RegisterMap:
 
     @cached_property
     def decimals(self) -> tuple[str, ...]:
-        """Registers that hold how many decimals others imply."""
+        """Registers that hold the implied decimals of others."""
         return tuple(sorted({r.decimals for r in self.registers.values() if r.decimals}))
 
     def with_decimals(self, places: Mapping[str, int]) -> RegisterMap:
-        """The map once the controller has said how many decimals it implies, by the register that says so."""
+        """The map with the implied decimals that the controller reported, by the register that holds them."""
         known = {n: r.with_decimals(places[r.decimals]) if r.decimals else r for n, r in self.registers.items()}
         return replace(self, registers=known)
 
     @property
     def native_ramp(self) -> bool:
-        """Whether the controller moves its own set point at a rate."""
+        """Whether the controller itself ramps its set point."""
         return self.ramp is not None
 
     @property
     def writable(self) -> tuple[Register, ...]:
-        """The whitelist: the only registers that the driver ever writes."""
+        """The only registers that the driver writes."""
         return tuple(register for register in self.registers.values() if register.write)
 
     def _ramp_settings(self) -> tuple[str, ...]:

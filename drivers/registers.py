@@ -1,4 +1,4 @@
-"""Register maps as files: the shipped ones in `drivers/chambers/`, or the YAML of somebody else, given by path."""
+"""Register maps as files: the shipped ones in `drivers/chambers/`, or any YAML file, given by path."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ _SUFFIXES = (".yaml", ".yml")
 
 
 def list_maps() -> list[str]:
-    """Names of the maps that come with the package."""
+    """Names of the shipped maps."""
     return sorted(entry.name[:-5] for entry in (files("drivers") / "chambers").iterdir() if entry.name[-5:] == ".yaml")
 
 
 def is_map_file(name_or_path: str | Path) -> bool:
-    """Whether a map is given by the path of a file, not by its name in the package."""
+    """Whether a map is given by the path of a file, not by the name of a shipped map."""
     return Path(name_or_path).suffix in _SUFFIXES
 
 
 def load_map(name_or_path: str | Path) -> RegisterMap:
-    """The map of a controller model, by its name in the package or by the path of a YAML file.
+    """The map of a controller model, by the name of a shipped map or by the path of a YAML file.
 
     Raises ConfigError with file, line and the nearest known key.
     """
@@ -55,7 +55,7 @@ def load_map(name_or_path: str | Path) -> RegisterMap:
         elif str(name_or_path) in list_maps():
             text = (files("drivers") / "chambers" / f"{name_or_path}.yaml").read_text("utf-8")
         else:
-            raise ConfigError(f"no register map {str(name_or_path)!r}; there are {', '.join(list_maps())}")
+            raise ConfigError(f"no register map {str(name_or_path)!r}; shipped are {', '.join(list_maps())}")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"register map {path}: {error}") from error
     return parse_map(text, str(name_or_path))
@@ -69,7 +69,7 @@ def parse_map(text: str, where: str) -> RegisterMap:
         raise ConfigError(f"{where}:{error.line or 1}: {error}") from error
     data = document.content
     if not isinstance(data, dict):
-        raise ConfigError(f"{where}:1: a register map is a mapping")
+        raise ConfigError(f"{where}:1: a register map must be a mapping")
     registers = data.get("registers")
     for name, entry in registers.items() if isinstance(registers, dict) else ():
         if isinstance(entry, dict):
@@ -82,7 +82,7 @@ def parse_map(text: str, where: str) -> RegisterMap:
 
 
 def _explain(error: ValidationError, document: yaml12.Document) -> str:
-    """First error as file, line, key, what is wrong, nearest known key."""
+    """First error as file, line, key, problem, nearest known key."""
     problems = error.errors()
     first = next((entry for entry in problems if entry["type"] == "unexpected_keyword_argument"), problems[0])
     place = first["loc"]

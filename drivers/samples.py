@@ -1,7 +1,7 @@
 """From a wrapping sample counter and host time stamps to sample indices and bench time.
 
-The counter says which sample a frame carries; host stamps only tell how often the counter has wrapped, whether the
-unit started anew, and how its clock lies against bench time.
+The counter identifies the sample in a frame; host stamps only show how often the counter has wrapped, whether the
+unit restarted, and how its clock relates to bench time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
 
 REORDER = 16
-"""A frame that is further behind than this many samples was not merely overtaken on its way."""
+"""Largest number of samples by which a frame may be out of order."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,13 @@ class Unwrapped:
 class CounterTrack:
     """Unwraps a counter of `bits` bits that counts samples of `interval_ns` [ns]; stateful over blocks.
 
-    A frame is late when it arrives more than `late_s` [s] after its place among the fastest frames of the last ten
-    seconds. A counter that disagrees with host time by more than `jump_s` [s], and goes on from there, means that
-    the unit started anew: the index then follows host time. A single frame that disagrees is a rogue and dropped.
+    A frame is late when its delay exceeds the least delay of the last ten seconds by more than `late_s` [s]. A counter
+    that disagrees with host time by more than `jump_s` [s], and continues from there, means that the unit restarted:
+    the index then follows host time. A single frame that disagrees is a rogue and dropped.
 
-    A new start whose counter happens to lie near host time is told too: ahead, because no frame arrives before its
-    sample was taken; behind, because a stall catches up and a new start does not. Within 50 ms it cannot be told
-    unless the unit announces it, and changes nothing but the length of the gap.
+    A restart whose counter happens to lie near host time is also detected: ahead of host time, because a frame cannot
+    arrive before its sample was taken; behind it, because a stall catches up and a restart does not. Within 50 ms a
+    restart is detected only if the unit announces it; otherwise only the length of the gap is wrong.
     """
 
     WINDOW_NS = 10_000_000_000
@@ -55,14 +55,14 @@ class CounterTrack:
         self._interval_ns = interval_ns
         self._late_ns = round(late_s * 1e9)
         self._jump = min(round(jump_s * 1e9 / interval_ns), self._mask // 4)
-        self._last: tuple[int, int, int] | None = None  # index, counter, host time [ns] of the last sound frame
+        self._last: tuple[int, int, int] | None = None  # index, counter, host time [ns] of the last intact frame
         self._delivered = -1
         self._recent = np.zeros(0, dtype=np.int64)
         self._delays: deque[tuple[int, int]] = deque()  # host time, least delay [ns] of each recent block
         self._behind: Behind | None = None
 
     def unwrap(self, counter: IntArray, t_ns: IntArray, boot: IntArray) -> Unwrapped:
-        """Place frames (n,) in the order of arrival; `boot` are the rows before which the unit announced a start."""
+        """Place frames (n,) in the order of arrival; `boot` are the rows before which the unit announced a restart."""
         if not len(counter):
             return Unwrapped(counter, counter)
         if self._last is None:
@@ -115,24 +115,24 @@ class CounterTrack:
         return index, rows, 0
 
     def _rogues(self, jumped: IntArray, counter: IntArray, t_ns: IntArray, doubt: Doubt) -> list[int]:
-        """Rows that fit nothing while their neighbours fit each other; no two of them are neighbours."""
-        found: list[int] = []
+        """Implausible rows whose neighbours fit each other; rogues are never neighbours."""
+        rogues: list[int] = []
         for at in jumped.tolist():
-            if not (found and found[-1] == at - 1) and self._returns(at, counter, t_ns, doubt):
-                found.append(at)
-            elif not found:
-                break  # the first one is no rogue: what follows is judged after it
-        return found
+            if not (rogues and rogues[-1] == at - 1) and self._returns(at, counter, t_ns, doubt):
+                rogues.append(at)
+            elif not rogues:
+                break  # the first one is not a rogue: later rows are judged relative to it
+        return rogues
 
     def _watch(self, index: IntArray, t_ns: IntArray) -> None:
-        """Whether a counter that fell behind host time has caught up; only a stall does."""
+        """Check whether a counter that fell behind host time has caught up; only a stall does."""
         if self._behind is not None:
             since = t_ns >= self._behind.since_ns
             delay = (t_ns - index * self._interval_ns)[since]
             self._behind = self._behind.seen(delay) if len(delay) else self._behind
 
     def _catch_up(self, now_ns: int) -> int:
-        """Follow host time again after a new start that only time could prove; 1 when there was one."""
+        """Follow host time again after a restart that is proven only by time; returns 1 in this case, otherwise 0."""
         behind = self._behind
         if behind is None or now_ns < behind.since_ns + PROOF_NS:
             return 0
@@ -148,19 +148,19 @@ class CounterTrack:
         return np.rint(np.diff(t_ns, prepend=before_ns) / self._interval_ns).astype(np.int64)
 
     def _steps(self, step: IntArray, elapsed: IntArray) -> IntArray:
-        """The step that the counter allows and that lies nearest to host time."""
+        """The step that agrees with the counter and is nearest to host time."""
         half = (self._mask + 1) // 2
         near: IntArray = elapsed + ((step - elapsed + half) & self._mask) - half
         return near
 
     def _jumps(self, step: IntArray, elapsed: IntArray) -> npt.NDArray[np.bool_]:
-        """Where the counter and host time do not fit; a counter that simply goes on always fits."""
+        """Where the counter and host time disagree; a counter without a gap always agrees."""
         steps = self._steps(step, elapsed)
         wrong: npt.NDArray[np.bool_] = (step > 1) & ((np.abs(steps - elapsed) > self._jump) | (steps < -REORDER))
         return wrong
 
     def _returns(self, at: int, counter: IntArray, t_ns: IntArray, doubt: Doubt) -> bool:
-        """Whether the frame after `at` goes on from the one before it (or has not arrived yet)."""
+        """Whether the frame after `at` continues from the one before it (or has not arrived yet)."""
         assert self._last is not None
         if at + 1 == len(counter):
             return True
@@ -181,7 +181,7 @@ class CounterTrack:
         return result
 
     def _ordered(self, index: IntArray, rows: IntArray, late: npt.NDArray[np.bool_], resets: int) -> Unwrapped:
-        """Sort, and leave out what was delivered before or arrived too late."""
+        """Sort, and drop frames that were delivered before or arrived too late."""
         placed = index[rows]
         before = self._delivered
         counts = {"rogue": len(index) - len(rows), "late": int(np.count_nonzero(late)), "resets": resets}
@@ -206,11 +206,11 @@ class CounterTrack:
 
 @dataclass(frozen=True)
 class ClockEstimate:
-    """The unit's clock against the host's, with standard uncertainties; None: half a minute of frames is not there.
+    """The unit's clock relative to the host's, with standard uncertainties; None: less than half a minute of frames.
 
-    `offset_s`: bench time of index 0, by the fastest frames: the least delay on the way is part of it. `drift_ppm`: how
-    much slower than nominal the unit's clock runs. `spread_s`: so near to that line are the fastest frames of 95 % of
-    all stretches of the run; more than the jitter of the host means that the drift was not constant.
+    `offset_s`: bench time of index 0 by the fastest frames, so it includes the least transmission delay. `drift_ppm`:
+    how much slower than nominal the unit's clock runs. `spread_s`: distance from that line within which the fastest
+    frames of 95 % of all stretches lie; more than the jitter of the host means that the drift was not constant.
     """
 
     offset_s: float
@@ -223,7 +223,7 @@ class ClockEstimate:
 class SampleClock:
     """Bench time of sample indices: offset and drift of the unit's clock, from host stamps.
 
-    Host stamps are never early, only late, so the line lies along the lower envelope of the stamps: the edge of their
+    Host stamps are never early, only late, so the line follows the lower envelope of the stamps: the edge of their
     lower convex hull over the middle of the record. Stamps without delay (simulation) give exact times.
     """
 
@@ -236,7 +236,7 @@ class SampleClock:
         self._envelope = Envelope()
 
     def add(self, index: IntArray, t_ns: IntArray) -> None:
-        """Take in frames (n,): sample index and host stamp [ns]; indices later than all before."""
+        """Add frames (n,): sample index and host stamp [ns]; indices must be later than all before."""
         delay = t_ns - index * self._interval_ns
         self._envelope.add(index, delay)
         x, y = _below(index.astype(np.int64), delay.astype(np.int64))
@@ -248,11 +248,11 @@ class SampleClock:
 
     @property
     def drift_ppm(self) -> float:
-        """How much slower than nominal the unit's clock runs [ppm]; 0 until half a minute of frames was seen."""
+        """How much slower than nominal the unit's clock runs [ppm]; 0 for less than half a minute of frames."""
         return self._line()[1] / self._interval_ns * 1e6
 
     def estimate(self) -> ClockEstimate:
-        """What is known of the unit's clock; ValueError before the first frame."""
+        """Estimate of the unit's clock; ValueError before the first frame."""
         offset_ns, slope_ns = self._line()
         known = self._envelope.known(offset_ns, slope_ns) if self._span_s() >= self.MIN_SPAN_S else None
         drift_ppm = slope_ns / self._interval_ns * 1e6
@@ -287,10 +287,10 @@ class SampleClock:
 
 
 def _below(x: IntArray, y: IntArray) -> tuple[IntArray, IntArray]:
-    """Points (n,) less those on or above the line between their neighbours: no vertex of the lower hull is lost.
+    """Points (n,) without those on or above the line between their neighbours; keeps all vertices of the lower hull.
 
-    Exact, in integers: the clock must not depend on how the frames were cut into blocks, or a replay of the journals
-    would place samples a rounding error away from where the run did.
+    Exact, in integers: the clock must not depend on how the frames were divided into blocks; otherwise a replay of the
+    journals would place samples differently by a rounding error.
     """
     if len(x) > 2 and (y == y[0]).all():  # stamps without delay, as of a simulation
         return x[[0, -1]], y[[0, -1]]

@@ -1,4 +1,4 @@
-"""Slow channels of a gyro on CAN: their samples tied to the rate samples by the low bits of the counter."""
+"""Slow channels of a gyro on CAN: the low bits of the counter assign their samples to the rate samples."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _UNITS: dict[str, dict[str, float]] = {  # channel: unit in the DBC: factor to t
 
 
 class Reference(NamedTuple):
-    """Sound rate frames (n,) in the order of arrival."""
+    """Intact rate frames (n,) in the order of arrival."""
 
     sample: IntArray
     counter: IntArray
@@ -36,7 +36,7 @@ class Reference(NamedTuple):
 
 
 class SlowMessage:
-    """One slow message of the family and the last sample that it delivered."""
+    """One slow message of a gyro family, with the index of its last sample."""
 
     def __init__(self, message: Message, interval_s: float) -> None:
         check_simple(message)
@@ -53,7 +53,7 @@ class SlowMessage:
     def place(
         self, data: ByteArray, at: IntArray, t_ns: IntArray, rate_at: IntArray, rate: Reference
     ) -> tuple[IntArray, IntArray, int, int]:
-        """Sample indices and rows that are new, in order; how many were repeated, and how many are missing."""
+        """Sample indices and rows of new samples, in order; number of repeated and of missing samples."""
         if not len(at):
             return at, at, 0, 0
         near = np.maximum(np.searchsorted(rate_at, at) - 1, 0)
@@ -61,7 +61,7 @@ class SlowMessage:
         signal = self.message.signals["SlowCounter"]
         half = 1 << signal.length - 1
         if np.abs(t_ns - rate.t_ns[near]).max() > half // 4 * self._interval_ns:
-            # Host time bridges an outage. After a stall the frame ahead in the queue is far, the next one near.
+            # Host time bridges an outage. After a stall, the rate frame before may be far and the next one near.
             ahead = np.minimum(near + 1, len(rate_at) - 1)
             near = np.where(np.abs(t_ns - rate.t_ns[ahead]) < np.abs(t_ns - rate.t_ns[near]), ahead, near)
             elapsed = np.rint((t_ns - rate.t_ns[near]) / self._interval_ns).astype(np.int64)
@@ -93,8 +93,8 @@ def check_simple(message: Message) -> None:
 
 
 def factor_of(channel: str, message: Message, signal: str) -> float:
-    """From the unit that the DBC says to that of the channel; ConfigError for a unit that is not known."""
+    """Factor from the unit in the DBC to that of the channel; ConfigError for an unknown unit."""
     unit, known = message.signals[signal].unit, _UNITS[channel]
     if unit not in known:
-        raise ConfigError(f"{message.name}.{signal} is in '{unit}'; the DBC must say one of {', '.join(known)}")
+        raise ConfigError(f"{message.name}.{signal} has the unit '{unit}'; the DBC must use one of {', '.join(known)}")
     return known[unit]

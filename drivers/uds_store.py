@@ -27,11 +27,11 @@ _MOST_WAIT_S = 10.0
 
 
 class UdsStore(CoefficientStore):
-    """A unit that hears `request` and answers on `answer` (CAN identifiers, normal addressing)."""
+    """A unit that receives on `request` and answers on `answer` (CAN identifiers, normal addressing)."""
 
     def __init__(self, line: UnitLine, request: int, answer: int) -> None:
         super().__init__(line)
-        logging.getLogger("UdsClient").setLevel(logging.CRITICAL)  # its errors are ours to tell
+        logging.getLogger("UdsClient").setLevel(logging.CRITICAL)  # we report its errors
         connection = _Connection(line, request, answer)
         config = dict(udsoncan.configs.default_client_config)
         config["data_identifiers"] = {entry.value.did: _Bytes for entry in Memory}
@@ -53,12 +53,12 @@ class UdsStore(CoefficientStore):
         self.set(flash_objects.bank(bank), image)
 
     def reset(self) -> None:
-        """ECU reset, hard."""
+        """Request a hard ECU reset."""
         self._ask("reset", lambda: self._client.ecu_reset(HARD_RESET))
 
-    def _ask(self, what: str, question: Callable[[], Any]) -> Any:
+    def _ask(self, what: str, request: Callable[[], Any]) -> Any:
         try:
-            return question()
+            return request()
         except udsoncan.exceptions.NegativeResponseException as error:
             response = error.response
             text = f"{self.line}: {what}: negative answer 0x{response.code:02X} ({response.code_name})"
@@ -70,7 +70,7 @@ class UdsStore(CoefficientStore):
 
 
 class _Bytes(udsoncan.DidCodec):  # type: ignore[misc]
-    """Values as they are."""
+    """Values as raw bytes."""
 
     def encode(self, value: bytes) -> bytes:
         return value
@@ -83,26 +83,26 @@ class _Bytes(udsoncan.DidCodec):  # type: ignore[misc]
 
 
 class _Connection(BaseConnection):  # type: ignore[misc]
-    """ISO-TP on the line; everything happens while somebody waits."""
+    """ISO-TP on the line; it is processed only while a caller waits."""
 
     def __init__(self, line: UnitLine, request: int, answer: int) -> None:
         super().__init__("bench")
         self._line, self._request = line, request
         self._frames: deque[isotp.CanMessage] = deque()
         address = isotp.Address(isotp.AddressingMode.Normal_11bits, txid=request, rxid=answer)
-        self._troubles: list[str] = []
+        self._errors: list[str] = []
         self._layer = isotp.TransportLayerLogic(
             rxfn=lambda timeout: self._frames.popleft() if self._frames else None,
             txfn=lambda message: line.send(message.arbitration_id, bytes(message.data)),
             address=address,
-            error_handler=lambda error: self._troubles.append(str(error)),
+            error_handler=lambda error: self._errors.append(str(error)),
             params={"blocking_send": False, "stmin": 0, "blocksize": 0},
         )
         line.listen(answer, lambda data: self._frames.append(isotp.CanMessage(answer, dlc=len(data), data=data)))
 
     def specific_send(self, payload: bytes, timeout: float | None = None) -> None:
         """Send a whole message."""
-        self._troubles.clear()
+        self._errors.clear()
         self._layer.send(payload)
         self._layer.process()
         self._wait(lambda: not self._layer.transmitting(), _MOST_WAIT_S, "flow control")
@@ -122,24 +122,24 @@ class _Connection(BaseConnection):  # type: ignore[misc]
     def _wait(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
         def done() -> bool:
             self._layer.process()
-            if self._troubles:
-                raise LinkError(f"{self._line}: ISO-TP: {self._troubles[0]}")
+            if self._errors:
+                raise LinkError(f"{self._line}: ISO-TP: {self._errors[0]}")
             return condition()
 
         self._line.wait(done, limit_s, what)
 
     def open(self) -> _Connection:
-        """Nothing to open: the line is."""
+        """Nothing to do: the line is open."""
         return self
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Nothing to do: the caller closes the line."""
 
     def empty_rxqueue(self) -> None:
-        """Forget what came too late."""
+        """Discard late frames."""
         self._frames.clear()
         self._layer.clear_rx_queue()
 
     def is_open(self) -> bool:
-        """Always."""
+        """Always true."""
         return True

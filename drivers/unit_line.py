@@ -1,6 +1,6 @@
-"""A line to one unit for questions and answers, without threads: whoever waits lets time pass and takes in frames.
+"""A line to one unit for requests and answers, without threads: frames are received while a caller waits.
 
-On a simulated station the waiting moves the simulated clock, so that a dialogue is deterministic; on a real one it
+On a simulated station, waiting advances the simulated clock, so that an exchange is deterministic; on a real one it
 waits for frames.
 """
 
@@ -19,35 +19,36 @@ from drivers.identity import Identity
 from drivers.wire import load_dbc
 
 STEP_S = 0.02
-"""One look at the bus [s]; a simulated station needs whole multiples of it."""
+"""Interval between polls of the bus [s]; waiting times on a simulated station must be whole multiples of it."""
 ANSWER_S = 1.0
-"""How long an answer is waited for [s]."""
+"""Timeout of an answer [s]."""
 BOOT_UP = 0
 
 
 class UnitLine:
-    """Frames to and from unit `number` of a layout; the bus is the caller's, and nobody else may read from it."""
+    """Frames to and from unit `number` of a layout; the caller owns the bus, and nothing else may read from it."""
 
     def __init__(self, bus: can.BusABC, clock: Clock, layout: str | Path, number: int) -> None:
         self.clock = clock
         self.identity: Identity | None = None
-        """What its last heartbeat said."""
+        """Identity in the last heartbeat."""
         self.boots = 0
-        """Boot-up heartbeats that were heard."""
+        """Number of boot-up heartbeats received."""
         self.deadline_s: float | None = None
-        """Bench time at which whatever goes on has failed."""
+        """Bench time at which the current operation fails."""
         self._bus, self._number = bus, number
-        found = [m for m in load_dbc(layout).values() if {"Serial", "State", "CoefficientSet"} <= set(m.signals)]
-        if len(found) != 1:
-            raise ConfigError(f"DBC {layout}: {len(found)} messages with Serial, State and CoefficientSet, must be one")
-        self._heartbeat = found[0]
-        self._listeners: dict[int, Callable[[bytes], None]] = {self._heartbeat.id + number: self._hear}
+        matches = [m for m in load_dbc(layout).values() if {"Serial", "State", "CoefficientSet"} <= set(m.signals)]
+        if len(matches) != 1:
+            text = f"{len(matches)} messages with Serial, State and CoefficientSet, must be one"
+            raise ConfigError(f"DBC {layout}: {text}")
+        self._heartbeat = matches[0]
+        self._listeners: dict[int, Callable[[bytes], None]] = {self._heartbeat.id + number: self._on_heartbeat}
 
     def __str__(self) -> str:
         return f"unit number {self._number} on {self._bus.channel_info}"
 
     def listen(self, identifier: int, callback: Callable[[bytes], None]) -> None:
-        """Hand the payloads of an identifier to `callback`."""
+        """Call `callback` with each payload of an identifier."""
         self._listeners[identifier] = callback
 
     def send(self, identifier: int, data: bytes) -> None:
@@ -61,7 +62,7 @@ class UnitLine:
             raise LinkError(f"{self}: cannot send: {' '.join(str(error).split())}") from error
 
     def wait(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
-        """Let time pass until the condition holds; LinkError after `limit_s` or at the deadline."""
+        """Wait until the condition holds; LinkError after `limit_s` or at the deadline."""
         until_s = self.clock.now() + limit_s
         while not condition():
             if self.clock.now() >= until_s - 1e-9:
@@ -69,7 +70,7 @@ class UnitLine:
             self.pump()
 
     def pump(self) -> None:
-        """Let a moment pass and take in what arrived; LinkError at the deadline, or when the bus fails."""
+        """Wait for `STEP_S` and receive frames; LinkError at the deadline, or when the bus fails."""
         if self.deadline_s is not None and self.clock.now() >= self.deadline_s:
             raise LinkError(f"{self}: time limit reached")
         try:
@@ -83,7 +84,7 @@ class UnitLine:
             raise LinkError(f"{self}: {' '.join(str(error).split())}") from error
 
     def _arrived(self) -> Iterator[can.Message]:
-        """Frames that wait. Filters of python-can would end a look without waiting at the first foreign frame."""
+        """Waiting frames. With filters of python-can, `recv(0.0)` would return None at the first foreign frame."""
         if hasattr(self._bus, "recv_block"):
             frames = self._bus.recv_block(0.0)
             yield from to_messages(frames[np.isin(frames["id"], list(self._listeners))])
@@ -97,8 +98,8 @@ class UnitLine:
         if (callback := self._listeners.get(message.arbitration_id)) is not None:
             callback(bytes(message.data))
 
-    def _hear(self, data: bytes) -> None:
-        """A heartbeat; one with the wrong length or CRC is none."""
+    def _on_heartbeat(self, data: bytes) -> None:
+        """Read a heartbeat; one with the wrong length or CRC is ignored."""
         message = self._heartbeat
         frame = np.frombuffer(data.ljust(8, b"\0"), dtype=np.uint8).reshape(1, 8).copy()
         crc_fits = "Crc8" not in message.signals or (
@@ -106,6 +107,6 @@ class UnitLine:
         )
         if len(data) != message.length or not crc_fits:
             return
-        said = {name: int(signal.unpack(frame)[0]) for name, signal in message.signals.items()}
-        self.identity = Identity(said["Serial"], said.get("Firmware", 0), said["CoefficientSet"], said["State"])
-        self.boots += said["State"] == BOOT_UP
+        raw = {name: int(signal.unpack(frame)[0]) for name, signal in message.signals.items()}
+        self.identity = Identity(raw["Serial"], raw.get("Firmware", 0), raw["CoefficientSet"], raw["State"])
+        self.boots += raw["State"] == BOOT_UP

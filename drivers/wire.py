@@ -1,8 +1,7 @@
 """The wire format of a CAN unit: layouts read from a DBC once, signals packed and unpacked for whole blocks by numpy.
 
-Shared by driver, simulator and importer, so it knows bits and units and nothing else. CAN and CAN FD, signals of up to
-64 bits anywhere in either byte order, integers and floats, multiplexed ones. cantools reads the file; it never sees a
-frame.
+Driver, simulator and importer share it, so it contains only bits and units. It supports CAN and CAN FD, and signals of
+up to 64 bits at any position in either byte order: integers, floats, multiplexed ones. cantools only reads the file.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ class Signal:
 
     Its first 64 bits lie in the eight bytes from `first` on; read as one number of its byte order, `shift_up` bits are
     above it. At most 7 bits more are in the byte after them: `shift_up` is negative by as many in little endian.
-    `choice`: it is there only where another signal has one of these raw values.
+    `choice`: the signal is present only where another signal has one of these raw values.
     """
 
     name: str
@@ -63,7 +62,7 @@ class Signal:
         return word >> np.uint64(64 - self.length)
 
     def _lifted(self, data: ByteArray) -> npt.NDArray[np.uint64]:
-        """The signal in the highest bits of a word (n,); below it is whatever follows in the frame."""
+        """The signal in the highest bits of a word (n,); the bits below it are undefined."""
         window = data if data.shape[1] == 8 else np.ascontiguousarray(data[:, self.first : self.first + 8])
         word = window.view(_BIG if self.big_endian else _LITTLE)[:, 0].astype(np.uint64, copy=False)
         below = self.shift_up + self.length - 64 if self.big_endian else -self.shift_up
@@ -105,7 +104,7 @@ class Signal:
             raw = np.rint(raw)
         low = -(1 << self.length - 1) if self.signed else 0
         high = low + (1 << self.length) - 1
-        # Python compares an int with a float exactly; numpy would round `high` to a float first. NaN fits nothing.
+        # Python compares an int with a float exactly; numpy would round `high` to a float first. NaN never fits.
         if raw.size and not (
             np.minimum.reduce(raw, None).item() >= low and np.maximum.reduce(raw, None).item() <= high
         ):
@@ -115,7 +114,7 @@ class Signal:
         return raw.astype(np.int64 if self.signed else np.uint64)
 
     def bits(self, raw: int) -> int:
-        """The eight bytes, as a little-endian number, that carry `raw` alone."""
+        """The eight bytes, as a little-endian number, that contain only `raw`."""
         word = (raw & (1 << self.length) - 1) << 64 - self.length >> self.shift_up
         return int.from_bytes(word.to_bytes(8, "big"), "little") if self.big_endian else word
 
@@ -140,7 +139,7 @@ class Message:
 
     @cached_property
     def is_simple(self) -> bool:
-        """At most 8 bytes, every signal in every frame: what the bench sends, and what it understands as a gyro's."""
+        """At most 8 bytes, every signal in every frame: the bench sends, and reads from a live gyro, only such ones."""
         return self.length <= 8 and all(signal.choice is None for signal in self.signals.values())
 
     @property
@@ -153,22 +152,24 @@ class Message:
         if self.is_simple:
             return {name: Column(signal.physical(data), None) for name, signal in self.signals.items()}
         raw: dict[str, npt.NDArray[Any]] = {}
-        found: dict[str, Column] = {}
+        columns: dict[str, Column] = {}
         for name, signal in self.signals.items():
-            here = self._here(signal, data, raw)
-            rows = None if here is None or here.all() else np.flatnonzero(here)
-            found[name] = Column(signal.physical(data if rows is None else data[rows]), rows)
-        return found
+            present = self._present(signal, data, raw)
+            rows = None if present is None or present.all() else np.flatnonzero(present)
+            columns[name] = Column(signal.physical(data if rows is None else data[rows]), rows)
+        return columns
 
-    def _here(self, signal: Signal, data: ByteArray, raw: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np.bool_] | None:
-        """Where a signal is there (n,), None for everywhere; `raw` keeps the selectors that were unpacked."""
+    def _present(
+        self, signal: Signal, data: ByteArray, raw: dict[str, npt.NDArray[Any]]
+    ) -> npt.NDArray[np.bool_] | None:
+        """Rows in which a signal is present (n,), None for all; `raw` keeps the selectors that were unpacked."""
         if signal.choice is None:
             return None
-        name, wanted = signal.choice
+        name, choices = signal.choice
         if name not in raw:
             raw[name] = self.signals[name].unpack(data)
-        chosen: npt.NDArray[np.bool_] = np.isin(raw[name], np.array(wanted, dtype=raw[name].dtype))
-        before = self._here(self.signals[name], data, raw)
+        chosen: npt.NDArray[np.bool_] = np.isin(raw[name], np.array(choices, dtype=raw[name].dtype))
+        before = self._present(self.signals[name], data, raw)
         return chosen if before is None else chosen & before
 
     def pack(self, count: int, values: Mapping[str, npt.ArrayLike]) -> ByteArray:
@@ -211,13 +212,13 @@ class Message:
         return crc
 
 
-NOT_SIMPLE = "is multiplexed or longer than 8 bytes; the bench reads such messages of a log, not of a live gyro"
+NOT_SIMPLE = "is multiplexed or longer than 8 bytes; the bench reads such messages from a log, not from a live gyro"
 
 
 def load_dbc(path_or_name: str | Path) -> dict[str, Message]:
     """Messages of a DBC file, or of a gyro family shipped with the bench ("vibratory"), by name.
 
-    Raises ConfigError when the file is missing, not a DBC, or uses what the bench cannot decode.
+    Raises ConfigError when the file is missing, not a DBC, or cannot be decoded by the bench.
     """
     path = Path(path_or_name)
     if path.suffix.lower() != ".dbc":
@@ -234,7 +235,7 @@ def read_layouts(path: Path) -> dict[str, Message]:
     except OSError as error:
         shipped = ", ".join(sorted(file.stem for file in _DBC_FOLDER.glob("*.dbc")))
         raise ConfigError(f"DBC {path}: {error.strerror} (shipped families: {shipped})") from None
-    except Exception as error:  # cantools raises its own and those of its parsers
+    except Exception as error:  # cantools raises its own errors and those of its parsers
         raise ConfigError(f"DBC {path}: {' '.join(str(error).split())}") from error
     if not isinstance(database, cantools.database.Database):
         raise ConfigError(f"DBC {path}: describes diagnostics, not frames")
@@ -290,9 +291,9 @@ _CRC_TABLE = _crc_table()
 
 @lru_cache(maxsize=8)
 def _crc_tables(length: int) -> tuple[list[ByteArray], int]:
-    """What each 16-bit word of a message adds to its CRC, and the CRC of zeros: the code is linear.
+    """Contribution of each 16-bit word of a message to its CRC, and the CRC of zeros: the code is linear.
 
-    Byte k passes through the register once and is carried on by the bytes after it and by the data identifier.
+    Byte k passes through the register once, then once more for each byte after it and for the data identifier.
     """
     start, parts = 0xFF, []
     for _ in range(length):

@@ -1,7 +1,8 @@
-"""The command line: parse, call, print. Heavy imports live inside the commands, so that `--help` is quick.
+"""The command line: parses arguments, calls a command, prints its result. Heavy imports are inside the commands, so
+that `--help` is fast.
 
 Exit codes: 0 done and within limits; 1 done, outside limits; 2 bad input; 3 aborted by operator or guard (safe state
-reached); 4 equipment failed. Every command that answers takes `--json`: one object on stdout, all else on stderr.
+reached); 4 equipment failed. Every command with a result takes `--json`: one object on stdout, all else on stderr.
 """
 
 from __future__ import annotations
@@ -27,10 +28,10 @@ SECTIONS: dict[str, Sequence[click.Command]] = {
 
 
 class Sections(click.Group):
-    """A group whose help lists its commands by what they are for."""
+    """A group whose help lists its commands by purpose."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """One table a section, in the order of the work."""
+        """One table per section, in the order of the work."""
         width = max(len(name) for name in self.commands)
         room = formatter.width - 6 - width
         for title, commands in SECTIONS.items():

@@ -40,7 +40,7 @@ def compare(
     static: Path | None,
     every_sample: bool,
 ) -> Result:
-    """Model against measurement: in-sample and held-out error beside the noise floor, models side by side."""
+    """Compare models with the measurement: in-sample and held-out error of each, and the noise floor."""
     from bench import commands
 
     compare = commands.compare_every_sample if every_sample else commands.compare
@@ -60,8 +60,8 @@ def report(
 ) -> Result:
     """Analyse RUN again and write its report; a killed run is recovered from its journals first.
 
-    Its diagnosis is made anew with the --static and --check runs given, and saved as diagnosis.json; one that was made
-    with more runs is kept as diagnosis-before.json, and the report says so.
+    The diagnosis is repeated with the given --static and --check runs and saved as diagnosis.json. An earlier one that
+    used more runs is kept as diagnosis-before.json, and the report states this.
     """
     from bench import commands
 
@@ -70,12 +70,14 @@ def report(
 
 @click.command()
 @runs_argument
-@click.option("--model", "models", multiple=True, help="Model of its analysis that the run does not keep; repeatable.")
+@click.option(
+    "--model", "models", multiple=True, help="Model of its analysis that the run folder does not contain; repeatable."
+)
 @path_option("--with", "others", multiple=True, help="Further run of its analysis.")
 @effect_option
 @answers
 def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, ...]) -> Result:
-    """Make the numbers of each RUN again from its raw frames; exit code 1 where a bit differs, and what it is."""
+    """Recompute the numbers of each RUN from its raw frames, and list differences; exit code 1 if a bit differs."""
     from bench import commands
 
     return commands.replay_runs(runs, models, others)
@@ -87,7 +89,7 @@ def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, 
 @effect_option
 @answers
 def diff(a: Path, b: Path) -> Result:
-    """What differs between the runs A and B, of one unit or of two: settings, coefficients, residuals, curves."""
+    """List differences between the runs A and B, of one unit or of two: settings, coefficients, residuals, curves."""
     from bench import commands
 
     return commands.diff(a, b)
@@ -95,10 +97,10 @@ def diff(a: Path, b: Path) -> Result:
 
 @click.command("import")
 @path_argument("file")
-@path_option("--columns", help="Column map (YAML): which column, which unit.")
+@path_option("--columns", help="Column map (YAML): columns and their units.")
 @click.option("--unit", "serial", default="unknown", show_default=True, help="Serial number of the unit.")
 @path_option("--dbc", help="Layout of a CAN log (BLF, ASC).")
-@click.option("--preview", is_flag=True, help="Only say what was understood; write nothing.")
+@click.option("--preview", is_flag=True, help="Only show how FILE is interpreted; write nothing.")
 @click.option(
     "--memory", "memory_gb", type=click.FloatRange(0.4), metavar="GB",
     help="Memory that reading the file may take [default: 1, or 32 bytes for each of the file's, or what is free].",
@@ -107,7 +109,7 @@ def diff(a: Path, b: Path) -> Result:
 @answers
 @registers(begin=True)
 def import_(out: Path, preview: bool, **options: Any) -> Result:
-    """Make a run folder of somebody else's FILE: CSV, Parquet, MF4, BLF or ASC."""
+    """Make a run folder from a FILE of another program: CSV, Parquet, MF4, BLF or ASC."""
     from bench import commands
 
     return commands.import_table(out=None if preview else out, **options)
@@ -117,7 +119,7 @@ def import_(out: Path, preview: bool, **options: Any) -> Result:
 @runs_argument
 @model_argument
 @unseen_options
-@path_option("--plan", help="Where to write the profile that would separate a tie.")
+@path_option("--plan", help="Write the profile that separates look-alikes here.")
 @effect_option
 @answers
 def diagnose(
@@ -127,7 +129,7 @@ def diagnose(
     model: str,
     plan: Path | None,
 ) -> Result:
-    """Where the model fails, which physical effect is missing, and which experiment would tell."""
+    """Find where the model fails, which physical effect is missing, and which experiment would show it."""
     from bench import commands
 
     return commands.diagnose(runs, check_runs, static, model, plan)
@@ -140,7 +142,7 @@ def diagnose(
 @effect_option
 @answers
 def add(effect: str, model: str, out: Path) -> Result:
-    """Write a model with one more EFFECT; then `bench compare` shows whether the error falls."""
+    """Write a model with one more EFFECT; `bench compare` then shows whether the error decreases."""
     from bench import commands
 
     return commands.add(effect, model, out)
@@ -152,7 +154,7 @@ def add(effect: str, model: str, out: Path) -> Result:
 @effect_option
 @answers
 def effects(action: str, name: str | None) -> Result:
-    """The catalogue of physical effects; `show NAME` explains and draws one."""
+    """List the physical effects; `show NAME` explains and draws one."""
     from bench import commands
 
     if (action == "show") != (name is not None):
@@ -164,7 +166,7 @@ def effects(action: str, name: str | None) -> Result:
 @runs_argument
 @model_argument
 @unseen_options
-@path_option("--out", help="Write the model that the walk ends with.")
+@path_option("--out", help="Write the final model here.")
 @effect_option
 @answers
 def improve(
@@ -174,19 +176,21 @@ def improve(
     model: str,
     out: Path | None,
 ) -> Result:
-    """The whole walk unattended: diagnose, add, prove on unseen data, until nothing more pays."""
+    """Improve the model unattended: diagnose, add, test on unseen data, until the error decreases no further."""
     from bench import commands
 
     return commands.improve(runs, check_runs, static, model, out)
 
 
 @click.command()
-@click.option("--seed", type=click.IntRange(0), help="Same seed, same unit; default: a random one.")
-@click.option("--effects", "count", type=click.IntRange(1), default=1, show_default=True, help="How many are hidden.")
-@path_option("--out", default=Path("mystery"), show_default=True, help="Its folder.")
+@click.option("--seed", type=click.IntRange(0), help="The same seed gives the same unit; default: random.")
+@click.option(
+    "--effects", "count", type=click.IntRange(1), default=1, show_default=True, help="Number of hidden effects."
+)
+@path_option("--out", default=Path("mystery"), show_default=True, help="Folder of the runs and the envelope.")
 @answers
 def mystery(seed: int | None, count: int, out: Path) -> Result:
-    """Record a simulated unit with hidden effects, a check run and an isothermal run, and tell nothing."""
+    """Record a simulated unit with hidden effects: a run, a check run and an isothermal run."""
     from bench import commands
 
     return commands.mystery(seed, count, out)

@@ -40,14 +40,16 @@ def _address(context: click.Context, parameter: click.Parameter, text: str) -> i
 @click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
 @click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
 @click.option("--serial", type=click.IntRange(0, 2**32 - 1), help="Default: the digits of the unit's serial number.")
-@click.option("--sample-hz", type=click.FloatRange(1e-3, 1e5), default=500.0, show_default=True, help="The unit's own.")
+@click.option("--sample-hz", type=click.FloatRange(1e-3, 1e5), default=500.0, show_default=True, help="Of the unit.")
 @click.option("--name", default="calibration", show_default=True, help="Name of the files, and of the C functions.")
-@click.option("--address", default="0", callback=_address, help="Of the image in hex, srec and a2l, such as 0x8000.")
-@click.option("--force", is_flag=True, help="Deliver a calibration that must not be trusted; the answer says why.")
+@click.option(
+    "--address", default="0", callback=_address, help="Address of the image in hex, srec and a2l, such as 0x8000."
+)
+@click.option("--force", is_flag=True, help="Deliver an untrustworthy calibration; the result states the reasons.")
 @path_option("--out", help="Folder of the files; default: export in the run folder.")
 @answers
 def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> Result:
-    """The calibration of RUN for its unit: C code, EEPROM image, hex files; worst error of each embedded form."""
+    """Write the calibration of RUN for its unit: C code, EEPROM image, hex files; worst error of each embedded form."""
     from bench import commands
     from bench.deliver import ExportOptions
 
@@ -59,13 +61,13 @@ def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> 
 @path_option("--verification", help="Independent run of the calibrated unit.")
 @limits_option
 @path_option("--equipment", help="Reference equipment with its due dates (YAML).")
-@path_option("--laboratory", help="Laboratory, customer, who signs (YAML).")
+@path_option("--laboratory", help="Laboratory, customer, signatory (YAML).")
 @click.option("--issued", help="Day of issue, YYYY-MM-DD; default: today (UTC).")
 @path_option("--out", help="The PDF; default: certificate.pdf in the run folder.")
 @answers
 @registers(begin=False)
 def certificate(run_folder: Path, out: Path | None, **options: Any) -> Result:
-    """Certificate of RUN as PDF, the same facts as JSON attached and beside it; refused where nothing is proven."""
+    """Write the certificate of RUN as PDF, with its facts as JSON; refused without sufficient evidence."""
     from bench import commands
 
     return commands.certificate(run_folder, commands.CertificateOptions(**options), out)
@@ -73,8 +75,8 @@ def certificate(run_folder: Path, out: Path | None, **options: Any) -> Result:
 
 @click.command()
 @click.argument("unit")
-@path_option("--run", help="Take this run; default: the newest of the unit.")
-@path_option("--image", help="Write this image (docs/eeprom.md) as it is.")
+@path_option("--run", help="Use this run; default: the newest of the unit.")
+@path_option("--image", help="Write this image (docs/eeprom.md) unchanged.")
 @click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
 @click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
 @click.option("--older", is_flag=True, help="Write a calibration that is older than the one in the unit.")
@@ -83,7 +85,7 @@ def certificate(run_folder: Path, out: Path | None, **options: Any) -> Result:
 @quiet_option
 @answers
 def flash(unit: str, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
-    """Write a calibration into UNIT: other bank, read back, CRC, switch, reset, read again; the old one stays whole."""
+    """Write a calibration to UNIT: other bank, read back, CRC, switch, reset, read again; the old one is kept."""
     from bench import commands
 
     return commands.flash(unit, station, commands.FlashOptions(**options), out, quiet)
@@ -98,7 +100,7 @@ def flash(unit: str, station: Path | None, out: Path, quiet: bool, **options: An
 @quiet_option
 @answers
 def verify(profile: Path, serial: str, station: Path | None, limits: Path | None, out: Path, quiet: bool) -> Result:
-    """Run PROFILE with the unit's own correction on, and judge what it leaves; nothing is fitted."""
+    """Run PROFILE with the unit's correction on, and judge the residual error; nothing is fitted."""
     from bench import commands
 
     return commands.verify(profile, serial, station, limits, out, quiet)
@@ -109,14 +111,14 @@ def verify(profile: Path, serial: str, station: Path | None, limits: Path | None
 @path_option("--plan", "plan", required=True, help="Plan file (YAML).")
 @station_option
 @path_option("--junit", help="Write JUnit XML here: steps and limits as test cases.")
-@click.option("--release", metavar="REASON", help="Go on with a job that is held; who decided, and why.")
-@click.option("--new", "anew", is_flag=True, help="Begin a new job where one by this plan exists.")
+@click.option("--release", metavar="REASON", help="Continue a held job; who decided, and why.")
+@click.option("--new", "anew", is_flag=True, help="Begin a new job even if one by this plan exists.")
 @out_option
 @quiet_option
 @answers
 @registers(begin=True)
 def calibrate(serial: str, plan: Path, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
-    """From the shelf to a certificate: check, run, fit, diagnose, flash, verify, certificate; goes on where it was."""
+    """Calibrate a unit: check, run, fit, diagnose, flash, verify, certificate; continues an interrupted job."""
     from bench import commands
 
     return commands.calibrate_unit(commands.Order.load(plan, station, serial, out, quiet), **options)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 @quiet_option
 @click.option("--operator", default="", help="Who starts it, for the record. Default: the user.")
 @answers
-@registers(begin=True, tell=True)
+@registers(begin=True, pass_on=True)
 def run(profile: Path, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
     """Run PROFILE: drive the chamber, capture the units, fit the models, write the reports."""
     from bench import commands
@@ -52,7 +52,7 @@ def run(profile: Path, station: Path | None, out: Path, quiet: bool, **options: 
 @station_option
 @answers
 def check(profile: Path, station: Path | None) -> Result:
-    """Say everything about PROFILE that can be known before anything moves."""
+    """Check PROFILE before anything moves: duration, segments, findings."""
     from bench import commands
 
     return commands.check(profile, station)
@@ -62,7 +62,7 @@ def check(profile: Path, station: Path | None) -> Result:
 @live_options
 @answers
 def status(run_folder: Path | None, out: Path, server: str | None) -> Result:
-    """What a live RUN does just now; without RUN: all of them."""
+    """Show the state of a live RUN; without RUN: of all live runs."""
     from bench import commands
 
     if server:
@@ -74,7 +74,7 @@ def status(run_folder: Path | None, out: Path, server: str | None) -> Result:
 @live_options
 @answers
 def hold(run_folder: Path | None, out: Path, server: str | None) -> Result:
-    """Hold a live RUN at once, where its chamber is; without RUN: the only one."""
+    """Hold a live RUN at once, at the current temperature; without RUN: the only one."""
     return _act("hold", run_folder, out, server)
 
 
@@ -82,12 +82,12 @@ def hold(run_folder: Path | None, out: Path, server: str | None) -> Result:
 @live_options
 @answers
 def pause(run_folder: Path | None, out: Path, server: str | None) -> Result:
-    """Hold a live RUN after its present segment; without RUN: the only one."""
+    """Hold a live RUN after its current segment; without RUN: the only one."""
     return _act("pause", run_folder, out, server)
 
 
 def _act(action: str, run_folder: Path | None, out: Path, server: str | None) -> Result:
-    """Ask a live run for something, through a server where one is named."""
+    """Request an action of a live run, through a server if one is named."""
     from bench import commands
 
     if server:
@@ -97,12 +97,12 @@ def _act(action: str, run_folder: Path | None, out: Path, server: str | None) ->
 
 @click.command()
 @live_options
-@path_option("--station", help="Station file, where the one of the run is outdated.")
+@path_option("--station", help="Station file, if the one of the run is outdated.")
 @effect_option
 @quiet_option
 @answers
 def resume(run_folder: Path | None, station: Path | None, out: Path, server: str | None, quiet: bool) -> Result:
-    """Go on: with a live RUN that holds, or with one whose bench was killed, from where its journals end."""
+    """Continue a live RUN that holds, or a RUN whose bench was killed, from the end of its journals."""
     if server:
         return _act("resume", run_folder, out, server)
     from bench import commands
@@ -114,7 +114,7 @@ def resume(run_folder: Path | None, station: Path | None, out: Path, server: str
 @live_options
 @answers
 def abort(run_folder: Path | None, out: Path, server: str | None) -> Result:
-    """End a live RUN and say what the safe state reached; asks nothing. Without RUN: the only one."""
+    """End a live RUN and report the safe state; does not ask for confirmation. Without RUN: the only one."""
     from bench import commands
 
     if server:
@@ -126,7 +126,7 @@ def abort(run_folder: Path | None, out: Path, server: str | None) -> Result:
 @path_argument("folder")
 @answers
 def init(folder: Path) -> Result:
-    """Copy the shipped profiles, stations and models to FOLDER/profiles, as your own."""
+    """Copy the shipped profiles, stations and models to FOLDER/profiles, for you to edit."""
     from bench import commands
 
     return commands.init(folder)
@@ -137,7 +137,7 @@ def init(folder: Path) -> Result:
 @click.option("--modbus-port", type=click.IntRange(0, 65535), default=0, help="Port of the chamber; 0: any free one.")
 @click.option("--can-port", type=click.IntRange(0, 65535), default=0, help="Port of the CAN bus; 0: any free one.")
 @click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True, help="Times wall time.")
-@path_option("--write-station", help="Write the station file that drives it.")
+@path_option("--write-station", help="Write a station file for it here.")
 @answers
 def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, write_station: Path | None) -> Result:
     """Serve the simulated station on 127.0.0.1 until Ctrl-C: Modbus TCP, and CAN as python-can's `loopcan`."""
@@ -147,7 +147,7 @@ def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, wri
 
 
 def _ready(served: Served) -> None:
-    """Say where the servers are."""
+    """Print the addresses of the servers."""
     port, map_ = served.station.modbus_port, served.settings.chamber.map
     click.echo(f"chamber  Modbus TCP 127.0.0.1:{port} ({map_})", err=True)
     for name, channel in served.can_ports.items():
@@ -158,10 +158,10 @@ def _ready(served: Served) -> None:
 @click.command()
 @path_argument("station", required=False)
 @click.option("--listen", "listen_s", type=click.FloatRange(0.1, 600.0), default=2.0, help="Seconds at each bus.")
-@click.option("--contract", is_flag=True, help="Try the station's register map on a simulated controller instead.")
+@click.option("--contract", is_flag=True, help="Test the station's register map on a simulated controller instead.")
 @answers
 def doctor(station: Path | None, listen_s: float, contract: bool) -> Result:
-    """Ask the equipment of STATION what it is, read-only, and say what agrees with the file and what does not."""
+    """Read the identity of the equipment of STATION and compare it with the file; writes nothing."""
     from bench import commands
 
     return commands.contract(station) if contract else commands.doctor(station, listen_s)

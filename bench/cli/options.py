@@ -1,4 +1,4 @@
-"""Options that several commands share, and how a command answers: text or JSON, and an exit code."""
+"""Options that several commands share, and the output of a command: text or JSON, and an exit code."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def path_argument(name: str, **options: Any) -> Callable[[C], C]:
 
 
 def together(*options: Callable[[C], C]) -> Callable[[C], C]:
-    """Several options as one decorator, in the order of the help."""
+    """Several options as one decorator, in the order of the help text."""
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
@@ -46,11 +46,11 @@ run_argument = path_argument("run_folder", metavar="RUN")
 runs_argument = path_argument("runs", nargs=-1, required=True)
 unseen_options = together(
     path_option("--check", "check_runs", multiple=True, help="Held-out run; repeatable."),
-    path_option("--static", help="Isothermal run of the same unit: tells the noise."),
+    path_option("--static", help="Isothermal run of the same unit; shows its noise."),
 )
-effect_option = click.option("--effect", "own_effects", multiple=True, help="Effect of your own: file.py:Class.")
-limits_option = path_option("--limits", help="Limits file (YAML): its verdict too.")
-out_option = path_option("--out", default=Path("reports"), show_default=True, help="Where run folders go.")
+effect_option = click.option("--effect", "own_effects", multiple=True, help="User-defined effect: file.py:Class.")
+limits_option = path_option("--limits", help="Limits file (YAML); also gives a verdict against it.")
+out_option = path_option("--out", default=Path("reports"), show_default=True, help="Folder of the run folders.")
 quiet_option = click.option("--quiet", is_flag=True, help="No progress display.")
 registry_option = click.option(
     "--registry", "where", envvar="BENCH_REGISTRY", help="Registry: file, or postgresql://… [default: in --out]"
@@ -63,28 +63,30 @@ live_options = together(
         "--server",
         envvar="BENCH_SERVER",
         metavar="URL",
-        help="Ask this `bench ui` (its token in BENCH_TOKEN) instead of this machine; RUN is UNIT/RUN there.",
+        help="Use this `bench ui` (token in BENCH_TOKEN) instead of this machine; RUN is then UNIT/RUN.",
     ),
 )
 
 
 @dataclass(frozen=True)
 class Registered:
-    """A result whose runs were registered; `warning` says where that failed."""
+    """A result whose runs were registered; `warning` is the error if that failed."""
 
     result: Result
     warning: str
 
     @property
     def exit_code(self) -> int:
-        """That of the result: a registry that fails loses no run."""
+        """Exit code of the result; a failing registry does not change it."""
         return self.result.exit_code
 
 
-def registers(begin: bool, tell: bool = False) -> Callable[[Callable[..., Result]], Callable[..., Result | Registered]]:
+def registers(
+    begin: bool, pass_on: bool = False
+) -> Callable[[Callable[..., Result]], Callable[..., Result | Registered]]:
     """Register the runs of a command's result.
 
-    `begin` a registry where there is none; `tell` the command, too, which registry it is (`registry`).
+    `begin`: create a missing registry; `pass_on`: give the command the registry as `registry`.
     """
 
     def decorate(command: Callable[..., Result]) -> Callable[..., Result | Registered]:
@@ -93,7 +95,7 @@ def registers(begin: bool, tell: bool = False) -> Callable[[Callable[..., Result
         def wrapped(*args: Any, where: str | None = None, **kwargs: Any) -> Result | Registered:
             from bench.commands import register_runs
 
-            result = command(*args, **kwargs, **({"registry": where} if tell else {}))
+            result = command(*args, **kwargs, **({"registry": where} if pass_on else {}))
             warning = register_runs(result.runs, where, begin)
             return result if warning is None else Registered(result, warning)
 
@@ -103,7 +105,7 @@ def registers(begin: bool, tell: bool = False) -> Callable[[Callable[..., Result
 
 
 def answers(command: Callable[..., Result | Registered]) -> Callable[..., None]:
-    """Give a command `--json` and have it `answer`; effects of the user's own are loaded first."""
+    """Give a command `--json` and print its result; user-defined effects are loaded first."""
 
     @json_option
     @wraps(command)
@@ -122,7 +124,7 @@ def answers(command: Callable[..., Result | Registered]) -> Callable[..., None]:
 
 
 def answer(work: Callable[[], Result | Registered], as_json: bool) -> NoReturn:
-    """Print a result and end with its exit code. An error that is not one of ours is a bug and shows its traceback."""
+    """Print a result and end with its exit code. An error of another class is a bug and shows its traceback."""
     with exits():
         result = work()
         from bench.cli import rendering

@@ -13,7 +13,7 @@ from bench.cli.options import exits, out_option, path_option
 
 
 @click.command()
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to bind to; another one needs --access.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to bind to; any other needs --access.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8321, show_default=True, help="0: any free one.")
 @out_option
 @path_option("--access", help="Access file (YAML): names, roles, hashes of tokens.")
@@ -23,15 +23,15 @@ from bench.cli.options import exits, out_option, path_option
 @click.option("--behind", metavar="ADDRESS", help="Reverse proxy whose X-Forwarded-For is believed; it speaks TLS.")
 @path_option("--certificate", help="TLS: certificate chain (PEM).")
 @path_option("--key", help="TLS: key of the certificate (PEM).")
-@click.option("--no-browser", is_flag=True, help="Open no browser.")
+@click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 def ui(new_token: str | None, role: str | None, **options: Any) -> None:
-    """Serve the bench to a browser: start and watch runs, find what a model lacks, look up units."""
+    """Serve the bench to a browser: start and watch runs, find missing effects, look up units."""
     with exits():
         if new_token is not None:
             click.echo(_new_token(options["access"], new_token, role))
         else:
             _serve(**options)
-            click.echo("ended; runs that were started go on: `bench status`")
+            click.echo("ended; runs that were started continue: `bench status`")
 
 
 def _check_address(behind: str) -> None:

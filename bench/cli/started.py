@@ -1,7 +1,7 @@
 """A run that a server started: `bench run` in a process that outlives it.
 
-`python -m bench.cli.started FOLDER LOCK ARGUMENT…`. The lock, an open file that the server handed on, is held as long
-as this process lives, so that any server can tell; the exit code is left in FOLDER.
+`python -m bench.cli.started FOLDER LOCK ARGUMENT…`. This process holds the lock, an open file that it inherits from the
+server, until it ends, so that any server can detect it; then it writes its exit code to FOLDER.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from bench.web import EXIT
 
 def main(folder: Path, lock: int, arguments: list[str]) -> int:
     """Run `bench` with these arguments; its exit code."""
-    os.set_inheritable(lock, False)  # a watchdog that outlives the run must not seem to be it
+    os.set_inheritable(lock, False)  # a watchdog that outlives the run must not hold the lock
     code = 4
     try:
         from bench.cli import main as bench

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @click.group()
 def registry() -> None:
-    """What units, runs, calibrations and equipment there are; run folders stay the truth."""
+    """Index of units, runs, calibrations and equipment; the run folders remain authoritative."""
 
 
 @registry.command("list")
@@ -25,7 +25,7 @@ def registry() -> None:
 @archive_options
 @answers
 def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> Result:
-    """The runs, newest first, with the verdicts of their calibrations."""
+    """List the runs, newest first, with the verdicts of their calibrations."""
     from bench import commands
 
     return commands.registry_list(out, where, unit, most)
@@ -36,18 +36,18 @@ def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> 
 @archive_options
 @answers
 def registry_show(name: str, out: Path, where: str | None) -> Result:
-    """All that is known of a unit or a run."""
+    """Show all data of a unit or a run."""
     from bench import commands
 
     return commands.registry_show(out, where, name)
 
 
 @registry.command("rebuild")
-@click.option("--check", "only_compare", is_flag=True, help="Change nothing; exit code 1 where something differs.")
+@click.option("--check", "only_compare", is_flag=True, help="Change nothing; exit code 1 if rows differ.")
 @archive_options
 @answers
 def registry_rebuild(only_compare: bool, out: Path, where: str | None) -> Result:
-    """Make the rows again from the run folders, say what differed, and prove that they are equal."""
+    """Rebuild the rows from the run folders, list the differences, and verify that they are equal."""
     from bench import commands
 
     return commands.registry_rebuild(out, where, only_compare)
@@ -59,7 +59,7 @@ def registry_rebuild(only_compare: bool, out: Path, where: str | None) -> Result
 @archive_options
 @answers
 def registry_lot(lot: str, serials: tuple[str, ...], out: Path, where: str | None) -> Result:
-    """Say that the units SERIALS are of LOT."""
+    """Assign the units SERIALS to LOT."""
     from bench import commands
 
     entry = {"kind": "lot", "lot": lot, "units": list(serials)}
@@ -79,13 +79,13 @@ def registry_operator(name: str, out: Path, where: str | None) -> Result:
 
 @registry.group("equipment")
 def registry_equipment() -> None:
-    """Chambers, sensors, rate tables, time bases, and until when their own calibrations hold."""
+    """Chambers, sensors, rate tables, time bases, and the due dates of their calibrations."""
 
 
 @registry_equipment.command("add")
 @click.argument("name")
 @click.argument("serial")
-@click.option("--kind", required=True, help="What it is: chamber, sensor, rate table, time base.")
+@click.option("--kind", required=True, help="chamber, sensor, rate table or time base.")
 @click.option("--calibrated", type=click.DateTime(["%Y-%m-%d"]), help="Day of its last calibration.")
 @click.option("--due", type=click.DateTime(["%Y-%m-%d"]), help="Last day on which that calibration is valid.")
 @archive_options
@@ -102,7 +102,7 @@ def registry_equipment_add(name: str, serial: str, out: Path, where: str | None,
 @archive_options
 @answers
 def registry_equipment_list(on: datetime | None, out: Path, where: str | None) -> Result:
-    """The equipment, what is due first on top; exit code 1 where a calibration is overdue."""
+    """List the equipment by due date; exit code 1 if a calibration is overdue."""
     from bench import commands
 
     return commands.registry_equipment(out, where, (on or datetime.now()).date())
@@ -112,12 +112,12 @@ def registry_equipment_list(on: datetime | None, out: Path, where: str | None) -
 @click.option("--unit-filter", "pattern", metavar="REGEX", help="Only units whose whole serial matches.")
 @path_option("--limits", help="Limits file (YAML): yield and Cpk are against it.")
 @path_option("--html", help="Write the page here.")
-@path_option("--csv", help="Write one line a unit and quantity here.")
+@path_option("--csv", help="Write one line per unit and quantity here.")
 @archive_options
 @json_option
 @click.pass_context
 def fleet(context: click.Context, /, out: Path, as_json: bool, **options: Any) -> None:
-    """Many units: first-pass yield, Cpk, control charts, drift of stations and lots, units unlike their lot."""
+    """Statistics of many units: first-pass yield, Cpk, control charts, drift of stations and lots, outliers in lots."""
     if context.invoked_subcommand is None:
         from bench import commands
 
@@ -126,8 +126,8 @@ def fleet(context: click.Context, /, out: Path, as_json: bool, **options: Any) -
 
 @fleet.command("refit")
 @model_argument
-@path_option("--moments", help="Moments file. Default: of the registry's runs.")
-@path_option("--records", help="Where the records go. Default: beside the moments.")
+@path_option("--moments", help="Moments file. Default: that of the registry's runs.")
+@path_option("--records", help="Write the records here. Default: beside the moments.")
 @click.option(
     "--engine",
     type=click.Choice(["auto", "serial", "pool", "dask"]),
@@ -135,14 +135,14 @@ def fleet(context: click.Context, /, out: Path, as_json: bool, **options: Any) -
     show_default=True,
     help="On this computer in one process (serial) or several (pool), or on a Dask cluster (dask).",
 )
-@click.option("--workers", type=click.IntRange(1), help="Processes. Default: one a processor.")
-@click.option("--scheduler", metavar="tcp://…", help="A running Dask cluster. Default of dask: a local one.")
+@click.option("--workers", type=click.IntRange(1), help="Processes. Default: one per processor.")
+@click.option("--scheduler", metavar="tcp://…", help="A running Dask cluster. Default: a local one.")
 @archive_options
 @answers
 def fleet_refit(
     model: str, moments: Path | None, records: Path | None, out: Path, where: str | None, **work: Any
 ) -> Result:
-    """Fit every stored unit anew, from small moments of its newest run; one that fails does not stop the rest."""
+    """Refit every unit from the moments of its newest run; a failure does not stop the others."""
     from bench import commands
 
     return commands.refit(model, out, where, moments, records, commands.RefitOptions(**work))

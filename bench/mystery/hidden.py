@@ -1,7 +1,7 @@
 """Random units: a smooth curve over temperature and mechanisms of the truth with amplitudes of a given strength.
 
-The catalogue of the truth is larger than the library of effects. Mechanisms that no run can tell from a constant or
-from a smooth curve (turn-on, a knee) are never drawn.
+The catalogue of the truth is larger than the library of effects. Mechanisms that a run cannot distinguish from a
+constant or a smooth curve (turn-on, a knee) are never drawn.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Entry = dict[str, Any]
 
 NOISE = {"angle_random_walk": 0.01, "bias_instability": 0.03, "rate_random_walk": 0.03}
 CHANNELS: Entry = {
-    # Channels also wander by themselves, as those of a real unit do, so that they differ from the temperature.
+    # Channels also wander independently, as in a real unit, so that they differ from the temperature.
     "frequency": {"wander_ppm": 20.0},
     "drive": {"wander_ppm": 1000.0},
     "quadrature": {"offset_dps": 0.5, "slope_dps_per_degc": 0.004, "wander_dps": 0.05},
@@ -30,8 +30,8 @@ CHANNELS: Entry = {
 class Hidden:
     """A mechanism that may be hidden, with the parameters to which its contribution is proportional.
 
-    A unit gets at most one mechanism of a `group`. `turns`: it shows only while a rate table turns. `one_run`: it
-    belongs to the run in which it happened, not to the unit.
+    A unit has at most one mechanism of a `group`. `turns`: it shows only while a rate table turns. `one_run`: it occurs
+    in one run only.
     """
 
     mechanism: str
@@ -42,12 +42,12 @@ class Hidden:
 
     @property
     def effect(self) -> str | None:
-        """The effect that the bench should name; None where its library has none for it."""
+        """The effect that the bench should name; None if its library does not cover the mechanism."""
         return MECHANISMS[self.mechanism].effect
 
     @property
     def thermal(self) -> bool:
-        """Whether it moves the resonator's temperature: its amplitudes are time constants, proportional only nearly."""
+        """Whether it changes the resonator's temperature; its time constants are only nearly proportional."""
         return MECHANISMS[self.mechanism].kind == "thermal"
 
 
@@ -111,7 +111,7 @@ def draw(mechanism: str, rng: np.random.Generator, hours: float) -> Entry:
 
 
 def static_curve(rng: np.random.Generator) -> Entry:
-    """A smooth bias over temperature, 2 to 6 deg/h, steep enough that a lag shows."""
+    """A smooth bias over temperature, 2 to 6 deg/h, steep enough to show a lag."""
     slope = rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.0)
     shape = rng.uniform(2.0, 6.0) * np.array([rng.uniform(-1.0, 1.0), slope, *rng.uniform(-0.4, 0.4, 2)])
     return {"mechanism": "static_bias", "coefficients_dph": np.round(shape, 4).tolist()}
@@ -121,10 +121,10 @@ def scaled(entry: Entry, target: float, share: Callable[[Entry], float]) -> Entr
     """The mechanism with its amplitudes multiplied until `share` of it [deg/h] is the target, within 1 % if thermal."""
     thermal, factor = HIDDEN[entry["mechanism"]].thermal, 1.0
     for _ in range(8 if thermal else 1):
-        found = share(times(entry, factor))
-        step = target / max(found, 1e-12)
+        contribution = share(times(entry, factor))
+        step = target / max(contribution, 1e-12)
         factor *= float(np.clip(step, 1.0 / 30.0, 30.0)) if thermal else step
-        if abs(found / target - 1.0) < 0.01:
+        if abs(contribution / target - 1.0) < 0.01:
             break
     return times(entry, factor)
 

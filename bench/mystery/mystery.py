@@ -1,8 +1,8 @@
-"""A unit with hidden effects: recorded, sealed, and revealed when a user has named them.
+"""A unit with hidden effects: recorded, sealed, and revealed after the user has named them.
 
 `make_mystery` draws mechanisms from the truth's catalogue, which is larger than the library of effects, and records
 three runs of the unit in the simulated physics: a calibration run, a check run and an isothermal one. The envelope
-holds the truth, encoded but not encrypted. `reveal` scores a model against it.
+contains the truth, encoded but not encrypted. `reveal` scores a model against it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _STRENGTHS = (1.0, 4.0)
 _RUNS = ("run", "check", "static")
 _SILENT = dict.fromkeys(NOISE, 0.0)
 _CURVE_ORDER = 12
-_CURVES = "static"  # family of effects that are curves over temperature; naming one is not an answer to the mystery
+_CURVES = "static"  # family of effects that are curves over temperature; they do not count as named
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Score:
     wrong: tuple[str, ...]
     missed: tuple[str, ...]
     outside: tuple[str, ...]
-    """Mechanisms that no effect of the library covers; the right answer to them is `unknown`."""
+    """Mechanisms without an effect in the library; the correct diagnosis is `unknown`."""
     held_out_rms_dph: float
     true_model_rms_dph: float
     floor_dph: float
@@ -74,16 +74,16 @@ class Score:
 
 
 def make_mystery(seed: int, effects_count: int, out: Path, calibration: Path, check: Path) -> Mystery:
-    """Record a unit with `effects_count` hidden mechanisms on two profiles into `out`; same seed, same unit.
+    """Record a unit with `effects_count` hidden mechanisms on two profiles into `out`; deterministic by seed.
 
-    Raises InputError: too many effects for the catalogue, a folder that already holds a mystery, a bad profile.
+    Raises InputError: too many effects for the catalogue, a folder that already contains a mystery, a bad profile.
     """
     drawable = [h for h in HIDDEN.values() if not h.turns]
     if not 1 <= effects_count <= len(drawable) // 4:
-        raise InputError(f"--effects is {effects_count}; between 1 and {len(drawable) // 4} can be hidden at once")
+        raise InputError(f"--effects is {effects_count}, allowed are 1 to {len(drawable) // 4}")
     envelope = out / ENVELOPE
     if envelope.exists():
-        raise InputError("holds a mystery already; reveal it, or choose another folder with --out", out)
+        raise InputError("already contains a mystery; reveal it, or choose another folder with --out", out)
     texts = dict(zip(_RUNS, (read_text(calibration), read_text(check), _STATIC), strict=True))
     files = dict(zip(_RUNS, (str(calibration), str(check), "isothermal"), strict=True))
     traces = {n: virtual.chamber(profile_from_text(texts[n], files[n]), seed=seed + i) for i, n in enumerate(_RUNS)}

@@ -1,7 +1,7 @@
-"""A profile run by simulated physics alone, without buses, frames or a journal: a hundred times faster.
+"""A profile run only by simulated physics, without buses, frames or a journal: a hundred times faster.
 
-Mysteries and the benchmark of the diagnosis need many runs and no equipment. The chamber is stepped once a second and
-follows the legs by the rules of the sequencer; the unit is sampled at 10 Hz, which is enough for means over a second.
+Mysteries and the benchmark of the diagnosis need many runs and no equipment. The chamber is stepped once per second and
+executes the legs by the rules of the sequencer; the unit is sampled at 10 Hz, which is enough for means over a second.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from drivers.sim.resonator import DIVIDER, Environment, Resonator, UnitSettings
 
 RATE_HZ = 10.0
 STEP_S = 5
-"""Chamber temperatures are taken as straight lines over this time [s]; a multiple of DIVIDER / RATE_HZ."""
+"""Time over which chamber temperatures are interpolated linearly [s]; a multiple of DIVIDER / RATE_HZ."""
 _NODES_PER_S = RATE_HZ / DIVIDER
 
 
@@ -43,7 +43,7 @@ class Trace:
 
 
 def chamber(profile: Profile, seed: int, plant: Plant | None = None) -> Trace:
-    """Run a chamber through all legs of a profile, cut to whole steps; EquipmentError where a leg does not end."""
+    """Run a chamber through all legs of a profile, cut to whole steps; EquipmentError if a leg does not end."""
     plant = plant or Plant(seed=seed)
     states, index = [plant.state], [0]
     segments: list[ExecutedSegment] = []

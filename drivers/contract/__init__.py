@@ -1,8 +1,8 @@
-"""What every register map has to do on the wire: one list of behaviours, for shipped maps and for yours.
+"""Behaviours that every register map must show on the wire, shipped maps and users' maps alike.
 
-Each behaviour is tried on a fresh simulated controller that serves the map, through the real driver and a real link.
-`bench doctor STATION --contract` runs it for the map of a station file; the tests run it for every shipped map, over
-each wire, and against a Modbus server that is not ours.
+Each behaviour is tested on a new simulated controller that serves the map, through the real driver and a real link.
+`bench doctor STATION --contract` does this for the map of a station file; the tests do it for every shipped map, over
+each wire, and against an independent Modbus server.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["BEHAVIOURS", "Outcome", "Served", "try_map"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """How one behaviour went."""
+    """Outcome of one behaviour."""
 
     behaviour: str
     verdict: Literal["ok", "failed", "not applicable"]
@@ -35,22 +35,22 @@ BEHAVIOURS: dict[str, Callable[[Trial], None]] = {
     "refuses every unit but degC": recognising.refuses_other_units,
     "refuses a wrong word order or an impossible temperature": recognising.refuses_wrong_words,
     "follows the controller's implied decimals": recognising.follows_decimals,
-    "reads what is there": recognising.reads_what_is_there,
+    "reads temperatures and states correctly": recognising.reads_what_is_there,
     "writes its set points, once, and nothing else": commanding.sets_its_set_point,
     "refuses set points outside the limits before anything is sent": commanding.refuses_what_is_outside,
     "ramps natively, or by steps of the host": commanding.ramps,
-    "spares a memory that wears out": commanding.spares_its_memory,
-    "starts after a set point, stops, and spares its compressor": commanding.starts_and_stops,
+    "limits writes to a memory that wears out": commanding.spares_its_memory,
+    "starts after a set point, stops, and protects its compressor": commanding.starts_and_stops,
     "shows every alarm and clears none": recognising.shows_alarms,
     "shows a broken sensor": recognising.shows_a_broken_sensor,
     "shows its door": recognising.shows_its_door,
-    "notices set points and switches of others": commanding.notices_other_hands,
+    "detects set points and switches changed by others": commanding.notices_other_hands,
     "reaches the safe state": commanding.reaches_the_safe_state,
 }
 
 
 def try_map(registers: RegisterMap, serve: Callable[[RegisterMap], Served] = ModbusChamber) -> list[Outcome]:
-    """Every behaviour of `registers`, each on a controller of its own that `serve` makes."""
+    """Test every behaviour of `registers`, each on a new controller that `serve` makes."""
     return [_try(name, behaviour, registers, serve) for name, behaviour in BEHAVIOURS.items()]
 
 

@@ -1,4 +1,4 @@
-"""Behaviours of a controller that is commanded: set points, ramps, on and off, other hands, the safe state."""
+"""Behaviours under command: set points, ramps, on and off, changes by others, the safe state."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drivers.errors import ConfigError, LimitError
 
 
 def sets_its_set_point(trial: Trial) -> None:
-    """All set points that belong together, and no other register."""
+    """Writes the set point and its copies, and no other register."""
     trial.chamber.identify()
     before = trial.image()
     trial.chamber.set_point(-20.5)
@@ -20,11 +20,11 @@ def sets_its_set_point(trial: Trial) -> None:
     check(_changed(trial, before) <= ours | set(_ramp_off(trial)), f"also changed: {_changed(trial, before) - ours}")
     count = trial.chamber.writes
     trial.chamber.set_point(-20.5)
-    check(trial.chamber.writes == count, "what stood already was written again")
+    check(trial.chamber.writes == count, "an unchanged set point was written again")
 
 
 def refuses_what_is_outside(trial: Trial) -> None:
-    """Neither sent nor clipped."""
+    """A value outside the limits is neither sent nor clipped."""
     trial.chamber.identify()
     before = trial.image()
     for degc in (LIMITS[0] - 1.0, LIMITS[1] + 1.0, float("nan")):
@@ -33,7 +33,7 @@ def refuses_what_is_outside(trial: Trial) -> None:
 
 
 def ramps(trial: Trial) -> None:
-    """By the controller's own rate, or by many small steps."""
+    """Ramps natively, or by many small steps of the host."""
     trial.chamber.identify()
     trial.chamber.set_point(20.0)
     ramp = trial.map.ramp
@@ -52,7 +52,7 @@ def ramps(trial: Trial) -> None:
 
 
 def spares_its_memory(trial: Trial) -> None:
-    """Steps of the host are refused; the way to the safe state is not."""
+    """Steps of the host are refused; the safe state is not."""
     if trial.map.eeprom_writes is None:
         raise NotApplicable("no limit on writes")
     trial.chamber.identify()
@@ -64,11 +64,11 @@ def spares_its_memory(trial: Trial) -> None:
 
     trial.refused(LimitError, step_from_the_host, "a ramp stepped by the host")
     check(trial.chamber.writes <= WEAR_WRITES, f"{trial.chamber.writes} writes")
-    check(all(step.ok for step in trial.chamber.safe(25.0)), "the safe state was kept off by the limit on writes")
+    check(all(step.ok for step in trial.chamber.safe(25.0)), "the limit on writes prevented the safe state")
 
 
 def starts_and_stops(trial: Trial) -> None:
-    """Never before a set point, and the neighbouring bits stay."""
+    """Does not start before a set point, and does not change neighbouring bits."""
     trial.chamber.identify()
     trial.refused(LimitError, trial.chamber.start, "a start before any set point")
     trial.chamber.set_point(30.0)
@@ -86,21 +86,21 @@ def starts_and_stops(trial: Trial) -> None:
 
 
 def notices_other_hands(trial: Trial) -> None:
-    """After a reconnection: whose set point, whose switch."""
+    """Detects a set point or a switch that was changed by others."""
     trial.chamber.identify()
     trial.chamber.set_point(30.0)
     trial.chamber.start()
     check(not trial.chamber.deviations(), f"deviates from itself: {trial.chamber.deviations()}")
     for name in ("setpoint", *trial.map.setpoint_copies):
         trial.put(name, 60.0)
-        check(any(text.startswith(name) for text in trial.chamber.deviations()), f"a foreign {name} goes unnoticed")
+        check(any(text.startswith(name) for text in trial.chamber.deviations()), f"a changed {name} was not detected")
         trial.put(name, 30.0)
     trial.put(trial.map.run.state, trial.map.run.off)
-    check(len(trial.chamber.deviations()) == 1, "switched off at the panel goes unnoticed")
+    check(len(trial.chamber.deviations()) == 1, "switching off at the panel was not detected")
 
 
 def reaches_the_safe_state(trial: Trial) -> None:
-    """Ambient first, then off, read back."""
+    """Goes to ambient first, then off; both are read back."""
     trial.chamber.identify()
     trial.chamber.set_point(80.0)
     trial.chamber.start()

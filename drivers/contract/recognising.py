@@ -1,4 +1,4 @@
-"""Behaviours of a controller that is looked at: recognised or refused, read, with its alarms, sensor and door."""
+"""Behaviours while reading: the controller is recognised or refused; readings, alarms, sensor and door."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def identifies(trial: Trial) -> None:
 
 
 def refuses_another_model(trial: Trial) -> None:
-    """Every rule about the model refuses what it should."""
+    """Every rule about the model refuses another one."""
     rules = [rule for rule in trial.map.identify if rule.register != trial.map.unit_register]
     if not rules:
         raise NotApplicable("no rule about the model")
@@ -27,10 +27,10 @@ def refuses_another_model(trial: Trial) -> None:
 
 
 def refuses_other_units(trial: Trial) -> None:
-    """Whatever is not degC, degF first of all."""
+    """Refuses every unit except degC."""
     unit = trial.map.unit_register
     if unit is None:
-        raise NotApplicable("the controller does not tell its unit")
+        raise NotApplicable("the controller does not report its unit")
     check("celsius" in trial.map[unit].values, f"{unit} has no value named celsius")
     for name in set(trial.map[unit].values) - {"celsius"}:
         trial.put(unit, name)
@@ -38,19 +38,19 @@ def refuses_other_units(trial: Trial) -> None:
 
 
 def refuses_wrong_words(trial: Trial) -> None:
-    """Swapped words, or a number that no thermometer shows."""
+    """Refuses swapped words or an impossible temperature."""
     temperature = trial.map["temperature"]
     swapped = tuple(reversed(temperature.encode(25.0))) if temperature.count == 2 else (0x7FFF,)
     trial.served.set_words("temperature", swapped)
-    trial.refused(IdentityError, trial.chamber.identify, "a temperature that none can be")
+    trial.refused(IdentityError, trial.chamber.identify, "an impossible temperature")
 
 
 def follows_decimals(trial: Trial) -> None:
-    """int16 with a decimal point that only the controller knows."""
+    """Follows integers whose decimal point is set in the controller."""
     if not trial.described.decimals:
         raise NotApplicable("no implied decimals")
     for places in (0, 1, 2):
-        trial.connect()  # what was recognised first stands for as long as the connection
+        trial.connect()  # the first recognition holds until the next connection
         for name in trial.described.decimals:
             trial.put(name, float(places))
         known = trial.described.with_decimals(dict.fromkeys(trial.described.decimals, places))
@@ -69,17 +69,17 @@ def follows_decimals(trial: Trial) -> None:
 
 
 def reads_what_is_there(trial: Trial) -> None:
-    """Both signs, and a resting controller rests."""
+    """Reads temperatures of both signs, and an idle controller as off without alarms."""
     trial.chamber.identify()
     for degc in (-39.5, 0.0, 84.5):
         trial.put("temperature", degc)
         reading = trial.chamber.poll()
         check(reading.temperature == degc, f"{degc} degC reads {reading.temperature}")
-    check(not reading.on and not reading.alarm, f"a resting controller reads on {reading.on}, {reading.alarm}")
+    check(not reading.on and not reading.alarm, f"an idle controller reads on {reading.on}, {reading.alarm}")
 
 
 def shows_alarms(trial: Trial) -> None:
-    """Each alarm register alone; nothing is ever written to them."""
+    """Shows the alarm of each register, and never writes to it."""
     watched = [trial.map[name] for name in (*trial.map.poll, *trial.map.secondary)]
     alarms = [register for register in watched if register.normal or register.alarming]
     if not alarms:
@@ -95,24 +95,24 @@ def shows_alarms(trial: Trial) -> None:
 
 
 def shows_a_broken_sensor(trial: Trial) -> None:
-    """By its register, and as a temperature that cannot be."""
+    """Shows it by its register, and by an impossible temperature."""
     trial.chamber.identify()
     if "sensor_break" in trial.map:
-        check(trial.chamber.poll().sensor_break is False, "a sound sensor reads broken")
+        check(trial.chamber.poll().sensor_break is False, "an intact sensor reads broken")
         trial.put("sensor_break", "broken")
-        check(trial.chamber.poll().sensor_break is True, "a broken sensor reads sound")
+        check(trial.chamber.poll().sensor_break is True, "a broken sensor reads intact")
     else:
-        check(trial.chamber.poll().sensor_break is None, "tells what it cannot know")
+        check(trial.chamber.poll().sensor_break is None, "reports a state that the controller does not have")
     trial.served.set_words("temperature", impossible(trial.map["temperature"]))
     text = trial.refused(LimitError, trial.chamber.poll, "a temperature of a broken sensor")
     check("sensor" in text, text)
 
 
 def shows_its_door(trial: Trial) -> None:
-    """Open and closed; unknown where there is no switch."""
+    """Shows open and closed; unknown without a switch."""
     trial.chamber.identify()
     if "door" not in trial.map:
-        check(trial.chamber.poll().door is None, "tells what it cannot know")
+        check(trial.chamber.poll().door is None, "reports a state that the controller does not have")
         raise NotApplicable("no door switch")
     check(trial.chamber.poll().door is False, "a closed door reads open")
     trial.put("door", "open")

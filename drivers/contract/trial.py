@@ -1,4 +1,4 @@
-"""One behaviour's fresh controller and the real driver on it, and what behaviours need to be told."""
+"""A new controller for one behaviour with the real driver, and helpers of the behaviours."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from drivers.register import Register, Value
 from drivers.register_map import RegisterMap
 
 LIMITS = (-40.0, 85.0)
-"""Station limits [degC] of the trial; every map has to allow them."""
+"""Station limits [degC] of the trial; every map must allow them."""
 
 
 class Served(Protocol):
@@ -27,18 +27,18 @@ class Served(Protocol):
         """Raw words of a register."""
 
     def set_words(self, name: str, words: Iterable[int]) -> None:
-        """Put raw words into a register; of a masked one only its bits."""
+        """Write raw words to a register; for a masked one, only its bits."""
 
     def close(self) -> None:
-        """End it."""
+        """Stop serving."""
 
 
 class NotApplicable(Exception):  # noqa: N818 - an outcome, not an error
-    """The controller has nothing that this behaviour is about."""
+    """The behaviour does not apply to the controller."""
 
 
 class Trial:
-    """One behaviour's fresh controller, and the driver on it."""
+    """A new controller for one behaviour, and the driver on it."""
 
     def __init__(self, registers: RegisterMap, served: Served) -> None:
         self.described = registers
@@ -55,7 +55,7 @@ class Trial:
         self.chamber = Chamber(self.link, self.described, LIMITS, self.clock, journal=journal, secondary_s=0.0)
 
     def value(self, name: str) -> Value:
-        """What a register holds."""
+        """Value of a register."""
         return self.map[name].decode(self.served.words(name))
 
     def put(self, name: str, value: Value) -> None:
@@ -67,7 +67,7 @@ class Trial:
         return {name: self.served.words(name) for name in self.map.registers}
 
     def refused(self, error: type[DriverError], call: Callable[[], object], what: str) -> str:
-        """The text of the refusal that has to come."""
+        """Call `call`, which must raise `error`; returns its text."""
         try:
             call()
         except error as refusal:
@@ -76,13 +76,13 @@ class Trial:
 
 
 def check(true: bool, text: str) -> None:
-    """AssertionError with `text` unless `true`; unlike assert it also stands with -O."""
+    """AssertionError with `text` unless `true`; unlike assert, also with -O."""
     if not true:
         raise AssertionError(text)
 
 
 def impossible(register: Register) -> tuple[int, ...]:
-    """Words that no working sensor gives: NaN, or the end of the integer's range."""
+    """Words that a working sensor never gives: NaN, or the end of the integer range."""
     words: tuple[int, ...] = (0x7FC0, 0) if register.type == "float32" else (0x7FFF,)
     return words if register.word_order == "high_first" else tuple(reversed(words))
 
@@ -95,7 +95,7 @@ def foreign(register: Register) -> tuple[int, ...]:
 
 
 def alarm(register: Register) -> tuple[int, ...]:
-    """Words of an alarm register that is one."""
+    """Words of an alarm register that mean an alarm."""
     for name, code in register.values.items():
         if register.is_alarm(name):
             return (code,)

@@ -1,4 +1,4 @@
-"""A simulated Ideal Aerosmith table on a pseudo-terminal: answers in a thread, moves with the given clock."""
+"""A simulated Ideal Aerosmith table on a pseudo terminal: answers in a thread, moves with the given clock."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class SimulatedAerosmith:
         return ""
 
     def _move(self) -> None:
-        """Where the axis has got to since the last command: a ramp, then a constant rate."""
+        """Update rate and angle for the time since the last command: a ramp, then a constant rate."""
         now_s = self._now()
         passed_s, self._at_s = now_s - self._at_s, now_s
         change = (self._target_dps if self.motor else 0.0) - self._rate_dps

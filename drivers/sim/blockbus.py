@@ -1,7 +1,7 @@
 """python-can interface `blocks`: a bus inside one process that carries frames in numpy blocks.
 
-Any python-can program can use it; `Bus.send` and `Bus.recv` behave as on the `virtual` interface. Programs that know
-it send and receive whole FRAME arrays, which costs nanoseconds a frame instead of the microseconds of a Message.
+Any python-can program can use it; `Bus.send` and `Bus.recv` behave as on the `virtual` interface. `send_block` and
+`recv_block` transfer whole FRAME arrays, which costs nanoseconds per frame instead of microseconds per Message.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _members_lock = threading.Lock()
 
 
 class BlockBus(can.BusABC):
-    """One connection to the channel of a name; every other connection receives what it sends, in order, without loss.
+    """One connection to a named channel; all other connections receive its frames in order, without loss.
 
     A block keeps the time stamps of its sender; a Message gets the time of sending, as on `virtual`, unless
     `preserve_timestamps` is set.

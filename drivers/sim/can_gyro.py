@@ -1,6 +1,6 @@
-"""The simulated unit on its bus: arrays of physical truth become the real frames of its DBC.
+"""The simulated unit on its bus: converts arrays of physical values to the frames of its DBC.
 
-Shares with the driver the description of the wire and nothing else.
+Shares with the driver only the description of the wire.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ BOOT_UP, OPERATIONAL = 0, 5
 
 
 class Signals(Protocol):
-    """What the physics of a unit delivers for a piece of time: n rate samples, m = n / 10 slow ones."""
+    """Output of a unit's physics for a piece of time: n rate samples, m = n / 10 slow ones."""
 
     @property
     def rate_dph(self) -> FloatArray:
@@ -39,7 +39,7 @@ class Signals(Protocol):
 
     @property
     def temperature(self) -> FloatArray:
-        """Sensor of the unit [degC], (m,)."""
+        """Temperature sensor of the unit [degC], (m,)."""
 
     @property
     def frequency(self) -> FloatArray:
@@ -146,7 +146,7 @@ class CanGyro:
         return data.view(_WORD)[:, 0]
 
     def _plan(self, count: int) -> _Plan:
-        """Which frames a piece of `count` samples has; pieces alike, as those of a clock are, share one plan."""
+        """The frames of a piece of `count` samples; equal pieces share one plan."""
         messages = [self._messages[name] for name in _SENT]
         every = [round((message.cycle_ms or self._interval_ms) / self._interval_ms) for message in messages]
         key = count, self._counter % math.lcm(*every)
@@ -187,7 +187,7 @@ class CanGyro:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What a piece of time sends, but for the time of its start and the payloads."""
+    """The frames of a piece of time, without the time of its start and the payloads."""
 
     at: list[IntArray]
     """For each message the samples after which it is sent, counted from the start of the piece."""

@@ -1,8 +1,8 @@
 """Simulated rate table: a CiA 402 drive on a CAN bus with an axis behind it, stepped by the simulated clock.
 
-The axis follows its target with limited acceleration, wobbles a little, and is read by an encoder with lines and noise;
-the drive reports what the encoder says, on a transmit PDO by its event timer. Requests are answered by the
-thread of the CANopen network; nothing else happens between two steps, so a run is deterministic.
+The axis follows its target with limited acceleration and a small wobble; an encoder with finite resolution and noise
+reads it, and the drive sends its readings on a transmit PDO by its event timer. The thread of the CANopen network
+answers requests; apart from this, nothing happens between two steps, so a run is deterministic.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 NODE_S = 0.02
-"""The drive's encoder is read this often [s]; between two readings the rate is a straight line."""
+"""Interval of encoder readings [s]; between two readings the rate is a straight line."""
 _MASTER = 0x77F
 _QUICK = {cia402.STOPPING, cia402.FAULT}
 
@@ -36,11 +36,11 @@ class TableSettings:
     """Standard deviation of the rate about its target."""
     encoder_noise_counts: float = 0.5
     velocity_unit: float = 1.0
-    """Units of velocity in one count per second; a drive that is set up otherwise has another one than 1."""
+    """Units of velocity in one count per second; not 1 for a drive with another velocity setting."""
 
 
 class SimulatedTable:
-    """Node `node_id` on an open python-can bus; `advance` gives what the unit on the table feels."""
+    """Node `node_id` on an open python-can bus; `advance` returns the rate applied to the unit on the table."""
 
     def __init__(self, bus: can.BusABC, node_id: int, settings: TableSettings = TableSettings(), seed: int = 1) -> None:
         self.settings = settings
@@ -56,8 +56,8 @@ class SimulatedTable:
         self._node.associate_network(self._network)
         self._node.add_write_callback(self._written)
         self._node.add_read_callback(self._read)
-        self._master_heard = False
-        self._network.subscribe(_MASTER, self._hear_master)
+        self._master_beat = False
+        self._network.subscribe(_MASTER, self._on_master_beat)
         self._master_s: float | None = None
         self._rng = np.random.default_rng([seed, 402])
         self._wobble = OrnsteinUhlenbeck(np.array([0.5]), np.array([1.0]), NODE_S, np.random.default_rng([seed, 403]))
@@ -69,7 +69,7 @@ class SimulatedTable:
         self._is_cut = False
 
     def advance(self, t0_s: float, t1_s: float) -> FloatArray:
-        """Live from `t0_s` to `t1_s`; the rate [deg/s] at their equally spaced nodes, (n + 1,) with n of 20 ms."""
+        """Advance from `t0_s` to `t1_s`; returns the rate [deg/s] at nodes every 20 ms, (n + 1,)."""
         n = max(round((t1_s - t0_s) / NODE_S), 1)
         self._supervise(t0_s)
         step_s = (t1_s - t0_s) / n
@@ -87,22 +87,22 @@ class SimulatedTable:
         return rates
 
     def fail(self, error_code: int) -> None:
-        """A fault of the drive: it brakes by itself and says so until it is reset."""
+        """Cause a drive fault: the drive brakes by itself and reports the fault until it is reset."""
         self.state, self._error_code = cia402.FAULT, error_code
 
     def cut(self) -> None:
-        """Cut the cable: nothing is sent or answered any more; the axis lives on."""
+        """Cut the cable: the drive no longer sends or answers; the axis continues to move."""
         self._is_cut = True
         self.close()
 
     def reset(self) -> None:
-        """Power off and on: the axis runs out, every setting is that of the start, boot-up is announced."""
+        """Switch power off and on: the axis coasts, all settings return to their defaults, boot-up is announced."""
         self.state, self._error_code, self._master_s = "switch on disabled", 0, None
         self._node.data_store.clear()
         self._send(0x700 + self._node.id, b"\0", 0.0)
 
     def close(self) -> None:
-        """Leave the bus, which belongs to whoever opened it."""
+        """Leave the bus; its owner closes it."""
         if self._network.notifier is not None:
             self._network.notifier.stop()
             self._network.notifier = None
@@ -130,9 +130,9 @@ class SimulatedTable:
         return rates
 
     def _supervise(self, t_s: float) -> None:
-        """Heartbeat of the master, where the drive was told to watch it."""
-        if self._master_heard:
-            self._master_s, self._master_heard = t_s, False
+        """Supervise the heartbeat of the master, if the drive is configured to."""
+        if self._master_beat:
+            self._master_s, self._master_beat = t_s, False
         limit_s = (self._raw(cia402.CONSUMER_HEARTBEAT, 1) & 0xFFFF) / 1000
         if self._master_s is None or limit_s == 0 or t_s - self._master_s <= limit_s:
             return
@@ -142,7 +142,7 @@ class SimulatedTable:
     # ---- wire -------------------------------------------------------------------------------------------------------
 
     def _report(self, times: FloatArray, counts: IntArray, velocity: IntArray) -> None:
-        """Heartbeats and encoder readings (n,) that fall due."""
+        """Send the heartbeats and encoder readings (n,) that are due."""
         beat_s, pdo_s = self._raw(cia402.PRODUCER_HEARTBEAT) / 1000, self._raw(cia402.TPDO1, 5) / 1000
         mapped = self._raw(cia402.TPDO1_MAP, 0) == 2 and not self._raw(cia402.TPDO1, 1) & 1 << 31
         reports = bool(pdo_s) and mapped and self._node.nmt.state == "OPERATIONAL"
@@ -164,8 +164,8 @@ class SimulatedTable:
         variable = entry[sub] if index in cia402.RECORDS else entry
         return int(variable.default if stored is None else variable.decode_raw(stored))
 
-    def _hear_master(self, cob_id: int, data: bytearray, t_s: float) -> None:
-        self._master_heard = True
+    def _on_master_beat(self, cob_id: int, data: bytearray, t_s: float) -> None:
+        self._master_beat = True
 
     def _read(self, index: int, subindex: int, **_: object) -> int | None:
         answers = {
@@ -183,12 +183,12 @@ class SimulatedTable:
 
 
 def _wrapped(counts: IntArray) -> IntArray:
-    """As the drive's 32-bit register has them."""
+    """Counts wrapped to the drive's 32-bit register."""
     return (counts + 2**31) % 2**32 - 2**31
 
 
 def _next_state(state: str, control: int) -> str:
-    """Transitions of the state machine (CiA 402-2, figure 3) that a controlword asks for."""
+    """State after a controlword, by the state machine of CiA 402-2, figure 3."""
     command = control & 0x0F
     if not command & 0x02:
         return "switch on disabled"  # disable voltage

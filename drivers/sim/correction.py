@@ -1,4 +1,4 @@
-"""A simulated gyro's own arithmetic: reads an image by docs/eeprom.md alone and corrects samples block by block.
+"""Arithmetic of a simulated gyro: reads an image as docs/eeprom.md defines it, and corrects samples block by block.
 
 Written from that document, independently of the code that makes images. Integers are int64, floats float32, as there.
 """
@@ -32,7 +32,7 @@ FLAG_REFUSED, FLAG_NO_VALUE = 1 << 30, 1 << 31
 
 
 class RefusedImageError(Exception):
-    """The unit does not accept an image; the text says why."""
+    """The unit does not accept an image; the text states the reason."""
 
 
 @dataclass
@@ -153,7 +153,7 @@ class Correction:
                 flags |= 0 if there.all() else FLAG_NO_VALUE
             else:
                 source, there = z[signal.source], known[signal.source]
-            v = _value(signal, source[there])  # a sample without a value moves no state
+            v = _value(signal, source[there])  # a sample without a value does not change states
             inside = np.minimum(np.maximum(v, signal.low), signal.high)
             if (inside != v).any():
                 flags |= 1 << number
@@ -206,7 +206,7 @@ def _refuse(wrong: bool, why: str) -> None:
 
 
 def _checked(content: bytes, serial: int, room_words: int) -> list[int]:
-    """Words of an image whose frame is sound."""
+    """Words of an image; RefusedImageError unless its header and CRC are valid."""
     words = list(struct.unpack(f"<{len(content) // 4}I", content[: len(content) // 4 * 4]))
     _refuse(len(words) <= _HEADER or words[0] != MAGIC, "no image")
     _refuse(words[1] != VERSION, f"format version {words[1]}")
@@ -230,7 +230,7 @@ def _r(v: IntArray, s: int) -> IntArray:
 
 
 def _value(signal: _Signal, source: IntArray) -> IntArray:
-    """Raw value v of samples that all have one; states go on from the block before."""
+    """Raw value v of samples without gaps; states continue from the block before."""
     if signal.kind == CHANNEL or not source.size:
         return source
     if signal.kind == PARABOLA:
@@ -243,7 +243,7 @@ def _value(signal: _Signal, source: IntArray) -> IntArray:
 
 
 def _play(signal: _Signal, source: IntArray) -> IntArray:
-    """Between two changes of its source a play stands still, so that only the changes are walked through."""
+    """A play changes only when its source changes, so only the changes are computed."""
     changes = np.flatnonzero(np.diff(source, prepend=source[0] - 1))
     at, width = signal.last if signal.started else int(source[0]), signal.p0
     places = []
@@ -289,16 +289,16 @@ def _piece(z: IntArray, n: int) -> tuple[IntArray, IntArray]:
 
 
 def _polynomials(z: IntArray, n: int) -> list[IntArray]:
-    found = [np.full(len(z), _ONE, dtype=np.int64), z]
+    terms = [np.full(len(z), _ONE, dtype=np.int64), z]
     for k in range(1, n):
-        found.append(_r(2 * z * found[k], 30) - found[k - 1])
-    return found[: n + 1]
+        terms.append(_r(2 * z * terms[k], 30) - terms[k - 1])
+    return terms[: n + 1]
 
 
 def _single_polynomials(z: IntArray, n: int) -> list[SingleArray]:
     unit = z.astype(np.float32) * np.float32(2.0**-30)
     twice = np.float32(2.0) * unit
-    found = [np.ones(len(z), dtype=np.float32), unit]
+    terms = [np.ones(len(z), dtype=np.float32), unit]
     for k in range(1, n):
-        found.append(twice * found[k] - found[k - 1])
-    return found[: n + 1]
+        terms.append(twice * terms[k] - terms[k - 1])
+    return terms[: n + 1]

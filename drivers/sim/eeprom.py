@@ -1,8 +1,8 @@
 """The EEPROM of a simulated gyro: two banks and a switch, in a file that outlives the process, or in memory.
 
-The switch is a counter with its complement, kept in two words that are written in turn: a write that a power cut tears
-leaves the one before. The file is written as the unit writes, byte by byte and in place, so that a killed bench leaves
-exactly what a real one would.
+The switch is a counter with its complement, stored in two words that are written in turn: after a write that a power
+cut interrupts, the previous one is still valid. The file is written byte by byte and in place, so that a killed bench
+leaves the same content as a real unit.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ BLANK = b"\xff\xff\xff\xff"
 
 
 class PowerLostError(Exception):
-    """The unit lost its power while it wrote."""
+    """The unit lost power during a write."""
 
 
 class Eeprom:
-    """Bytes that stay. `writable` is how many more may be written before the power fails; None: any number."""
+    """Non-volatile bytes. `writable` is how many more can be written before the power fails; None: any number."""
 
     def __init__(self, path: Path | None = None) -> None:
         self.writable: int | None = None
@@ -36,7 +36,7 @@ class Eeprom:
             self._bytes[: len(stored)] = stored
 
     def image(self, bank: int) -> bytes:
-        """What a bank holds, as long as its own header says; one blank word where that makes no sense."""
+        """Image in a bank, with the length in its header; one blank word when that length is invalid."""
         start = self._start(bank)
         words = _WORD.unpack_from(self._bytes, start + _LENGTH_AT)[0]
         if not _LEAST_WORDS <= words <= BANK_BYTES // 4:
@@ -44,32 +44,32 @@ class Eeprom:
         return bytes(self._bytes[start : start + 4 * words])
 
     def crc(self, bank: int) -> int:
-        """CRC-32 over the image in a bank without its last word, 0 where there is none."""
+        """CRC-32 over the image in a bank without its last word, 0 for an empty bank."""
         image = self.image(bank)
         return zlib.crc32(image[:-4]) if len(image) > 4 else 0
 
     def erase(self, bank: int) -> None:
-        """Make a bank hold no image: its length goes first."""
+        """Erase a bank, its length first."""
         start = self._start(bank)
         self._write(start + _LENGTH_AT, BLANK)
         self._write(start, b"\xff" * _LENGTH_AT)
         self._write(start + 16, b"\xff" * (BANK_BYTES - 16))
 
     def put(self, bank: int, at: int, data: bytes) -> None:
-        """Write bytes of a bank; ValueError where they do not fit it."""
+        """Write bytes of a bank; ValueError when they do not fit."""
         if at < 0 or at + len(data) > BANK_BYTES:
             raise ValueError(f"bytes {at} to {at + len(data)} of a bank of {BANK_BYTES}")
         self._write(self._start(bank) + at, data)
 
     @property
     def switch(self) -> tuple[int, int]:
-        """(how often the switch was turned, bank that it names); (0, 0) when never."""
-        found = [value for slot in (0, 1) if (value := self._slot(slot)) is not None]
-        if not found:
+        """(number of turns of the switch, bank that it names); (0, 0) before the first turn."""
+        values = [value for slot in (0, 1) if (value := self._slot(slot)) is not None]
+        if not values:
             return 0, 0
-        newest = found[0]
-        if len(found) == 2 and (found[1] - found[0]) & 0xFFFF < 0x8000:
-            newest = found[1]
+        newest = values[0]
+        if len(values) == 2 and (values[1] - values[0]) & 0xFFFF < 0x8000:
+            newest = values[1]
         return newest >> 1, 1 + (newest & 1)
 
     def turn(self, bank: int) -> None:

@@ -1,4 +1,4 @@
-"""The service side of simulated units on their buses: requests in, answers out, resets done; in step with the clock."""
+"""Service side of simulated units on their buses: answers requests and performs resets, in step with the clock."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from drivers.sim.uds_server import UdsServer
 
 
 class FlashPort:
-    """One unit's memory on its wire."""
+    """The memory of one unit on its bus."""
 
     def __init__(self, wire: CanGyro, memory: CalibrationMemory, addresses: Addresses) -> None:
         self.wire, self.memory = wire, memory
@@ -23,18 +23,18 @@ class FlashPort:
         self.power_up()
 
     def power_up(self) -> None:
-        """Begin anew, as after power-on: whatever was not in the EEPROM is lost."""
+        """Restart as after power-on: everything outside the EEPROM is lost."""
         self._sdo, self._uds = SdoServer(self.memory), UdsServer(self.memory)
         self.memory.boot()
         self.wire.reboot()
         self.show()
 
     def show(self) -> None:
-        """What heartbeat and rate message say of the calibration."""
+        """Update the coefficient set in the heartbeat and the rate message."""
         self.wire.coefficient_set = self.memory.coefficient_set
 
     def take(self, message: can.Message, t_s: float) -> None:
-        """Serve one frame, at bench time `t_s` [s]; frames of others are left alone."""
+        """Serve one frame, at bench time `t_s` [s]; frames to other units are ignored."""
         data, identifier = bytes(message.data), message.arbitration_id
         if message.is_extended_id or message.is_error_frame or message.is_remote_frame:
             return
@@ -65,11 +65,11 @@ class FlashPort:
 
 
 def serve(ports: Iterable[FlashPort], t_s: float) -> None:
-    """Serve what has arrived on the buses of these units."""
+    """Serve the frames that have arrived on the buses of these units."""
     by_bus: dict[int, list[FlashPort]] = {}
     for port in ports:
         by_bus.setdefault(id(port.wire.bus), []).append(port)
-    for there in by_bus.values():
-        while (message := there[0].wire.bus.recv(0.0)) is not None:
-            for port in there:
+    for on_bus in by_bus.values():
+        while (message := on_bus[0].wire.bus.recv(0.0)) is not None:
+            for port in on_bus:
                 port.take(message, t_s)

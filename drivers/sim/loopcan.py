@@ -1,7 +1,7 @@
 """python-can interface `loopcan`: a CAN bus between processes over TCP on 127.0.0.1, without loss and without drivers.
 
-A broker in one process (`bench sim`) hands every frame of one client to all others, in one order. FRAME records of
-24 bytes travel on the sockets. Time stamps are the broker's calendar time unless the sender keeps its own.
+A broker in one process (`bench sim`) forwards every frame of one client to all others, in the same order for all. The
+sockets carry FRAME records of 24 bytes. The broker stamps frames with calendar time unless the sender stamps them.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from drivers.frames import to_messages, to_record
 from drivers.journal import FRAME, FrameArray
 
 HELLO = b"GTBCAN1\n"
-"""The broker's first bytes; whoever has read them receives every later frame."""
+"""The broker's first bytes; a client that has read them receives every later frame."""
 
 MAX_BACKLOG = 64 << 20
-"""A client that is this many bytes behind is dropped: it has hung, and would take the simulator's memory with it."""
+"""A client that is this many bytes behind is dropped: it hangs, and its backlog would fill the simulator's memory."""
 
 
 class _Client:
@@ -38,7 +38,7 @@ class _Client:
 
 
 class Broker:
-    """Serves one bus on 127.0.0.1 from a thread of its own; `port` is where."""
+    """Serves one bus on 127.0.0.1, TCP port `port`, in a separate thread."""
 
     def __init__(self, port: int = 0) -> None:
         self._listener = socket.create_server(("127.0.0.1", port))
@@ -127,7 +127,7 @@ class Broker:
 class LoopBus(can.BusABC):
     """One client; `channel` is the broker's port, or 127.0.0.1:port.
 
-    With `preserve_timestamps` a message keeps the `timestamp` of its sender (0 still asks the broker for one).
+    With `preserve_timestamps` a message keeps the `timestamp` of its sender (for 0 the broker still stamps it).
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class LoopBus(can.BusABC):
             raise can.CanInitializationError(f"{self.channel_info}: no broker ({error})") from error
         if hello != HELLO:
             self._socket.close()
-            raise can.CanInitializationError(f"{self.channel_info}: what answers there is not a loopcan broker")
+            raise can.CanInitializationError(f"{self.channel_info}: the server there is not a loopcan broker")
         self._socket.settimeout(None)
         super().__init__(channel=channel, can_filters=can_filters)
 
@@ -182,7 +182,7 @@ class LoopBus(can.BusABC):
         return message, False
 
     def _fill(self, timeout: float | None) -> bool:
-        """Wait for at least one whole record."""
+        """Wait for at least one complete record."""
         deadline = None if timeout is None else time.monotonic() + timeout
         while True:
             remaining = None if deadline is None else max(deadline - time.monotonic(), 0.0)
@@ -190,10 +190,10 @@ class LoopBus(can.BusABC):
                 if not select.select([self._socket], [], [], remaining)[0]:
                     return False
                 new = self._socket.recv(1 << 16)
-            except (OSError, ValueError) as error:  # select says ValueError to a closed socket
+            except (OSError, ValueError) as error:  # select raises ValueError for a closed socket
                 raise can.CanOperationError(f"{self.channel_info} is closed") from error
             if not new:
-                raise can.CanOperationError(f"{self.channel_info}: the broker has gone")
+                raise can.CanOperationError(f"{self.channel_info}: the broker has closed the connection")
             data = self._rest + new
             whole = len(data) // FRAME.itemsize * FRAME.itemsize
             self._rest = data[whole:]
@@ -206,4 +206,4 @@ class LoopBus(can.BusABC):
             with self._sending:
                 self._socket.sendall(data)
         except OSError as error:
-            raise can.CanOperationError(f"{self.channel_info}: the broker has gone ({error})") from error
+            raise can.CanOperationError(f"{self.channel_info}: connection to the broker lost ({error})") from error

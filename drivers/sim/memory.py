@@ -1,7 +1,7 @@
-"""The calibration memory of a simulated gyro as its protocols see it, and the correction that it makes of it.
+"""The calibration memory of a simulated gyro behind its protocols, and the correction by its image.
 
-What is in force is decided at boot: the bank that the switch names, or the other one where the unit does not accept
-that; a unit that accepts neither sends its raw rate.
+The bank in force is chosen at boot: the one that the switch names, or the other one when the unit does not accept it;
+a unit that accepts neither sends its raw rate.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class CalibrationMemory:
         self.boot()
 
     def boot(self) -> None:
-        """Take in the image in force; correct, where there is one."""
+        """Load the image in force; compensation is on if there is one."""
         named = self.eeprom.switch[1]
         self._correction, self.active = None, 0
         for bank in (named, *(b for b in BANKS if b != named)) if named else ():
@@ -64,7 +64,7 @@ class CalibrationMemory:
 
     @property
     def number(self) -> int:
-        """Number of the calibration in force, 1 to 255; 0 where there is none."""
+        """Number of the calibration in force, 1 to 255; 0: no calibration is in force."""
         return 0 if not self.active else 1 + (self.eeprom.switch[0] - 1) % 255
 
     def get(self, what: Memory) -> bytes:
@@ -97,13 +97,13 @@ class CalibrationMemory:
             raise NotAllowedError(NotAllowedError.READ_ONLY)
 
     def begin(self, bank: int) -> None:
-        """A new image is coming for a bank: what it held is gone. NotAllowedError for the bank in force."""
+        """Erase a bank before a new image. NotAllowedError for the bank in force."""
         if bank == self.active or (not self.active and bank == self.eeprom.switch[1]):
             raise NotAllowedError(NotAllowedError.STATE)
         self.eeprom.erase(bank)
 
     def put(self, bank: int, at: int, data: bytes) -> None:
-        """Part of an image; NotAllowedError for the bank in force, or beyond the bank."""
+        """Write a part of an image; NotAllowedError for the bank in force, or beyond the end of the bank."""
         if bank == self.active or at + len(data) > BANK_BYTES:
             raise NotAllowedError(NotAllowedError.STATE)
         self.eeprom.put(bank, at, data)
@@ -122,7 +122,7 @@ class CalibrationMemory:
         return Correction.read(self.eeprom.image(bank), self.serial, BANK_BYTES // 4)
 
     def correct(self, signals: Signals) -> tuple[Signals, int]:
-        """What the unit sends for a piece of time, and its status."""
+        """Signals that the unit sends for a piece of time, and its status."""
         if not self.compensates or self._correction is None:
             return signals, self.status
         count = len(signals.rate_dph)

@@ -1,7 +1,7 @@
 """A chamber controller on the wire: a Modbus server that serves any register map, over TCP or a serial line.
 
-It has no physics and no clock. The plant takes the operator's wishes with `commands()` and puts its state into the
-registers with `publish()`; between the two the registers keep their values, as a controller's do.
+It has no physics and no clock. The plant reads the commands of the host with `commands()` and writes its state to the
+registers with `publish()`; in between, the registers keep their values.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from drivers.sim.modbus_wire import ModbusWire
 
 @dataclass(frozen=True)
 class ChamberCommands:
-    """What the controller was told."""
+    """Commands that the controller received."""
 
     setpoint: float
     """Target [degC]."""
@@ -43,10 +43,10 @@ class ModbusChamber:
         wire: str = "tcp",
         decimals: int = 1,
     ) -> None:
-        """Serve `registers` on `port` (0: any free one), with the controller's own set point `limits` [degC].
+        """Serve `registers` on `port` (0: any free one), with the set point `limits` [degC] of the controller.
 
-        It boots as a controller that satisfies every identify rule, with `decimals` implied decimals where the map
-        has such. `wire` as in `ModbusWire`. Raises LinkError when the port is taken.
+        It starts as a controller that satisfies every identify rule, with `decimals` implied decimals if the map
+        has them. `wire` as in `ModbusWire`. Raises LinkError when the port is in use.
         """
         places = dict.fromkeys(registers.decimals, decimals)
         self._described = registers
@@ -57,7 +57,7 @@ class ModbusChamber:
         self._writable = {address: r.name for r in everything if r.write for address in range(r.address, r.end)}
         self._codes = {register.read for register in everything}
         self._silent = {r.name: _status(r, False) for r in everything if r.normal or r.alarming}
-        """Registers that can be an alarm, each with its code for none."""
+        """Registers that can show an alarm, each with its code for no alarm."""
         self._limits = limits
         self._boot(temperature, places)
         self._wire = ModbusWire(self._answer, self._spans(), wire=wire, port=port, device_id=device_id)
@@ -79,11 +79,11 @@ class ModbusChamber:
         return self._wire.url
 
     def close(self) -> None:
-        """Close all connections and end the thread; a second call changes nothing."""
+        """Close all connections and end the thread; a second call does nothing."""
         self._wire.close()
 
     def commands(self) -> ChamberCommands:
-        """What the registers command now."""
+        """Current commands in the registers."""
         with self._lock:
             setpoint, mode = self._get("setpoint"), self._get(self._map.run.register)
             rate = self._ramp_rate()
@@ -101,11 +101,11 @@ class ModbusChamber:
         door: bool = False,
         sensor_break: bool = False,
     ) -> None:
-        """Put the state of the plant into the registers.
+        """Write the state of the plant to the registers.
 
-        `power` [%], heating positive. `on` False: the plant switched itself off. `alarms`: names of alarm registers
-        of the map that are active now. What the map has no register for is left out, except a broken sensor: without
-        a register of its own it shows as a temperature that none can be.
+        `power` [%], heating positive. `on` False: the plant switched itself off. `alarms`: names of active alarm
+        registers of the map. Values without a register in the map are omitted, except a broken sensor: without a
+        separate register it shows as an impossible temperature.
         """
         active = set(alarms)
         values: dict[str, Value] = {
@@ -133,19 +133,19 @@ class ModbusChamber:
             return self._words_of(name)
 
     def set_words(self, name: str, words: Iterable[int]) -> None:
-        """Put raw words into a register, for faults that no healthy controller shows."""
+        """Write raw words to a register, for faults that a healthy controller does not show."""
         with self._lock:
             self._put(self._map[name], tuple(words))
             if name in self._described.decimals:
                 self._map = self._described.with_decimals({n: self._words_of(n)[-1] for n in self._described.decimals})
 
     def set_value(self, name: str, value: Value) -> None:
-        """Put a value into a register as somebody at the panel would."""
+        """Write a value to a register, as an operator at the panel would."""
         with self._lock:
             self._set(self._map[name], value)
 
     def restrict(self, highest: float) -> None:
-        """Take set points up to `highest` [degC] only, as after somebody changed the limits at the panel."""
+        """Accept set points only up to `highest` [degC], as after a change of the limits at the panel."""
         with self._lock:
             self._limits = self._limits[0], highest
             if "setpoint_high" in self._map:
@@ -161,7 +161,7 @@ class ModbusChamber:
 
     def _set(self, register: Register, value: Value) -> None:
         if not isinstance(value, str) and register.type == "uint16":
-            value = max(0.0, value)  # cooling, in a register that only knows heating
+            value = max(0.0, value)  # cooling, in a register that only holds heating
         self._put(register, register.encode(value))
 
     def _put(self, register: Register, words: tuple[int, ...]) -> None:
@@ -187,7 +187,7 @@ class ModbusChamber:
         return float(self._get(ramp.rate))
 
     def _boot(self, temperature: float, decimals: Mapping[str, int]) -> None:
-        """Registers of a controller that was just switched on: off, set point at the air's temperature."""
+        """Set the registers of a controller after power-on: off, set point at the air temperature."""
         for register in self._map.registers.values():
             if register.normal or register.alarming:
                 self._put(register, (_status(register, False),))
@@ -222,7 +222,7 @@ class ModbusChamber:
             return self._words[address : address + count]
 
     def _write(self, code: int, address: int, words: list[int]) -> ExcCodes | None:
-        """Take a write of whole registers, or refuse all of it: 2 not writable, 3 value not accepted."""
+        """Execute a write of whole registers, or refuse all of it: 2 not writable, 3 value not accepted."""
         accepted: list[tuple[Register, tuple[int, ...]]] = []
         while words:
             name = self._writable.get(address)
@@ -233,16 +233,16 @@ class ModbusChamber:
                 return ExcCodes.ILLEGAL_ADDRESS
             if code == 6 and register.count != 1:
                 return ExcCodes.ILLEGAL_ADDRESS
-            mine = tuple(words[: register.count])
-            if not self._accepts(register, mine):
+            content = tuple(words[: register.count])
+            if not self._accepts(register, content):
                 return ExcCodes.ILLEGAL_VALUE
-            accepted.append((register, mine))
+            accepted.append((register, content))
             address, words = register.end, words[register.count :]
-        for register, mine in accepted:
-            self._words[register.address : register.end] = mine
+        for register, content in accepted:
+            self._words[register.address : register.end] = content
             if register.name == self._map.run.register:
                 state = self._map[self._map.run.state]
-                self._put(state, state.encode(register.decode(mine)))
+                self._put(state, state.encode(register.decode(content)))
         return None
 
     def _accepts(self, register: Register, words: tuple[int, ...]) -> bool:
@@ -256,7 +256,7 @@ class ModbusChamber:
         return True
 
     def _spans(self) -> list[tuple[int, int]]:
-        """Served addresses: every register, and the whole of the polled blocks with their holes."""
+        """Served addresses: every register, and the whole polled blocks with their gaps."""
         spans = [(r.address, r.end) for r in self._map.registers.values()]
         spans += [(block[0].address, max(r.end for r in block)) for block in self._map.blocks]
         merged: list[tuple[int, int]] = []
@@ -269,7 +269,7 @@ class ModbusChamber:
 
 
 def _status(register: Register, active: bool) -> int:
-    """Code of an alarm register that is, or is not, an alarm."""
+    """Code of an alarm register with or without an active alarm."""
     named = next((code for name, code in register.values.items() if register.is_alarm(name) == active), None)
     if named is not None or not active:
         return named or 0
@@ -278,6 +278,6 @@ def _status(register: Register, active: bool) -> int:
 
 
 def _broken(register: Register) -> tuple[int, ...]:
-    """Words that no working sensor gives: NaN, or the end of the integer's range."""
+    """Words that a working sensor never gives: NaN, or the end of the integer range."""
     words = {"float32": (0x7FC0, 0), "int16": (0x7FFF,)}.get(register.type, (0xFFFF,) * register.count)
     return words if register.word_order == "high_first" else tuple(reversed(words))

@@ -1,6 +1,6 @@
-"""A Modbus server of pymodbus in a thread of its own: Modbus TCP, RTU frames over TCP, or RTU on a serial line.
+"""A Modbus server of pymodbus in a separate thread: Modbus TCP, RTU frames over TCP, or RTU on a serial line.
 
-It knows no register map: what is read and written goes through one function.
+It is independent of register maps: one function handles all reads and writes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _SERVED = {3, 4, 6, 16}
 
 
 class ModbusWire:
-    """Listens from construction until `close()`. Must be asked quickly: `answer` runs in the server's thread."""
+    """Listens from construction until `close()`. `answer` runs in the server's thread and must return quickly."""
 
     def __init__(
         self,
@@ -42,9 +42,9 @@ class ModbusWire:
         port: int = 0,
         device_id: int = 1,
     ) -> None:
-        """Serve the addresses `spans` (first, behind the last); all others get exception 2.
+        """Serve the addresses `spans` (first, one after the last); all others get exception 2.
 
-        `wire`: `tcp` or `rtu+tcp` on `port` of 127.0.0.1 (0: any free one), `rtu` on a pseudo terminal of its own, or
+        `wire`: `tcp` or `rtu+tcp` on `port` of 127.0.0.1 (0: any free one), `rtu` on a new pseudo terminal, or
         `rtu:///dev/ttyUSB0?baudrate=9600` on a serial port. Raises LinkError when it cannot listen.
         """
         self._answer, self._spans = answer, spans
@@ -62,7 +62,7 @@ class ModbusWire:
             raise LinkError(f"simulated chamber on {where}: {self._error}")
 
     def close(self) -> None:
-        """Close all connections and end the thread; a second call changes nothing."""
+        """Close all connections and end the thread; a second call does nothing."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join()
@@ -87,9 +87,9 @@ class ModbusWire:
             self.url = f"{self._wire}://127.0.0.1:{self.port}"
         self._ready.set()
         await self._stop.wait()
-        await _turns()  # a connection on its way in gets in, or asyncio would leave its socket open
+        await _turns()  # accept pending connections, or asyncio would leave their sockets open
         await server.shutdown()  # type: ignore[no-untyped-call]
-        await _turns()  # the closed transports let go of their sockets
+        await _turns()  # let the closed transports close their sockets
 
     def _server(self, device: SimDevice) -> ModbusTcpServer | ModbusSerialServer:
         if self._wire in ("tcp", "rtu+tcp"):

@@ -1,8 +1,8 @@
 """Physics of a thermal chamber with its controller and load: no I/O, no clock.
 
 One lumped heat capacity of 3.29 kJ/K, a 465 W heater and a cooling power that falls with temperature reproduce the
-printed pull-down times of a TestEquity 107 (manual p. 7-1 and 8-4); `tests/test_plant.py` holds the comparison. The
-fixture and the gyro's case hang on the air through conductances, so they lag it by minutes.
+printed pull-down times of a TestEquity 107 (manual p. 7-1 and 8-4); `tests/drivers/test_plant.py` compares them. The
+fixture and the gyro's case are coupled to the air by conductances, so they lag it by minutes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NET_COOLING_W = (
     (85.0, 331.0),
     (130.0, 331.0),
 )
-"""Live load that full cooling carries at an air temperature [degC, W]: manual p. 7-1; 85 degC from the pull-down."""
+"""Live load that full cooling removes at an air temperature [degC, W]: manual p. 7-1; 85 degC from the pull-down."""
 
 
 class _Strict(BaseModel):
@@ -84,19 +84,19 @@ class PlantParameters(_Strict):
 
 @dataclass(frozen=True, slots=True)
 class PlantState:
-    """What the chamber is doing at the end of a step; temperatures in degC."""
+    """State of the chamber at the end of a step; temperatures in degC."""
 
     air: float
     """Air at the fixture, true."""
     process_value: float
-    """What the controller's sensor reads: lagged, noisy, quantised."""
+    """Reading of the controller's sensor: lagged, noisy, quantised."""
     setpoint: float
     """Final set point in force."""
     working_setpoint: float
     """Set point after the controller's own ramp generator."""
     fixture: float
     case: float
-    """Outside of the gyro, the temperature that its physics start from: what a resonator's environment is given."""
+    """Outside of the gyro: the temperature input of its physics."""
     power: float
     """Controller output, -1 (full cooling) to 1 (full heating)."""
     heater: float
@@ -127,20 +127,20 @@ class _Compressor:
         self._minimum_s = parameters.compressor_minimum_s
         self.running = False
         self.starts = 0
-        self._wanted_s = 0.0
+        self._demand_s = 0.0
         self._state_s = math.inf
 
     def step(self, dt_s: float, power: float, on: bool) -> bool:
         """Whether it runs during the coming step; switching the chamber off stops it at once."""
         self._state_s += dt_s
         change = power > 0.25 if self.running else power < -0.02
-        self._wanted_s = self._wanted_s + dt_s if change else 0.0
+        self._demand_s = self._demand_s + dt_s if change else 0.0
         i = 1 if self.running else 0
-        due = self._wanted_s >= self._delay_s[i] and self._state_s >= self._minimum_s[1 - i]
+        due = self._demand_s >= self._delay_s[i] and self._state_s >= self._minimum_s[1 - i]
         if (on and due) or (self.running and not on):
             self.running = not self.running
             self.starts += self.running
-            self._wanted_s = self._state_s = 0.0
+            self._demand_s = self._state_s = 0.0
         return self.running
 
 
@@ -160,7 +160,7 @@ class _Controller:
         self._cools = False
 
     def follow(self, pv: float) -> None:
-        """While off: start from the present temperature, without memory, when switched on."""
+        """While off: track the current temperature, so that the controller starts there when it is switched on."""
         self.working_setpoint = self._previous_pv = pv
         self._integral = self._slope = 0.0
 
@@ -176,12 +176,12 @@ class _Controller:
         self._slope += ((pv - self._previous_pv) / dt_s - self._slope) * dt_s / (dt_s + self.SLOPE_LAG_S)
         self._previous_pv = pv
         gains = self._cooling if self._cools else self._heating
-        wish = (error - gains.derivative_s * self._slope) / gains.band_k + self._integral
-        self._cools = wish < 0.0
-        output = min(1.0, max(-1.0, wish))
+        demand = (error - gains.derivative_s * self._slope) / gains.band_k + self._integral
+        self._cools = demand < 0.0
+        output = min(1.0, max(-1.0, demand))
         closing = (self.working_setpoint - before) / dt_s - self._slope
         near = abs(error) < self._zone_k or abs(closing) < self.STALLED_K_PER_S
-        if near and (output == wish or error * wish < 0.0):
+        if near and (output == demand or error * demand < 0.0):
             self._integral += error * dt_s / (gains.band_k * gains.integral_s)
         return output
 

@@ -1,4 +1,4 @@
-"""Two ends of a serial line without hardware: whatever is written into one comes out of the other."""
+"""Two ends of a serial line without hardware: bytes written to one end are read from the other."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ class PtyPair:
     """A null-modem cable between two pseudo terminals; `left` and `right` are their paths."""
 
     def __init__(self) -> None:
-        """Open both ends; OSError where the system has no pseudo terminals."""
+        """Open both ends; OSError on a system without pseudo terminals."""
         masters, self._slaves = zip(*(os.openpty() for _ in range(2)), strict=True)
         self._masters: tuple[int, int] = (masters[0], masters[1])
         for slave in self._slaves:
-            tty.setraw(slave)  # and kept open, so that a program that leaves does not hang up the line
+            tty.setraw(slave)  # and kept open, so that a program that closes its end does not hang up the line
         self.left, self.right = (os.ttyname(slave) for slave in self._slaves)
         self._wake, self._wake_up = os.pipe()
         self._thread = threading.Thread(target=self._pump, name="pty-pair", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Cut the cable; a second call changes nothing."""
+        """Cut the cable; a second call does nothing."""
         if self._thread.is_alive():
             os.close(self._wake_up)
             self._thread.join()

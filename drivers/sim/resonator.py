@@ -1,8 +1,8 @@
-"""Physics of one simulated gyro: environment in, signals out; no I/O, no clock.
+"""Physics of one simulated gyro: converts its environment to signals; no I/O, no clock.
 
 The case's temperature reaches the thermometer and the resonator through a linear network that is solved exactly for
 an input linear over the step. The truth is a list of mechanisms (`drivers.sim.truth`); each adds its bias on nodes at
-the slow channels' rate (50 Hz), from where the sum is carried to the rate's samples by straight lines.
+the slow channels' rate (50 Hz); the sum is interpolated linearly to the rate samples.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class UnitSettings(BaseModel):
 
     @classmethod
     def parse(cls, entry: Mapping[str, Any]) -> UnitSettings:
-        """Settings from a mapping, as read from YAML.
+        """Settings from a mapping that was read from YAML.
 
-        Raises ConfigError, one line that names every wrong entry and, for an unknown mechanism, the nearest one.
+        Raises ConfigError with one line that names every wrong entry and, for an unknown mechanism, the nearest one.
         """
         try:
             settings = cls.model_validate(entry)
@@ -76,7 +76,7 @@ def _explain(item: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Environment:
-    """What acts on the unit during one step; pairs are (start, end) and linear between.
+    """Environment of the unit during one step; pairs are (start, end) and linear between.
 
     The applied rate may have more values, equally spaced from start to end.
     """
@@ -84,7 +84,7 @@ class Environment:
     t0_s: float
     samples: int
     fixture_temperature: tuple[float, float]
-    """Of what the unit's case follows at once [degC]: the `case` of a plant's state."""
+    """Temperature of the unit's case [degC]: the `case` of a plant's state."""
     air_temperature: tuple[float, float] = (25.0, 25.0)
     supply_v: float = 5.0
     compressor: float = 0.0
@@ -96,7 +96,7 @@ class Environment:
 
     @classmethod
     def during(cls, t0_s: float, samples: int, before: PlantState, after: PlantState, **others: Any) -> Environment:
-        """What a chamber that went from one state to another does to the unit; `others` are further fields."""
+        """Environment in a chamber that goes from one state to another; `others` are further fields."""
         return cls(
             t0_s,
             samples,
@@ -111,7 +111,7 @@ class Environment:
 
 @dataclass(frozen=True, slots=True)
 class Signals:
-    """What the unit's electronics report for one step, sampled from its start."""
+    """Output of the unit's electronics for one step, sampled from its start."""
 
     rate_dph: FloatArray
     """(n,) at 500 Hz."""
@@ -128,7 +128,7 @@ class Signals:
 
 
 class _Thermometry:
-    """x' = A x + b T_case with states thermometer, then what the truth's thermal mechanism adds, resonator last."""
+    """x' = A x + b T_case with the states: thermometer, those of the truth's thermal mechanism, resonator last."""
 
     def __init__(self, settings: UnitSettings) -> None:
         inner = next((m.network() for m in settings.truth if isinstance(m, ThermalMechanism)), None)
@@ -157,7 +157,7 @@ class _Thermometry:
 
 
 class Resonator:
-    """One unit; deterministic by seed, whatever the lengths of its steps."""
+    """One unit; deterministic by seed, independent of the lengths of its steps."""
 
     def __init__(self, settings: UnitSettings, seed: int, rate_hz: float = 500.0) -> None:
         self.settings = settings
@@ -174,17 +174,17 @@ class Resonator:
             (k, m.start(self._node_s, self._rng(k))) for k, m in self._named("bias")
         ]
         self._on_s = 0.0
-        self._lived: tuple[Scene, list[FloatArray], list[FloatArray]] | None = None
+        self._last_step: tuple[Scene, list[FloatArray], list[FloatArray]] | None = None
 
     def advance(self, environment: Environment) -> Signals:
-        """Live through one step and report it; `samples` must be a multiple of 10."""
+        """Advance by one step and return its signals; `samples` must be a multiple of 10."""
         if environment.samples % DIVIDER or environment.samples <= 0 or environment.rate_hz != self._rate_hz:
             raise ValueError(f"a step needs a multiple of {DIVIDER} samples at {self._rate_hz:g} Hz: {environment}")
         scene = self._scene(environment)
         self._channels.fill(scene)
         static = [bias(scene.resonator) for _, bias in self._static]
         dynamic = [contribute(scene) for _, contribute in self._dynamic]
-        self._lived = scene, static, dynamic
+        self._last_step = scene, static, dynamic
         slow = self._noise.slow(len(scene.time))
         for part in (*static, *dynamic):
             slow = slow + part
@@ -195,10 +195,10 @@ class Resonator:
 
     @property
     def contributions(self) -> dict[str, float]:
-        """What each mechanism added to the rate, mean over the last step [deg/h]; the reveal of the truth.
+        """Contribution of each mechanism to the rate, mean over the last step [deg/h].
 
-        A thermal mechanism's share is what the static ones give at the resonator's instead of the thermometer's
-        temperature.
+        The contribution of a thermal mechanism is the difference of the static ones between the resonator's and the
+        thermometer's temperature.
         """
         # Mean over the samples of the straight lines between nodes.
         late = 0.5 - 0.5 / DIVIDER
@@ -233,10 +233,10 @@ class Resonator:
         )
 
     def _parts(self) -> dict[str, FloatArray]:
-        """What each mechanism added at the nodes of the last step [deg/h]."""
-        if self._lived is None:
+        """Contribution of each mechanism at the nodes of the last step [deg/h]."""
+        if self._last_step is None:
             return {}
-        scene, static, dynamic = self._lived
+        scene, static, dynamic = self._last_step
         parts = {k: part for (k, _), part in zip(self._dynamic, dynamic, strict=True)}
         lagging = np.zeros(len(scene.time))
         for (k, bias), part in zip(self._static, static, strict=True):
@@ -250,28 +250,28 @@ class Resonator:
         return [(k, m) for k, m in zip(self._labels, self.settings.truth, strict=True) if m.kind == kind]
 
     def _rng(self, purpose: str) -> np.random.Generator:
-        """A stream of its own for each purpose, so that adding a mechanism leaves all other randomness as it was."""
+        """A separate random stream for each purpose, so that adding a mechanism does not change the others."""
         return np.random.default_rng([self._seed, zlib.crc32(purpose.encode())])
 
 
 @lru_cache(maxsize=16)
 def _grid(n: int, node_s: float) -> tuple[FloatArray, FloatArray]:
-    """Share of a step of `n` nodes that is over at each node, and the time [s], (n + 1,); shared, so read only."""
-    return _kept(np.arange(n + 1) / n), _kept(node_s * np.arange(n + 1, dtype=np.float64))
+    """Elapsed share of a step of `n` nodes at each node, and the time [s], (n + 1,); cached, so read only."""
+    return _read_only(np.arange(n + 1) / n), _read_only(node_s * np.arange(n + 1, dtype=np.float64))
 
 
 @lru_cache(maxsize=16)
 def _straight(samples: int) -> tuple[FloatArray, FloatArray]:
-    """Places of the samples (n,) and of the nodes (m + 1,) of a step, in nodes; shared, so read only."""
+    """Positions of the samples (n,) and of the nodes (m + 1,) of a step, in nodes; cached, so read only."""
     nodes = np.arange(samples // DIVIDER + 1, dtype=np.float64)
-    return _kept(np.arange(samples, dtype=np.float64) * (1.0 / DIVIDER)), _kept(nodes)
+    return _read_only(np.arange(samples, dtype=np.float64) * (1.0 / DIVIDER)), _read_only(nodes)
 
 
-def _kept(table: FloatArray) -> FloatArray:
+def _read_only(table: FloatArray) -> FloatArray:
     table.setflags(write=False)
     return table
 
 
 def _labels(names: list[str]) -> list[str]:
-    """Names made unique: the second of its kind gets #2."""
+    """Unique names: the second mechanism of a kind gets #2."""
     return [n if names[:i].count(n) == 0 else f"{n}#{names[:i].count(n) + 1}" for i, n in enumerate(names)]

@@ -1,6 +1,6 @@
 """SDO server of a simulated gyro (CiA 301, 7.2.4.3): expedited and segmented, no block transfer; one frame at a time.
 
-Segments of an image go into the EEPROM as they arrive.
+Segments of an image are written to the EEPROM as they arrive.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class _Transfer:
 
 
 class SdoServer:
-    """Answers requests about one memory."""
+    """Answers requests to one memory."""
 
     def __init__(self, memory: CalibrationMemory) -> None:
         self._memory = memory
@@ -46,7 +46,7 @@ class SdoServer:
         self._upload: _Transfer | None = None
 
     def answer(self, request: bytes) -> bytes | None:
-        """The answer to a request; None where there is none."""
+        """The answer to a request; None for a request without an answer."""
         if len(request) != 8 or request[0] >> 5 == 4:
             self._download = self._upload = None
             return None
@@ -64,7 +64,7 @@ class SdoServer:
         return struct.pack("<BHBI", 0x80, *place, code)
 
     def _initiate(self, request: bytes) -> bytes:
-        """A download: the value itself, or the announcement of segments."""
+        """Start a download: the value itself, or the announcement of segments."""
         place = struct.unpack_from("<HB", request, 1)
         index, sub = place
         if request[0] & 2:

@@ -2,7 +2,7 @@
 
 `C` close, `O` open, `L` listen only, `S0`..`S8` bit rate, `sxxyy` registers, `V`, `N`, `F` queries; frames are
 `t` + 3 hex digits (`T` + 8) + length + data, `r`/`R` remote. A command is answered by CR, or by BEL when it is refused
-(LAWICEL CANUSB manual, 2.x). Serves the driver's tests and stations without an adapter at hand.
+(LAWICEL CANUSB manual, 2.x). For tests of the driver, and for stations without an adapter.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ _ANSWERS = {"V": b"V1013\r", "N": b"NA123\r", "F": b"F00\r"}
 
 
 class SlcanAdapter:
-    """Joins `bus` (which stays the caller's) to the pty `path`; `commands` is what the host has asked for.
+    """Connects `bus` (which the caller owns) to the pty `path`; `commands` lists the commands of the host.
 
-    Frames flow while the host has the channel open. Nothing is sent back for a transmitted frame but CR.
+    Frames are forwarded while the host has the channel open. The answer to a transmitted frame is only CR.
     """
 
     def __init__(self, bus: can.BusABC) -> None:
@@ -38,7 +38,7 @@ class SlcanAdapter:
             thread.start()
 
     def write(self, line: bytes) -> None:
-        """Put these bytes on the serial line, whatever they are."""
+        """Write these bytes to the serial line."""
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, line)
 
@@ -57,10 +57,10 @@ class SlcanAdapter:
             if select.select([self._master], [], [], 0.02)[0]:
                 *lines, rest = (rest + os.read(self._master, 4096)).split(b"\r")
                 for line in lines:
-                    self.write(self._obey(line.decode("ascii", "replace")))
+                    self.write(self._execute(line.decode("ascii", "replace")))
 
-    def _obey(self, line: str) -> bytes:
-        """Answer to one command."""
+    def _execute(self, line: str) -> bytes:
+        """Execute one command; returns its answer."""
         self.commands.append(line)
         if not line:
             return _OK
@@ -100,7 +100,7 @@ class SlcanAdapter:
 
 
 def to_line(message: can.Message) -> bytes:
-    """A received frame as the adapter says it."""
+    """A received frame as a line of the adapter."""
     kind = "r" if message.is_remote_frame else "t"
     head = f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:03X}"
     kind = kind.upper() if message.is_extended_id else kind

@@ -1,7 +1,7 @@
 """The simulated station: chamber plant behind a Modbus server, gyros and a rate table on CAN buses, in lock-step.
 
-`advance(t0, t1)` is what a `SimClock` calls: commands are taken from the chamber's registers, the plant and each gyro
-advance, the registers and the frames follow. Nothing here knows who reads them.
+A `SimClock` calls `advance(t0, t1)`: it reads commands from the chamber's registers, advances the plant and each gyro,
+then updates the registers and sends the frames.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ SAMPLE_RATE_HZ = 500
 
 @dataclass
 class SimulatedUnit:
-    """One gyro: its physics, its wire, and its calibration memory where it has one."""
+    """One gyro: its physics, its wire, and its calibration memory if it has one."""
 
     physics: Resonator
     wire: CanGyro
     port: FlashPort | None = None
 
-    def live(self, environment: Environment) -> None:
-        """Live through a step and send what the electronics make of it."""
+    def advance(self, environment: Environment) -> None:
+        """Advance by one step and send its signals."""
         signals = self.physics.advance(environment)
         if self.port is not None:
             signals, self.wire.status = self.port.memory.correct(signals)
@@ -38,7 +38,7 @@ class SimulatedUnit:
 
 
 class SimulatedStation:
-    """A chamber and the units in it; `modbus_port` is where the chamber listens."""
+    """A chamber and the units in it; the chamber listens on `modbus_port`."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class SimulatedStation:
         self.units = list(units)
         self.chamber = ModbusChamber(register_map, port=modbus_port, temperature=plant.state.process_value)
         self.shown: dict[str, Any] = {}
-        """What the controller shows in place of the truth, as `ModbusChamber.publish` takes it: door, alarms, …"""
+        """Values that the controller shows instead of the true ones, as arguments of `ModbusChamber.publish`."""
         self._samples_due = 0.0
         self._publish()
 
@@ -63,7 +63,7 @@ class SimulatedStation:
         return self.chamber.port
 
     def advance(self, t0_s: float, t1_s: float) -> None:
-        """Let the simulated world pass from `t0_s` to `t1_s` [s]."""
+        """Advance the simulation from `t0_s` to `t1_s` [s]."""
         serve([unit.port for unit in self.units if unit.port is not None], t0_s)
         commands = self.chamber.commands()
         before = self.plant.state
@@ -85,7 +85,7 @@ class SimulatedStation:
                 applied_rate_dps=turned,
             )
             for unit in self.units:
-                unit.live(environment)
+                unit.advance(environment)
 
     def _publish(self) -> None:
         state = self.plant.state
@@ -99,7 +99,7 @@ class SimulatedStation:
         self.chamber.publish(**truth | self.shown)
 
     def close(self) -> None:
-        """Stop the Modbus server; the buses belong to whoever opened them."""
+        """Stop the Modbus server; the caller closes the buses."""
         self.chamber.close()
         if self.table is not None:
             self.table.close()

@@ -25,7 +25,7 @@ _PAGE = 32
 
 
 class UdsServer:
-    """Answers requests about one memory; `reset_asked` is set by an ECU reset and cleared by whoever does it."""
+    """Answers requests to one memory; an ECU reset sets `reset_asked`, the caller performs it."""
 
     def __init__(self, memory: CalibrationMemory) -> None:
         self.reset_asked = False

@@ -171,7 +171,7 @@ def test_two_units_under_one_number_are_told_even_where_no_identity_is_expected(
 
     result = run_job(job(tmp_path, units=units), look)
     assert [unit.error is None for unit in result.units] == [False, True, True, True]
-    assert "unit SIM-0001: serial number 70 answers as number 0, where 1 did before" in str(result.error)
+    assert "unit SIM-0001: serial number 70 answers as number 0; before, 1 did" in str(result.error)
 
 
 def test_a_unit_that_starts_anew_once_stays_and_is_told(world, tmp_path):

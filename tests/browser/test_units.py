@@ -47,7 +47,7 @@ def unregistered(tmp_path):
 def test_the_registry_is_made_from_the_page_and_a_unit_is_found(unregistered, visitors):
     page = visitors.come(unregistered, size={"width": 1280, "height": 900})
     page.goto("/units")
-    page.get_by_role("button", name="Make it from the run folders").click()
+    page.get_by_role("button", name="Build it from the run folders").click()
     page.get_by_role("link", name=UNIT).wait_for()
     page.get_by_role("searchbox").fill("gx 42")
     page.get_by_text("1 of 49 units").wait_for()
@@ -80,7 +80,7 @@ def test_a_trend_is_chosen_by_keyboard_and_drawn_with_its_limit(page):
 
 def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
     page.goto("/fleet?q=L")
-    page.get_by_text("Unlike their lot:").wait_for()
+    page.get_by_text("Different from their lot:").wait_for()
     page.get_by_role("group", name="Angle random walk of 48 units").wait_for()
     page.locator(".main-svg").first.wait_for()
     page.locator(".st-attention").get_by_role("link", name="L0-0020").click()
@@ -118,7 +118,7 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     unit = page.get_by_label("Unit of: Rate")
     unit.fill("deg/s")
     unit.press("Tab")
-    page.get_by_text("Everything that is needed is clear").wait_for()
+    page.get_by_text("Everything that is needed was recognised").wait_for()
     page.get_by_text("Not used: =1+1").wait_for()
     page.locator(".main-svg").first.wait_for()
     serial = page.get_by_label("Serial number of the unit")

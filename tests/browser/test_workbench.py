@@ -70,7 +70,7 @@ def test_the_hidden_effect_is_found_in_at_most_five_clicks_and_the_error_falls(p
     page.locator(".wb-fell").wait_for()
     assert held_out(page) < 0.5 * before
     assert "lower" in page.locator(".wb-fell").inner_text()
-    page.get_by_text("Nothing is missing", exact=True).wait_for()
+    page.get_by_text("No effect is missing", exact=True).wait_for()
     assert len(clicks) <= 5
     page.get_by_role("button", name="Undo").click()
     page.get_by_text("An effect is missing", exact=True).wait_for()
@@ -148,7 +148,7 @@ def test_figure_and_data_can_be_taken_away(page):
 def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, mystery):
     choose(page)
     diagnosed(page)
-    term, said = page.get_by_label("A term of your own"), page.locator("#wb-term-check")
+    term, said = page.get_by_label("User-defined term"), page.locator("#wb-term-check")
     term.fill("k * quadratur")
     said.filter(has_text="did you mean 'quadrature'").wait_for()
     term.fill("k * time")
@@ -168,7 +168,7 @@ def test_two_runs_are_compared(page):
     page.get_by_role("button", name="Compare").click()
     page.get_by_role("combobox", name="Compare with").fill("MYSTERY check")
     page.locator("[role=option]", has_text="check_minor_loops").click()
-    page.get_by_text("How they were made").or_(page.get_by_text("Segments")).first.wait_for()
+    page.get_by_text("Conditions").or_(page.get_by_text("Segments")).first.wait_for()
     page.locator(".wb-words", has_text="MYSTERY").wait_for()
 
 

@@ -97,7 +97,7 @@ def test_a_stale_calibration_is_refused_unless_it_is_meant(tmp_path):
 
 def test_the_calibration_of_another_unit_is_refused_and_the_attempt_recorded(tmp_path):
     settings = station()
-    with pytest.raises(IdentityError, match="serial number is 1 by its memory, the image is for 2"):
+    with pytest.raises(IdentityError, match="serial number in its memory is 1, the image is for 2"):
         flash(settings, settings.units[0], calibration(serial=2), tmp_path)
     records = [json.loads(path.read_text()) for path in (tmp_path / "SIM-0001" / "flash").glob("*.json")]
     assert [record["state"] for record in records] == ["failed"]
@@ -141,7 +141,7 @@ def test_images_in_files(tmp_path):
     path.write_bytes(calibration().content)
     assert from_file(path).image.label == calibration().image.label
     path.write_bytes(b"nothing")
-    with pytest.raises(InputError, match="no calibration image"):
+    with pytest.raises(InputError, match="not a calibration image"):
         from_file(path)
     with pytest.raises(InputError, match="cannot be read"):
         from_file(tmp_path / "none")

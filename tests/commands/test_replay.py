@@ -105,7 +105,7 @@ def test_a_journal_that_is_gone_is_said_and_nothing_is_called_the_same(copied):
     shutil.rmtree(copied / "journal")
     answer = bench("replay", copied)
     assert answer.exit_code == 1
-    assert "not the recorded file: journal/can0.gtbj" in answer.stdout
+    assert "changed since it was recorded: journal/can0.gtbj" in answer.stdout
 
 
 @pytest.mark.slow

@@ -142,10 +142,10 @@ def test_effects_over_the_table_are_delivered_over_the_units_own_output():
 @pytest.mark.parametrize(
     ("effect", "why"),
     [
-        (make("aging"), "time since the run began"),
+        (make("aging"), "time since the start of the run"),
         (make("hysteresis", {"shape": "bouc_wen"}), "shape play"),
         (make("temperature_rate"), "filter_s"),
-        (make("expression", {"formula": "k * temperature * quadrature"}), "no form in the image"),
+        (make("expression", {"formula": "k * temperature * quadrature"}), "cannot be represented in the image"),
     ],
 )
 def test_an_effect_that_no_unit_can_evaluate_is_refused_with_what_to_do(effect, why):
@@ -186,18 +186,18 @@ def changed(place: int, value: int, sealed: bool = True) -> list[int]:
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (changed(0, 1), "no calibration image"),
+        (changed(0, 1), "not a calibration image"),
         (changed(1, 2), "format version is 2"),
         (changed(2, 9), "form is 9"),
-        (changed(3, 5), "its header says 5"),
+        (changed(3, 5), "its header states 5"),
         (changed(30, 12345, sealed=False), "CRC"),
-        (changed(12, 17), "counts say"),
+        (changed(12, 17), "counts give"),
         (changed(24, 1), "signal 0 is not allowed"),
         (changed(25, 99), "signal 0 is not allowed"),
         (changed(30, 63), "shift 63"),
         (changed(38, 999), "block 0 refers"),
         (changed(40, 0x7FC00000), "not finite"),
-        ([], "no calibration image"),
+        ([], "not a calibration image"),
     ],
 )
 def test_an_image_that_is_wrong_is_refused(words, why):

@@ -72,5 +72,5 @@ def test_the_code_is_the_same_every_time_and_carries_its_identity(tmp_path):
 
 def test_a_name_that_c_does_not_know_is_refused():
     words = words_of(delivered("spline"), "split", 1, 1)
-    with pytest.raises(InputError, match="not a name for C"):
+    with pytest.raises(InputError, match="not a valid C name"):
         c_files(read(words), words, "my unit")

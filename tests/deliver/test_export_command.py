@@ -190,7 +190,7 @@ def test_what_cannot_be_read_as_a_calibration_is_refused_even_if_forced(altered,
     [
         (("--format", "xls"), "allowed are json, csv, c, hex, srec, eeprom, a2l"),
         (("--format", "hex", "--form", "float16"), "allowed are float32"),
-        (("--format", "c", "--name", "My Unit"), "not a name for C"),
+        (("--format", "c", "--name", "My Unit"), "not a valid C name"),
         (("--format", "c", "--model", "nonesuch"), "unknown model"),
     ],
 )

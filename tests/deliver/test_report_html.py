@@ -145,7 +145,7 @@ def section(page: Page, title: str, following: str) -> str:
 def test_what_is_missing_stands_after_the_ladder_with_numbers_commands_and_limits(page: Page, whole: Analysis) -> None:
     ids = [a["id"] for tag, a in page.tags if tag == "h2"]
     assert ids[ids.index("ladder") + 1] == "missing"
-    text = section(page, "What is missing", "Compensation over time")
+    text = section(page, "Missing effects", "Compensation over time")
     assert text.index("Missing: hysteresis (") < 60
     assert f"bench add hysteresis --model spline --out better1.yaml\nbench compare {whole.run.path} --check" in text
     assert "width = 4.96 ± 0.19 °C" in text
@@ -170,7 +170,7 @@ def test_an_adequate_run_says_what_it_could_have_shown_and_advises_nothing(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     page = Page(render(clean(tmp_path_factory.getbasetemp())))
-    text = section(page, "What is missing", "Compensation over time")
+    text = section(page, "Missing effects", "Compensation over time")
     assert "This data shows no missing effect" in text
     assert "bench add" not in text
     assert "What this run could not have shown" in text
@@ -182,7 +182,7 @@ def test_an_adequate_run_says_what_it_could_have_shown_and_advises_nothing(
 def test_an_unknown_effect_is_drawn_and_not_advised_as_something_else(tmp_path_factory: pytest.TempPathFactory) -> None:
     page = Page(render(disturbed(tmp_path_factory.getbasetemp())))
     assert "fig-missing-unknown-data" in page.figures()
-    text = section(page, "What is missing", "Compensation over time")
+    text = section(page, "Missing effects", "Compensation over time")
     assert "no effect of the catalogue explains" in text
     assert "period 1080 s" in text or "period 1" in text
     assert "bench add" not in text

@@ -534,7 +534,7 @@ def test_a_sensor_that_the_controller_calls_broken_is_named_before_its_value():
     bench.server.publish(temperature=25.0, working_setpoint=25.0, sensor_break=True)
     assert bench.chamber.poll().sensor_break is True
     bench.server.set_words("temperature", [0x7FFF])
-    with pytest.raises(LimitError, match="says that its sensor is broken"):
+    with pytest.raises(LimitError, match="reports a broken sensor"):
         bench.chamber.poll()
     bench.close()
 

@@ -24,7 +24,7 @@ NEVER_HERE = {
     "refuses another model": {"binder_mb2", "eurotherm_3500"},
     "refuses every unit but degC": {"binder_mb1", "binder_mb2"},
     "follows the controller's implied decimals": set(MAPS) - {"watlow_f4"},
-    "spares a memory that wears out": set(MAPS) - {"eurotherm_2400", "eurotherm_3500"},
+    "limits writes to a memory that wears out": set(MAPS) - {"eurotherm_2400", "eurotherm_3500"},
     "shows every alarm and clears none": {"binder_mb2"},
     "shows its door": set(MAPS) - {"binder_mb1"},
 }

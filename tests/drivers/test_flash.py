@@ -158,7 +158,7 @@ def test_power_lost_at_any_byte_of_a_write_leaves_a_whole_calibration(calibrated
 def test_a_unit_that_loses_power_in_mid_write_keeps_its_calibration_and_the_error_says_so(calibrated):
     world = World(calibrated)
     world.memory.eeprom.writable = flash_objects.BANK_BYTES + 60
-    with pytest.raises(LinkError, match=r"step 'write' failed: .*; the unit keeps what it has \(calibration in bank 1"):
+    with pytest.raises(LinkError, match=r"step 'write' failed: .*; the unit is unchanged \(the calibration in bank 1"):
         flashed(world, NEW)
     assert world.memory.active == 1
     assert world.wire.coefficient_set == 1
@@ -169,7 +169,7 @@ def test_a_unit_that_loses_power_in_mid_write_keeps_its_calibration_and_the_erro
 @pytest.mark.parametrize(("protocol", "frames"), [("canopen", 45), ("uds", 22)])
 def test_a_cable_that_breaks_in_mid_write(calibrated, protocol, frames):
     world = World(calibrated, protocol)
-    with pytest.raises(LinkError, match=r"step 'write' failed: .*no .*; the unit keeps what it has"):
+    with pytest.raises(LinkError, match=r"step 'write' failed: .*no .*; the unit is unchanged"):
         flashed(world, NEW, wrap=lambda bus: Counting(bus, frames, cut=True))
     world.close()
     assert in_force(calibrated) == OLD
@@ -187,7 +187,7 @@ def test_a_silent_unit_ends_by_the_time_limit_of_its_step(calibrated):
 def test_every_step_has_a_time_limit(calibrated, monkeypatch):
     monkeypatch.setitem(coefficients.LIMITS_S, "write", 0.2)
     world = World(calibrated)
-    with pytest.raises(LinkError, match=r"step 'write' failed: .*time limit reached; the unit keeps"):
+    with pytest.raises(LinkError, match=r"step 'write' failed: .*time limit reached; the unit is unchanged"):
         flashed(world, NEW)
     world.close()
 
@@ -196,7 +196,7 @@ def test_every_step_has_a_time_limit(calibrated, monkeypatch):
 def test_the_wrong_unit_is_refused_before_anything_is_written(calibrated, protocol):
     before = calibrated.read_bytes()
     world = World(calibrated, protocol)
-    with pytest.raises(IdentityError, match=r"serial number is 7 by its memory, the image is for 8; nothing was wri"):
+    with pytest.raises(IdentityError, match=r"serial number in its memory is 7, the image is for 8; nothing was wri"):
         flashed(world, image(serial=8))
     world.close()
     assert calibrated.read_bytes() == before
@@ -226,7 +226,7 @@ def test_a_word_that_the_memory_does_not_keep_is_named(calibrated, monkeypatch):
     content = bytearray(image(id_=3, created=1_700_000_001))
     content[81] |= 1  # word 20
     content[-4:] = zlib.crc32(content[:-4]).to_bytes(4, "little")
-    with pytest.raises(ReadBackError, match=r"step 'read back' failed: word 20 reads back .*; the unit keeps"):
+    with pytest.raises(ReadBackError, match=r"step 'read back' failed: word 20 reads back .*; the unit is unchanged"):
         flashed(world, bytes(content))
     world.close()
     assert in_force(calibrated) == OLD

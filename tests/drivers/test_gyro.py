@@ -349,7 +349,7 @@ def test_a_dbc_without_what_a_gyro_needs_is_refused(tmp_path):
     family = (Path(__file__).parents[2] / "drivers" / "gyros" / "vibratory.dbc").read_text()
     for text, complaint in (
         (family.replace(" SG_ Rate ", " SG_ Speed "), "0 messages with Rate and SampleCounter"),
-        (family.replace('"deg/s"', '"mph"'), "GYRO_RATE.Rate is in 'mph'"),
+        (family.replace('"deg/s"', '"mph"'), "GYRO_RATE.Rate has the unit 'mph'"),
         (family.replace('BA_ "GenMsgCycleTime" BO_ 288 2;', ""), "no cycle time"),
     ):
         path = tmp_path / f"{len(complaint)}.dbc"

@@ -227,7 +227,7 @@ def test_without_pdo_and_heartbeat_the_readings_are_polled_and_the_lack_is_told(
         del bench.sim._node.object_dictionary[index]
     told = bench.table.prepare()
     assert [text.split(":")[0] for text in told] == [
-        "readings by PDO (they are polled)", "supervision of our heartbeat", "quick stop on our silence",
+        "readings by PDO (they are polled)", "supervision of our heartbeat", "quick stop when our heartbeat is missing",
     ]  # fmt: skip
     bench.close()
 
@@ -288,7 +288,7 @@ def test_the_serial_table_turns_at_the_commanded_rate(serial_table, per_dps, uni
 @pytest.mark.parametrize(("per_dps", "unit"), [(60.0, "deg/s"), (1.0, "deg/min")])
 def test_the_unit_of_jog_is_found_out_by_position_over_time(serial_table, per_dps, unit):
     table, sim, _ = serial_table(per_dps, unit)
-    with pytest.raises(IdentityError, match=f"the station file says {unit}; correct jog_unit"):
+    with pytest.raises(IdentityError, match=f"the station file states {unit}; correct jog_unit"):
         table.enable()
     assert abs(sim._target_dps) <= 1.0  # tried where nothing can be hurt
     assert all(step.ok for step in table.safe())

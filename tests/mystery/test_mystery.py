@@ -102,13 +102,13 @@ def test_no_model_does_better_than_perfect_knowledge(revealed):
 
 
 def test_a_second_mystery_does_not_overwrite_the_first(mystery, profile):
-    with pytest.raises(InputError, match="holds a mystery already"):
+    with pytest.raises(InputError, match="already contains a mystery"):
         make_mystery(SEED, 1, mystery.folder, profile, profile)
 
 
 def test_impossible_counts_and_missing_or_damaged_envelopes_are_refused(mystery, profile, tmp_path):
     model = load_model("polynomial")
-    with pytest.raises(InputError, match="between 1 and"):
+    with pytest.raises(InputError, match="allowed are 1 to"):
         make_mystery(1, 40, tmp_path, profile, profile)
     with pytest.raises(InputError, match="no envelope"):
         reveal(tmp_path, model)

@@ -1,4 +1,4 @@
-"""Jobs and their processes: bounded, shared, kept, cancelled when nobody waits, unharmed by a dead worker."""
+"""Jobs and their processes: bounded, shared, kept, cancelled when no page waits, not affected by a dead worker."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Clock:
 
 
 class Slow(Worker):
-    """Answers when it is let go, or gives up when nobody wants it any more."""
+    """Answers when it is let go, or gives up when no page waits for it."""
 
     def __init__(self) -> None:
         super().__init__()

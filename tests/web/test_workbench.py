@@ -193,7 +193,7 @@ def test_bad_input_is_refused_before_anything_is_computed(
 def test_a_run_that_goes_on_is_not_analysed(client: httpx.Client, store: Path) -> None:
     (store / "SIM-0001" / "live" / "journal").mkdir(parents=True)
     answer = client.post(f"{API}/analyses", json={"runs": ["SIM-0001/live"], "models": [SPLINE]})
-    assert (answer.status_code, "only one that has ended" in answer.json()["detail"]) == (409, True)
+    assert (answer.status_code, "only an ended run" in answer.json()["detail"]) == (409, True)
 
 
 def test_viewers_look_and_engineers_compute(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:

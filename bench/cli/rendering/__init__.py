@@ -1,4 +1,4 @@
-"""Text and JSON of what the commands return: one function a kind of result."""
+"""Text and JSON of the results of commands: one function per type of result."""
 
 from bench.cli.rendering import analyse, deliver, live, measure, stock
 from bench.cli.rendering.printing import content, lines, plain, show

@@ -109,7 +109,7 @@ def _(result: Reported) -> dict[str, Any]:
 
 
 def judged(judgement: Mapping[str, Any]) -> Iterator[str]:
-    """Verdict against limits: what did not pass, and how many did."""
+    """Verdict against limits: every result that did not pass, and the number of those that did."""
     yield f"{judgement['verdict']} against limits '{judgement['name']}'"
     yield from (f"  INVALID   {text}" for text in judgement["refusals"])
     results = judgement["results"]
@@ -136,10 +136,10 @@ def _(result: NotAnalysed) -> dict[str, Any]:
 def _(result: UnitsReported) -> Iterator[str]:
     width = max(len(unit.serial) for unit in result.units)
     for unit in result.units:
-        told = content(unit.result)
-        word = f"{told['limits']['verdict']}, " if told.get("limits") else ""
-        yield f"{unit.serial:<{width}}  {word}{told['verdict']}: {told['sentence']}"
-        yield f"{'':<{width}}  {told.get('report') or told['run']}"
+        known = content(unit.result)
+        word = f"{known['limits']['verdict']}, " if known.get("limits") else ""
+        yield f"{unit.serial:<{width}}  {word}{known['verdict']}: {known['sentence']}"
+        yield f"{'':<{width}}  {known.get('report') or known['run']}"
     yield from (f"bench: {text}" for text in sorted({str(unit.error) for unit in result.units if unit.error}))
 
 
@@ -168,22 +168,22 @@ def _(result: Imported) -> dict[str, Any]:
 def _(result: Diagnosed) -> Iterator[str | Table]:
     from bench.analysis import made_from
 
-    found = result.diagnosis
-    yield found.sentence
+    diagnosis = result.diagnosis
+    yield diagnosis.sentence
     yield ""
-    inside, outside, floor = map(number, (found.rms_dph, found.held_out_rms_dph, found.floor_dph))
-    yield f"in-sample {inside}, held-out {outside} ({found.held_out_by}), noise floor {floor} deg/h RMS"
+    inside, outside, floor = map(number, (diagnosis.rms_dph, diagnosis.held_out_rms_dph, diagnosis.floor_dph))
+    yield f"in-sample {inside}, held-out {outside} ({diagnosis.held_out_by}), noise floor {floor} deg/h RMS"
     yield ""
-    yield from _where(found)
-    yield from _suspects(found)
-    if found.smallest_detectable:
-        small = ", ".join(f"{item.effect} {item.rms_dph:.3f}" for item in found.smallest_detectable)
+    yield from _where(diagnosis)
+    yield from _suspects(diagnosis)
+    if diagnosis.smallest_detectable:
+        small = ", ".join(f"{item.effect} {item.rms_dph:.3f}" for item in diagnosis.smallest_detectable)
         yield f"This run would have shown [deg/h RMS]: {small}"
-    yield from (f"Not testable here: {', '.join(names)}: {why}" for why, names in _by_reason(found).items())
-    yield from (f"note: {note}" for note in (found.noise_finding, made_from(found), *found.notes) if note)
-    if found.next_experiment:
+    yield from (f"Not testable here: {', '.join(names)}: {why}" for why, names in _by_reason(diagnosis).items())
+    yield from (f"note: {note}" for note in (diagnosis.noise_finding, made_from(diagnosis), *diagnosis.notes) if note)
+    if diagnosis.next_experiment:
         yield ""
-        yield from _next(found)
+        yield from _next(diagnosis)
 
 
 @content.register(Diagnosed)
@@ -191,41 +191,42 @@ def _(result: Diagnosed) -> dict[str, Any]:
     return result.diagnosis.to_json()
 
 
-def _next(found: Diagnosis) -> Iterator[str]:
-    if found.next_experiment:
-        yield f"next: bench run {found.next_experiment['profile']}"
-        yield str(found.next_experiment["why"])
+def _next(diagnosis: Diagnosis) -> Iterator[str]:
+    if diagnosis.next_experiment:
+        yield f"next: bench run {diagnosis.next_experiment['profile']}"
+        yield str(diagnosis.next_experiment["why"])
 
 
-def _where(found: Diagnosis) -> Iterator[str | Table]:
-    if found.where:
+def _where(diagnosis: Diagnosis) -> Iterator[str | Table]:
+    if diagnosis.where:
         yield "Where it fails"
         rows = []
-        for p in found.where:
+        for p in diagnosis.where:
             ratio = f"{p.floor_ratio:.2f} x floor" if isfinite(p.floor_ratio) else f"{p.rms_dph:.4g} deg/h RMS"
             rows.append((p.channel, f"{p.low:.4g} to {p.high:.4g} {p.unit}", f"{ratio}, p = {p.p:.1e}", p.note))
         yield table(("", "", "", ""), rows, indent=2)
         yield ""
 
 
-def _suspects(found: Diagnosis) -> Iterator[str | Table]:
-    if found.suspects:
+def _suspects(diagnosis: Diagnosis) -> Iterator[str | Table]:
+    if diagnosis.suspects:
         rows = []
-        for suspect in found.suspects:
+        for suspect in diagnosis.suspects:
             removes = f"{100 * suspect.removes:.0f} %" if isfinite(suspect.removes) else "-"
             held_out, alike = number(suspect.held_out_rms_dph), ", ".join(suspect.look_alikes)
             mark = "*" if suspect.found else " "
             rows.append((f"{mark} {suspect.effect}", f"{suspect.evidence:.1f}", held_out, removes, alike))
         yield table(("Suspects", ">evidence", ">held-out", ">removes", "look-alikes"), rows)
-        yield f"  evidence above {found.threshold:.1f} is beyond chance; * belongs to the explanation"
+        yield f"  evidence above {diagnosis.threshold:.1f} is significant; * belongs to the explanation"
         yield ""
 
 
-def _by_reason(found: Diagnosis) -> dict[str, list[str]]:
-    """Effects that the runs cannot show, by the reason; the name of the run only where there are several."""
+def _by_reason(diagnosis: Diagnosis) -> dict[str, list[str]]:
+    """Effects that the runs cannot show, by reason; with the name of the run only if there are several."""
     reasons: dict[str, list[str]] = {}
-    for name, why in found.not_excited.items():
-        short = why if len(found.runs) > 1 else why.removeprefix(f"{found.runs[0]} has ").removeprefix(found.runs[0])
+    runs = diagnosis.runs
+    for name, why in diagnosis.not_excited.items():
+        short = why if len(runs) > 1 else why.removeprefix(f"{runs[0]} has ").removeprefix(runs[0])
         reasons.setdefault(short.removeprefix(": "), []).append(name)
     return reasons
 
@@ -291,15 +292,15 @@ def _(result: Replayed) -> Iterator[str]:
     for one in result.replays:
         source = "from its raw frames" if one.from_frames else "from data.parquet (an import has no frames)"
         what = "tables and results" if one.analysed else "tables (no analysis in the folder)"
-        yield f"{one.run.path}: {'identical' if one.identical else 'DIFFERENT'}; {what} made again {source}"
-        yield from (f"  not the recorded file: {change.file}" for change in one.tampered)
+        yield f"{one.run.path}: {'identical' if one.identical else 'DIFFERENT'}; {what} recomputed {source}"
+        yield from (f"  changed since it was recorded: {change.file}" for change in one.tampered)
         yield from (f"  {change}" for change in one.differences[:_MOST_CHANGES])
         if len(one.differences) > _MOST_CHANGES:
             yield f"  and {len(one.differences) - _MOST_CHANGES} more differences; --json lists all"
         if one.failed:
-            yield f"  not made again: {one.failed}"
+            yield f"  not recomputed: {one.failed}"
         other = [f"{name} {then} -> {one.now[name]}" for name, then in one.then.items() if one.now[name] != then]
-        yield f"  software: {', '.join(other) or 'the same versions'}"
+        yield f"  software: {', '.join(other) or 'same versions'}"
 
 
 @content.register(Replayed)
@@ -320,7 +321,7 @@ def _(result: Differs) -> dict[str, Any]:
 @lines.register(MysteryMade)
 def _(result: MysteryMade) -> Iterator[str]:
     run, check = result.run, result.check
-    yield f"""Unit MYSTERY-{result.seed} hides something. Find it:
+    yield f"""Unit MYSTERY-{result.seed} has hidden effects. Find them:
 
   bench diagnose {run} --check {check} --static {result.static} --model spline
   bench add EFFECT --model spline --out mine.yaml
@@ -337,7 +338,7 @@ def _(result: MysteryMade) -> dict[str, Any]:
 def _(result: Revealed) -> Iterator[str]:
     score = result.score
     for item in score.hidden:
-        known = item["effect"] or "not in it"
+        known = item["effect"] or "not included"
         yield f"hidden   {item['mechanism']} (strength {item['strength']} x noise; library: {known})"
     for word in ("right", "wrong", "missed"):
         yield f"{word:<8} {', '.join(getattr(score, word)) or '-'}"

@@ -1,4 +1,4 @@
-"""Results of commands that take a calibration to its unit."""
+"""Results of commands that deliver a calibration to its unit."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _NEXT = {
-    "held": 'a person decides: the same command with --release "name: reason" goes on, --new begins anew',
-    "failed": "the same command takes it up again at this step",
+    "held": 'a person must decide: the same command with --release "name: reason" continues, --new begins a new job',
+    "failed": "the same command repeats this step and continues",
     "ended": "this job has ended; the same command with --new calibrates the unit again",
 }
 
@@ -37,7 +37,7 @@ def _(result: Exported) -> Iterator[str | Table]:
         f"form {image.form}{why}, {4 * len(package.words)} bytes, serial {image.serial}, calibration {image.label}, "
         f"CRC 0x{package.words[-1]:08X}"
     )
-    yield f"delivered and fitted model are {delivered.apart_dph:.2g} deg/h apart on the run's rows"
+    yield f"delivered and fitted model differ by {delivered.apart_dph:.2g} deg/h on the run's rows"
     yield from (f"forced: {text}" for text in delivered.source.objections)
     yield from map(str, result.files)
 
@@ -68,7 +68,7 @@ def _(result: Exported) -> dict[str, Any]:
 def _(result: Certified) -> Iterator[str]:
     facts = result.facts
     left, expanded = facts["as_left"], facts["uncertainty"]["expanded_dph"]
-    yield f"Certificate {facts['number']}{' (simulated: certifies nothing)' if facts['simulated'] else ''}"
+    yield f"Certificate {facts['number']}{' (simulated: not valid as a certificate)' if facts['simulated'] else ''}"
     yield f"as found {facts['as_found']['rms_dph']:.4g} deg/h RMS, as left {left['rms_dph']:.4g} deg/h ({left['what']})"
     yield f"U = {expanded:.2g} deg/h (k = 2); conformity: {facts['verdict'] or 'no limits given'}"
     if facts["verification"] is not None:
@@ -85,7 +85,7 @@ def _(result: Certified) -> Iterator[str]:
 def _covered(known: Mapping[str, Any]) -> str:
     (low, high), (first, last) = known["covered_degc"], known["validity_degc"]
     covers = f"{known['covered_percent']:.0f} % of {first:.1f} to {last:.1f} degC ({low:.1f} to {high:.1f} degC)"
-    return f"verification: {known['verdict'] or 'not judged by itself'}, goes through {covers}"
+    return f"verification: {known['verdict'] or 'without a verdict'}, covers {covers}"
 
 
 @content.register(Certified)
@@ -99,14 +99,14 @@ def _(result: Certified) -> dict[str, Any]:
 def _(result: Flashed) -> Iterator[str]:
     record = result.record
     if result.already_there:
-        yield f"unit {record['unit']} has calibration {result.calibration_id} in force already; nothing was written"
+        yield f"unit {record['unit']}: calibration {result.calibration_id} is already in force; nothing was written"
         return
     old = record["old"]["calibration_id"] if record.get("old") else "none"
     yield (
         f"unit {record['unit']}: calibration {result.calibration_id} ({record['model'] or 'image'}, {record['form']}, "
         f"{record['new']['words']} words) in force in bank {record['bank']}, before: {old}"
     )
-    yield f"read back equal word by word, CRC {record['crc']}, coefficient set {record['coefficient_set']} on the bus"
+    yield f"read back and compared word by word, CRC {record['crc']}, coefficient set {record['coefficient_set']}"
     yield f"record  {record['record']}"
 
 
@@ -120,21 +120,22 @@ def _(result: Verified) -> Iterator[str | Table]:
     if result.error is not None:
         yield f"bench: {result.error}"
         return
-    found = result.verification
-    after, before = found.after, found.before
-    fell = "" if before is None else f", {found.factor:.1f} times less than before"
-    yield f"{found.verdict.value}: the unit's own output is {found.over_floor:.2f} times its noise floor{fell}"
+    verification = result.verification
+    after, before = verification.after, verification.before
+    gain = "" if before is None else f", {verification.factor:.1f} times less than before"
+    ratio = f"the output of the unit is {verification.over_floor:.2f} times its noise floor"
+    yield f"{verification.verdict.value}: {ratio}{gain}"
     yield ""
     rows = []
     for name in ("rms", "mean", "scatter", "peak", "span"):
         old = None if before is None else getattr(before, f"{name}_dph")
         rows.append((name, number(old), number(getattr(after, f"{name}_dph")), ""))
-    rows.append(("noise floor", "", number(found.floor.floor_dph), ""))
+    rows.append(("noise floor", "", number(verification.floor.floor_dph), ""))
     yield table(("", ">before", ">after", f"[deg/h, {after.interval_s:g} s means]"), rows)
-    yield from (f"refused: {text}" for text in found.judged.get("refusals") or ())
+    yield from (f"refused: {text}" for text in verification.judged.get("refusals") or ())
     yield ""
-    yield f"run     {found.run.path}"
-    for one in (found.judged.get("limits") or {}).get("results", ()):
+    yield f"run     {verification.run.path}"
+    for one in (verification.judged.get("limits") or {}).get("results", ()):
         yield f"{one['verdict'] or '-':<9} {one['name']} = {number(one['value'])} {one['unit']}"
 
 

@@ -9,7 +9,7 @@ _MOST = 12
 
 
 def difference(found: Mapping[str, Any]) -> Iterator[str]:
-    """What differs between two runs: what was measured first, how it was made after."""
+    """Differences between two runs: measured values first, then conditions and settings."""
     for side in ("a", "b"):
         run = found[side]
         yield f"{side.upper()}  {run['unit']}, {run['profile']}, {run['created']}: {run['run']}"
@@ -31,12 +31,12 @@ def _curves(found: Mapping[str, Any]) -> Iterator[str]:
         yield f"Models not compared: {found['reason']}"
         return
     low, high = found["max_at_degc"]
-    floor = "not known" if found["floor_dph"] is None else f"{found['floor_dph']:.4f}"
+    floor = "unknown" if found["floor_dph"] is None else f"{found['floor_dph']:.4f}"
     yield (
-        f"Models over {found['from_degc']:.0f} to {found['to_degc']:.0f} degC, B less A [deg/h]: RMS "
+        f"Models over {found['from_degc']:.0f} to {found['to_degc']:.0f} degC, B minus A [deg/h]: RMS "
         f"{found['rms_dph']:.4f}, largest {found['max_dph']:.4f} at {low:.0f} to {high:.0f} degC; noise floor {floor}"
     )
-    yield f"  of it a constant {found['offset_dph']:+.4f}; the shapes differ by {found['shape_rms_dph']:.4f} RMS"
+    yield f"  constant part {found['offset_dph']:+.4f}; the shapes differ by {found['shape_rms_dph']:.4f} RMS"
 
 
 def _coefficients(found: Mapping[str, Any]) -> Iterator[str]:
@@ -45,7 +45,7 @@ def _coefficients(found: Mapping[str, Any]) -> Iterator[str]:
         return
     rows = []
     for entry in found["differ"]:
-        z = "not known" if entry["z"] is None else f"{entry['z']:+.1f}"
+        z = "unknown" if entry["z"] is None else f"{entry['z']:+.1f}"
         rows.append(f"{entry['key']}: {entry['a']:.6g} | {entry['b']:.6g} {entry['unit'] or ''}, z = {z}")
     from bench.archive import BEYOND_CHANCE
 

@@ -1,4 +1,4 @@
-"""A curve in a terminal, in dots of braille."""
+"""A curve in a terminal, drawn with braille characters."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def _(result: Asked) -> Iterator[str]:
         yield f"{result.run}: {REACHED[result.action][1]}"
     else:
         guards = f": {'; '.join(state['holding'])}" if state.get("holding") else ""
-        yield f"{result.run}: asked to {result.action}, but the run is {state['state']}{guards}"
+        yield f"{result.run}: {result.action} was requested, but the run is {state['state']}{guards}"
     if "run" in state:
         yield from live_run(state)
 
@@ -49,7 +49,7 @@ def _(result: Aborted) -> Iterator[str]:
     if not result.safe:
         yield "SAFE STATE NOT VERIFIED: switch the chamber off by hand"
     elif not end["safe_state"]:
-        yield "nothing had moved: the chamber is as it was found"
+        yield "nothing was commanded: the chamber was not changed"
     yield f"run     {end['run']}"
 
 
@@ -64,7 +64,7 @@ def _(result: Recovered) -> Iterator[str]:
     done = sum(segment.outcome == "done" for segment in manifest.segments)
     yield (
         f"{manifest.state}: {manifest.cause}; {manifest.rows} rows, {done} of {len(manifest.segments)} "
-        f"segments whole, {manifest.losses.get('lost', 0)} samples lost"
+        f"segments complete, {manifest.losses.get('lost', 0)} samples lost"
     )
     yield f"run     {result.run}"
 
@@ -77,7 +77,7 @@ def _(result: Recovered) -> dict[str, Any]:
 
 
 def live_run(run: Mapping[str, Any]) -> Iterator[str]:
-    """A live run as it describes itself."""
+    """The state of a live run."""
     from bench.acquisition import ANSWER_S
 
     yield f"{run['run']}  {run['state']}"
@@ -99,19 +99,19 @@ def live_run(run: Mapping[str, Any]) -> Iterator[str]:
                 f"  bus      {bus['bus']}: {bus['state']}, {bus['frames']} frames, {bus['behind_s']:.2f} s behind, "
                 f"at most {bus['most_behind_s']:.2f} s"
             )
-        yield from (_fits(serial, found) for serial, found in run.get("fits", {}).items())
+        yield from (_fits(serial, fit) for serial, fit in run.get("fits", {}).items())
         yield from (f"  HOLD     {cause}" for cause in run["holding"])
     if run.get("age_s", 0.0) > ANSWER_S:
         yield f"  the loop of this run has not ticked for {run['age_s']:.0f} s"
 
 
-def _fits(serial: str, found: Mapping[str, Any]) -> str:
+def _fits(serial: str, fit: Mapping[str, Any]) -> str:
     scores = ", ".join(
         f"{model['name']} {_two(model['rms_dph'])} (held out {_two(model['held_out_rms_dph'])})"
-        for model in found["models"]
+        for model in fit["models"]
     )
-    seen = f"{found['from_degc']:.1f} to {found['to_degc']:.1f} degC, {clock(found['seconds'])}"
-    return f"  model    {serial}: {scores} deg/h RMS of 1 s means, {seen}"
+    data = f"{fit['from_degc']:.1f} to {fit['to_degc']:.1f} degC, {clock(fit['seconds'])}"
+    return f"  model    {serial}: {scores} deg/h RMS of 1 s means, {data}"
 
 
 def _two(value: float | None) -> str:

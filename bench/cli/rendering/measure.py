@@ -13,7 +13,7 @@ from bench.commands import Checked, ContractTried, Copied, Examined, StationServ
 if TYPE_CHECKING:
     from rich.table import Table
 
-_FOUND = {"agrees": "ok", "disagrees": "!!", "no link": "!!", "unknown": "??", "told": ""}
+_MARKS = {"agrees": "ok", "disagrees": "!!", "no link": "!!", "unknown": "??", "told": ""}
 _TRIED = {"ok": "ok", "failed": "!!", "not applicable": "--"}
 
 
@@ -36,32 +36,33 @@ def _(result: Checked) -> Iterator[str | Table]:
 
 @lines.register(Examined)
 def _(result: Examined) -> Iterator[str | Table]:
-    found = result.examination
-    yield f"station {found.station}"
+    examination = result.examination
+    yield f"station {examination.station}"
     yield ""
     weak = "  [weak source: compare with the panel]"
-    rows = [(_FOUND[f.verdict], f.what, f"{f.detail}{weak if f.uncertain else ''}") for f in found.findings]
+    rows = [(_MARKS[f.verdict], f.what, f"{f.detail}{weak if f.uncertain else ''}") for f in examination.findings]
     yield table(("", "", ""), rows)
-    count = Counter(finding.verdict for finding in found.findings)
+    count = Counter(finding.verdict for finding in examination.findings)
     yield ""
     yield (
         f"{count['agrees']} agree, {count['disagrees']} disagree, {count['no link']} without a link, "
-        f"{count['unknown']} not told by the equipment; {sum(f.uncertain for f in found.findings)} from weak sources. "
+        f"{count['unknown']} not reported by the equipment; "
+        f"{sum(f.uncertain for f in examination.findings)} from weak sources. "
         "Nothing was written."
     )
 
 
 @content.register(Examined)
 def _(result: Examined) -> dict[str, Any]:
-    found = result.examination
-    findings = [asdict(finding) for finding in found.findings]
-    return {"station": found.station, "agrees": not result.exit_code, "findings": findings,
-            "latency_s": found.latency_s}  # fmt: skip
+    examination = result.examination
+    findings = [asdict(finding) for finding in examination.findings]
+    return {"station": examination.station, "agrees": not result.exit_code, "findings": findings,
+            "latency_s": examination.latency_s}  # fmt: skip
 
 
 @lines.register(ContractTried)
 def _(result: ContractTried) -> Iterator[str]:
-    yield f"map {result.map}, on a simulated controller made of it"
+    yield f"map {result.map}, on a simulated controller"
     yield ""
     for outcome in result.behaviours:
         yield f"{_TRIED[outcome.verdict]} {outcome.behaviour}" + (f": {outcome.detail}" if outcome.detail else "")

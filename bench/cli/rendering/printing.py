@@ -1,6 +1,6 @@
-"""How a result is printed: as lines and tables on a terminal, as plain text into a pipe, or as one JSON object.
+"""Printing of a result: as lines and tables on a terminal, as plain text into a pipe, or as one JSON object.
 
-`lines` and `content` are asked by the type of the result; the modules beside this one answer.
+`lines` and `content` dispatch on the type of the result; the other modules of this package register the functions.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ Part = "str | Table"
 
 @singledispatch
 def lines(result: object) -> Iterator[str | Table]:
-    """A result as lines and tables for a person."""
-    raise TypeError(f"nothing says how {type(result).__name__} is printed")
+    """A result as lines and tables for the user."""
+    raise TypeError(f"no text is defined for {type(result).__name__}")
 
 
 @singledispatch
 def content(result: object) -> dict[str, Any]:
-    """A result as an object for a program; its fields by name where nothing else is said."""
+    """A result as an object for a program; by default its fields by name."""
     if hasattr(result, "to_json"):
         made: dict[str, Any] = result.to_json()
         return made
     if not is_dataclass(result):
-        raise TypeError(f"nothing says what {type(result).__name__} is in JSON")
+        raise TypeError(f"no JSON is defined for {type(result).__name__}")
     return {field.name: _value(getattr(result, field.name)) for field in fields(result)}
 
 
@@ -82,7 +82,7 @@ def _console(**options: Any) -> Console:
 
 
 def table(titles: Sequence[str], rows: Iterable[Sequence[object]], indent: int = 0) -> Table:
-    """A table without lines; a column whose title begins with `>` is set to the right, None is a dash."""
+    """A table without lines; a column whose title begins with `>` is right-aligned, None is a dash."""
     from rich.table import Table
 
     made = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold", show_header=any(titles))
@@ -96,11 +96,11 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[object]], indent: int =
 
 
 def number(value: float | None) -> str:
-    """Four decimals, or a dash where there is no number."""
+    """Four decimals, or a dash without a number."""
     known = None if value is None else finite(value)
     return "-" if known is None else f"{known:.4f}"
 
 
 def bound(value: float | None) -> str:
-    """An end of a range; an ellipsis where it is open."""
+    """An end of a range; an ellipsis for an open one."""
     return "…" if value is None else f"{value:g}"

@@ -98,7 +98,7 @@ def _(result: RegistryRebuilt) -> dict[str, Any]:
 def _(result: Noted) -> Iterator[str]:
     entry = result.entry
     if entry["kind"] == "lot":
-        yield f"{len(entry['units'])} units are of lot {entry['lot']}"
+        yield f"{len(entry['units'])} units assigned to lot {entry['lot']}"
     elif entry["kind"] == "operator":
         yield f"operator {entry['name']}"
     else:
@@ -120,15 +120,15 @@ def _(result: EquipmentListed) -> Iterator[str | Table]:
 def _(result: FleetJudged) -> Iterator[str | Table]:
     from bench.archive import sentence
 
-    found, passes = result.statistics, result.statistics.passes
-    yield f"{len(found.fleet.newest)} units. {sentence(found)}"
+    statistics, passes = result.statistics, result.statistics.passes
+    yield f"{len(statistics.fleet.newest)} units. {sentence(statistics)}"
     if passes.judged:
         low, high = (100 * end for end in passes.interval)
         share = 100 * passes.first / passes.judged
         yield f"first-pass yield {share:.1f} % ({low:.1f} to {high:.1f}), {passes.first} of {passes.judged}"
     rows = [
         (one.name, *map(number, (able.mean, one.lower, one.upper, able.cpk, able.ppk)), able.outside)
-        for one in found.measured
+        for one in statistics.measured
         if (able := one.capability) is not None
     ]
     if rows:
@@ -147,7 +147,7 @@ def _(result: FleetJudged) -> dict[str, Any]:
 def _(result: Refitted) -> Iterator[str]:
     yield (
         f"{result.units} units refitted with {result.model} in {result.seconds:.1f} s "
-        f"({result.units_per_s:.0f} a second, {result.engine})"
+        f"({result.units_per_s:.0f} per second, {result.engine})"
     )
     yield f"RMS [deg/h]: median {number(result.rms_dph['median'])}, 95 % below {number(result.rms_dph['p95'])}"
     yield from [f"failed: {result.failed} units"] if result.failed else []

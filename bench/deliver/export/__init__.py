@@ -1,1 +1,1 @@
-"""Coefficients for a unit: embedded forms of a fitted model, and the files that carry them."""
+"""Coefficients for a unit: embedded forms of a fitted model, and the files that contain them."""

@@ -1,7 +1,7 @@
-"""Fit -> Delivery: the signals and blocks of docs/eeprom.md that each effect of a fitted model becomes.
+"""Conversion of a fit to a delivery: each effect becomes signals and blocks of docs/eeprom.md.
 
 Every part of a model without memory is a polynomial or a smooth curve of one or two channels. It is sampled over the
-range in which the unit evaluates it and expanded in Chebyshev polynomials, so that no formula is written twice.
+range in which the unit evaluates it and expanded in Chebyshev polynomials, so that formulas are not duplicated.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ STATIC = {"polynomial", "regression", "spline", "surface"}
 
 
 def deliver(fit: Fit, datasets: Sequence[Dataset], sample_hz: float = 500.0) -> Delivery:
-    """The model of `fit` as the unit evaluates it at its own sample rate; `datasets` are the runs it was fitted to.
+    """The model of `fit` as the unit evaluates it at its sample rate; `datasets` are the runs it was fitted to.
 
-    Raises InputError, one line, for an effect that a unit cannot evaluate (it needs a clock, the chamber, the future).
+    Raises InputError, one line, for an effect that a unit cannot evaluate (it needs a clock, the chamber, later data).
     """
     if fit.model.rows.startswith("soaks"):
         raise InputError(f"model '{fit.model.name}' is a baseline fitted to soaks only; deliver one fitted to all rows")
@@ -47,7 +47,7 @@ def deliver(fit: Fit, datasets: Sequence[Dataset], sample_hz: float = 500.0) -> 
 
 @dataclass
 class _Builder:
-    """The signals and blocks made so far; `moved` are the runs with the temperature that the terms use."""
+    """The signals and blocks so far; `moved` are the runs with the temperature that the terms use."""
 
     fit: Fit
     moved: tuple[Dataset, ...]
@@ -82,12 +82,14 @@ class _Builder:
             self._advance(effect, theta)
             box = self._range("temperature")
             low, high = self.boxes[source]
-            made = parabola_signal(source, chebyshev.series(lambda f: self._told(effect, theta, f), low, high, 2), box)
+            made = parabola_signal(
+                source, chebyshev.series(lambda f: self._abscissa(effect, theta, f), low, high, 2), box
+            )
         else:
             raise InputError(f"{effect.name}: a unit cannot evaluate this effect; leave it out of the delivered model")
         self.named["temperature"] = self._append(made, box)
 
-    def _told(self, effect: Effect, theta: Theta, frequency: FloatArray) -> FloatArray:
+    def _abscissa(self, effect: Effect, theta: Theta, frequency: FloatArray) -> FloatArray:
         return effect.abscissa(record(frequency=frequency, temperature=np.zeros_like(frequency)), theta)
 
     def _advance(self, effect: Effect, theta: Theta) -> None:
@@ -125,7 +127,7 @@ class _Builder:
     def _loops(self, effect: Effect, theta: Theta, amplitudes: FloatArray) -> None:
         if getattr(effect, "shape", "") != "play":
             raise InputError(
-                "hysteresis: shape bouc_wen needs an exponential at each step, which the image cannot hold; fit "
+                "hysteresis: shape bouc_wen needs an exponential at each step, which the image cannot contain; fit "
                 "shape play (count 3 to 5 follows a smooth loop)"
             )
         source = self.signal("temperature")
@@ -136,7 +138,7 @@ class _Builder:
             self._block(Shape.SERIES, [self._append(made, (-width, width))], 1, np.array([0.0, amplitude]))
 
     def _behind(self, effect: Effect, theta: Theta, amplitudes: FloatArray) -> None:
-        """Terms in the distance to a filtered temperature: creep, and a filtered temperature rate."""
+        """Terms in the difference from a filtered temperature: creep, and a filtered temperature rate."""
         tau_s, per_degc = _behind_of(effect, theta)
         source = self.signal("temperature")
         values = np.concatenate([effect.columns(r, theta)[:, 0] for r in self.moved]) / per_degc
@@ -154,7 +156,7 @@ class _Builder:
         self._block(Shape.SURFACE, [number, source], 2, coefficients)
 
     def add_turning(self, pairs: Sequence[tuple[str, Effect]]) -> None:
-        """One surface over the unit's own output for all effects over the table's rate, which a unit cannot measure."""
+        """One surface over the unit's output for all effects over the table's rate, which a unit cannot measure."""
         own, order = self.fit.bound, max(part.n for _, effect in pairs for part in parts_of(effect))
         temperature, output = self.signal("temperature"), self.signal("rate")
 
@@ -214,19 +216,19 @@ def _behind_of(effect: Effect, theta: Theta) -> tuple[float, float]:
     """Time constant [s] and the column's value per degC that the filter is above the temperature."""
     if effect.name == "creep":
         if getattr(effect, "initial", "settled") != "settled":
-            raise InputError("creep: a free initial state belongs to one run, not to the unit; fit `initial: settled`")
+            raise InputError("creep: a free initial state is specific to one run; fit `initial: settled`")
         return 3600.0 * theta["tau_h"], 1.0
     filter_s = float(getattr(effect, "filter_s", 0.0))
     if not filter_s:
         raise InputError(
-            "temperature_rate: its central slope needs data of the next half minute, which a unit has not; fit it "
-            "with filter_s: 30"
+            "temperature_rate: its central slope needs data of the next half minute, which a unit does not have; "
+            "fit it with filter_s: 30"
         )
     return filter_s, -60.0 / filter_s
 
 
 def record(**channels: FloatArray) -> Dataset:
-    """Points as rows of a record, one a second: for effects without memory."""
+    """Points as rows of a record, one per second: for effects without memory."""
     size = max(np.size(values) for values in channels.values())
     full = {
         name: np.broadcast_to(np.asarray(values, dtype=np.float64), size).copy() for name, values in channels.items()

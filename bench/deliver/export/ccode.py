@@ -21,7 +21,7 @@ _TYPES = {"float32": "float", "fixed": "int32_t", "split": "int64_t", "split_fix
 def c_files(image: Image, words: list[int], name: str = "calibration") -> dict[str, str]:
     """Header and source by file name; `name` begins every public identifier."""
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,30}", name):
-        raise InputError(f"'{name}' is not a name for C: allowed are up to 31 of a-z, 0-9 and _, a letter first")
+        raise InputError(f"'{name}' is not a valid C name: allowed are up to 31 of a-z, 0-9 and _, a letter first")
     environment = Environment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, autoescape=False
     )
@@ -116,7 +116,7 @@ def _block_text(shape: int, a: int, b: int, n: int) -> str:
 
 
 def _integer(value: int) -> str:
-    """An i32 as C writes it."""
+    """An i32 as a C constant."""
     return "(-2147483647 - 1)" if value == -(1 << 31) else str(value)
 
 

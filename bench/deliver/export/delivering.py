@@ -1,4 +1,4 @@
-"""From a run folder to files: checks the calibration, builds the delivery, measures each form, makes the files."""
+"""Export of a run folder: checks the calibration, builds the delivery, measures each form, makes the files."""
 
 from __future__ import annotations
 
@@ -38,33 +38,33 @@ class ExportOptions:
 
 @dataclass(frozen=True, eq=False)
 class Delivered:
-    """A package, and how far the delivered model is from the fitted one on the run's own rows [deg/h]."""
+    """A package, and the greatest difference of the delivered from the fitted model on the run's rows [deg/h]."""
 
     package: Package
     source: Source
     apart_dph: float
 
 
-def prepare(folder: Path, wishes: ExportOptions) -> Delivered:
+def prepare(folder: Path, options: ExportOptions) -> Delivered:
     """The calibration of a run, ready for any format.
 
-    Raises InputError, one line, where it may not be delivered and `force` is not set, or where a form does not exist.
+    Raises InputError, one line, if it must not be delivered and `force` is not set, or if the form does not exist.
     """
-    if wishes.form is not None and wishes.form not in FORMS:
-        raise InputError(f"form is {wishes.form!r}, allowed are {', '.join(FORMS)}")
-    source = source_of(folder, wishes.model)
-    if source.objections and not wishes.force:
+    if options.form is not None and options.form not in FORMS:
+        raise InputError(f"form is {options.form!r}, allowed are {', '.join(FORMS)}")
+    source = source_of(folder, options.model)
+    if source.objections and not options.force:
         more = f" (and {len(source.objections) - 1} more)" if len(source.objections) > 1 else ""
         raise InputError(f"not delivered: {source.objections[0]}{more}; --force delivers it anyway", folder)
-    serial = wishes.serial if wishes.serial is not None else source.serial
+    serial = options.serial if options.serial is not None else source.serial
     if serial is None:
         raise InputError(f"unit '{source.unit}' has no number in its serial number; give one with --serial", folder)
-    delivery = replace(deliver(source.fit, [source.dataset], wishes.sample_hz), created=_created(folder))
+    delivery = replace(deliver(source.fit, [source.dataset], options.sample_hz), created=_created(folder))
     rows = worst_errors(delivery)
-    form = wishes.form or best_form(rows).form
+    form = options.form or best_form(rows).form
     words = words_of(delivery, form, serial, calibration_id(source))
     package = Package(
-        wishes.name, words, read(words, serial), delivery, source.fit.coefficients, rows, source.unit, wishes.address
+        options.name, words, read(words, serial), delivery, source.fit.coefficients, rows, source.unit, options.address
     )
     return Delivered(package, source, apart(delivery, source.fit, source.dataset))
 
@@ -84,7 +84,7 @@ def calibration_id(source: Source) -> int:
 
 
 def counts_of(dataset: Dataset) -> dict[int, IntArray]:
-    """Channels of a record as the unit counts them."""
+    """Channels of a record in the counts of the unit."""
     own = [name for name in INPUTS if name in CHANNELS and name in dataset.channels]
     return {INPUTS[name].id: to_counts(name, dataset.channel(name)) for name in own}
 
@@ -92,7 +92,7 @@ def counts_of(dataset: Dataset) -> dict[int, IntArray]:
 def apart(delivery: Delivery, fit: Fit, dataset: Dataset) -> float:
     """Greatest difference between delivered and fitted model on the fitted rows [deg/h].
 
-    A filter made for the unit's samples is compared at the record's own interval.
+    A filter for the unit's samples is compared at the interval of the record.
     """
     here = delivery if not delivery.period_ns else deliver(fit, [dataset], 1.0 / dataset.interval_s)
     counts = counts_of(dataset)

@@ -16,7 +16,7 @@ from bench.base import FloatArray
 ONE = 1 << 30
 """1.0 in the integers of the signals."""
 NO_VALUE = -(1 << 31)
-"""Count that means: no value."""
+"""Count that stands for a missing value."""
 MOST_SIGNALS, MOST_BLOCKS, MOST_ORDER = 16, 16, 12
 
 
@@ -40,7 +40,7 @@ class Shape(IntEnum):
 
 @dataclass(frozen=True)
 class Input:
-    """A channel as the unit counts it: `count` is one count in the channel's unit of the bench."""
+    """A channel in the counts of the unit: `count` is one count in `unit`."""
 
     id: int
     name: str

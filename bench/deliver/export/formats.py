@@ -1,4 +1,4 @@
-"""Files that carry a calibration: each format is one function from a package to files by name."""
+"""Files that contain a calibration: each format is one function from a package to files by name."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Package:
 
 
 def as_json(package: Package) -> Files:
-    """Everything, for another program."""
+    """The whole calibration, for other programs."""
     image = package.image
     content = {
         "format": 1,
@@ -70,7 +70,7 @@ def as_json(package: Package) -> Files:
 
 
 def as_csv(package: Package) -> Files:
-    """Coefficients, a row each: physical ones with units, and the delivered ones exact and as stored."""
+    """Coefficients, one per row: physical ones with units, and the delivered ones exact and as stored."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(("what", "block", "i", "j", "value", "stored", "unit"))

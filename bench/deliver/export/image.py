@@ -76,7 +76,7 @@ def words_of(delivery: Delivery, form: str, serial: int, calibration_id: int) ->
 
 
 def read(words: Sequence[int], serial: int | None = None) -> Image:
-    """The image in these words. InputError, one line, where a unit would refuse it."""
+    """The image in these words. InputError, one line, if a unit would refuse it."""
     _check_frame(words, serial)
     s, k, n = words[12], words[13], words[14]
     at = HEADER_WORDS
@@ -89,20 +89,23 @@ def read(words: Sequence[int], serial: int | None = None) -> Image:
         signals, cast(Any, blocks), tuple(words[at + BLOCK_WORDS * k : -1]),
     )  # fmt: skip
     if len(image.coefficients) != n:
-        raise InputError(f"image holds {len(image.coefficients)} coefficients, its header says {n}")
+        raise InputError(f"image has {len(image.coefficients)} coefficients, its header states {n}")
     _check_parts(image)
     return image
 
 
 def _check_frame(words: Sequence[int], serial: int | None) -> None:
     if len(words) <= HEADER_WORDS or words[0] != MAGIC:
-        raise InputError(f"no calibration image: it begins with {words[0] if words else 0:#010x}, not {MAGIC:#010x}")
+        raise InputError(f"not a calibration image: it begins with {words[0] if words else 0:#010x}, not {MAGIC:#010x}")
     s, k, n = words[12], words[13], words[14]
     size = HEADER_WORDS + SIGNAL_WORDS * s + BLOCK_WORDS * k + n + 1
     refusals = (
         (words[1] != VERSION, f"its format version is {words[1]}, this bench reads {VERSION}"),
         (words[2] >= len(FORMS), f"its form is {words[2]}, allowed is 0 to {len(FORMS) - 1}"),
-        (not words[3] == len(words) == size, f"{len(words)} words, its header says {words[3]}, its counts say {size}"),
+        (
+            not words[3] == len(words) == size,
+            f"{len(words)} words, its header states {words[3]}, its counts give {size}",
+        ),
         (s > MOST_SIGNALS or k > MOST_BLOCKS, f"{s} signals and {k} blocks, at most {MOST_SIGNALS} and {MOST_BLOCKS}"),
         (words[21] > MOST_ORDER, f"order {words[21]}, at most {MOST_ORDER}"),
         (crc(words[:-1]) != words[-1], f"CRC {words[-1]:#010x}, its words give {crc(words[:-1]):#010x}"),

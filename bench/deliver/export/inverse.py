@@ -1,4 +1,4 @@
-"""Effects over the table's rate as a surface over the unit's own output, the only rate that a unit knows in the field.
+"""Effects over the table's rate as a surface over the unit's output, the only rate that a unit has in the field.
 
 The output is R = W + B(W, T) + the other effects; solved for W at the nodes of a grid, B(W(R, T), T) is expanded in R
 and T. The contribution of the others is taken as settled; a loop or a lag moves R by a few deg/h at most, times dB/dW
@@ -41,7 +41,7 @@ def over_output(
 ) -> tuple[int, FloatArray]:
     """Order and coefficients [deg/h] of the surface over the output [deg/h] and the temperature, within these boxes.
 
-    `turning(W [deg/s], T)` is B [deg/h]. Raises InputError where B is so steep that R cannot be solved for W.
+    `turning(W [deg/s], T)` is B [deg/h]. Raises InputError if B is so steep that R cannot be solved for W.
     """
 
     def value(output_dph: FloatArray, degc: FloatArray) -> FloatArray:
@@ -51,17 +51,17 @@ def over_output(
             last, added = added, turning((free - added) / DPH_PER_DPS, degc)
             if np.abs(added - last).max() < 1e-9:
                 return added
-        raise InputError("the model's error over the rate is too large for a correction by the unit's own output")
+        raise InputError("the model's error over the rate is too large for a correction by the unit's output")
 
     a, b = np.meshgrid(np.linspace(*output, 41), np.linspace(*temperature, 41), indexing="ij")
-    wanted = value(a.ravel(), b.ravel())
+    exact = value(a.ravel(), b.ravel())
     for order in range(1, most_order + 1):
         coefficients = chebyshev.surface(value, *output, *temperature, order)
         error = np.abs(
             chebyshev.evaluate_surface(
                 coefficients, chebyshev.to_unit(a.ravel(), output), chebyshev.to_unit(b.ravel(), temperature)
             )
-            - wanted
+            - exact
         )
         if error.max() < _ENOUGH_DPH:
             break

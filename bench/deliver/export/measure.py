@@ -1,4 +1,4 @@
-"""Worst error of each embedded form against the model in double precision, over its whole validity box: measured."""
+"""Measures the worst error of each embedded form against the model in double precision, over its validity box."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def raw_id(delivery: Delivery) -> int:
 
 
 def boxes(delivery: Delivery) -> dict[int, Signal]:
-    """Signals of the unit's own channels by channel id."""
+    """Signals of the unit's channels by channel id."""
     return {signal.source: signal for signal in delivery.signals if signal.kind is Kind.CHANNEL}
 
 
@@ -74,7 +74,7 @@ def grid(delivery: Delivery) -> dict[int, IntArray]:
     axes = {id_: np.linspace(s.low, s.high, count).round().astype(np.int64) for id_, s in own.items()}
     if raw_id(delivery) not in axes:
         full = round(delivery.full_scale / delivery.gain)
-        # Awkward counts: a float holds 300 million exactly, and few of its neighbours.
+        # Odd counts: a float represents 300 million exactly, but few neighbouring integers.
         axes[raw_id(delivery)] = np.array([*(k * full // 7 - 11 * k for k in range(-7, 8))])
     else:
         low, high = axes[raw_id(delivery)][[0, -1]]
@@ -84,7 +84,7 @@ def grid(delivery: Delivery) -> dict[int, IntArray]:
 
 
 def wander(delivery: Delivery, rows: int = _WALK, seed: int = 1) -> dict[int, IntArray]:
-    """Counts of samples that wander through the whole box and past its edges: loops open, filters lag."""
+    """Counts of samples that move through the whole box and past its edges, so that loops open and filters lag."""
     rng, out = np.random.default_rng(seed), {}
     for id_, signal in sorted(boxes(delivery).items()):
         walk = np.cumsum(rng.normal(size=rows)) * 0.03

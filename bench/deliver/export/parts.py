@@ -1,4 +1,4 @@
-"""Which channels an effect without memory is a function of, and which block follows it exactly."""
+"""Channels of each effect without memory, and the blocks that represent it exactly."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from bench.deliver.export.delivery import Shape
 
 _MOST_PIECES = 200
 _REASONS = {
-    "aging": "it follows the time since the run began, which a unit does not know",
-    "warm_up": "it follows the time since power-on of one run",
-    "bias_jump": "it happened at one time of one run; it calibrates nothing",
-    "compressor": "it is the chamber's compressor, which the unit leaves behind",
-    "frost": "it comes with humidity, not with the unit; dry the chamber instead",
-    "expression": "a formula of your own has no form in the image",
+    "aging": "it depends on the time since the start of the run, which a unit does not have",
+    "warm_up": "it depends on the time since power-on in one run",
+    "bias_jump": "it occurred once in one run",
+    "compressor": "it is caused by the chamber's compressor, not by the unit",
+    "frost": "it is caused by humidity, not by the unit; dry the chamber instead",
+    "expression": "a user-defined formula cannot be represented in the image",
 }
 
 
@@ -36,7 +36,7 @@ def channels_of(effect: Effect) -> tuple[str, ...]:
 
 
 def parts_of(effect: Effect) -> tuple[Part, ...]:
-    """Blocks whose sum is the effect; InputError where there are none."""
+    """Blocks whose sum is the effect; InputError for an effect without such blocks."""
     order, temperature = int(getattr(effect, "order", 0)), ("temperature",)
     forms: dict[str, tuple[Part, ...]] = {
         "polynomial": (Part(Shape.SERIES, temperature, order),),
@@ -52,6 +52,6 @@ def parts_of(effect: Effect) -> tuple[Part, ...]:
         "bias_kink": (Part(Shape.SPLINE, temperature, _MOST_PIECES),),
     }
     if effect.name not in forms:
-        reason = _REASONS.get(effect.name, "an effect of your own has no form in the image")
+        reason = _REASONS.get(effect.name, "a user-defined effect cannot be represented in the image")
         raise InputError(f"{effect.name}: cannot be delivered: {reason}; leave it out of the delivered model")
     return forms[effect.name]

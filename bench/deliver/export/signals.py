@@ -1,4 +1,4 @@
-"""Signals of an image made from ranges and time constants in units: integers as docs/eeprom.md wants them."""
+"""Signals of an image from ranges and time constants in units: integers as docs/eeprom.md defines them."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def per_count(channel: str) -> float:
 
 
 def to_counts(channel: str, values: FloatArray) -> IntArray:
-    """Values (n,) as whole counts; NaN becomes the count that stands for no value."""
+    """Values (n,) as whole counts; NaN becomes the count that stands for a missing value."""
     counts = np.round(values / per_count(channel))
     return np.where(np.isfinite(counts), np.clip(counts, NO_VALUE + 1, -NO_VALUE - 1), NO_VALUE).astype(np.int64)
 
 
 def channel_signal(channel: str, low: float, high: float) -> Signal:
-    """A channel with its validity box, cut to whole counts; InputError for a channel that no unit measures."""
+    """A channel with its validity box, rounded to whole counts; InputError for a channel that is not an input."""
     if channel not in INPUTS:
         raise InputError(f"channel '{channel}' is not an input of the unit; it has {', '.join(INPUTS)}")
     weight = per_count(channel)
@@ -32,7 +32,7 @@ def channel_signal(channel: str, low: float, high: float) -> Signal:
 
 
 def box_of(signal: Signal, channel: str) -> tuple[float, float]:
-    """Where z is -1 and 1, in the channel's unit."""
+    """Values at which z is -1 and 1, in the channel's unit."""
     return signal.low * per_count(channel), signal.high * per_count(channel)
 
 
@@ -45,7 +45,7 @@ def lag_signal(
     *,
     behind: bool = False,
 ) -> Signal:
-    """A lagged signal, or its distance to the source (`behind`); boxes in the source's unit."""
+    """A lagged signal, or its difference from the source (`behind`); boxes in the source's unit."""
     centre, half = 0.5 * sum(source_box), 0.5 * (source_box[1] - source_box[0])
     offset = 0.0 if behind else centre
     low, high = (round((end - offset) / half * ONE) for end in box)
@@ -68,7 +68,7 @@ def play_signal(source: int, half_width: float) -> Signal:
 
 
 def parabola_signal(source: int, coefficients: FloatArray, box: tuple[float, float]) -> Signal:
-    """Another quantity told by a signal: Chebyshev `coefficients` (3,) in the unit of `box`."""
+    """Another quantity as a function of a signal: Chebyshev `coefficients` (3,) in the unit of `box`."""
     centre, half = 0.5 * (box[0] + box[1]), 0.5 * (box[1] - box[0])
     scaled = (coefficients - np.array([centre, 0.0, 0.0])) / half
     if np.abs(scaled).max() >= 2.0:

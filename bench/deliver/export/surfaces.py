@@ -1,6 +1,6 @@
 """The second paper's surface as a delivery, for any axis of a gyro or an accelerometer.
 
-Rate(NR, T) is delivered as the nominal gain times NR, which a split form keeps in full precision, less the correction
+Rate(NR, T) is delivered as the nominal gain times NR, which a split form keeps in full precision, minus the correction
 NR - Rate(NR, T) in the unit of the output.
 """
 

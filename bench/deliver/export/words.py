@@ -34,7 +34,7 @@ def to_bytes(words: Iterable[int]) -> bytes:
 
 
 def to_words(content: bytes) -> list[int]:
-    """Little-endian bytes as words; a rest of less than a word is left out."""
+    """Little-endian bytes as words; an incomplete last word is ignored."""
     return list(struct.unpack(f"<{len(content) // 4}I", content[: len(content) // 4 * 4]))
 
 

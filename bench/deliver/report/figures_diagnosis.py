@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: where the residual sits, what each suspect looks like, which leg says so, what is unseen."""
+"""Figures of a diagnosis: residual by place, shapes of suspects, evidence by segment, smallest detectable effects."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from bench.record import Dataset
 
 _SLOPE = "dT/dt [°C/min]"
 _CELL_ROWS = 3
-_LEAST_SCALE = 2.0  # floors at full colour: means of a few rows scatter by half of one
+_LEAST_SCALE = 2.0  # floors at full colour: means of a few rows scatter by half a floor
 _COLUMNS, _LINES = 18, 11
 _BINS = 40
 _MEANS = 30
-_EVERYWHERE = 0.95  # of the range: nothing to shade
-_LEAST_LEG = 0.02  # of the largest: shorter bars are left out
+_EVERYWHERE = 0.95  # of the range: above it, nothing is shaded
+_LEAST_LEG = 0.02  # of the largest: shorter bars are omitted
 _SUSPECTS = (BLUE, ORANGE, GREEN)
 _DIVERGING = ((0.0, BLUE), (0.5, "rgba(138,148,157,0.18)"), (1.0, VERMILION))
-"""Colours of a sign: blue and vermilion differ to every eye; zero is nearly the paper, light or dark."""
+"""Colours of a sign: blue and vermilion differ also for the colour-blind; zero is close to the background."""
 
 _OVER_TIME = {"creep", "warm_up", "aging", "jump"}
 _OVER_SLOPE = {"rate"}
@@ -35,7 +35,7 @@ _OVER_SLOPE = {"rate"}
 
 @dataclass(frozen=True, eq=False)
 class Coordinate:
-    """What an effect is drawn over: values (n,), title with unit, and whether a line in order of time makes sense."""
+    """Abscissa of an effect: values (n,), title with unit, and whether a line in order of time makes sense."""
 
     values: FloatArray
     title: str
@@ -95,7 +95,7 @@ def residual_map(data: Dataset, before: FloatArray, after: FloatArray | None, fl
     if len(fields) > 1:
         layout["xaxis"] |= {"domain": [0.0, 0.485]}
         layout["xaxis2"] = axis(TEMPERATURE, domain=[0.515, 1.0], anchor="y")
-        layout["annotations"] = [_above(0.2425, "before"), _above(0.7575, "with what was found")]
+        layout["annotations"] = [_above(0.2425, "before"), _above(0.7575, "with the effects found")]
     return plotting.plot(traces, layout, 400)
 
 
@@ -115,7 +115,7 @@ def _cells(x: FloatArray, y: FloatArray, values: FloatArray, edges: tuple[FloatA
 
 
 def partial_residual(data: Dataset, x: Coordinate, left: FloatArray, shape: FloatArray, name: str) -> Plot:
-    """Partial residual `left` + `shape` (n,) of a suspect over its own coordinate, and its fitted shape."""
+    """Partial residual `left` + `shape` (n,) of a suspect over its coordinate, and its fitted shape."""
     traces = _by_direction(data, x.values, left + shape)
     if not x.title.startswith("time"):
         traces += _means_by_direction(data, x.values, left + shape)
@@ -127,7 +127,7 @@ def partial_residual(data: Dataset, x: Coordinate, left: FloatArray, shape: Floa
 
 
 def _means_by_direction(data: Dataset, x: FloatArray, y: FloatArray) -> list[go.Scatter]:
-    """What the eye cannot see in the scatter: means of heating and of cooling, in bins of x with enough rows."""
+    """Means of heating and of cooling, in bins of x with enough rows."""
     edges = np.linspace(float(np.nanmin(x)), float(np.nanmax(x)), _MEANS + 1)
     traces = []
     for sign in (1, -1):
@@ -169,7 +169,7 @@ def _by_direction(data: Dataset, x: FloatArray, y: FloatArray) -> list[go.Scatte
 
 
 def improvement_ladder(rungs: Sequence[Rung], floor_dph: float | None) -> Plot:
-    """In-sample and held-out error of each rung; rivals hollow, below the line of what was found."""
+    """In-sample and held-out error of each rung; rivals as separate points."""
     names = [f"{rung.name}  " for rung in rungs]
     own = [i for i, rung in enumerate(rungs) if not rung.rival]
     other = [i for i, rung in enumerate(rungs) if rung.rival]
@@ -240,7 +240,7 @@ def detectable(limits: Sequence[Detectable], floor_dph: float | None) -> Plot:
 
 
 def _floor_line(floor_dph: float, logarithmic: bool = False) -> dict[str, Any]:
-    """A vertical line at the floor; plotly wants the label's place, not the line's, as a logarithm."""
+    """A vertical line at the floor; plotly needs the position of the label, but not of the line, as a logarithm."""
     at = float(np.log10(floor_dph)) if logarithmic else floor_dph
     line = {"color": GREEN, "dash": "dash", "width": 2}
     label = {"xref": "x", "x": at, "xanchor": "right", "yref": "y domain", "y": 0, "yanchor": "bottom",

@@ -40,9 +40,9 @@ def compensation(
     floor_dph: float | None,
     extremes: tuple[FloatArray, FloatArray] | None = None,
 ) -> Plot:
-    """Over time: measured bias and the model (n,); what is left after compensation; the temperature that drove it.
+    """Over time: measured bias and the model (n,); residual after compensation; temperature.
 
-    `extremes` are the lowest and highest values (n,) behind each mean, drawn as a band: a spike shows in it.
+    `extremes` are the lowest and highest values (n,) in each mean, drawn as a band that shows spikes.
     """
     hours = dataset.time / HOUR_S
     left = dataset.bias - model
@@ -56,7 +56,7 @@ def compensation(
     layout: dict[str, Any] = {
         "xaxis": axis("time [h]", anchor="y3"),
         "yaxis": axis("bias [deg/h]", domain=[0.62, 1.0]),
-        "yaxis2": axis("left [deg/h]", domain=[0.25, 0.57], anchor="x"),
+        "yaxis2": axis("residual [deg/h]", domain=[0.25, 0.57], anchor="x"),
         "yaxis3": axis("unit [°C]", domain=[0.0, 0.2], anchor="x"),
     }
     if floor_dph is not None:
@@ -120,7 +120,7 @@ def _ends(*values: FloatArray | float | None) -> tuple[float, float]:
 
 
 def residual_over_temperature(dataset: Dataset, residual: FloatArray, floor_dph: float | None) -> Plot:
-    """Residual (n,) over temperature, heating and cooling apart; the floor as a band."""
+    """Residual (n,) over temperature, heating and cooling separately; the floor as a band."""
     temperature = dataset.channel("temperature")
     traces = [
         plotting.dot_trace(temperature[dataset.direction == sign], residual[dataset.direction == sign], text, colour)

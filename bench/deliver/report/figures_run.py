@@ -1,4 +1,4 @@
-"""Figures of what was measured, before any model: profile, bias loop, other channels, noise of the soaks."""
+"""Figures of the measured data, without a model: profile, bias loop, other channels, noise of the soaks."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _ARROWS = 14
 def profile_figure(dataset: Dataset, failed: Sequence[tuple[float, float]]) -> Plot:
     """Set point, chamber air and unit over time; the spans [s] of segments that failed are shaded."""
     hours = dataset.time / HOUR_S
-    wanted: tuple[tuple[str, str, str, dict[str, Any]], ...] = (
+    curves: tuple[tuple[str, str, str, dict[str, Any]], ...] = (
         ("chamber_setpoint", "set point", GREY, {"dash": "dash"}),
         ("chamber_temperature", "chamber air", SKY, {}),
         ("temperature", "unit", VERMILION, {"width": 2.2}),
     )
     traces = [
         plotting.line_trace(hours, dataset.channels[name], text, colour, **style)
-        for name, text, colour, style in wanted
+        for name, text, colour, style in curves
         if has_channel(dataset, name)
     ]
     shapes = [plotting.shade(a / HOUR_S, b / HOUR_S, VERMILION) for a, b in failed]
@@ -59,7 +59,7 @@ def loop_figure(dataset: Dataset) -> Plot:
 
 
 def _arrows(dataset: Dataset) -> go.Scatter:
-    """Arrow heads along the loop: each is drawn at the end of a step of a few degC, seen from its beginning."""
+    """Arrow heads along the loop: each at the end of a step of a few degC, pointing away from its beginning."""
     smooth = _smooth(dataset.bias), _smooth(dataset.channel("temperature"))
     bias, temperature = smooth
     moving = np.flatnonzero((dataset.direction != 0) & np.isfinite(bias) & np.isfinite(temperature))
@@ -79,7 +79,7 @@ def _arrows(dataset: Dataset) -> go.Scatter:
 
 
 def _smooth(values: FloatArray, width: int = 7) -> FloatArray:
-    """Running median without its ends' bias; arrows shall follow the loop, not the noise."""
+    """Running median, so that arrows follow the loop and not the noise."""
     if values.size < width:
         return values
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, width // 2, mode="edge"), width)
@@ -88,7 +88,7 @@ def _smooth(values: FloatArray, width: int = 7) -> FloatArray:
 
 
 def channels_figure(dataset: Dataset) -> Plot | None:
-    """Frequency, drive, quadrature, supply over temperature, heating and cooling apart; None where none was logged."""
+    """Frequency, drive, quadrature, supply over temperature, heating and cooling separately; None without any."""
     names = [name for name in ("frequency", "drive", "quadrature", "supply") if has_channel(dataset, name)]
     if not names:
         return None
@@ -157,5 +157,5 @@ def _slopes(tau_s: FloatArray, noise: Noise) -> list[go.Scatter]:
 
 
 def has_channel(dataset: Dataset, name: str) -> bool:
-    """The run has at least one value of this channel."""
+    """Whether the run has at least one value of this channel."""
     return name in dataset.channels and bool(np.any(np.isfinite(dataset.channels[name])))

@@ -1,4 +1,4 @@
-"""Figures of the workbench that no report has: one that was zoomed, a model over temperature, runs side by side."""
+"""Figures that only the workbench has: zoomed measurement, a model over temperature, runs side by side."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LEAST_ROWS = 3
 
 
 def measured_figure(dataset: Dataset, extremes: tuple[FloatArray, FloatArray] | None = None) -> Plot:
-    """Bias with the lowest and highest value behind each mean (n,), and temperature, over time; no model."""
+    """Bias with the lowest and highest value in each mean (n,), and temperature, over time; without a model."""
     hours = dataset.time / HOUR_S
     traces = [
         *([] if extremes is None else [band(hours, *extremes)]),
@@ -37,7 +37,7 @@ def measured_figure(dataset: Dataset, extremes: tuple[FloatArray, FloatArray] | 
 
 
 def over_temperature(dataset: Dataset, model: FloatArray, name: str, floor_dph: float | None, rows: BoolArray) -> Plot:
-    """Measurement and model (n,), and what is left, over temperature, heating and cooling apart; `rows` are shown."""
+    """Measurement, model and residual (n,) over temperature, heating and cooling separately; `rows` are shown."""
     temperature, bias, left = dataset.channel("temperature"), dataset.bias, dataset.bias - model
     traces: list[go.Scatter] = []
     for sign, (text, colour) in plotting.DIRECTIONS.items():
@@ -46,7 +46,7 @@ def over_temperature(dataset: Dataset, model: FloatArray, name: str, floor_dph: 
             continue
         traces.append(plotting.dot_trace(temperature[own], bias[own], text, colour, opacity=0.3, legendgroup=text))
         more = {"yaxis": "y2", "legendgroup": text, "showlegend": False}
-        traces.append(plotting.dot_trace(temperature[own], left[own], f"{text}, left", colour, opacity=0.4, **more))
+        traces.append(plotting.dot_trace(temperature[own], left[own], f"{text}, residual", colour, opacity=0.4, **more))
     for sign, dash in ((1, "solid"), (-1, "dash")):
         text, _ = plotting.DIRECTIONS[sign]
         own = rows & (dataset.direction == sign)
@@ -58,12 +58,12 @@ def over_temperature(dataset: Dataset, model: FloatArray, name: str, floor_dph: 
             x, y = curve(temperature[own], left[own])
             more = {"yaxis": "y2", "showlegend": False, "dash": dash}
             traces.append(
-                plotting.line_trace(x, y, f"left, mean, {text}", plotting.DIRECTIONS[sign][1], width=3, **more)
+                plotting.line_trace(x, y, f"residual, mean, {text}", plotting.DIRECTIONS[sign][1], width=3, **more)
             )
     layout: dict[str, Any] = {
         "xaxis": axis(TEMPERATURE, anchor="y2"),
         "yaxis": axis("bias [deg/h]", domain=[0.46, 1.0]),
-        "yaxis2": axis("left [deg/h]", domain=[0.0, 0.38], anchor="x", zeroline=True),
+        "yaxis2": axis("residual [deg/h]", domain=[0.0, 0.38], anchor="x", zeroline=True),
     }
     if floor_dph is not None:
         layout["shapes"] = [plotting.shade(-floor_dph, floor_dph, GREEN, "y", yref="y2", xref="paper")]
@@ -71,7 +71,7 @@ def over_temperature(dataset: Dataset, model: FloatArray, name: str, floor_dph: 
 
 
 def curve(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Means of y (n,) in equal bins of x, those with enough rows."""
+    """Means of y (n,) in equal bins of x with enough rows."""
     good = np.isfinite(x) & np.isfinite(y)
     if good.sum() < _LEAST_ROWS:
         return x[:0], y[:0]
@@ -83,7 +83,7 @@ def curve(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def side_by_side(runs: Sequence[tuple[str, Dataset]]) -> Plot:
-    """Bias of several runs over temperature, each less its own mean: a turn-on bias is no difference of shape."""
+    """Bias of several runs over temperature, each minus its mean, so that a turn-on bias does not show."""
     traces: list[go.Scatter] = []
     for i, (name, data) in enumerate(runs):
         colour, symbol = CYCLE[i % len(CYCLE)], ("circle", "diamond", "square", "cross", "x", "star")[i % 6]
@@ -94,11 +94,11 @@ def side_by_side(runs: Sequence[tuple[str, Dataset]]) -> Plot:
         marker = {"symbol": symbol, "size": 8, "color": colour}
         x_shown, y_shown = plotting.plain(x), plotting.plain(y)
         traces.append(go.Scatter(x=x_shown, y=y_shown, name=name, mode="lines+markers", marker=marker))
-    return plotting.plot(traces, {"xaxis": axis(TEMPERATURE), "yaxis": axis(f"{BIAS}, less its mean")}, 520)
+    return plotting.plot(traces, {"xaxis": axis(TEMPERATURE), "yaxis": axis(f"{BIAS}, minus its mean")}, 520)
 
 
 def residuals_figure(dataset: Dataset, left: FloatArray, floor_dph: float | None) -> Plot:
-    """What a model leaves (n,), over temperature as a loop coloured by time."""
+    """Residual (n,) of a model over temperature, as a loop coloured by time."""
     temperature, hours = dataset.channel("temperature"), dataset.time / HOUR_S
     rows = plotting.thin(left)
     marker = {
@@ -107,7 +107,7 @@ def residuals_figure(dataset: Dataset, left: FloatArray, floor_dph: float | None
     }  # fmt: skip
     x, y = plotting.plain(temperature[rows]), plotting.plain(left[rows])
     line = {"color": GREY, "width": 0.6}
-    traces = [go.Scatter(x=x, y=y, mode="lines+markers", marker=marker, line=line, name="left", showlegend=False)]
+    traces = [go.Scatter(x=x, y=y, mode="lines+markers", marker=marker, line=line, name="residual", showlegend=False)]
     layout: dict[str, Any] = {"xaxis": axis(TEMPERATURE), "yaxis": axis(RESIDUAL, zeroline=True)}
     if floor_dph is not None:
         layout["shapes"] = [plotting.shade(-floor_dph, floor_dph, GREEN, "y")]
@@ -115,7 +115,7 @@ def residuals_figure(dataset: Dataset, left: FloatArray, floor_dph: float | None
 
 
 def difference(curves: Mapping[str, Any], a: str, b: str) -> dict[str, Any] | None:
-    """Model curves of two runs, B less A, over temperature; None where they could not be compared."""
+    """Model curves of two runs, B minus A, over temperature; None when they could not be compared."""
     if curves["reason"]:
         return None
     x = np.array([point["degc"] for point in curves["curve"]])
@@ -125,7 +125,7 @@ def difference(curves: Mapping[str, Any], a: str, b: str) -> dict[str, Any] | No
         layout["shapes"] = [plotting.shade(-curves["floor_dph"], curves["floor_dph"], GREEN, "y")]
     plot = plotting.plot([plotting.line_trace(x, y, "B − A", VERMILION, width=2.5)], layout, 400)
     words = (
-        f"Model of {b} less model of {a} over {number(x.min())} to {number(x.max())} °C: {number(curves['rms_dph'])} "
-        f"deg/h RMS, of it a constant {number(curves['offset_dph'])}; noise floor {number(curves['floor_dph'])} deg/h."
+        f"Model of {b} minus model of {a} over {number(x.min())} to {number(x.max())} °C: {number(curves['rms_dph'])} "
+        f"deg/h RMS, constant part {number(curves['offset_dph'])}; noise floor {number(curves['floor_dph'])} deg/h."
     )
     return described(plot, words)

@@ -1,4 +1,4 @@
-"""The HTML report of a run: one file with its own scripts and styles that needs no network."""
+"""The HTML report of a run: one file that includes its scripts and styles and works offline."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def write_report(analysis: Analysis) -> Path:
 
 
 def headlines(analysis: Analysis) -> tuple[Headline, ...]:
-    """The three main numbers; none where nothing was captured."""
+    """The three main numbers; empty if nothing was captured."""
     if analysis.dataset is None:
         return ()
     best, floor_dph = analysis.best, analysis.floor.floor_dph
@@ -100,9 +100,9 @@ def headlines(analysis: Analysis) -> tuple[Headline, ...]:
         more = f"RMS of {best.model.name}{ratio}; {number(best.rms_dph)} deg/h in-sample"
         numbers.append(Headline(what, number(best.held_out.rms_dph if proven else best.rms_dph), "deg/h", more))
     known = bool(np.isfinite(floor_dph))
-    more = f"of {analysis.interval_s:g} s means, from the run's own soaks" if known else "not known: no usable soak"
+    more = f"of {analysis.interval_s:g} s means, from the soaks of the run" if known else "unknown: no usable soak"
     numbers.append(Headline("noise floor", number(floor_dph), "deg/h", more))
-    more = f"highest less lowest; {number(analysis.uncompensated_dph)} deg/h RMS uncompensated"
+    more = f"highest minus lowest; {number(analysis.uncompensated_dph)} deg/h RMS uncompensated"
     if np.isfinite(analysis.improvement):
         more += f", {number(analysis.improvement, 2)} × the error after compensation"
     numbers.append(Headline("bias over the run", number(analysis.bias_span_dph), "deg/h", more))

@@ -1,4 +1,4 @@
-"""The pieces of HTML of which sections consist. All text is escaped here; sections write no tags themselves."""
+"""The elements of HTML of which sections consist. All text is escaped here; sections contain no tags themselves."""
 
 from __future__ import annotations
 
@@ -50,16 +50,16 @@ def wide(text: object) -> Markup:
 
 
 def heading(text: str) -> Markup:
-    """A heading below the section's own."""
+    """A heading within a section."""
     return Markup("<h3>{}</h3>\n").format(text)
 
 
 def table(
     caption: str, head: Sequence[str], rows: Iterable[Row | Sequence[object]], numeric: Iterable[int] = ()
 ) -> Markup:
-    """A real table with a caption; the columns in `numeric` are aligned right; the first cell names its row.
+    """A table with a caption; the columns in `numeric` are right-aligned; the first cell is the header of its row.
 
-    A long table is folded under its caption.
+    A long table is collapsed under its caption.
     """
     right = set(numeric)
     lines = [row if isinstance(row, Row) else Row(tuple(row)) for row in rows]
@@ -103,7 +103,7 @@ def mono(text: str) -> Markup:
 
 
 def glossary(terms: Iterable[tuple[str, str]]) -> Markup:
-    """A list of terms and what they mean."""
+    """A list of terms and their meanings."""
     return Markup("<dl>\n{}</dl>\n").format(
         Markup().join(Markup("<dt>{}</dt><dd>{}</dd>\n").format(term, text) for term, text in terms)
     )
@@ -112,7 +112,7 @@ def glossary(terms: Iterable[tuple[str, str]]) -> Markup:
 def figure(name: str, plot: dict[str, Any], caption: str, alt: str) -> Markup:
     """A figure drawn by the browser from JSON; `alt` is its text alternative."""
     height = int(plot["layout"]["height"])
-    # A "</script>" inside a name must not end the block: JSON allows the escape, HTML never sees the tag.
+    # A "</script>" inside a name must not end the block: JSON allows the escape, and HTML does not see the tag.
     data = json.dumps(plot, allow_nan=False, separators=(",", ":"))
     data = data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     return Markup(

@@ -1,4 +1,4 @@
-"""Look of all figures: colours that everybody can tell apart, axes with units, no more points than pixels."""
+"""Style of all figures: colours for every kind of colour vision, axes with units, no more points than pixels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bench.base import FloatArray, IntArray
 BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE, GREY = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#8A949D",
 )  # fmt: skip
-"""Palette of Okabe and Ito (2008), without its black and yellow, which vanish on dark and on white paper."""
+"""Palette of Okabe and Ito (2008), without its black and yellow, which are invisible on dark and on white."""
 
 CYCLE = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE)
 PASSAGE = ((0.0, "#3B78D8"), (0.35, "#8F63C4"), (0.7, "#D1567A"), (1.0, "#F0A23C"))
@@ -41,7 +41,7 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
 
 
 def plot(traces: Sequence[Any], layout: Mapping[str, Any], height: int = 420) -> Plot:
-    """Traces and axes as the JSON that the page draws; plotly checks every property name."""
+    """Traces and axes as JSON for the page; plotly checks every property name."""
     figure = go.Figure(data=list(traces))
     legend = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "itemsizing": "constant"}
     figure.update_layout(
@@ -72,7 +72,7 @@ def plain(value: Any) -> Any:
 
 
 def thin(values: FloatArray, most: int = MAX_POINTS) -> IntArray:
-    """Rows (k,) to draw so that a line through them looks like all n: first, lowest and highest of equal pieces."""
+    """Rows (k,) through which a line looks as through all n: first, lowest and highest row of equal pieces."""
     n = values.size
     if n <= most:
         return np.arange(n)
@@ -87,7 +87,7 @@ def thin(values: FloatArray, most: int = MAX_POINTS) -> IntArray:
 
 
 def line_trace(x: FloatArray, y: FloatArray, name: str, colour: str, **more: Any) -> go.Scatter:
-    """A thinned line; gaps stay gaps."""
+    """A thinned line; gaps are not connected."""
     rows = thin(y)
     style = {"color": colour, "width": more.pop("width", 1.6), "dash": more.pop("dash", "solid")}
     return go.Scatter(

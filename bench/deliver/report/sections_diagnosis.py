@@ -1,4 +1,4 @@
-"""Section about the diagnosis: what is missing, how sure that is, what to do, and what the run could not show."""
+"""Section about the diagnosis: missing effects, their evidence, next steps, and what the run could not show."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from bench.deliver.report.described import summary_of
 from bench.deliver.report.markup import Row, Section, commands, figure, glossary, heading, lead, paragraph, table, wide
 from bench.record import Dataset
 
-TITLE = "What is missing"
+TITLE = "Missing effects"
 _ENOUGH = 3
 """Suspects whose evidence is drawn side by side."""
 _SURE = 1e-9
@@ -87,7 +87,7 @@ def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
 
 
 def _source(analysis: Analysis, name: str) -> str:
-    """What `--model` takes: the name of a model that comes with the bench, or the run's own file."""
+    """Argument of `--model`: the name of a shipped model, or the model file in the run folder."""
     files = [] if name in effect_names() else sorted(analysis.run.path.glob("model*.yaml"))
     return next((str(path) for path in files if load_model(path).name == name), name)
 
@@ -96,9 +96,9 @@ def _suspects(answer: Diagnosis) -> Markup:
     if not answer.suspects:
         return Markup()
     head = ("effect", "evidence", "by chance", "held-out before → after [deg/h]",
-            "removes", "parameters", "cannot be told from")  # fmt: skip
+            "removes", "parameters", "look-alikes")  # fmt: skip
     rows = [_suspect(suspect) for suspect in answer.suspects]
-    least = f"evidence above {number(answer.threshold, 2)} is beyond chance"
+    least = f"evidence above {number(answer.threshold, 2)} is significant"
     caption = f"The strongest suspects, none of them confirmed: {least}."
     if answer.found:
         caption = f"Suspects, bold if part of the explanation: {least}; a lead of {TIE:g} over another suspect counts."
@@ -135,7 +135,7 @@ def _parameter(name: str, value: Value) -> str:
 def _chance(chance: float) -> str:
     if not np.isfinite(chance):
         return "–"
-    return "never seen" if chance == 0 else _percent(chance)
+    return "never observed" if chance == 0 else _percent(chance)
 
 
 def _percent(share: float) -> str:
@@ -149,8 +149,8 @@ def _ladder(answer: Diagnosis, rungs: tuple[Rung, ...]) -> Markup:
     plot = figures_diagnosis.improvement_ladder(rungs, finite(answer.floor_dph))
     unseen = "check runs" if answer.check else "blocks left out in turn"
     caption = (
-        f"Error with each missing effect added; filled: on data not used for the fit ({unseen}). By this measure a "
-        "rival with an equal error is as good: the evidence names the effect, and another run proves it."
+        f"Error with each missing effect added; filled: on data not used for the fit ({unseen}). A rival with an equal "
+        "error is equally good by this measure: the evidence selects the effect, and another run confirms it."
     )
     alt = "; ".join(f"{r.name}: {number(r.in_sample_dph)} in-sample, {number(r.held_out_dph)} held-out" for r in rungs)
     head = ("model", "in-sample RMS [deg/h]", "held-out RMS [deg/h]")
@@ -168,8 +168,8 @@ def _map(data: Dataset, answer: Diagnosis) -> Markup:
     names = listed([suspect.effect for suspect in answer.found])
     where = f"left {answer.model.name}, right with {names} added" if after is not None else answer.model.name
     words = (
-        f"Mean residual by temperature and its rate of change: {where}. Colour that changes sign between heating and "
-        "cooling points to an effect with memory or of the temperature rate; a map that is pale everywhere to none."
+        f"Mean residual by temperature and its rate of change: {where}. A sign that changes between heating and "
+        "cooling indicates an effect with memory or of the temperature rate; a pale map indicates no missing effect."
     )
     return heading("Residual by temperature and rate") + figure("fig-missing-map", plot, words, words)
 
@@ -187,7 +187,7 @@ def _partial(data: Dataset, answer: Diagnosis, suspect: SuspectedEffect) -> Mark
 
 
 def _misfit(data: Dataset, answer: Diagnosis) -> Markup:
-    """The unexplained residual over the channel where it shows best."""
+    """The unexplained residual over the channel that shows it best."""
     left = answer.unexplained_residuals or answer.residuals
     place = next((p for p in answer.unexplained if p.channel in figures_diagnosis.drawable_coordinates(data)), None)
     if answer.verdict != "unknown_effect" or place is None or not left:
@@ -233,7 +233,7 @@ def _place(place: Place) -> tuple[object, ...]:
 
 
 def _odds(p: float) -> str:
-    """A probability in plain words."""
+    """A probability as text."""
     if p < _SURE:
         return "less than 1 in a billion"
     return f"1 in {float(f'{1 / max(p, _SURE):.1g}'):,.0f}"
@@ -252,7 +252,7 @@ def _unseen(answer: Diagnosis) -> Markup:
     parts = heading("What this run could not have shown")
     if seen:
         plot = figures_diagnosis.detectable(seen, finite(answer.floor_dph))
-        words = "Smallest effect that this run would have found (RMS over the run)."
+        words = "Smallest effect that this run would have shown (RMS over the run)."
         alt = "; ".join(f"{limit.effect}: {number(limit.rms_dph)} deg/h" for limit in seen)
         parts += figure("fig-missing-detectable", plot, words, f"Smallest detectable effects. {alt}")
         head = ("effect", "RMS [deg/h]", "amplitude", "unit", "at")

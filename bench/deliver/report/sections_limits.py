@@ -12,7 +12,7 @@ _TONES = {Verdict.FAIL: "bad", Verdict.INVALID: "bad"}
 
 
 def limits(analysis: Analysis) -> Section | None:
-    """The verdict against limits; None where none were given."""
+    """The verdict against limits; None without limits."""
     judged = analysis.judgement
     if judged is None:
         return None

@@ -23,12 +23,12 @@ _HELD_OUT["segments"] = "segments, each left out in turn"
 
 _TERMS = (
     ("bias, zero-rate output", "output of the gyro while it does not turn [deg/h]."),
-    ("RMS", "root of the mean square of measured less modelled bias, over the means used for the fit."),
+    ("RMS", "root of the mean square of measured minus modelled bias, over the means used for the fit."),
     ("in-sample, held-out", "error on the data of the fit, and on other data. Only the second predicts later runs."),
-    ("noise floor", "the error that a perfect model would leave, because of the noise of the gyro itself."),
+    ("noise floor", "the residual error of a perfect model, due to the noise of the gyro."),
     ("N, B, K", "angle random walk [deg/√h], bias instability [deg/h], rate random walk [deg/h/√h]: IEEE Std 952."),
     ("Allan deviation", "scatter between neighbouring means, as a function of the averaging time."),
-    ("segment, soak, ramp", "one piece of the profile; a soak holds the temperature, a ramp moves it evenly."),
+    ("segment, soak, ramp", "one piece of the profile; a soak holds the temperature, a ramp changes it evenly."),
     ("settled", "air in its band, its slope below the limit, the unit's sensor agrees: all for the required time."),
     ("knot", "temperature at which two pieces of a spline meet, with equal value, slope and curvature."),
     ("standard uncertainty", "one standard deviation, computed for noise with white, flicker and random-walk parts."),
@@ -115,7 +115,7 @@ def spline(analysis: Analysis) -> Section | None:
         f"{len(pieces)} cubic pieces of {number(float(knots[1] - knots[0]))} °C, smooth to the second derivative at "
         f"the knots (model '{score.model.name}')."
     )
-    caption = f"{words} Each piece has its colour; diamonds are the knots, grey is the measurement."
+    caption = f"{words} Each piece has a separate colour; diamonds are the knots, grey is the measurement."
     return Section(
         "spline", "Spline pieces", figure("fig-spline", plot, caption, f"Cubic spline over temperature: {words}")
     )
@@ -154,9 +154,9 @@ def residual(analysis: Analysis) -> Section | None:
     band = " Green band: noise floor." if floor_dph else ""
     html = paragraph(words) + figure(
         "fig-residual-temperature", over_t,
-        "Residual over temperature. Where the branches differ, an effect with memory acts, which no static curve "
-        f"removes.{band}",
-        f"Residual over temperature, heating and cooling apart. {words}",
+        "Residual over temperature. Where the branches differ, there is an effect with memory, which a static curve "
+        f"cannot remove.{band}",
+        f"Residual over temperature, heating and cooling separately. {words}",
     )  # fmt: skip
     html += figure(
         "fig-residual-time", over_time, f"Residual over time; dotted lines are the borders of segments.{band}",

@@ -1,4 +1,4 @@
-"""Sections about the run itself: facts, profile, measured bias, noise, losses and events."""
+"""Sections about the run: facts, profile, measured bias, noise, losses and events."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def bias(analysis: Analysis) -> Section | None:
     data = analysis.dataset
     if data is None:
         return None
-    words = f"The bias moves by {number(analysis.bias_span_dph)} deg/h over the run."
+    words = f"The bias changes by {number(analysis.bias_span_dph)} deg/h over the run."
     gap = branch_gap(data)
     if gap is not None:
         words += f" Heating and cooling differ by up to {number(abs(gap[0]))} deg/h, at {gap[1]:.0f} °C."
@@ -61,7 +61,7 @@ def bias(analysis: Analysis) -> Section | None:
     html = paragraph(words) + figure("fig-loop", figures_run.loop_figure(data), caption, alt)
     others = figures_run.channels_figure(data)
     if others is not None:
-        caption = "The unit's other channels over temperature, which the multi-channel models can use."
+        caption = "Other channels of the unit over temperature, which the multi-channel models can use."
         html += figure("fig-channels", others, caption, "Other channels of the unit over temperature")
     return Section("bias", "Bias over temperature", html)
 
@@ -72,8 +72,8 @@ def noise(analysis: Analysis) -> Section | None:
         return None
     floor = analysis.floor
     if floor.noise is None:
-        return Section("noise", "Noise floor", paragraph(f"Not known: {floor.reason}."))
-    found = floor.noise
+        return Section("noise", "Noise floor", paragraph(f"Unknown: {floor.reason}."))
+    noise_found = floor.noise
     rows = []
     names = (
         ("N", "angle random walk", "white", "deg/√h"),
@@ -81,13 +81,13 @@ def noise(analysis: Analysis) -> Section | None:
         ("K", "rate random walk", "walk", "deg/h/√h"),
     )
     for letter, meaning, name, unit in names:
-        low, high = found.intervals.get(name, (float("nan"), float("nan")))
-        value = f"below {number(high, 2)}" if name in found.undetermined else number(getattr(found, name))
+        low, high = noise_found.intervals.get(name, (float("nan"), float("nan")))
+        value = f"below {number(high, 2)}" if name in noise_found.undetermined else number(getattr(noise_found, name))
         rows.append((letter, meaning, value, f"{number(low)} to {number(high)}", unit))
     spans = f"{len(floor.stretches)} isothermal spans{f' of the run {floor.static}' if floor.static else ''}"
     words = (
         f"Means over {analysis.interval_s:g} s of a run this long scatter by {number(floor.floor_dph)} deg/h from "
-        f"noise alone. No model can do better. This noise floor was estimated from {spans}."
+        f"noise alone. No model can have a smaller error. This noise floor was estimated from {spans}."
     )
     alt = "Allan deviation over averaging time. " + "; ".join(f"{row[0]}: {row[2]} {row[4]}" for row in rows)
     caption = (
@@ -96,7 +96,7 @@ def noise(analysis: Analysis) -> Section | None:
     )
     head = ("coefficient", "", "value", "95 % interval", "unit")
     html = paragraph(words) + table("Noise coefficients (IEEE Std 952)", head, rows, (2, 3))
-    html += figure("fig-allan", figures_run.allan_figure(floor.curves, found), caption, alt)
+    html += figure("fig-allan", figures_run.allan_figure(floor.curves, noise_found), caption, alt)
     return Section("noise", "Noise floor", html)
 
 
@@ -109,7 +109,7 @@ def losses(analysis: Analysis) -> Section:
             Row((_LOSS_WORDS.get(key, key), f"{count:,}"), "bad" if key in LOST and count else "")
             for key, count in done.losses.items()
         )
-        html += table("Frames, counted from the unit's own sample counter and CRC", ("frames", "count"), rows, (1,))
+        html += table("Frames, counted by the unit's sample counter and CRC", ("frames", "count"), rows, (1,))
     else:
         html += paragraph("The source of this record did not count its frames.")
     share = "" if done.missing is None else f"; {done.missing:,} missing between the first and the last"
@@ -117,7 +117,7 @@ def losses(analysis: Analysis) -> Section:
     html += Markup("").join(paragraph(text) for text in _clocks(done))
     if done.gaps_s:
         gaps = [Row((clock(a), clock(b), number(b - a)), "bad") for a, b in done.gaps_s]
-        html += table("Gaps, which are left empty", ("from", "to", "length [s]"), gaps, (0, 1, 2))
+        html += table("Gaps, which are not filled", ("from", "to", "length [s]"), gaps, (0, 1, 2))
     if done.segments:
         html += heading("Segments") + _segments(analysis)
     events = list(_events(analysis))
@@ -127,7 +127,7 @@ def losses(analysis: Analysis) -> Section:
 
 
 def _clocks(done: Completeness) -> Iterator[str]:
-    """The unit's clock against the host's, and how long frames waited to be captured."""
+    """The unit's clock relative to the host's, and the longest delay of frames before capture."""
     if done.unit_clock is not None:
         drift, uncertainty, spread = (
             done.unit_clock.drift_ppm, done.unit_clock.drift_u_ppm, done.unit_clock.spread_s
@@ -139,7 +139,7 @@ def _clocks(done: Completeness) -> Iterator[str]:
         )
         near = "" if spread is None else f"; the fastest frames lie within {1e3 * spread:.3g} ms of that line"
         yield (
-            f"Samples are timed by the unit's own counter; its clock runs {abs(drift):.4g} ppm "
+            f"Samples are timed by the unit's counter; its clock runs {abs(drift):.4g} ppm "
             f"{'slower' if drift >= 0 else 'faster'} than the host's clock ({known}){near}."
         )
     if done.capture is not None:
@@ -181,7 +181,7 @@ def _events(analysis: Analysis) -> Iterator[Row]:
             cells = (clock(_float(event.get("t_s"))), event.get("kind", ""), event.get("text", ""))
             yield Row(cells, "bad" if bad else "")
     if events.damaged:
-        yield Row(("–", "report", f"{EVENTS}: {events.damaged} damaged line(s) left out"), "bad")
+        yield Row(("–", "report", f"{EVENTS}: {events.damaged} damaged line(s) skipped"), "bad")
 
 
 def _float(value: Any) -> float:

@@ -20,44 +20,51 @@ _COLOURS = [[0.0, BLUE], [0.5, GREY], [0.75, ORANGE], [1.0, VERMILION]]
 
 
 def surface(analysis: Analysis) -> Section | None:
-    """Both surfaces and the coefficients; None for a run without a table, a reason where its steps are too few."""
+    """Both surfaces and the coefficients; None for a run without a table, a reason if it has too few steps."""
     data = analysis.dataset
     if data is None or not np.any(np.nan_to_num(data.channels.get("applied_rate", np.zeros(1)))):
         return None
     try:
-        points, found = surface_of(data)
+        points, fitted_surface = surface_of(data)
     except InputError as error:
         return Section("surface", "Rate surface", paragraph(f"No surface of order {ORDER}: {error}."))
-    words = (
-        f"Order {found.order}, {found.normalised.size} coefficients from {points.raw.size} bins of equal width and "
-        f"equal counts ({points.left_out} with too few samples left out). Residual "
-        f"{number(found.rms * DPH_PER_DPS)} deg/h RMS, condition {number(found.condition, 2)}; least squares and "
-        f"orthogonal polynomials differ by {found.disagreement:.1g} of the full rate. Within "
-        f"{number(found.raw.low, 4)} to {number(found.raw.high, 4)} deg/s and {number(found.temperature.low, 3)} to "
-        f"{number(found.temperature.high, 3)} °C; outside it is clamped."
-    )
+    words = _words(points, fitted_surface)
     measured = figure(
-        "fig-surface-measured", _measured(points), "Measured: raw output less the table's rate, one point a bin.",
+        "fig-surface-measured", _measured(points), "Measured: raw output minus the table's rate, one point per bin.",
         "Measured error of the output over rate and temperature, as a surface in space.",
     )  # fmt: skip
     fitted = figure(
-        "fig-surface-fitted", _fitted(found), f"Fitted: the same error by the surface of order {found.order}.",
+        "fig-surface-fitted", _fitted(fitted_surface),
+        f"Fitted: the same error by the surface of order {fitted_surface.order}.",
         f"Fitted error over rate and temperature. {words}",
     )  # fmt: skip
+    terms = zip(
+        fitted_surface.powers, fitted_surface.normalised.tolist(), fitted_surface.coefficients.tolist(), strict=True
+    )
     rows = [
-        (f"C{k}", f"u^{i} v^{j}", f"{a:.9e}", f"{b:.9e}", _unit(found, i, j))
-        for k, ((i, j), a, b) in enumerate(
-            zip(found.powers, found.normalised.tolist(), found.coefficients.tolist(), strict=True)
-        )
+        (f"C{k}", f"u^{i} v^{j}", f"{a:.9e}", f"{b:.9e}", _unit(fitted_surface, i, j))
+        for k, ((i, j), a, b) in enumerate(terms)
     ]
-    head = ("", "term", f"normalised [{found.unit}]", "de-normalised", "unit")
+    head = ("", "term", f"normalised [{fitted_surface.unit}]", "de-normalised", "unit")
     html = paragraph(words) + measured + fitted
     html += table("Rate(NR, T); u and v are NR and T mapped to -1 ... 1 over their ranges", head, rows, (2, 3))
     return Section("surface", "Rate surface", html)
 
 
+def _words(points: Points, found: RateSurface) -> str:
+    """Description of a fitted surface."""
+    return (
+        f"Order {found.order}, {found.normalised.size} coefficients from {points.raw.size} bins of equal width and "
+        f"equal counts ({points.left_out} omitted, with too few samples). Residual "
+        f"{number(found.rms * DPH_PER_DPS)} deg/h RMS, condition {number(found.condition, 2)}; least squares and "
+        f"orthogonal polynomials differ by {found.disagreement:.1g} of the full rate. Valid from "
+        f"{number(found.raw.low, 4)} to {number(found.raw.high, 4)} deg/s and {number(found.temperature.low, 3)} to "
+        f"{number(found.temperature.high, 3)} °C; outside, inputs are clamped."
+    )
+
+
 def surface_of(data: Dataset) -> tuple[Points, RateSurface]:
-    """Bins of a run and the surface through them. InputError where its steps do not determine one."""
+    """Bins of a run and the surface through them. InputError when its steps do not determine one."""
     points = points_of(data)
     return points, fit_surface(points, ORDER)
 

@@ -1,4 +1,4 @@
-"""`/jobs`: computations for a page that waits for them."""
+"""`/jobs`: computations requested by a page."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ router = APIRouter(tags=["jobs"])
 
 
 class Asked(BaseModel):
-    """A job that was accepted; `GET /jobs/{job}` gives its answer."""
+    """A job that was accepted; `GET /jobs/{job}` returns its result."""
 
     job: str
     state: Literal["waiting", "running", "done", "failed"]
 
 
 class JobAnswer(BaseModel):
-    """A job; `result` where it is done, `detail` (one line) where it failed."""
+    """A job; `result` when it is done, `detail` (one line) when it failed."""
 
     job: str
     kind: str
@@ -55,11 +55,11 @@ def jobs_of(request: Request) -> Jobs:
 
 
 def submit(
-    request: Request, kind: str, target: str, wanted: Mapping[str, Any], *, key: str | None = None, lane: Lane = "quick"
+    request: Request, kind: str, target: str, inputs: Mapping[str, Any], *, key: str | None = None, lane: Lane = "quick"
 ) -> Asked:
-    """Request a computation; HTTPException 503 where too many wait."""
+    """Request a computation; HTTPException 503 when too many wait."""
     try:
-        job = jobs_of(request).submit(kind, target, wanted, key=key, lane=lane)
+        job = jobs_of(request).submit(kind, target, inputs, key=key, lane=lane)
     except Full as error:
         raise HTTPException(503, str(error), {"Retry-After": "10"}) from None
     return Asked(job=job.id, state=job.state)
@@ -67,27 +67,27 @@ def submit(
 
 @router.get("/jobs/{job}", response_model=JobAnswer)
 async def job(request: Request, job: str, wait_s: Annotated[float, Query(ge=0.0, le=LONGEST_WAIT_S)] = 0.0) -> Response:
-    """A job; `wait_s` delays the answer until the job has ended, at most by so many seconds."""
-    found = _found(request, job)
-    if wait_s and not found.ended:
-        await _ended(jobs_of(request), found, wait_s)
-        _found(request, job)
-    return _told(jobs_of(request), found)
+    """A job; `wait_s` delays the answer until the job has ended, at most by this time [s]."""
+    known = _job_of(request, job)
+    if wait_s and not known.ended:
+        await _ended(jobs_of(request), known, wait_s)
+        _job_of(request, job)
+    return _response(jobs_of(request), known)
 
 
 @router.delete("/jobs/{job}", response_model=JobAnswer)
 async def release(request: Request, job: str) -> Response:
     """Stop waiting for a job; it is cancelled when no page waits for it."""
-    found = _found(request, job)
-    jobs_of(request).release(found)
-    return _told(jobs_of(request), found)
+    known = _job_of(request, job)
+    jobs_of(request).release(known)
+    return _response(jobs_of(request), known)
 
 
-def _found(request: Request, id_: str) -> Job:
-    found = jobs_of(request).find(id_)
-    if found is None:
-        raise HTTPException(404, "no such job, or not any more: request it again")
-    return found
+def _job_of(request: Request, id_: str) -> Job:
+    known = jobs_of(request).find(id_)
+    if known is None:
+        raise HTTPException(404, "unknown or expired job: request it again")
+    return known
 
 
 async def _ended(jobs: Jobs, job: Job, wait_s: float) -> None:
@@ -98,12 +98,12 @@ async def _ended(jobs: Jobs, job: Job, wait_s: float) -> None:
             loop.call_soon_threadsafe(ended.set)
 
     jobs.listen(job, call)
-    # The end of the server cancels this: the page gets the present state and asks the next server.
+    # The end of the server cancels this: the page gets the current state and asks the next server.
     with contextlib.suppress(TimeoutError, asyncio.CancelledError):
         await asyncio.wait_for(ended.wait(), wait_s)
 
 
-def _told(jobs: Jobs, job: Job) -> Response:
+def _response(jobs: Jobs, job: Job) -> Response:
     # The result is JSON already; parsing it here would block the server for all requests.
     state = job.state
     elapsed_s = job.elapsed_s if job.ended else jobs.age_s(job)

@@ -23,16 +23,16 @@ State = Literal["waiting", "running", "done", "failed"]
 Lane = Literal["quick", "slow"]
 
 MOST_WAITING = 16
-"""Jobs that may wait in a lane; further requests are refused for the moment."""
+"""Jobs that may wait in a lane; further requests are refused."""
 PATIENCE_S = 60.0
-"""A job is cancelled when no page has asked for it for this long [s]."""
+"""A job is cancelled when it was not requested for this time [s]."""
 KEPT_BYTES = 96 << 20
 KEPT_JOBS = 400
 """Size of the cache of ended jobs, which answers an Undo or a second browser at once."""
 IDLE_S = 900.0
 """A computing process without work ends after this long, which frees its memory [s]."""
 _log = logging.getLogger("bench.web")
-CANCELLED = "cancelled: no page waits for it any more"
+CANCELLED = "cancelled: no page waits for it"
 
 
 class Full(Exception):  # noqa: N818 - a state, not an error
@@ -41,16 +41,16 @@ class Full(Exception):  # noqa: N818 - a state, not an error
 
 @dataclass(eq=False)
 class Job:
-    """One computation. Only the thread of its lane writes its fields; `asked` and `wanted_by` change under the lock."""
+    """One computation. Only the thread of its lane writes its fields; `requested_s` and `pages` change under a lock."""
 
     kind: str
     target: str
-    wanted: Mapping[str, Any]
+    inputs: Mapping[str, Any]
     key: str | None
     lane: Lane
-    began: float
-    asked: float
-    wanted_by: int = 1
+    began_s: float
+    requested_s: float
+    pages: int = 1
     id: str = field(default_factory=lambda: secrets.token_urlsafe(12))
     state: State = "waiting"
     result: bytes = b"null"
@@ -64,9 +64,9 @@ class Job:
         return self.state in {"done", "failed"}
 
 
-def key_of(target: str, wanted: Mapping[str, Any]) -> str:
+def key_of(target: str, inputs: Mapping[str, Any]) -> str:
     """Key of a request. Equal keys have equal answers: a request holds all its inputs, runs as hashes of their data."""
-    return hashlib.sha256(json.dumps([target, wanted], sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps([target, inputs], sort_keys=True).encode()).hexdigest()
 
 
 class Jobs:
@@ -85,21 +85,21 @@ class Jobs:
         self._closed = False
 
     def submit(
-        self, kind: str, target: str, wanted: Mapping[str, Any], *, key: str | None = None, lane: Lane = "quick"
+        self, kind: str, target: str, inputs: Mapping[str, Any], *, key: str | None = None, lane: Lane = "quick"
     ) -> Job:
         """A new job for this request, or the existing one with the same key; raises Full."""
         with self._changed:
             known = self._by_key.get(key) if key else None
             if known is not None and known.state != "failed":
-                known.wanted_by += 1
-                known.asked = self._now()
+                known.pages += 1
+                known.requested_s = self._now()
                 if known.ended:
                     self._ended[known.id] = known
                 return known
             queue = self._waiting[lane]
             if len(queue) >= MOST_WAITING:
                 raise Full(f"{len(queue)} jobs wait already: try again in a minute")
-            job = Job(kind, target, wanted, key, lane, self._now(), self._now())
+            job = Job(kind, target, inputs, key, lane, self._now(), self._now())
             self._open[job.id] = job
             if key:
                 self._by_key[key] = job
@@ -109,24 +109,24 @@ class Jobs:
             return job
 
     def find(self, id_: str) -> Job | None:
-        """A job by its id; this counts as a sign of life of its page."""
+        """A job by its id; this shows that its page still waits."""
         with self._changed:
             job = self._open.get(id_) or self._ended.get(id_)
             if job is not None:
-                job.asked = self._now()
+                job.requested_s = self._now()
             return job
 
     def release(self, job: Job) -> None:
-        """Take note that a page no longer waits for a job; without any page it is cancelled."""
+        """Record that a page no longer waits for a job; a job without pages is cancelled."""
         with self._changed:
-            job.wanted_by -= 1
-            if job.wanted_by <= 0 and job.state == "waiting":
+            job.pages -= 1
+            if job.pages <= 0 and job.state == "waiting":
                 self._waiting[job.lane].remove(job)
                 self._end(job, "failed", detail=CANCELLED)
 
     def age_s(self, job: Job) -> float:
         """Time since the job was requested [s]."""
-        return self._now() - job.began
+        return self._now() - job.began_s
 
     def listen(self, job: Job, call: Callable[[], None]) -> None:
         """Have another thread call `call` when the job ends; call it at once if the job has ended."""
@@ -178,24 +178,24 @@ class Jobs:
                 self._warm.discard(lane)
                 while self._waiting[lane]:
                     job = self._waiting[lane].popleft()
-                    if self._wanted(job):
+                    if self._needed(job):
                         job.state = "running"
                         return job
                     self._end(job, "failed", detail=CANCELLED)
             if warm:
-                with contextlib.suppress(OSError):  # no memory for a process at present: the next request tries again
+                with contextlib.suppress(OSError):  # no memory for a process now: the next request tries again
                     worker.warm()
             elif not ready:
                 worker.close()
 
     def _do(self, job: Job, worker: Worker) -> None:
         try:
-            result = worker.compute(job.target, job.wanted, lambda: self._wanted(job))
+            result = worker.compute(job.target, job.inputs, lambda: self._needed(job))
         except Refused as error:
             outcome: tuple[State, bytes, str] = ("failed", b"null", str(error))
         except GivenUp:
             outcome = ("failed", b"null", CANCELLED)
-        except Exception as error:  # the thread must go on, or all later jobs would wait for ever
+        except Exception as error:  # the thread must continue, or all later jobs would never start
             _log.exception("computing %s", job.target)
             outcome = ("failed", b"null", f"the computation could not be started ({type(error).__name__}: {error})")
         else:
@@ -203,11 +203,11 @@ class Jobs:
         with self._changed:
             self._end(job, *outcome)
 
-    def _wanted(self, job: Job) -> bool:
-        return not self._closed and job.wanted_by > 0 and self._now() - job.asked < PATIENCE_S
+    def _needed(self, job: Job) -> bool:
+        return not self._closed and job.pages > 0 and self._now() - job.requested_s < PATIENCE_S
 
     def _end(self, job: Job, state: State, result: bytes = b"null", detail: str = "") -> None:
-        job.result, job.detail, job.elapsed_s = result, detail, self._now() - job.began
+        job.result, job.detail, job.elapsed_s = result, detail, self._now() - job.began_s
         job.state = state
         self._ended[job.id] = self._open.pop(job.id)
         listeners, job.listeners = job.listeners, []
@@ -216,5 +216,5 @@ class Jobs:
 
 
 def _size(job: Job) -> int:
-    """Bytes that a result takes of the cache: a small one its share of `KEPT_JOBS`, a large one at most all."""
+    """Bytes that a result counts in the cache: at least the share of one of `KEPT_JOBS`, at most the whole cache."""
     return min(max(len(job.result), KEPT_BYTES // KEPT_JOBS), KEPT_BYTES)

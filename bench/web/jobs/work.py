@@ -29,8 +29,8 @@ def main() -> None:
     """Answer until the server closes the pipe."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # the output of a library must not be taken for an answer
-    give_way()
-    # The modules of every request are loaded before the first one comes.
+    lower_priority()
+    # Load the modules of all requests before the first one arrives.
     importlib.import_module("bench.web.workbench.computing")
     serve(sys.stdin.buffer, answers)
 
@@ -39,20 +39,20 @@ def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
     """One answer for each line."""
     for line in requests:
         request = json.loads(line)
-        answers.write(_answer(str(request["target"]), request["wanted"]) + b"\n")
+        answers.write(_answer(str(request["target"]), request["inputs"]) + b"\n")
         answers.flush()
 
 
-def _answer(target: str, wanted: dict[str, Any]) -> bytes:
+def _answer(target: str, inputs: dict[str, Any]) -> bytes:
     try:
         module, _, name = target.partition(":")
-        result = getattr(importlib.import_module(module), name)(wanted)
+        result = getattr(importlib.import_module(module), name)(inputs)
         return json.dumps(result, allow_nan=False).encode()
     except BenchError as error:
         return _refusal(str(error))
     except MemoryError:
         return _refusal(_TOO_LARGE)
-    except Exception as error:  # unforeseen data: the process must go on with the next request
+    except Exception as error:  # unforeseen data: the process must continue with the next request
         traceback.print_exc()
         return _refusal(f"the computation failed ({type(error).__name__}: {error})")
 
@@ -61,7 +61,7 @@ def _refusal(text: str) -> bytes:
     return b"!" + "; ".join(line.strip() for line in text.splitlines() if line.strip()).encode()
 
 
-def give_way() -> None:
+def lower_priority() -> None:
     """Give runs precedence in processor time and memory."""
     os.nice(_NICE)
     with contextlib.suppress(OSError):  # Linux only

@@ -1,4 +1,4 @@
-"""A process that computes for the server: one line of JSON in, one line out; its death harms nothing."""
+"""A process that computes for the server: one line of JSON in, one line out; the server survives its end."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _LOOK_S = 0.5
 """Interval of the checks whether a page still waits for a computation [s]."""
 _PIECE = 1 << 20
 KILLED = (
-    "something ended the computing process, most likely a lack of memory: choose fewer runs or a simpler "
-    "model, or ask again"
+    "the computing process was ended, most likely for lack of memory: choose fewer runs or a simpler "
+    "model, or try again"
 )
 
 
@@ -25,14 +25,14 @@ class Refused(Exception):  # noqa: N818 - an answer, not an error of the worker
 
 
 class GivenUp(Exception):  # noqa: N818 - an answer, not an error of the worker
-    """No page waits for the computation any more."""
+    """No page waits for the computation."""
 
 
 class Worker:
-    """One computing process, which starts with the first request and again after it died."""
+    """One computing process, which starts with the first request and again after it has ended."""
 
     def __init__(self) -> None:
-        """Does not start the process."""
+        """The process starts with the first request."""
         self._child: subprocess.Popen[bytes] | None = None
 
     @property
@@ -40,14 +40,14 @@ class Worker:
         """Id of the process; None without one."""
         return None if self._child is None else self._child.pid
 
-    def compute(self, target: str, wanted: Mapping[str, Any], wanted_still: Callable[[], bool]) -> bytes:
+    def compute(self, target: str, inputs: Mapping[str, Any], still_needed: Callable[[], bool]) -> bytes:
         """JSON of the result of `target` ('package.module:function').
 
-        Raises Refused, or GivenUp once `wanted_still` returns False, which ends the process.
+        Raises Refused, or GivenUp once `still_needed` returns False, which ends the process.
         """
-        request = json.dumps({"target": target, "wanted": wanted}).encode() + b"\n"
+        request = json.dumps({"target": target, "inputs": inputs}).encode() + b"\n"
         try:
-            answer = self._exchange(request, wanted_still)
+            answer = self._exchange(request, still_needed)
         except OSError:
             answer = b""
         if not answer:
@@ -73,20 +73,20 @@ class Worker:
                     pipe.close()
         child.wait()
 
-    def _exchange(self, request: bytes, wanted_still: Callable[[], bool]) -> bytes:
+    def _exchange(self, request: bytes, still_needed: Callable[[], bool]) -> bytes:
         child = self._started()
         assert child.stdin is not None
         assert child.stdout is not None
         child.stdin.write(request)
         child.stdin.flush()
-        return self._answer(child.stdout, wanted_still)
+        return self._answer(child.stdout, still_needed)
 
-    def _answer(self, pipe: IO[bytes], wanted_still: Callable[[], bool]) -> bytes:
-        """One line without its end; empty where the process died."""
+    def _answer(self, pipe: IO[bytes], still_needed: Callable[[], bool]) -> bytes:
+        """One line without its line end; empty if the process ended."""
         pieces: list[bytes] = []
         while True:
             if not select.select([pipe], [], [], _LOOK_S)[0]:
-                if not wanted_still():
+                if not still_needed():
                     self.close()
                     raise GivenUp
                 continue

@@ -1,4 +1,4 @@
-// The page: its bar, and which page stands below it.
+// The page: its bar, and the current page below it.
 import { html, render, useEffect, useErrorBoundary } from "./lib/preact.js";
 import { Bar } from "./lib/bar.js";
 import { get } from "./lib/api.js";
@@ -85,7 +85,7 @@ async function begin() {
   render(html`<${App} />`, root);
 }
 
-/** The server may be just starting: try until it answers. */
+/** The server may be starting: try until it answers. */
 async function insist() {
   try {
     await begin();

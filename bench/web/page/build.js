@@ -1,4 +1,4 @@
-// Bundles the page: this folder and npm's packages become ../static. `--check` only tells whether that is up to date.
+// Bundles the page: this folder and npm's packages become ../static. `--check` only reports whether that is up to date.
 import { createHash } from "node:crypto";
 import { existsSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import path from "node:path";

@@ -12,13 +12,13 @@ from bench.web.workbench.asking import MOST_MODELS, ModelJson, RunChoice, RunId,
 router = APIRouter(tags=["workbench"])
 
 
-class AnalysisWish(RunChoice):
+class AnalysisRequest(RunChoice):
     """Models to fit to `runs`, in the order of the ladder."""
 
     models: list[ModelJson] = Field(min_length=1, max_length=MOST_MODELS)
 
 
-class DifferenceWish(BaseModel):
+class DifferenceRequest(BaseModel):
     """Two runs, of one unit or of two."""
 
     a: RunId
@@ -26,23 +26,23 @@ class DifferenceWish(BaseModel):
 
 
 @router.post("/analyses", status_code=202)
-def analyses(request: Request, wish: AnalysisWish, who: Engineer) -> Asked:
-    """Ask how far models are off: in-sample, on unseen data, beside the noise floor.
+def analyses(request: Request, body: AnalysisRequest, who: Engineer) -> Asked:
+    """Request the errors of models, in-sample and on unseen data, and the noise floor.
 
-    The answer is that of `bench compare --json`, with the YAML of each model, the rungs of the ladder and its figure.
+    The result is that of `bench compare --json`, with the YAML of each model, the rungs of the ladder and its figure.
     """
-    for model in wish.models:
+    for model in body.models:
         model.model()
-    wanted = {**wish.resolved(request), "models": [model.content() for model in wish.models]}
+    inputs = {**body.resolved(request), "models": [model.content() for model in body.models]}
     target = "bench.web.workbench.computing:analysis"
-    return submit(request, "analysis", target, wanted, key=key_of(target, wanted))
+    return submit(request, "analysis", target, inputs, key=key_of(target, inputs))
 
 
 @router.post("/differences", status_code=202)
-def differences(request: Request, wish: DifferenceWish, who: Engineer) -> Asked:
-    """Ask what differs between two analysed runs, worst first: the answer of `bench diff --json` and a figure."""
-    if wish.a == wish.b:
-        raise HTTPException(400, f"{wish.a} twice: choose two runs")
-    a, b = resolved(request, [wish.a, wish.b])
-    # An analysis changes calibration.json beside the same data, so nothing is kept.
+def differences(request: Request, body: DifferenceRequest, who: Engineer) -> Asked:
+    """Request the differences of two analysed runs, largest first: the result of `bench diff --json` and a figure."""
+    if body.a == body.b:
+        raise HTTPException(400, f"{body.a} twice: choose two runs")
+    a, b = resolved(request, [body.a, body.b])
+    # An analysis changes calibration.json without changing the data, so the result is not cached.
     return submit(request, "difference", "bench.web.workbench.computing:difference", {"a": a, "b": b})

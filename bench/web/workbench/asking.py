@@ -1,4 +1,4 @@
-"""What a request about runs and models says, and how it is handed to the computing process."""
+"""Content of requests about runs and models, and its form for the computing process."""
 
 from __future__ import annotations
 
@@ -28,25 +28,25 @@ class ModelJson(BaseModel):
     rows: str = Field("all", max_length=20)
 
     def model(self) -> Model:
-        """The model; InputError where it is none."""
+        """The model; InputError when the content is not valid."""
         return model_from(self.content())
 
     def content(self) -> dict[str, Any]:
-        """As in a model file."""
+        """The content of a model file."""
         entries = [{str(e.get("effect")): {k: v for k, v in e.items() if k != "effect"}} for e in self.effects]
         return {"name": self.name, "effects": entries, "rows": self.rows}
 
 
 def model_json(model: Model) -> dict[str, Any]:
-    """The same the other way round."""
+    """A model as the content of a `ModelJson`."""
     effects = [{"effect": effect.name, **options_of(effect)} for effect in model.effects]
-    # Options may hold mappings of their own kind; JSON has only one.
+    # Options may be mappings of other types than dict; JSON converts them.
     content: dict[str, Any] = json.loads(json.dumps({"name": model.name, "effects": effects, "rows": model.rows}))
     return content
 
 
 class RunChoice(BaseModel):
-    """Runs of one unit: those that are fitted, those that no fit sees, one that stands still and tells the noise."""
+    """Runs of one unit: runs to fit, held-out runs, and an isothermal run that gives the noise."""
 
     runs: RunIds
     check: list[RunId] = Field(default_factory=list, max_length=MOST_RUNS)
@@ -64,14 +64,14 @@ class RunChoice(BaseModel):
 def resolved(request: Request, ids: Sequence[str]) -> list[dict[str, str]]:
     """Id, folder and hash of the data of each run.
 
-    NotFoundError for a run that does not exist, HTTPException 409 for one that has not ended whole.
+    NotFoundError for a run that does not exist, HTTPException 409 for one that has not ended.
     """
-    index, found = index_of(request), []
+    index, entries = index_of(request), []
     for id_ in dict.fromkeys(ids):
         entry = index.entry(id_)
         if not entry.content:
-            text = "only one that has ended can be analysed; `bench resume` or `bench report` recover what was cut off"
+            text = "only an ended run can be analysed; `bench resume` or `bench report` recover an interrupted one"
             raise HTTPException(409, f"run {id_} is {entry.state}: {text}")
         unit, _, run = id_.partition("/")
-        found.append({"run": id_, "path": str(index.folder(unit, run)), "content": entry.content})
-    return found
+        entries.append({"run": id_, "path": str(index.folder(unit, run)), "content": entry.content})
+    return entries

@@ -1,7 +1,7 @@
-"""What the computing process does for the workbench: runs, fits, scores. Each is done once and kept while it lasts.
+"""Computations of the workbench in the computing process: runs, fits, scores; all are cached.
 
-Everything here takes and gives JSON. Keys of what is kept are the hashes of the runs' data and the model's text: what
-was computed for one page is there for the next, for an Undo, for a zoom.
+The functions for requests take and return JSON. The keys of the cache are the hashes of the runs' data and the model's
+text, so that a result for one page also serves the next one, an Undo or a zoom.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ def runs_of(entries: Sequence[Mapping[str, str]]) -> Runs:
     return tuple(Run(entry["run"], entry["path"], entry["content"]) for entry in entries)
 
 
-def static_of(wanted: Mapping[str, Any]) -> Run | None:
+def static_of(inputs: Mapping[str, Any]) -> Run | None:
     """The isothermal run of a request."""
-    return runs_of([wanted["static"]])[0] if wanted.get("static") else None
+    return runs_of([inputs["static"]])[0] if inputs.get("static") else None
 
 
 def model_of(text: str) -> Model:
-    """Model from the JSON of a model file's content, which is how models are keys."""
+    """Model from its key: the JSON of a model file's content."""
     return model_from(json.loads(text))
 
 
@@ -57,7 +57,7 @@ def model_text(content: Mapping[str, Any]) -> str:
 
 @lru_cache(maxsize=48)
 def dataset(run: Run, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
-    """Means of a run; InputError, with the run's id in it instead of its folder."""
+    """Means of a run; InputError, with the run's id instead of its folder."""
     try:
         return load(run.path, interval_s)
     except InputError as error:
@@ -65,7 +65,7 @@ def dataset(run: Run, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
 
 
 def named(text: str, *runs: Run) -> str:
-    """A message with ids instead of folders: where the store lies is nobody's business who looks at a page."""
+    """A message with ids instead of folders, because a page must not show the location of the store."""
     for run in runs:
         text = text.replace(run.path, run.id)
     return text
@@ -73,7 +73,7 @@ def named(text: str, *runs: Run) -> str:
 
 @lru_cache(maxsize=16)
 def floor(runs: Runs, static: Run | None, interval_s: float = DEFAULT_INTERVAL_S) -> Floor:
-    """Noise floor of these runs, as all commands tell it."""
+    """Noise floor of these runs, computed as in all commands."""
     still = dataset(static, FINE_S) if static else None
     return noise_floor([dataset(run, FINE_S) for run in runs], interval_s, still)
 
@@ -98,11 +98,11 @@ def scored(runs: Runs, check: Runs, static: Run | None, model: str) -> Compariso
     return compare_models(records, [model_of(model)], floor_dph, checks or None, strict=False)
 
 
-def analysis(wanted: dict[str, Any]) -> dict[str, Any]:
-    """Models side by side: what `bench compare` answers, the rungs of the ladder in the order asked, and its figure."""
-    runs, check, static = runs_of(wanted["runs"]), runs_of(wanted["check"]), static_of(wanted)
+def analysis(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Models side by side: the result of `bench compare`, the rungs of the ladder in the given order, its figure."""
+    runs, check, static = runs_of(inputs["runs"]), runs_of(inputs["check"]), static_of(inputs)
     refuse_mixed([*runs, *check, *([static] if static else [])])
-    texts = [model_text(content) for content in wanted["models"]]
+    texts = [model_text(content) for content in inputs["models"]]
     parts = [scored(runs, check, static, text) for text in texts]
     scores = tuple(score for part in parts for score in part.scores)
     refused = tuple(entry for part in parts for entry in part.refused)
@@ -120,22 +120,23 @@ def analysis(wanted: dict[str, Any]) -> dict[str, Any]:
     return content
 
 
-def ladder(found: Comparison) -> dict[str, Any]:
-    """The figure of a comparison, its words and its table."""
-    names = [score.model.name for score in found.scores]
+def ladder(comparison: Comparison) -> dict[str, Any]:
+    """The figure of a comparison, its description and its table."""
+    scores, floor_dph = comparison.scores, comparison.floor_dph
+    names = [score.model.name for score in scores]
     inside, outside = (
-        np.array(values) for values in ([s.rms_dph for s in found.scores], [s.held_out.rms_dph for s in found.scores])
+        np.array(values) for values in ([s.rms_dph for s in scores], [s.held_out.rms_dph for s in scores])
     )
-    band = np.array([score.held_out.interval_dph for score in found.scores])
-    plot = model_ladder(names, inside, outside, band, finite(found.floor_dph))
+    band = np.array([score.held_out.interval_dph for score in scores])
+    plot = model_ladder(names, inside, outside, band, finite(floor_dph))
     rows = [[n, finite(i), finite(o)] for n, i, o in zip(names, inside.tolist(), outside.tolist(), strict=True)]
-    words = ladder_words(names, inside, outside, found.floor_dph)
+    words = ladder_words(names, inside, outside, floor_dph)
     table: list[list[Any]] = [["model", "in-sample RMS [deg/h]", "held-out RMS [deg/h]"], *rows]
-    return described(plot, words, [*table, ["noise floor", None, finite(found.floor_dph)]])
+    return described(plot, words, [*table, ["noise floor", None, finite(floor_dph)]])
 
 
 def refuse_mixed(runs: Sequence[Run]) -> None:
-    """InputError where runs are not of one unit: a fit over several would be of none."""
+    """InputError unless all runs are of one unit: a fit to several units would be meaningless."""
     units = sorted({_unit(run) for run in runs})
     if len(units) > 1:
         raise InputError(f"the runs are of different units ({', '.join(units)}): choose runs of one, or compare two")
@@ -146,12 +147,12 @@ def _unit(run: Run) -> str:
     return Manifest.read(Path(run.path)).unit
 
 
-def difference(wanted: dict[str, Any]) -> dict[str, Any]:
-    """What `bench diff` answers, and the difference of the model curves as a figure."""
+def difference(inputs: dict[str, Any]) -> dict[str, Any]:
+    """The result of `bench diff`, and the difference of the model curves as a figure."""
     from bench.archive import difference_of as differing
     from bench.deliver import difference as drawn
 
-    a, b = runs_of([wanted["a"], wanted["b"]])
+    a, b = runs_of([inputs["a"], inputs["b"]])
     try:
         content = differing(Path(a.path), Path(b.path))
     except BenchError as error:

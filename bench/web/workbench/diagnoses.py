@@ -1,4 +1,4 @@
-"""`/diagnoses`: where a model fails, what is missing, what this data cannot tell, and the run that would."""
+"""`/diagnoses`: where a model fails, missing effects, effects that the data cannot show, and a run that would."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from bench.web.workbench.asking import ModelJson, RunChoice
 router = APIRouter(tags=["workbench"])
 
 
-class DiagnosisWish(RunChoice):
-    """A model to question on runs of one unit."""
+class DiagnosisRequest(RunChoice):
+    """A model to diagnose on runs of one unit."""
 
     model: ModelJson
 
 
 @router.post("/diagnoses", status_code=202)
-def diagnoses(request: Request, wish: DiagnosisWish, here: Here, who: Engineer) -> Asked:
-    """Ask which effect a model lacks: the answer of `bench diagnose --json`, with a picture of each suspect.
+def diagnoses(request: Request, body: DiagnosisRequest, here: Here, who: Engineer) -> Asked:
+    """Request a diagnosis: the result of `bench diagnose --json`, with a figure of each suspect.
 
-    The next experiment that it proposes is a plan from then on: `next_experiment.plan` is its id.
+    The profile of the proposed next experiment is saved as a plan: `next_experiment.plan` is its id.
     """
-    wish.model.model()
-    wanted = {**wish.resolved(request), "model": wish.model.content(), "plans": str(here.own / "plans")}
+    body.model.model()
+    inputs = {**body.resolved(request), "model": body.model.content(), "plans": str(here.own / "plans")}
     target = "bench.web.workbench.diagnosing:diagnosis"
-    return submit(request, "diagnosis", target, wanted, key=key_of(target, wanted), lane="slow")
+    return submit(request, "diagnosis", target, inputs, key=key_of(target, inputs), lane="slow")

@@ -1,4 +1,4 @@
-"""A diagnosis for the workbench, made in the computing process: suspects with their pictures, the next experiment."""
+"""A diagnosis for the workbench, made in the computing process: suspects with their figures, the next experiment."""
 
 from __future__ import annotations
 
@@ -40,31 +40,31 @@ _SIDE_BY_SIDE = 3
 """Suspects whose evidence is drawn side by side, as in the report."""
 
 
-def diagnosis(wanted: dict[str, Any]) -> dict[str, Any]:
-    """What `bench diagnose` answers, with pictures; the next experiment's profile is written below `plans`.
+def diagnosis(inputs: dict[str, Any]) -> dict[str, Any]:
+    """The result of `bench diagnose`, with figures; the next experiment's profile is written below `plans`.
 
-    Nothing is written into a run folder.
+    Run folders are not changed.
     """
     runs, check, static = (
-        computing.runs_of(wanted["runs"]), computing.runs_of(wanted["check"]), computing.static_of(wanted),
+        computing.runs_of(inputs["runs"]), computing.runs_of(inputs["check"]), computing.static_of(inputs),
     )  # fmt: skip
     computing.refuse_mixed([*runs, *check, *([static] if static else [])])
     data, checks = [computing.dataset(run) for run in runs], [computing.dataset(run) for run in check]
     still = None if static is None else computing.dataset(static)
-    model = computing.model_of(computing.model_text(wanted["model"]))
+    model = computing.model_of(computing.model_text(inputs["model"]))
     found = diagnose(data, model, check=checks, static=still, floor_dph=computing.floor(runs, static).floor_dph)
     content = found.to_json()
     suspects = zip(content["suspects"], found.suspects, strict=True)
-    content["suspects"] = [{**told, **_pictured(data, found, suspect)} for told, suspect in suspects]
+    content["suspects"] = [{**entry, **_pictured(data, found, suspect)} for entry, suspect in suspects]
     content["figures"] = _figures(data, checks, found)
     content["model_json"], content["improved"] = model_json(found.model), model_json(found.improved)
     proposal = next_experiment(found, data, static=still)
-    content["next_experiment"] = None if proposal is None else planned(proposal, Path(wanted["plans"]), data[0].name)
+    content["next_experiment"] = None if proposal is None else planned(proposal, Path(inputs["plans"]), data[0].name)
     return content
 
 
 def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffect) -> dict[str, Any]:
-    """What a page shows of a suspect: its partial residual, why it is one, the model with it."""
+    """Content of a page about a suspect: its partial residual, its evidence, the model with it."""
     added = suspect.model.effects[-1]
     return {
         "why": why(found, suspect),
@@ -77,7 +77,7 @@ def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffec
 
 
 def _partial(data: Dataset, found: Diagnosis, suspect: SuspectedEffect) -> dict[str, Any] | None:
-    """The suspect alone against what it depends on: an effect found beside the others, a rival in place of them."""
+    """Partial residual over the suspect's coordinate: with the other effects found, or for a rival without them."""
     left, shape = _left(found, suspect), suspect.shape[0]
     if left is None or not np.any(np.isfinite(shape)):
         return None
@@ -94,17 +94,17 @@ def _partial(data: Dataset, found: Diagnosis, suspect: SuspectedEffect) -> dict[
 
 
 def _left(found: Diagnosis, suspect: SuspectedEffect) -> FloatArray | None:
-    """Residual of the first run beside the suspect [deg/h]; for a rival that was not found, of the model with it."""
+    """Residual of the first run with the suspect [deg/h]; for a rival that was not found, of the model with only it."""
     if suspect.found:
         return found.unexplained_residuals[0] if found.unexplained_residuals else None
-    # A rival was judged beside the model alone: what it adds is taken from that residual.
+    # A rival was tested with the original model: its contribution is subtracted from that residual.
     return found.residuals[0] - suspect.shape[0] if found.residuals else None
 
 
 def why(found: Diagnosis, suspect: SuspectedEffect) -> str:
-    """The case for a suspect in a sentence or two."""
+    """The evidence for a suspect as text."""
     threshold = number(found.threshold, 2)
-    beyond = "beyond chance" if suspect.evidence > found.threshold else "no more than chance gives"
+    beyond = "significant" if suspect.evidence > found.threshold else "not significant"
     parts = [f"Evidence {number(suspect.evidence)}, {beyond} (threshold {threshold})"]
     if suspect.scored:
         before, after = number(suspect.held_out_before_dph), number(suspect.held_out_rms_dph)
@@ -114,12 +114,13 @@ def why(found: Diagnosis, suspect: SuspectedEffect) -> str:
     strongest = max(suspect.legs, key=lambda leg: leg[1], default=("", 0.0))
     if strongest[1] > 0:
         parts.append(f"most of it from '{strongest[0]}'")
-    told = "; ".join(parts) + "."
-    return f"{told} This data cannot tell it from {listed(suspect.look_alikes)}." if suspect.look_alikes else told
+    text = "; ".join(parts) + "."
+    alike = f" This data cannot distinguish it from {listed(suspect.look_alikes)}." if suspect.look_alikes else ""
+    return text + alike
 
 
 def _figures(data: Sequence[Dataset], checks: Sequence[Dataset], found: Diagnosis) -> dict[str, Any]:
-    """Map before and after, ladder, evidence by leg, where it fails; those that there are."""
+    """Map before and after, ladder, evidence by leg, where it fails; if available."""
     floor_dph = finite(found.floor_dph)
     figures: dict[str, Any] = {}
     if found.residuals:
@@ -149,8 +150,8 @@ def _misfit(data: Dataset, found: Diagnosis) -> dict[str, Any] | None:
     place = places[0]
     plot = misfit_figure(data, found.residuals[0], place)
     words = (
-        f"What {found.model.name} leaves over {place.channel.replace('_', ' ')}: most from {number(place.low)} to "
-        f"{number(place.high)} {place.unit}, {number(place.misfit_dph)} deg/h of it systematic."
+        f"Residual of {found.model.name} over {place.channel.replace('_', ' ')}: largest from {number(place.low)} to "
+        f"{number(place.high)} {place.unit}, {number(place.misfit_dph)} deg/h systematic."
     )
     return described(plot, words)
 
@@ -165,5 +166,5 @@ def planned(proposal: Proposal, plans: Path, run: str) -> dict[str, Any]:
     path = plans / f"{plan}.yaml"
     write_atomically(path, proposal.profile_yaml.encode())
     content: Mapping[str, Any] = proposal.to_json(plan)
-    told = {"plan": plan, "name": proposal.profile_name, "yaml": proposal.profile_yaml}
-    return {**content, **told, "curve": curve(load_profile(path))}
+    known = {"plan": plan, "name": proposal.profile_name, "yaml": proposal.profile_yaml}
+    return {**content, **known, "curve": curve(load_profile(path))}

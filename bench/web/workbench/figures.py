@@ -1,4 +1,4 @@
-"""`/figures`: a picture of runs and a model, as fine as the stretch that is looked at."""
+"""`/figures`: figures of runs and a model, the finer the narrower the shown range."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ router = APIRouter(tags=["workbench"])
 Kind = Literal["time", "temperature", "map", "loop", "allan", "ladder", "channels"]
 
 
-class FigureWish(RunChoice):
-    """What to draw. The model is fitted to all `runs`; drawn is the run `of`, by default the first of them.
+class FigureRequest(RunChoice):
+    """A figure. The model is fitted to all `runs`; the figure shows the run `of`, by default the first of them.
 
-    `from_s` … `to_degc` are the stretch that is looked at: the narrower, the finer the data. `width` [pixels] bounds
-    the points of a curve.
+    `from_s` … `to_degc` are the shown range: the narrower, the finer the data. `width` [pixels] limits the points of a
+    curve.
     """
 
     kind: Kind
@@ -33,15 +33,15 @@ class FigureWish(RunChoice):
 
 
 @router.post("/figures", status_code=202)
-def figures(request: Request, wish: FigureWish) -> Asked:
-    """Ask for a figure: plotly JSON, a text of what it shows, its numbers as rows of a CSV."""
-    if wish.model is not None:
-        wish.model.model()
-    wanted: dict[str, Any] = {
-        **wish.resolved(request),
-        "of": resolved(request, [wish.of])[0] if wish.of else None,
-        "model": wish.model.content() if wish.model else None,
-        **wish.model_dump(include={"kind", "from_s", "to_s", "from_degc", "to_degc", "width"}),
+def figures(request: Request, body: FigureRequest) -> Asked:
+    """Request a figure: plotly JSON, its description as text, its numbers as rows of a CSV."""
+    if body.model is not None:
+        body.model.model()
+    inputs: dict[str, Any] = {
+        **body.resolved(request),
+        "of": resolved(request, [body.of])[0] if body.of else None,
+        "model": body.model.content() if body.model else None,
+        **body.model_dump(include={"kind", "from_s", "to_s", "from_degc", "to_degc", "width"}),
     }
     target = "bench.web.workbench.drawing:draw"
-    return submit(request, "figure", target, wanted, key=key_of(target, wanted))
+    return submit(request, "figure", target, inputs, key=key_of(target, inputs))

@@ -1,4 +1,4 @@
-"""`/models` and `/effects`: what a model is made of, models by name, and a term of one's own."""
+"""`/models` and `/effects`: models by name, the catalogue of effects, and user-defined terms."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Where = Literal["shipped", "project", "saved"]
 
 
 class KnownModel(BaseModel):
-    """A model by name; one that cannot be read says why in `problem`."""
+    """A model by name; `problem` is the reason if it cannot be read."""
 
     name: str
     where: Where
@@ -37,12 +37,12 @@ class KnownModel(BaseModel):
 
 
 class KnownModels(BaseModel):
-    """All models of the library, of the project, and those saved on the page."""
+    """All shipped models, those of the project, and those saved on the page."""
 
     models: list[KnownModel]
 
 
-class SaveWish(BaseModel):
+class SaveRequest(BaseModel):
     """A model to keep under a name."""
 
     name: str = Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]*$")
@@ -50,7 +50,7 @@ class SaveWish(BaseModel):
 
 
 class Saved(BaseModel):
-    """Where a model is now: `file` is what `--model` of the command line takes."""
+    """A saved model: `file` is the argument for `--model` on the command line."""
 
     name: str
     file: str
@@ -58,7 +58,7 @@ class Saved(BaseModel):
 
 
 class ParameterAnswer(BaseModel):
-    """A nonlinear parameter of an effect: searched between its ends."""
+    """A nonlinear parameter of an effect, searched between `low` and `high`."""
 
     name: str
     unit: str
@@ -82,22 +82,22 @@ class EffectAnswer(BaseModel):
 
 
 class Effects(BaseModel):
-    """The catalogue, and what a formula may use."""
+    """The catalogue, and the names that a formula may use."""
 
     effects: list[EffectAnswer]
     variables: list[str]
     functions: list[str]
 
 
-class FormulaWish(BaseModel):
-    """A term of one's own, with bounds for its nonlinear parameters."""
+class FormulaRequest(BaseModel):
+    """A user-defined term, with bounds for its nonlinear parameters."""
 
     expression: str = Field(max_length=2000)
     bounds: dict[str, tuple[float, float]] = {}
 
 
 class FormulaAnswer(BaseModel):
-    """Whether it is understood; `detail` says why not, `parameters` what is fitted, `needs` the channels."""
+    """Whether a term is valid; `detail` is the reason if not, `parameters` are fitted, `needs` are its channels."""
 
     ok: bool
     detail: str = ""
@@ -110,33 +110,33 @@ class FormulaAnswer(BaseModel):
 
 @router.get("/models")
 def models(request: Request, here: Here) -> KnownModels:
-    """The models there are; whoever looks at them will soon compute, so a process is made ready."""
+    """All models; also starts the computing processes, because a computation usually follows."""
     jobs_of(request).warm()
     return KnownModels(models=[_known(path, where) for path, where in model_files(here).values()])
 
 
 @router.post("/models", status_code=201)
-def save(wish: SaveWish, here: Here, who: Engineer, response: Response) -> Saved:
-    """Keep a model under a name that no other model has; the same model twice is no error."""
+def save(body: SaveRequest, here: Here, who: Engineer, response: Response) -> Saved:
+    """Save a model under an unused name; saving the same model twice is not an error."""
     known = model_files(here)
-    model = ModelJson(name=wish.name, effects=wish.model.effects, rows=wish.model.rows).model()
+    model = ModelJson(name=body.name, effects=body.model.effects, rows=body.model.rows).model()
     text = model.to_yaml()
-    path = here.own / "models" / f"{slug(wish.name)}.yaml"
+    path = here.own / "models" / f"{slug(body.name)}.yaml"
     if path.stem in known:
-        there, where = known[path.stem]
-        if where != "saved" or there.read_text(encoding="utf-8") != text:
-            raise HTTPException(409, f"there is another model '{wish.name}' ({where}): choose another name")
+        existing, where = known[path.stem]
+        if where != "saved" or existing.read_text(encoding="utf-8") != text:
+            raise HTTPException(409, f"the name '{body.name}' is used for another model ({where}): choose another name")
         response.status_code = 200
     else:
         path.parent.mkdir(exist_ok=True)
         write_atomically(path, text.encode())
-    return Saved(name=wish.name, file=str(path), yaml=text)
+    return Saved(name=body.name, file=str(path), yaml=text)
 
 
 @router.get("/effects")
 def effects() -> Effects:
-    """The catalogue of physical effects, as `bench effects` tells it."""
-    found = [
+    """The catalogue of physical effects, as in `bench effects`."""
+    entries = [
         EffectAnswer(
             effect=entry.name,
             family=entry.family,
@@ -153,30 +153,30 @@ def effects() -> Effects:
         )
         for entry in catalogue()
     ]
-    return Effects(effects=found, variables=list(variables()), functions=list(FUNCTIONS))
+    return Effects(effects=entries, variables=list(variables()), functions=list(FUNCTIONS))
 
 
 @router.post("/effects/formula")
-def formula(wish: FormulaWish) -> FormulaAnswer:
-    """Whether a term is understood, as one types it; nothing is computed."""
+def formula(body: FormulaRequest) -> FormulaAnswer:
+    """Check a term while it is typed; nothing is computed."""
     try:
-        found = Expression(wish.expression, wish.bounds)
+        term = Expression(body.expression, body.bounds)
     except InputError as error:
         return FormulaAnswer(ok=False, detail=str(error).removeprefix("expression: "))
-    parsed, bounds = found.parsed, {name: list(pair) for name, pair in wish.bounds.items()}
+    parsed, bounds = term.parsed, {name: list(pair) for name, pair in body.bounds.items()}
     return FormulaAnswer(
         ok=True,
         parameters=[*parsed.amplitudes, *parsed.nonlinear],
         amplitudes=list(parsed.amplitudes),
         nonlinear=list(parsed.nonlinear),
-        needs=list(found.needs),
-        effect={"effect": "expression", "formula": wish.expression, **({"bounds": bounds} if bounds else {})},
+        needs=list(term.needs),
+        effect={"effect": "expression", "formula": body.expression, **({"bounds": bounds} if bounds else {})},
     )
 
 
 def model_files(here: Settings) -> dict[str, tuple[Path, Where]]:
-    """Model files by name; the project's own take the place of shipped ones."""
-    found: dict[str, tuple[Path, Where]] = {}
+    """Model files by name; those of the project replace shipped ones."""
+    by_name: dict[str, tuple[Path, Where]] = {}
     folders: tuple[tuple[Path, Where], ...] = (
         (library() / "models", "shipped"), (here.project / "profiles" / "models", "project"),
         (here.own / "models", "saved"),
@@ -185,9 +185,9 @@ def model_files(here: Settings) -> dict[str, tuple[Path, Where]]:
         for path in sorted(folder.glob("*.yaml")) if folder.is_dir() else ():
             if not path.is_file() or not is_text(path.stem):
                 continue
-            if path.stem not in found or not path.samefile(found[path.stem][0]):
-                found[path.stem] = (path, where)
-    return found
+            if path.stem not in by_name or not path.samefile(by_name[path.stem][0]):
+                by_name[path.stem] = (path, where)
+    return by_name
 
 
 def _known(path: Path, where: Where) -> KnownModel:

@@ -1,7 +1,7 @@
-"""A stretch of a run as fine as it can be seen: means of as many bins as there are pixels, extremes of every bin.
+"""A part of a run at screen resolution: means of as many bins as there are pixels, and extremes of every bin.
 
-Wide views are made from the 1 s means, narrow ones from the samples; of these only the row groups are read that the
-stretch touches. Extremes are of what a view is made from, so that a spike of one sample is there when it is looked for.
+Wide views are made from the 1 s means, narrow ones from the samples, of which only the necessary row groups are read.
+Extremes are those of the means or samples, so that a view shows a spike of one sample.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from bench.base import DPH_PER_DPS, FloatArray, InputError, IntArray
 from bench.record import Dataset
 
 SAMPLES_WITHIN_S = 1200.0
-"""Stretches no longer than this are read from the samples [s]."""
+"""Longest range that is read from the samples [s]."""
 MOST_BINS = 2000
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Bins (n,) of a stretch; NaN where nothing was captured. Bias in deg/h, temperature in degC."""
+    """Bins (n,) of a range; NaN where nothing was captured. Bias in deg/h, temperature in degC."""
 
     time: FloatArray
     bias: FloatArray
@@ -34,10 +34,10 @@ class View:
     fitted: FloatArray | None
     interval_s: float
     of: str
-    """What low and high are extremes of."""
+    """Name of the data whose extremes `low` and `high` are."""
 
     def dataset(self, name: str) -> Dataset:
-        """The means as a record of their own, for the figures of the report."""
+        """The means as a dataset, for the figures of the report."""
         return Dataset(
             name, self.time, {"rate": self.bias, "temperature": self.temperature},
             np.zeros(self.time.size, dtype=np.int64), interval_s=self.interval_s,
@@ -47,22 +47,22 @@ class View:
 def view(
     base: Dataset, samples: Path, span: tuple[float | None, float | None], bins: int, fitted: FloatArray | None
 ) -> View:
-    """The stretch `span` [s] of a run in about `bins` bins; `base` are its 1 s means, `fitted` (n,) the model on them.
+    """The range `span` [s] of a run in about `bins` bins; `base` are its 1 s means, `fitted` (n,) the model for them.
 
-    InputError where the stretch holds nothing.
+    InputError for a range without data.
     """
     first, last = float(base.time[0]) - 0.5, float(base.time[-1]) + 0.5
     begin = first if span[0] is None else max(first, span[0])
     end = last if span[1] is None else min(last, span[1])
     if not end > begin:
-        raise InputError(f"{base.name}: nothing from {begin:g} to {end:g} s; the run has {first:g} to {last:g} s")
+        raise InputError(f"{base.name}: no data from {begin:g} to {end:g} s; the run has {first:g} to {last:g} s")
     width = (end - begin) / min(max(bins, 10), MOST_BINS)
     read = _samples(samples, begin, end) if end - begin <= SAMPLES_WITHIN_S and samples.is_file() else None
     if read is not None and read[0].size:
         time, bias, temperature = read
         step = float(np.median(np.diff(time))) if time.size > 1 else width
         known = None if fitted is None else np.interp(time, base.time, fitted)
-        # Half a step before the first: a sample that jitters stays in its bin.
+        # Half a step before the first, so that a sample with jitter remains in its bin.
         return _binned((time, bias, temperature, known), float(time[0]) - step / 2, max(width, step), "samples")
     rows = (base.time >= begin) & (base.time <= end)
     if not rows.any():
@@ -76,7 +76,7 @@ def view(
 def _binned(
     columns: tuple[FloatArray, FloatArray, FloatArray, FloatArray | None], begin: float, interval: float, of: str
 ) -> View:
-    """Means of equal bins, extremes of the bias; a bin without a row in the middle of the stretch is a gap."""
+    """Means of equal bins, extremes of the bias; a bin without a row in the middle of the range is a gap."""
     time, bias, temperature, fitted = columns
     which = np.floor((time - begin) / interval).astype(np.int64)
     starts = np.flatnonzero(np.diff(which, prepend=which[0] - 1))
@@ -111,20 +111,20 @@ def _means(values: FloatArray, starts: IntArray) -> FloatArray:
 
 
 def _samples(path: Path, begin: float, end: float) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Time, bias and temperature of every sample of a stretch; None where the file does not have them."""
+    """Time, bias and temperature of every sample of a range; None if the file does not contain them."""
     try:
         with pq.ParquetFile(path, pre_buffer=False) as source:
             names = source.schema_arrow.names
             if not {"time", "rate", "temperature"} <= set(names):
                 return None
-            wanted = [name for name in ("time", "rate", "temperature", "applied_rate") if name in names]
+            needed = [name for name in ("time", "rate", "temperature", "applied_rate") if name in names]
             groups = list(_groups(source, begin, end))
             if not groups:
                 return None
-            table = source.read_row_groups(groups, columns=wanted, use_threads=False)
+            table = source.read_row_groups(groups, columns=needed, use_threads=False)
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"not a readable Parquet file ({error})", path.name) from None
-    columns = {name: _floats(table.column(name)) for name in wanted}
+    columns = {name: _floats(table.column(name)) for name in needed}
     first, last = np.searchsorted(columns["time"], [begin, end])
     time, rate, temperature = (columns[name][first:last] for name in ("time", "rate", "temperature"))
     if "applied_rate" in columns:
@@ -133,7 +133,7 @@ def _samples(path: Path, begin: float, end: float) -> tuple[FloatArray, FloatArr
 
 
 def _groups(source: pq.ParquetFile, begin: float, end: float) -> Iterator[int]:
-    """Row groups whose times touch the stretch, by what the file says of them; all of a file that says nothing."""
+    """Row groups that overlap the range, by the statistics in the file; without statistics, all."""
     column = source.schema_arrow.names.index("time")
     for i in range(source.num_row_groups):
         known = source.metadata.row_group(i).column(column).statistics

@@ -1,8 +1,8 @@
-"""A CAN bus with faults: wraps any python-can bus and spoils what is received from it, by name.
+"""A CAN bus with faults: wraps any python-can bus and injects named faults into its frames.
 
 Works on whole FRAME arrays, so it serves the lock-step simulation (`recv_block`) and single messages (`recv`) alike;
-on the sending side it can be put around the bus of a simulated unit (`send_block`). Time is that of the frames, not
-of the wall. The same seed and the same frames give the same faults.
+on the sending side it can wrap the bus of a simulated unit (`send_block`). Time is that of the frames, not wall time.
+The same seed and the same frames give the same faults.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from drivers.sim.faults.units import Layout
 
 @dataclass
 class Fault:
-    """A fault that is switched on, and what it holds."""
+    """A fault that is switched on, and the frames that it holds back."""
 
     name: str
     share: float
@@ -34,10 +34,10 @@ class Fault:
 
 
 class FaultyBus(can.BusABC):
-    """The bus inside, with faults; `layout` and `number` name the unit that `reset` and `twin` concern.
+    """Wraps a bus with faults; `layout` and `number` name the unit that `reset` and `twin` affect.
 
-    `counts` says how many frames each fault has struck, `struck` the same by fault and identifier.
-    Closing this closes the bus inside.
+    `counts` is the number of frames that each fault has affected, `struck` the same by fault and identifier.
+    Closing this bus closes the wrapped one.
     """
 
     def __init__(self, bus: can.BusABC, *, seed: int = 1, layout: str | Path = "vibratory", number: int = 0) -> None:
@@ -54,13 +54,13 @@ class FaultyBus(can.BusABC):
         super().__init__(channel=self.channel_info)
 
     def inject(self, name: str, *, share: float = 1.0, seconds: float = 0.0) -> None:
-        """Switch a fault on; several work one after the other, in the order in which they were switched on."""
+        """Switch a fault on; several faults are applied in the order in which they were switched on."""
         if name not in ON_BUS:
             raise ValueError(f"fault {name!r} on a CAN bus: must be one of {', '.join(ON_BUS)}")
         self._faults.append(Fault(name, share, seconds, NO_FRAMES))
 
     def clear(self, name: str | None = None) -> None:
-        """Switch this fault off, or all; what a burst still holds comes with the next frames. A reset has happened."""
+        """Switch this fault off, or all; frames held back arrive with the next ones. A reset cannot be undone."""
         for fault in [fault for fault in self._faults if name in (None, fault.name)]:
             self._faults.remove(fault)
             self._released.append(fault.held)
@@ -77,17 +77,17 @@ class FaultyBus(can.BusABC):
         return self._spoil(to_frames(records) if records else NO_FRAMES)
 
     def send_block(self, frames: FrameArray) -> None:
-        """Send FRAME records (n,), spoiled; CanOperationError while the bus is off."""
+        """Send FRAME records (n,) with faults; CanOperationError while the bus is off."""
         self._check("send")
         self._forward(self._spoil(frames))
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send one message, spoiled; CanOperationError while the bus is off."""
+        """Send one message with faults; CanOperationError while the bus is off."""
         self._check("send")
         self._forward(self._spoil(to_frames([to_record(msg, round(msg.timestamp * 1e9))])))
 
     def shutdown(self) -> None:
-        """Close this and the bus inside."""
+        """Close this bus and the wrapped one."""
         super().shutdown()
         self.bus.shutdown()
 
@@ -128,7 +128,7 @@ class FaultyBus(can.BusABC):
         return frames
 
     def _struck(self, fault: Fault, frames: FrameArray) -> Any:
-        """Which frames (n,) the fault strikes."""
+        """Frames (n,) that the fault affects."""
         hit = self._rng.random(len(frames)) < fault.share
         self._count(fault, frames[hit])
         return hit

@@ -1,8 +1,8 @@
-"""A Modbus gateway with faults: stands between a link and a healthy Modbus TCP server and spoils answers by name.
+"""A Modbus gateway with faults, between a link and a healthy Modbus TCP server: injects named faults into answers.
 
-In front it speaks Modbus TCP, RTU frames over TCP (as serial gateways do), or RTU frames on a pty (a serial line);
+To the link it is a Modbus TCP server, RTU frames over TCP (as serial gateways), or RTU frames on a pty (a serial line);
 behind it is any Modbus TCP server. Faults are switched on and off while it runs; the same seed and the same requests
-give the same faults. Delays pass on the wall clock, as they do on a wire.
+give the same faults. Delays are wall time, as on a wire.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _PIECES_S = 0.02
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault that is switched on; it strikes a `share` of the answers, at most `times` of them."""
+    """A fault that is switched on; it affects a `share` of the answers, at most `times` of them."""
 
     name: str
     share: float = 1.0
@@ -40,9 +40,9 @@ class Fault:
 
 
 class ModbusProxy:
-    """Serves `url`; forwards to the Modbus TCP server at `upstream`. Runs in a thread of its own until `close()`.
+    """Serves `url`; forwards to the Modbus TCP server at `upstream`. Runs in a separate thread until `close()`.
 
-    `counts` says how often each fault has struck, `requests` how many requests arrived.
+    `counts` is how often each fault has occurred, `requests` the number of requests that arrived.
     """
 
     def __init__(self, upstream: tuple[str, int], front: Front = "tcp", seed: int = 1) -> None:
@@ -67,13 +67,13 @@ class ModbusProxy:
 
     @property
     def url(self) -> str:
-        """Where a ModbusLink finds the proxy."""
+        """Address of the proxy for a ModbusLink."""
         return f"rtu://{os.ttyname(self._slave)}" if self.front == "rtu" else f"{self.front}://127.0.0.1:{self.port}"
 
     def inject(
         self, name: str, *, share: float = 1.0, times: int | None = None, seconds: float = 0.0, code: int = 6
     ) -> None:
-        """Switch a fault on; of several, the one that was switched on first and is drawn strikes."""
+        """Switch a fault on; of several drawn for one answer, the one that was switched on first applies."""
         if name not in ON_MODBUS or self.front not in _ONLY.get(name, (self.front,)):
             raise ValueError(f"fault {name!r} on {self.front}: must be one of {', '.join(ON_MODBUS)}")
         self._call(self._set((*self._faults, Fault(name, share, times, seconds, code))))
@@ -157,7 +157,7 @@ class ModbusProxy:
             transport.close()
 
     async def _serve(self, reader: asyncio.StreamReader, write: Write) -> None:
-        """One client: request by request, as a gateway with one serial line behind it."""
+        """Serve one client, one request at a time, as a gateway with one serial line."""
         behind: asyncio.StreamWriter | None = None
         with contextlib.suppress(OSError, EOFError):
             source, behind = await asyncio.open_connection(*self._upstream)
@@ -173,7 +173,7 @@ class ModbusProxy:
     async def _exchange(
         self, request: Frame, source: asyncio.StreamReader, behind: asyncio.StreamWriter, write: Write
     ) -> bool:
-        """Forward one request and answer it, with the fault that strikes; False: hang up."""
+        """Forward one request and answer it, with a fault if one was drawn; False: hang up."""
         fault = self._strikes()
         if fault.name == "silence":
             return True
@@ -190,7 +190,7 @@ class ModbusProxy:
         return fault.name != "close"
 
     def _strikes(self) -> Fault:
-        """The fault that strikes this answer, if any; one draw for each that is switched on."""
+        """The fault for this answer, if any; one draw for each that is switched on."""
         for fault in self._faults:
             if self._random.random() < fault.share and fault.times != 0:
                 if fault.times is not None:
@@ -235,11 +235,11 @@ class Frame:
     transaction: int = 0
 
     def mbap(self) -> bytes:
-        """With the header of Modbus TCP."""
+        """Bytes with the header of Modbus TCP."""
         return struct.pack(">HHHB", self.transaction, 0, len(self.pdu) + 1, self.device) + self.pdu
 
     def rtu(self) -> bytes:
-        """With the CRC of a serial line."""
+        """Bytes with the CRC of a serial line."""
         body = bytes([self.device]) + self.pdu
         return body + struct.pack("<H", crc16(body))
 
@@ -250,7 +250,7 @@ async def _read_mbap(reader: asyncio.StreamReader) -> Frame:
 
 
 async def _read_rtu(reader: asyncio.StreamReader) -> Frame:
-    """The next request whose CRC is right; bytes before it are left out."""
+    """The next request whose CRC is right; bytes before it are skipped."""
     data = b""
     while True:
         data += await reader.readexactly(8 - len(data) if len(data) < 8 else 1)

@@ -1,4 +1,4 @@
-"""What a fault has to know of a unit on the bus: its identifiers, its counters and its CRC."""
+"""Data of a unit on the bus that faults need: its identifiers, its counters and its CRC."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from drivers.journal import FrameArray
 from drivers.wire import Message, Signal, load_dbc
 
 TWIN_COUNTER = 30_011
-"""How far the counter of the second unit is ahead: about half a turn, and no multiple of a slow message's cycle."""
+"""Lead of the second unit's counter: about half its range, and not a multiple of a slow message's cycle."""
 TWIN_DELAY_NS = 700_000
 BOOT_UP = 0
 
 
 class Layout:
-    """Unit `number` of a gyro family, seen by somebody who forges its frames."""
+    """Reads and forges frames of unit `number` of a gyro family."""
 
     def __init__(self, dbc: str | Path, number: int) -> None:
         messages = load_dbc(dbc).values()
@@ -26,18 +26,18 @@ class Layout:
         self._rate_id = next(id_ for id_, m in self._messages.items() if "SampleCounter" in m.signals)
         self._heartbeat_id = next(id_ for id_, m in self._messages.items() if "Serial" in m.signals)
         heartbeat = self._messages[self._heartbeat_id]
-        self._said = heartbeat.pack(1, dict.fromkeys(heartbeat.signals, 0))
+        self._heartbeat = heartbeat.pack(1, dict.fromkeys(heartbeat.signals, 0))
 
     def listen(self, frames: FrameArray) -> None:
-        """Remember what the unit says about itself."""
+        """Store the payload of the unit's last heartbeat."""
         rows = np.flatnonzero(frames["id"] == self._heartbeat_id)
         if len(rows):
-            self._said = np.ascontiguousarray(frames["data"][rows[-1:]])
+            self._heartbeat = np.ascontiguousarray(frames["data"][rows[-1:]])
 
     def is_unit(self, frames: FrameArray) -> npt.NDArray[np.bool_]:
-        """Which frames (n,) are from this unit."""
-        found: npt.NDArray[np.bool_] = np.isin(frames["id"], list(self._messages))
-        return found
+        """Mask of the frames (n,) of this unit."""
+        mask: npt.NDArray[np.bool_] = np.isin(frames["id"], list(self._messages))
+        return mask
 
     def first_rate(self, frames: FrameArray, from_ns: int) -> int | None:
         """Row of the first rate frame from this time [ns] on."""
@@ -50,7 +50,7 @@ class Layout:
         return int(signal.unpack(np.ascontiguousarray(frame["data"]))[0])
 
     def counted_from(self, frames: FrameArray, shift: int) -> FrameArray:
-        """The same frames with every counter moved by `shift` samples, and right CRCs."""
+        """The same frames with every counter shifted by `shift` samples, and correct CRCs."""
         frames = frames.copy()
         for identifier, message in self._messages.items():
             rows = np.flatnonzero(frames["id"] == identifier)
@@ -66,7 +66,7 @@ class Layout:
         """A boot-up heartbeat (1,) at the time of the frame `like`."""
         message = self._messages[self._heartbeat_id]
         frame: FrameArray = np.array([like], dtype=like.dtype)
-        state = _put(message.signals["State"], self._said, np.array([BOOT_UP]))
+        state = _put(message.signals["State"], self._heartbeat, np.array([BOOT_UP]))
         frame["id"], frame["len"], frame["data"] = self._heartbeat_id, message.length, state
         return frame
 

@@ -1,4 +1,4 @@
-"""The truth of a simulated unit: a catalogue of physical mechanisms, one a file, integrated with states of their own.
+"""The truth of a simulated unit: a catalogue of physical mechanisms, one per file, that integrate separate states.
 
 `MECHANISMS` maps the name used in a station's YAML to its class.
 """

@@ -1,8 +1,8 @@
-"""What every mechanism of the truth is given, and what it must answer.
+"""Input and output of every mechanism of the truth.
 
-The truth integrates states of its own; it shares no formula with the analysis half. A mechanism is a frozen, strictly
-validated set of named parameters (each with its unit) whose `start` returns something to call once a step. Steps are
-resolved on *nodes*, the sampling moments of the slow channels plus the end of the step, so the last node of one step
+The truth integrates separate states; it shares no formula with the analysis half. A mechanism is a frozen, strictly
+validated set of named parameters (each with its unit) whose `start` returns a function to call once per step. Steps
+are resolved on *nodes*, the sampling times of the slow channels plus the end of the step, so the last node of one step
 is the first of the next.
 """
 
@@ -22,7 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(slots=True)
 class Scene:
-    """One step as the unit lives it: arrays over its nodes `(m + 1,)`, scalars constant over the step."""
+    """Environment and channels during one step: arrays over its nodes `(m + 1,)`, scalars constant over the step."""
 
     time: FloatArray
     """Bench time [s]."""
@@ -39,7 +39,7 @@ class Scene:
     air: FloatArray
     """Chamber air [degC]."""
     applied_rate: FloatArray
-    """What truly turns the unit [deg/s]."""
+    """True rate of rotation of the unit [deg/s]."""
     supply: FloatArray
     """Supply at the unit's pins [V]."""
     compressor: float
@@ -60,18 +60,18 @@ class Scene:
 
 
 Contribution = Callable[[Scene], FloatArray]
-"""Called once a step, in order of time: the bias that a mechanism adds at the nodes [deg/h], shape `(m + 1,)`."""
+"""Called once per step, in order of time: the bias that a mechanism adds at the nodes [deg/h], shape `(m + 1,)`."""
 
 
 class Mechanism(BaseModel):
-    """Parameters of one mechanism; the class docstring says what it is and where it comes from."""
+    """Parameters of one mechanism; the class docstring describes it and gives its source."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     effect: ClassVar[str | None] = None
-    """The effect of the analysis library that covers it; None where the library has none."""
+    """The effect of the analysis library that covers it; None when the library does not."""
     kind: ClassVar[Literal["thermal", "static", "bias"]] = "bias"
-    """`thermal` sets the resonator's temperature, `static` is a function of it alone, `bias` is everything else."""
+    """`thermal` sets the resonator's temperature, `static` is a function of only this temperature, `bias` any other."""
 
     @classmethod
     def describe(cls) -> str:
@@ -104,7 +104,7 @@ class Lag:
 
 
 def straight(first: float, last: float, nodes: int) -> FloatArray:
-    """Straight line over the nodes of a step, shape `(nodes,)`: `numpy.linspace`, at a fifth of what it costs."""
+    """Straight line over the nodes of a step, shape `(nodes,)`: as `numpy.linspace`, five times faster."""
     line = _count(nodes) * ((last - first) / (nodes - 1))
     line += first
     line[-1] = last
@@ -120,16 +120,16 @@ def _count(nodes: int) -> FloatArray:
 
 @lru_cache(maxsize=256)
 def decay(tau_s: float, node_s: float, nodes: int) -> FloatArray:
-    """exp(-t / tau) at the nodes of a step, shape `(nodes,)`; shared, so read only."""
+    """exp(-t / tau) at the nodes of a step, shape `(nodes,)`; cached, so read only."""
     table = np.exp(-node_s / tau_s * np.arange(nodes, dtype=np.float64))
     table.setflags(write=False)
     return table
 
 
 class OrnsteinUhlenbeck:
-    """Sum of stationary first-order processes on the nodes, generated ahead in blocks so that it costs little.
+    """Sum of stationary first-order processes on the nodes, generated ahead in blocks for speed.
 
-    How the record is cut into steps does not change it.
+    It does not depend on how the record is divided into steps.
     """
 
     BLOCK = 3000
@@ -142,7 +142,7 @@ class OrnsteinUhlenbeck:
         self._ahead = np.array([self._state.sum()])
 
     def __call__(self, nodes: int) -> FloatArray:
-        """Values at the coming nodes, the last one given again as the first of the next call."""
+        """Values at the next nodes; the last one is repeated as the first of the next call."""
         while len(self._ahead) < nodes:
             self._ahead = np.concatenate([self._ahead, self._block()])
         taken, self._ahead = self._ahead[:nodes], self._ahead[nodes - 1 :]

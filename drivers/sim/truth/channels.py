@@ -1,4 +1,4 @@
-"""What the unit reports beside the rate: thermometer, resonance frequency, drive, quadrature, supply."""
+"""Channels that the unit reports beside the rate: thermometer, resonance frequency, drive, quadrature, supply."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class DriveSettings(_Settings):
 
 
 class Crossing(_Settings):
-    """A parasitic mode that crosses the drive mode at one temperature and stirs the quadrature there."""
+    """A parasitic mode that crosses the drive mode at one temperature and raises the quadrature there."""
 
     at_degc: float = Field(description="temperature of the crossing [degC]")
     width_degc: float = Field(gt=0.0, description="half width at half height [degC]")
@@ -78,7 +78,7 @@ class SupplySettings(_Settings):
 
 
 class ChannelSettings(_Settings):
-    """All of them, each with defaults."""
+    """Settings of all channels, each with defaults."""
 
     thermometer: ThermometerSettings = ThermometerSettings()
     frequency: FrequencySettings = FrequencySettings()

@@ -41,7 +41,7 @@ class Frost(Mechanism):
                 melted = share * ice
                 water = (water * (1.0 - share) + melted) * float(np.exp(-duration_s / self.drying_s))
                 ice -= melted
-            # Equal melting and drying peak at 1/e of the ice; the amplitude is meant at the peak.
+            # Equal melting and drying peak at 1/e of the ice; the amplitude is defined at the peak.
             full = self.amplitude_dph * np.e * scene.humidity / 0.4
             return full * np.linspace(before, water, len(scene.time))
 

@@ -21,7 +21,7 @@ class NoiseSettings(BaseModel):
 
 
 class RateNoise:
-    """Noise of the rate, deterministic by its generators and blind to how the record is cut into steps."""
+    """Noise of the rate, deterministic by its generators, independent of how the record is divided into steps."""
 
     FLICKER_TAU_S = 0.05 * 4.0 ** np.arange(12, dtype=np.float64)
     """One pole every factor of 4 from 0.05 s to 58 h: 1/f within 1 % between; faster, the angle random walk rules."""

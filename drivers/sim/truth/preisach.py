@@ -14,7 +14,7 @@ class Preisach(Mechanism):
     """Ensemble of micro-slips in glue and solder: relays up at c + h, down at c - h, B = a mean(state) (Preisach 1935).
 
     Centres c are spread evenly, half widths h exponentially. Which relays a unit has belongs to the unit, not to
-    the run, hence a seed of its own.
+    the run, hence a separate seed.
     """
 
     mechanism: Literal["preisach"] = "preisach"
@@ -45,7 +45,7 @@ class Preisach(Mechanism):
 
 
 class _Relays:
-    """Relays with their thresholds in order, so that a step touches only those that it passes."""
+    """Relays sorted by their thresholds, so that a step updates only those that it passes."""
 
     def __init__(self, centre: FloatArray, half: FloatArray, start_degc: float) -> None:
         self._thresholds = tuple((np.argsort(x), np.sort(x)) for x in (centre - half, centre + half))

@@ -11,7 +11,7 @@ from drivers.sim.truth.base import Contribution, FloatArray, Mechanism, Scene
 
 
 class ScaleFactorTemperature(Mechanism):
-    """Scale factor over temperature: adds Omega (s_1 (T - T_0) + s_2 (T - T_0)^2); nothing while nothing turns."""
+    """Scale factor over temperature: adds Omega (s_1 (T - T_0) + s_2 (T - T_0)^2); 0 at rest."""
 
     mechanism: Literal["scale_factor_temperature"] = "scale_factor_temperature"
     effect: ClassVar[str | None] = "scale_factor_temperature"

@@ -1,4 +1,4 @@
-"""A bias that is drawn anew at each power-on."""
+"""A new random bias at each power-on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A cause that drifts and that nobody logs."""
+"""A disturbance that drifts and is not logged."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-// The server's API: JSON in, JSON out, and one line that says what was wrong.
+// The server's API: JSON requests and answers, and errors of one line.
 import { session } from "./store.js";
 
 const BASE = "/api/v1";
 const WAIT_S = 20;
 
-/** What the server said instead of an answer; `status` is 0 when it said nothing at all. */
+/** Error answer of the server; `status` is 0 without any answer. */
 export class ApiError extends Error {
   constructor(status, detail) {
     super(detail);
@@ -48,7 +48,7 @@ export const remove = (path, options) => send("DELETE", path, options);
 /** Send a form with files (imports). */
 export const upload = (path, form, options) => send("POST", path, { ...options, form });
 
-/** Wait for a job to be done; its result. `told` sees each answer on the way. Throws ApiError when it failed. */
+/** Wait for a job to be done; its result. `told` gets each intermediate answer. Throws ApiError when it failed. */
 export async function finished(job, /** @type {{told?: (seen: any) => void, signal?: AbortSignal}} */ { told, signal } = {}) {
   for (;;) {
     const seen = await get(`${url`/jobs/${job}`}?wait_s=${WAIT_S}`, { signal });
@@ -58,7 +58,7 @@ export async function finished(job, /** @type {{told?: (seen: any) => void, sign
   }
 }
 
-/** Have something computed: POST that answers with a job, and its result. */
+/** Request a computation: POST that answers with a job, and its result. */
 export async function compute(path, body, options = {}) {
   const { job } = await post(path, body, options);
   return finished(job, options);

@@ -1,4 +1,4 @@
-// The bar above every page: where one is, how many runs are live, language, light or dark, who is signed in.
+// The bar above every page: navigation, number of live runs, language, light or dark, signed-in user.
 import { html } from "./preact.js";
 import { remove } from "./api.js";
 import { useLive } from "./live.js";
@@ -42,7 +42,7 @@ async function leave() {
   navigate("/login");
 }
 
-/** The bar; the stream of live runs stays open as long as it stands. */
+/** The bar; the stream of live runs is open while it is shown. */
 export function Bar({ place, who }) {
   const rank = RANK[who?.role] ?? 0;
   return html`<header class="bar">
@@ -65,7 +65,7 @@ function Count() {
   return count > 0 && html`<span class="count"><span class="unseen">${t("nav.live_count", { n: count })}</span><span aria-hidden="true">${count}</span></span>`;
 }
 
-/** Says when the page is blind: what it shows is old then, while the runs go on. */
+/** Shown without a connection: the data is old then, while the runs continue. */
 function Line() {
   const connected = useLive((now) => now.connected);
   return html`<div role="status">${connected === false && html`<div class="lost">${t("line.lost")}</div>`}</div>`;

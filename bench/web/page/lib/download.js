@@ -12,7 +12,7 @@ export function save(name, blob) {
   document.body.append(link);
   link.click();
   link.remove();
-  // The browser reads the blob after the click has been handled, so it must live a little longer.
+  // The browser reads the blob after the click was handled, so it is released later.
   setTimeout(() => URL.revokeObjectURL(address), 30000);
 }
 
@@ -21,7 +21,7 @@ const cell = (value) => {
   return /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 };
 
-/** Rows (arrays of cells) as CSV after RFC 4180; an absent number is an empty cell. */
+/** Rows (arrays of cells) as CSV after RFC 4180; a missing number is an empty cell. */
 export function saveCsv(name, rows) {
   const text = rows.map((row) => row.map(cell).join(",")).join("\r\n");
   save(`${fileName(name)}.csv`, new Blob([text, "\r\n"], { type: "text/csv;charset=utf-8" }));
@@ -30,7 +30,7 @@ export function saveCsv(name, rows) {
 /** SVG text as a file. */
 export const saveSvg = (name, text) => save(`${fileName(name)}.svg`, new Blob([text], { type: "image/svg+xml" }));
 
-/** SVG text as pixels, twice as fine as the screen's; `size` is [width, height] in CSS pixels. */
+/** SVG text as pixels, at twice the resolution of the screen; `size` is [width, height] in CSS pixels. */
 export async function savePng(name, text, [width, height]) {
   const image = new Image(width, height);
   image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;

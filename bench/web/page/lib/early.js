@@ -1,4 +1,4 @@
-// Before the first paint: light or dark. A classic script of its own, because the page allows no inline script.
+// Before the first paint: light or dark. A separate classic script, because the page does not allow inline scripts.
 (() => {
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const chosen = () => {

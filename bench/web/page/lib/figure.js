@@ -1,7 +1,7 @@
-// One figure: plotly drawn from JSON in the page's colours, with words, keyboard and files of it.
+// One figure: plotly drawn from JSON in the page's colours, with its description, keyboard control and file export.
 //
-// Plotly is fetched when the first figure is drawn. A figure is updated by Plotly.react, never made anew: a figure
-// made anew loses its zoom and has leaked memory in the past.
+// Plotly is fetched when the first figure is drawn. A figure is updated by Plotly.react, never recreated: a figure
+// that is recreated loses its zoom and has leaked memory in the past.
 import { saveCsv, savePng, saveSvg } from "./download.js";
 
 /** @type {[number, number]} */
@@ -9,7 +9,7 @@ const EXPORT_SIZE = [1200, 700];
 const CONFIG = { displayModeBar: false, responsive: false, doubleClick: false, showTips: false };
 const KEY_STEP = 0.2;
 
-/** Plotly, when it has been fetched. */
+/** Plotly, after it was fetched. */
 let Plotly = null;
 
 /** Fetch plotly, with the first figure. */
@@ -18,7 +18,7 @@ async function plotly() {
   return Plotly;
 }
 
-/** Colours of the page as it is now (light or dark), as plain words that a drawing can carry away. */
+/** Colours of the page as it is now (light or dark), as constants for a drawing. */
 export function palette() {
   const style = getComputedStyle(document.documentElement);
   const of = (name, otherwise) => style.getPropertyValue(name).trim() || otherwise;
@@ -44,7 +44,7 @@ export function themed(layout, colours, zoom = {}) {
   return out;
 }
 
-/** Call `change` whenever the page turns light or dark; returns how to stop. */
+/** Call `change` whenever the page turns light or dark; returns a function that ends this. */
 export function onTheme(change) {
   const media = matchMedia("(prefers-color-scheme: dark)");
   const watcher = new MutationObserver(change);
@@ -58,7 +58,7 @@ export function onTheme(change) {
 
 const clone = (value) => structuredClone(value);
 
-/** A drawn figure in `place` (an element). `onZoom(range|null)` is told x's range after the user has zoomed. */
+/** A drawn figure in `place` (an element). `onZoom(range|null)` gets the range of x after the user has zoomed. */
 export class Drawn {
   constructor(place, onZoom = (_range) => {}) {
     this.place = place;
@@ -81,12 +81,12 @@ export class Drawn {
   async paint() {
     await plotly();
     if (!this.figure || !this.place.isConnected) return;
-    // Plotly writes into what it is given, and the answer may be cached: it gets a copy.
+    // Plotly changes its input, and the answer may be cached: it gets a copy.
     const { data, layout } = clone(this.figure);
     await Plotly.react(this.place, data, themed(layout, palette(), this.zoom), CONFIG);
     if (!this.listening) {
       this.place.on("plotly_relayout", (change) => this.relayout(change));
-      // Plotly itself would go back to the range that was drawn last, which after finer data came is the narrow one.
+      // Plotly would return to the last drawn range, which is the narrow one after finer data was fetched.
       this.place.on("plotly_doubleclick", () => this.reset());
       this.listening = true;
     }
@@ -104,14 +104,14 @@ export class Drawn {
     this.onZoom(this.zoom.xaxis ?? null);
   }
 
-  /** Whole picture again. */
+  /** Show the whole figure again. */
   reset() {
     this.zoom = {};
     this.onZoom(null);
     return this.paint();
   }
 
-  /** Arrow keys move, + and - zoom in time or temperature, 0 or Home shows all; true where the key was used. */
+  /** Arrow keys move, + and - zoom in time or temperature, 0 or Home shows all; true if the key was used. */
   key(name) {
     const axis = this.place.layout?.xaxis;
     if (!axis?.range) return false;
@@ -135,7 +135,7 @@ export class Drawn {
     return decodeURIComponent(address.slice(address.indexOf(",") + 1));
   }
 
-  /** The figure as a file: "PNG" or "SVG", in the colours and the zoom that are seen. */
+  /** The figure as a file: "PNG" or "SVG", in the current colours and zoom. */
   async save(kind, name) {
     const text = await this.svg();
     return kind === "PNG" ? savePng(name, text, EXPORT_SIZE) : saveSvg(name, text);

@@ -1,4 +1,4 @@
-// What the live runs do: one stream of events for the whole page, with bounded traces that catch up after a gap.
+// State of the live runs: one event stream for the whole page, with bounded traces that are completed after a gap.
 import { useEffect } from "./preact.js";
 import { get, query, url } from "./api.js";
 import { store, useStore } from "./store.js";
@@ -7,11 +7,11 @@ import { Trace } from "./trace.js";
 const STREAM = "/api/v1/live/stream";
 const LINGER_MS = 4000;
 const RETRY_MS = [500, 1000, 2000, 5000];
-/** Longer without a word than this, and the page says that it is blind; the server sends a word at least every few seconds. */
+/** After this time without a message the connection counts as lost; the server sends one at least every few seconds. */
 const SILENT_MS = 12000;
 const ENDED_KEPT = 20;
 
-/** {connected: null before the first word, true, false; runs: pictures; ended: {run: last word of it}; heard_ms}. */
+/** {connected: null before the first message, true, false; runs: pictures; ended: {run: its end}; heard_ms}. */
 export const live = store({ connected: null, runs: [], ended: {}, heard_ms: 0 });
 /** Traces of live runs by their id; changed in place, so draw them when `live` changes. */
 export const traces = new Map();
@@ -28,7 +28,7 @@ function heard(change) {
   live.set((now) => ({ ...now, connected: true, heard_ms: Date.now(), ...change }));
 }
 
-/** What was said last of a run is no longer what it does. */
+/** The last report of a run is outdated. */
 const unheard = (run) => (run.condition === "live" ? { ...run, condition: "unheard" } : run);
 
 function lost() {
@@ -54,7 +54,7 @@ function takeEnded(event) {
   heard({ ended: Object.fromEntries(ended), runs: live.get().runs.filter((run) => run.run !== told.run) });
 }
 
-/** Fetch the pages of a trace that did not come by the stream. */
+/** Fetch the pages of a trace that the stream did not deliver. */
 async function catchUp(run) {
   const trace = traces.get(run);
   if (!trace || trace.fetching) return;
@@ -67,7 +67,7 @@ async function catchUp(run) {
     } while (!trace.complete && traces.get(run) === trace);
     live.set((now) => ({ ...now }));
   } catch {
-    // The run has ended, or the line is down: the stream tells.
+    // The run has ended, or the connection is lost: the stream shows which.
   } finally {
     trace.fetching = false;
   }
@@ -84,7 +84,7 @@ function open() {
   timers.silent = setTimeout(lost, SILENT_MS);
 }
 
-/** Keep the stream open until the returned function is called; closed a little after the last user went. */
+/** Keep the stream open until the returned function is called; closed shortly after the last user has gone. */
 export function follow() {
   users += 1;
   clearTimeout(timers.linger);

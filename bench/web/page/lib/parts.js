@@ -1,8 +1,8 @@
-// Small parts that several pages are made of.
+// Small components that several pages use.
 import { html, useEffect, useRef } from "./preact.js";
 import { t } from "./words.js";
 
-/* Shapes that tell a state without colour: circle, triangle, octagon, square, ring. */
+/* Shapes that show a state without colour: circle, triangle, octagon, square, ring. */
 const SHAPES = {
   good: html`<circle cx="12" cy="12" r="10" fill="currentColor" /><path class="cut" d="M7 12.5l3.5 3.5L17 9" />`,
   warn: html`<path d="M12 1.5 23 21.5H1z" fill="currentColor" /><path class="cut" d="M12 8.5v6M12 17.5v1" />`,
@@ -17,17 +17,17 @@ export const Shape = ({ tone }) => html`<svg class="shape" viewBox="0 0 24 24" a
 /** A state in colour, shape and word. */
 export const Lamp = ({ tone, children }) => html`<span class=${`lamp tone-${tone}`}><${Shape} tone=${tone} /><span>${children}</span></span>`;
 
-/** Something takes a moment. */
+/** Shown while something is loading. */
 export const Busy = ({ children }) => html`<p class="row" role="status"><span class="spinner"></span>${children ?? t("busy")}</p>`;
 
-/** What went wrong, as the server says it. */
+/** An error message of the server. */
 export const Trouble = ({ error, retry }) =>
   error && html`<div class="notice bad" role="alert">
     <p>${error.status === 0 ? t("error.unreachable") : error.detail ?? error.message ?? String(error)}</p>
     ${retry && html`<p><button class="narrow" onClick=${retry}>${t("error.retry")}</button></p>`}
   </div>`;
 
-/** A dialog of the browser's own: focus stays in it, Escape closes it, focus returns to where it was. */
+/** A native dialog: focus stays in it, Escape closes it, focus returns to where it was. */
 export function Dialog({ onClose, label, children }) {
   const element = useRef(null);
   useEffect(() => {

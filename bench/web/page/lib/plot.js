@@ -1,15 +1,15 @@
-// A live chart: one uPlot for as long as it stands, given new data, never made anew. Colours come from the page.
+// A live chart: one uPlot instance that gets new data and is never recreated. Colours come from the page.
 import uPlot from "uplot";
 import { html, useEffect, useLayoutEffect, useRef } from "./preact.js";
 import { number, t } from "./words.js";
 
-/** A colour of the page as it is now. */
+/** A current colour of the page. */
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 const STEPS_S = [1, 5, 10, 30, 60, 300, 600, 900, 1800, 3600, 7200, 10800, 14400, 21600, 43200, 86400];
 const FONT = '13px system-ui, "Segoe UI", "Liberation Sans", "DejaVu Sans", sans-serif';
 
-/** Bench time on the axis: hours where a tick is an hour, else hours and minutes, else minutes and seconds. */
+/** Bench time on the axis: hours if a tick is an hour, else hours and minutes, or minutes and seconds. */
 function clock(ticks) {
   const small = ticks.length > 1 && ticks[1] - ticks[0] < 60;
   const two = (value) => String(Math.floor(value)).padStart(2, "0");
@@ -26,7 +26,7 @@ const AXES = [
   axis({ size: 62, space: 26, values: (_, ticks) => ticks.map((value) => number(value)) }),
 ];
 
-/** Space above and below the data, more of it where the data is a line that hardly moves. */
+/** Space above and below the data, more for a nearly constant line. */
 function padded(_, low, high, least) {
   if (low === null || high === null) return [-least, least];
   const span = Math.max(high - low, least);
@@ -47,15 +47,15 @@ const options = (chart, series, bands, hooks) => ({
 });
 
 /**
- * `series` and `bands` as uPlot wants them, fixed; `data` columns that change with `version`; `span` [low, high] of x,
- * `least` smallest span of y, `behind(plot)` draws behind the lines, `pointed(index or null)` tells where the mouse is.
+ * `series` and `bands` as for uPlot, fixed; `data` columns that change with `version`; `span` [low, high] of x,
+ * `least` smallest span of y, `behind(plot)` draws behind the lines, `pointed(index or null)` gets the position of the mouse.
  */
 export function Plot({ label, series, bands = [], data, version, span, least, reach, behind, pointed, height = 200 }) {
   const place = useRef(null);
   const plot = useRef(null);
   const chart = useRef(/** @type {any} */ ({}));
   chart.current = { span, least, reach, behind, pointed };
-  // A layout effect ends before its element is gone.
+  // A layout effect ends before its element is removed.
   useLayoutEffect(() => {
     const hooks = {
       drawAxes: [(drawn) => chart.current.behind?.(drawn)],
@@ -77,7 +77,7 @@ export function Plot({ label, series, bands = [], data, version, span, least, re
     };
   }, []);
   useEffect(() => plot.current?.setData(data), [version]);
-  // The canvas has no words; the figures beside it say the same.
+  // The canvas has no text alternative; the numbers beside it show the same.
   return html`<div class="plot" ref=${(element) => {
     place.current = element;
     element?.style.setProperty("--plot-height", `${height}px`);

@@ -1,9 +1,9 @@
-// Addresses without loading the page anew.
+// Navigation without reloading the page.
 import { store } from "./store.js";
 
 const read = (moved) => ({ path: location.pathname, query: Object.fromEntries(new URLSearchParams(location.search)), moved });
 
-/** Where the page is: {path, query, moved: not where it was opened}. */
+/** Current address: {path, query, moved: different from the first one}. */
 export const here = store(read(false));
 
 /** Go to an address of this page. */
@@ -13,7 +13,7 @@ export function navigate(address, { replace = false } = {}) {
   here.set(read(true));
 }
 
-/** Keep a state of the page (a filter, a choice) in its address: no new entry in the history. */
+/** Keep a state of the page (a filter, a choice) in its address, without a new entry in the history. */
 export function remember(query) {
   const entries = Object.entries(query).filter(([, value]) => value !== "" && value !== null && value !== undefined);
   history.replaceState(null, "", location.pathname + (entries.length ? `?${new URLSearchParams(entries)}` : ""));
@@ -39,7 +39,7 @@ function fits(pattern, parts) {
   return parts.length === pattern.length ? params : null;
 }
 
-/** Links within the page change only what stands below the bar. Files of the API and of others load as ever. */
+/** Links within the page change only the content below the bar. Other links load normally. */
 export function takeLinks() {
   document.addEventListener("click", (event) => {
     const target = /** @type {Element} */ (event.target);

@@ -1,7 +1,7 @@
-// Small observable values, and those that a browser remembers.
+// Small observable values, optionally stored in the browser.
 import { useEffect, useState } from "./preact.js";
 
-/** A value that tells its listeners when it is set to another one. */
+/** A value that notifies its listeners of changes. */
 export function store(initial) {
   let value = initial;
   const listeners = new Set();
@@ -20,27 +20,27 @@ export function store(initial) {
   };
 }
 
-/** A store that outlives the page, as JSON in localStorage; works without it, too. */
+/** A persistent store, as JSON in localStorage; works without localStorage, too. */
 export function remembered(name, initial) {
   const key = `bench.${name}`;
   let first = initial;
   try {
     first = JSON.parse(localStorage.getItem(key)) ?? initial;
   } catch {
-    // Forbidden or not JSON: begin anew.
+    // Not accessible or not JSON: use the default.
   }
   const made = store(first);
   made.subscribe((value) => {
     try {
       localStorage.setItem(key, JSON.stringify(value));
     } catch {
-      // Not remembered, then.
+      // The value is not stored.
     }
   });
   return made;
 }
 
-/** The value of a store (or what `select` takes from it) in a component that is drawn again when it changes. */
+/** The value of a store (or its part by `select`) in a component, which is drawn again when it changes. */
 export function useStore(source, select = (value) => value) {
   const [, redraw] = useState(0);
   const seen = select(source.get());
@@ -57,14 +57,14 @@ export function useStore(source, select = (value) => value) {
   return seen;
 }
 
-/** "light", "dark" or null: as the system wants it. */
+/** "light", "dark" or null: the setting of the system. */
 export const theme = remembered("theme", null);
 theme.subscribe(() => dispatchEvent(new Event("bench-theme")));
 
-/** Who is signed in: the answer of `/session`, null before it is known. */
+/** The signed-in user: the answer of `/session`, null before it. */
 export const session = store(null);
 
 const RANK = { viewer: 1, operator: 2, engineer: 3 };
 
-/** Whether who is signed in may do what needs `role`. */
+/** Whether the signed-in user has at least `role`. */
 export const may = (role) => (RANK[session.get()?.role] ?? 0) >= RANK[role];

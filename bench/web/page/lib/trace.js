@@ -1,5 +1,5 @@
-// A trace of a live run as columns for uPlot. Bounded: the bench halves what it keeps when it is full, and says so by
-// another generation; then the page begins anew.
+// A trace of a live run as columns for uPlot. Bounded: the bench halves the trace when it is full, and marks this by
+// another generation; then the page fetches it again.
 
 const MOST = 8192;
 
@@ -24,12 +24,12 @@ export class Trace {
     Object.assign(this, new Trace(), { fetching: this.fetching });
   }
 
-  /** Whether nothing is missing between what is here and what the bench had when it spoke last. */
+  /** Whether the trace is complete up to the last report of the bench. */
   get complete() {
     return this.generation !== undefined && this.next >= this.count;
   }
 
-  /** Take in a page or an increment; false when there is a gap before it, and it was not taken. */
+  /** Add a page or an increment; false when there is a gap before it, and it was not added. */
   take({ generation, first, next, count, every_s, serials, points, open }) {
     const from = first ?? next - points.length;
     if (generation !== this.generation) {
@@ -58,7 +58,7 @@ export class Trace {
     });
   }
 
-  /** Place of a unit in the columns; 0 when the trace does not name its units. */
+  /** Index of a unit in the columns; 0 when the trace does not name its units. */
   place(serial) {
     return Math.max(0, this.serials.indexOf(serial));
   }

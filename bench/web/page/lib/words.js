@@ -1,11 +1,11 @@
-// All words of the page from one catalogue a language, and numbers as that language writes them.
+// All words of the page from one catalogue per language, and numbers in the format of that language.
 import { remembered, store } from "./store.js";
 
-/** Languages of the catalogues, each by its own name. */
+/** Languages of the catalogues, each by its native name. */
 export const LANGUAGES = { en: "English", uk: "Українська", zh: "中文" };
 
 const chosen = remembered("language", null);
-/** The language in use; set when its catalogue is there. */
+/** The language in use; set when its catalogue is loaded. */
 export const language = store("en");
 let words = {};
 let english = {};
@@ -30,7 +30,7 @@ export async function speak(name) {
 }
 
 /**
- * The words of a key with `{name}` replaced by `values.name`; what is not translated is English, else the key.
+ * The words of a key with `{name}` replaced by `values.name`; untranslated keys are English, else the key.
  * An entry may be an object of plural forms (one, few, many, other), chosen by `values.n`.
  */
 export function t(key, values = {}) {
@@ -45,12 +45,12 @@ export function t(key, values = {}) {
 /** Whether the catalogue has this key. */
 export const known = (key) => key in words || key in english;
 
-/** The words of a key, or else what is given. */
+/** The words of a key, or a default. */
 export const or = (key, otherwise) => (known(key) ? t(key) : otherwise);
 
 const formatters = new Map();
 
-/** A number format of the language in use, made once: a live page writes hundreds of numbers a second. */
+/** A number format of the language in use, made once: a live page writes hundreds of numbers per second. */
 function formatter(options) {
   const key = `${language.get()} ${Object.values(options).join(" ")}`;
   if (!formatters.has(key)) formatters.set(key, new Intl.NumberFormat(language.get(), options));
@@ -59,7 +59,7 @@ function formatter(options) {
 
 const MINUS = /^-(?=[\d.,]*[1-9])/;
 
-/** A number with so many decimals, a real minus sign and none before zero; a dash when it is not known. */
+/** A number with fixed decimals and a real minus sign, but not before zero; a dash when it is unknown. */
 export function number(value, decimals) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const digits = decimals === undefined ? { maximumFractionDigits: 3 } : { minimumFractionDigits: decimals, maximumFractionDigits: decimals };
@@ -81,7 +81,7 @@ export function duration(seconds) {
   return t("time.h_min", { h: String(Math.floor(minutes / 60)), min: two(minutes % 60) });
 }
 
-/** A moment (ISO 8601) in local time; nothing for nothing. */
+/** A moment (ISO 8601) in local time; empty for an empty one. */
 export function moment(iso) {
   const date = new Date(iso);
   if (!iso || Number.isNaN(date.valueOf())) return "–";

@@ -1,4 +1,4 @@
-// Many units: yield, capability, control charts with their signals, drifts of stations and lots, units unlike theirs.
+// Many units: yield, capability, control charts with their signals, drifts of stations and lots, outliers.
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { post, query, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";

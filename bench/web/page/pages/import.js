@@ -1,4 +1,4 @@
-// Somebody else's table becomes a run: drop it, see what was understood, put it right, import.
+// Import of a table of another program as a run: drop it, check the recognised content, correct it, import.
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { finished, post, remove, upload, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
@@ -37,7 +37,7 @@ function Drop({ kinds, take, refused }) {
   </section>`;
 }
 
-/** The columns and units that are chosen, as the server wants them; what is empty is left to the headers. */
+/** The chosen columns and units in the form of the API; empty ones are taken from the headers. */
 function columnsOf(chosen) {
   const out = {};
   for (const [channel, { column, unit }] of Object.entries(chosen)) {
@@ -46,14 +46,14 @@ function columnsOf(chosen) {
   return out;
 }
 
-/** What was understood, as a first choice. */
+/** The recognised content as the initial choice. */
 function choiceOf(understood) {
   const out = { time: { column: understood.time.column ?? "", unit: understood.time.unit ?? "" } };
   for (const one of understood.channels) out[one.channel] = { column: one.column, unit: one.unit };
   return out;
 }
 
-/** What the headers alone tell, where the whole is not clear. */
+/** Content of the headers, if the table as a whole was not recognised. */
 function guessOf({ guess, columns }) {
   const unit = (name) => columns.find((one) => one.name === name)?.unit ?? "";
   return Object.fromEntries(Object.entries(guess).map(([channel, column]) => [channel, { column, unit: unit(column) }]));
@@ -110,7 +110,7 @@ export default function Import() {
   const place = state.id && url`/imports/${state.id}`;
   useEffect(() => () => { turn.current = -1; }, []);
 
-  /** Show what a job understood, unless something newer was asked for. */
+  /** Show the content that a job recognised, unless a newer one was requested. */
   async function read(job, mine) {
     const shown = await finished(job);
     if (turn.current !== mine) return;

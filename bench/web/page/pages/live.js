@@ -1,4 +1,4 @@
-// Live runs: one of them whole, several side by side; the end of a run leads to its verdict.
+// Live runs: one in full, several side by side; the end of a run leads to its verdict.
 import { html, useEffect, useState } from "../lib/preact.js";
 import { get, url } from "../lib/api.js";
 import { traces, useLive } from "../lib/live.js";
@@ -33,7 +33,7 @@ const Nothing = () => html`<div class="page empty">
   ${may("operator") && html`<a class="button primary" href="/">${t("live.start_one")}</a>`}
 </div>`;
 
-/** The stream does not know it: it has ended, is just starting, or was never there; the server says which. */
+/** The run is not in the stream: it has ended, is starting, or does not exist; the server reports which. */
 function Missing({ wanted, params }) {
   const [error, setError] = useState(null);
   useEffect(() => {

@@ -1,4 +1,4 @@
-// Signing in with a token; the server keeps who it is in a cookie that scripts cannot read.
+// Signing in with a token; the server keeps the identity in a cookie that scripts cannot read.
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { post } from "../lib/api.js";
 import { Trouble } from "../lib/parts.js";
@@ -6,7 +6,7 @@ import { navigate } from "../lib/router.js";
 import { session, useStore } from "../lib/store.js";
 import { t } from "../lib/words.js";
 
-/** Only addresses of this page: no way to another site. */
+/** Only addresses of this page, not of other sites. */
 const inside = (address) => (/^\/(?![/\\])/.test(address ?? "") && address !== "/login" ? address : "/");
 
 export default function Login({ query }) {

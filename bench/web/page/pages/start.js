@@ -1,4 +1,4 @@
-// The operator's start: one question at a time. Which unit? Which plan? Ready? And one big button.
+// The operator's start page: asks for unit, plan and confirmation, one question at a time.
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { get } from "../lib/api.js";
 import { useLive } from "../lib/live.js";
@@ -10,9 +10,9 @@ import { Ready } from "./start/ready.js";
 import { UnitQuestion } from "./start/unit.js";
 
 const NOTHING = { units: [], station: null, plan: null };
-/** What was answered so far; stays while the operator looks at another page. */
+/** The answers so far; kept while the operator views another page. */
 const order = store(NOTHING);
-/** Where this browser started last. */
+/** Station of the last start in this browser. */
 const lastStation = remembered("station", null);
 
 const question = ({ units, station, plan }) => (!units.length || !station ? "unit" : !plan ? "plan" : "ready");
@@ -30,7 +30,7 @@ function useChoices() {
   return { ...choices, load };
 }
 
-/** What the address asks for, where it names things that exist: `/start?unit=…&station=…&plan=…`. */
+/** The answers in the address, if they exist: `/start?unit=…&station=…&plan=…`. */
 function asked({ unit, station, plan }, { plans, stations }) {
   const units = unit ? unit.split(",") : [];
   const there = stations.filter((one) => units.length && units.every((serial) => one.units.includes(serial)));
@@ -73,7 +73,7 @@ export default function Start({ query }) {
   </div>`;
 }
 
-/** The questions and what was answered; each answer can be changed. */
+/** The questions and the answers; each answer can be changed. */
 function Steps({ now, step, station, plan, answer }) {
   const steps = [
     ["unit", now.units.join(", "), () => answer({ units: [], station: null })],
@@ -96,7 +96,7 @@ function Steps({ now, step, station, plan, answer }) {
   </ol>`;
 }
 
-/** Other units of the station, which may go through the same run. */
+/** Other units of the station, for the same run. */
 function Neighbours({ now, station, answer }) {
   if (station.units.length < 2) return null;
   const turn = (serial) => answer({
@@ -110,7 +110,7 @@ function Neighbours({ now, station, answer }) {
   </fieldset>`;
 }
 
-/** Runs that go on already, so that nobody looks for them. */
+/** Links to the live runs. */
 function Already() {
   const runs = useLive((now) => now.runs);
   if (!runs.length) return null;

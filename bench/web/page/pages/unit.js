@@ -1,4 +1,4 @@
-// One unit: what is in its memory, which calibration counts, how its quantities go on, what was run.
+// One unit: its memory, its calibration in force, trends of its quantities, its runs.
 import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
@@ -13,7 +13,7 @@ const api = (path) => `/api/v1${path}`;
 const pdfOf = (serial, paper) => api(url`/units/${serial}/certificates/${paper.number}`);
 const reportOf = (run) => api(url`/runs/${run.split("/")[0]}/${run.split("/")[1]}/report`);
 
-/** How long ago, as people say it. */
+/** Age as text. */
 function age(days) {
   if (days === null || days === undefined) return "–";
   if (days < 1) return t("units.age.today");
@@ -22,7 +22,7 @@ function age(days) {
   return t("units.age.years", { n: Math.floor(days / 365.25) });
 }
 
-/** The range of temperature over which a calibration holds, on one scale for all of them. */
+/** Temperature range of a calibration, on one scale for all. */
 function Range({ validity }) {
   const held = validity.temperature;
   if (!held) return html`<span class="soft">${t("units.range.unknown")}</span>`;

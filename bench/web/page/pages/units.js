@@ -1,4 +1,4 @@
-// Every unit: found by its number or lot, with how its newest calibration stands.
+// All units, searchable by number or lot, with the status of the newest calibration.
 import { html, useEffect, useState } from "../lib/preact.js";
 import { post, query } from "../lib/api.js";
 import { Busy, Trouble } from "../lib/parts.js";
@@ -10,7 +10,7 @@ import { day, NoRegistry, useGet, Verdict } from "./stock/parts.js";
 const STANDINGS = ["pass", "fail", "unjudged", "uncalibrated"];
 const PAGE = 200;
 
-/** A value that follows another one only after a rest: typing asks once. */
+/** A value that follows another one after a pause, so that typing sends one request. */
 function useRested(value, rest_ms) {
   const [rested, setRested] = useState(value);
   useEffect(() => {

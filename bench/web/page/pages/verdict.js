@@ -11,7 +11,7 @@ import { judged, toneOf, worst } from "./verdict/judged.js";
 
 const LOOK_MS = 2000;
 
-/** The end of a run: from the stream when it is news, else asked for until its analysis is done. */
+/** The end of a run: from the stream if it is live, else polled until its analysis is done. */
 function useEnd(params) {
   const wanted = `${params.unit}/${params.run}`;
   const told = useLive((now) => Object.values(now.ended).find((end) => end.run === wanted || end.runs?.includes(wanted)));
@@ -64,7 +64,7 @@ export default function Verdict({ params }) {
   </article>`;
 }
 
-/** What to do; whoever cannot be sure of the safe state goes to the chamber first. */
+/** The next step; with an unverified safe state, go to the chamber first. */
 const next = (word, end) =>
   end.state !== "done" && (end.safe === false || (end.state === "failed" && !end.safe)) ? "verdict.equipment_failed.next_unsafe" : `verdict.${word}.next`;
 
@@ -78,7 +78,7 @@ function Word({ word }) {
   </header>`;
 }
 
-/** The workbench looks at one unit at a time. */
+/** The workbench handles one unit at a time. */
 const workbench = ({ run }) => `/workbench?run=${encodeURIComponent(run)}`;
 
 const Units = ({ units, words }) => html`<ul class="verdict-units">
@@ -90,7 +90,7 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
   </li>`)}
 </ul>`;
 
-/** Why the limits say so: what forbids a judgement, and each quantity that is not clearly inside. */
+/** Reasons of the verdict: refusals, and each quantity that is not clearly within its limits. */
 function Reasons({ unit }) {
   const [limits, setLimits] = useState(null);
   useEffect(() => {
@@ -114,7 +114,7 @@ function allowed({ name, value, unit, lower, upper, reason }) {
   return t(`verdict.limit.${key}`, { ...told, lower: number(lower), upper: number(upper) });
 }
 
-/** What happened and what the bench did, as it stands in the run's events. */
+/** What happened and what the bench did, from the run's events. */
 function Fault({ end }) {
   const steps = end.safe_state ?? [];
   const who = /^aborted by (.+)$/.exec(end.cause ?? "")?.[1];

@@ -1,4 +1,4 @@
-// What an operator may ask of a live run. Abort asks once; the safe answer has the focus, Escape keeps the run.
+// Actions on a live run. Abort needs a confirmation; "keep running" has the focus, and Escape keeps the run.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { post, url } from "../../lib/api.js";
 import { Dialog, Trouble } from "../../lib/parts.js";

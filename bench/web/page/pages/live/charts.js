@@ -3,15 +3,15 @@ import { html, useMemo, useState } from "../../lib/preact.js";
 import { Legend, Plot, colour, polyline } from "../../lib/plot.js";
 import { degrees, number, t } from "../../lib/words.js";
 
-/** Colours of units, in the order of the run; dashed from the fifth on, so that no two look alike. */
+/** Colours of units, in the order of the run; dashed from the fifth on, so that all differ. */
 const UNIT_TONES = ["--unit", "--figure-green", "--figure-purple", "--unit-4"];
 const MOST_LINES = 8;
 export const unitTone = (index) => UNIT_TONES[index % UNIT_TONES.length];
 
-/** How much later the run is than its nominal curve [s]. */
+/** Delay of the run relative to its nominal curve [s]. */
 const shift = (run) => (run.curve?.length ? Math.max(0, (run.t_s ?? 0) + (run.left_s ?? 0) - run.curve.at(-1)[0]) : 0);
 
-/** The profile that is still to come, from now on. */
+/** The rest of the profile, from now on. */
 function ahead(run) {
   const moved = (run.curve ?? []).map(([s, degc]) => [s + shift(run), degc]);
   const next = moved.findIndex(([s]) => s > (run.t_s ?? 0));
@@ -24,7 +24,7 @@ function ahead(run) {
 
 const spanOf = (run) => () => [0, Math.max(run.t_s ?? 0, (run.t_s ?? 0) + (run.left_s ?? 0), 60)];
 
-/** Lowest and highest of what is drawn, the profile included, so that the picture does not move while the run does. */
+/** Lowest and highest drawn value, profile included, so that the scale does not change during the run. */
 const reachOf = (run) => (_, low, high) => {
   const degc = [...(run.curve ?? []).map(([, value]) => value), ...(low === null ? [] : [low, high])];
   if (!degc.length) return [0, 50];

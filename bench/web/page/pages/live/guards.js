@@ -1,4 +1,4 @@
-// Guards as traffic lights: colour, shape and word; trouble first.
+// Guards as traffic lights: colour, shape and word; tripped ones first.
 import { html } from "../../lib/preact.js";
 import { Lamp, Shape } from "../../lib/parts.js";
 import { number, or, t } from "../../lib/words.js";
@@ -18,7 +18,7 @@ function valueOf({ signal, value }) {
   return `${number(value, Math.abs(value) >= 100 ? 0 : 1)} ${UNITS[signal]}`;
 }
 
-/** `old`: the lights are as they were last; none of them is green then. */
+/** `old`: the last known state, in which no light is green. */
 export function Guards({ guards = [], old = false }) {
   const sorted = [...guards].sort((one, other) => ORDER.indexOf(one.state) - ORDER.indexOf(other.state));
   const worst = sorted[0]?.state;

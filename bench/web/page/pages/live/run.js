@@ -1,4 +1,4 @@
-// One live run, whole: state, time left, segment bar, figures, curves, guards, actions.
+// One live run in full: state, time left, segment bar, figures, curves, guards, actions.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { Lamp, Shape } from "../../lib/parts.js";
 import { traces } from "../../lib/live.js";
@@ -38,7 +38,7 @@ export function RunView({ run }) {
   </div>`;
 }
 
-/** When a real run will end, by the clock on the wall; a simulated one has a clock of its own. */
+/** When a real run will end, in wall time; a simulated one has a simulated clock. */
 function ends(run) {
   if (run.simulated || run.state !== "running" || !Number.isFinite(run.left_s)) return "";
   const time = new Intl.DateTimeFormat(language.get(), { weekday: "short", hour: "2-digit", minute: "2-digit" });
@@ -58,7 +58,7 @@ export function Headline({ run, link = false }) {
 
 const MOST_CELLS = 60;
 
-/** The segments as a bar: those done, the present one as far as it is, those to come. */
+/** The segments as a bar: done, current with its progress, and next ones. */
 export function Segments({ run }) {
   const segment = run.segment;
   if (!segment) return null;
@@ -92,7 +92,7 @@ function Troubles({ run }) {
 const LOSSES = ["lost", "slow_lost", "corrupt", "late", "repeated", "invalid"];
 const lossesOf = ({ losses }) => LOSSES.reduce((sum, kind) => sum + (losses?.[kind] ?? 0), 0);
 
-/** Whether samples come, as far as is known: losses are counted when the next sample is there. */
+/** State of the samples; losses are counted when the next sample arrives. */
 const comes = (run, unit) => !isOld(run) && !unit.dropped && unit.losses?.received > 0 && (run.buses ?? []).every(({ state }) => state === "ok");
 
 const Loss = ({ run, unit }) => {
@@ -116,7 +116,7 @@ const UnitLine = ({ run, unit, index }) => html`<p class="unit-line figures">
   <b>${degrees(unit.temperature_degc)}</b></span> <${Loss} run=${run} unit=${unit} />
 </p>`;
 
-/** What changes is said to those who do not see it: states at once, segments when there is time. */
+/** Announces changes to screen readers: states at once, segments politely. */
 function Changes({ run }) {
   const tripped = (run.guards ?? []).filter((guard) => guard.state === "tripped").map(guardName).join(", ");
   const last = useRef({ state: run.state, segment: run.segment?.index, tripped });

@@ -1,26 +1,26 @@
-// What a live run is doing, in words and tones.
+// State of a live run in words and tones.
 import { degrees, duration, number, or, t } from "../../lib/words.js";
 import { planTitle } from "../start/plan.js";
 
 const TONES = { running: "good", starting: "link", holding: "warn", pausing: "warn", ending: "warn" };
 
-/** State of a run for people: one that does not answer is not "running", whatever it said last. */
+/** State of a run for people: one that does not answer is not "running", regardless of its last report. */
 export const stateOf = (run) => (isOld(run) ? run.condition : run.state);
-/** Whether what is shown of a run is what it said last, and not what it does. */
+/** Whether the last report of a run is shown instead of its current state. */
 export const isOld = (run) => Boolean(run.condition) && run.condition !== "live";
 export const toneOf = (run) => (run.condition === "unheard" ? "idle" : run.condition === "gone" || run.condition === "silent" ? "bad" : TONES[run.state] ?? "idle");
 export const stateWord = (run) => or(`live.state.${stateOf(run)}`, stateOf(run));
 
 export const planName = (run) => planTitle({ id: run.profile, title: run.profile?.replaceAll("_", " ") || t("live.run") });
 
-/** A segment as a person says it; its own name where the kind is not one of ours. */
+/** A segment as text; its name if the kind is unknown. */
 export function segmentText(segment) {
   if (!segment) return "";
   const values = { degc: degrees(segment.target_degc, 0), rate: number(Math.abs(segment.rate_degc_per_min ?? 0)) };
   return or(`segment.${segment.kind}`, segment.name).replace(/\{(\w+)\}/g, (whole, name) => values[name] ?? whole);
 }
 
-/** How far off the first estimate was so far. */
+/** Difference from the first estimate so far. */
 export function lateText(late_s) {
   if (late_s === null || late_s === undefined) return "";
   if (Math.abs(late_s) < 30) return t("live.on_time");

@@ -1,9 +1,9 @@
-// Which plan? Each with its temperature curve, how long it takes and what it is for.
+// Choice of the plan: each with its temperature curve, duration and purpose.
 import { html, useState } from "../../lib/preact.js";
 import { Curve, range } from "../../lib/curve.js";
 import { degrees, duration, number, or, t } from "../../lib/words.js";
 
-/** A shipped plan has a name in every language; others are called what they are called. */
+/** A shipped plan has a name in every language; others show their file's name. */
 export const planTitle = (plan) => or(`plan.${plan.id}`, plan.title);
 const planPurpose = (plan) => or(`plan.${plan.id}.for`, plan.summary);
 

@@ -1,4 +1,4 @@
-// Ready? What the check found, what will happen, and START.
+// Confirmation: findings of the check, what will happen, and START.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { ApiError, compute, get, post, url } from "../../lib/api.js";
 import { Curve, range } from "../../lib/curve.js";
@@ -10,7 +10,7 @@ import { planTitle } from "./plan.js";
 
 const TONES = { error: "bad", warning: "warn", info: "idle" };
 const LOOK_MS = 300;
-/** A bench that has not said anything of its run after so long is looked at by people. */
+/** After this time without an answer of the bench, the operator is asked to look at the chamber. */
 const PATIENCE_MS = 120000;
 
 const lastLimits = remembered("limits", null);
@@ -33,7 +33,7 @@ function useCheck(order) {
   return { result, error, again: () => again(round + 1) };
 }
 
-/** Start the run and wait until it has a folder; its id. Throws what the bench says when it refuses. */
+/** Start the run and wait until it has a folder; its id. Throws the message of the bench when it refuses. */
 async function begin(order, limits) {
   const { start } = await post("/starts", { ...order, ...(limits ? { limits } : {}) });
   const until = Date.now() + PATIENCE_MS;
@@ -87,7 +87,7 @@ export function Ready({ order, plan, station, limits, begun }) {
 function StartButton({ ready, starting, start }) {
   const button = useRef(null);
   useEffect(() => {
-    // Enter starts, once the check is there; not before, and not for who looks at something else meanwhile.
+    // Enter starts the run after the check has ended, unless another element has the focus.
     if (ready && (document.activeElement === document.body || document.activeElement?.id === "question")) button.current.focus();
   }, [ready]);
   return html`<button type="button" ref=${button} class="go giant" disabled=${!ready} onClick=${start}>
@@ -109,7 +109,7 @@ function Facts({ plan, result, station, units }) {
   </dl>`;
 }
 
-/** What the check found: one lamp for all, and each finding. */
+/** Findings of the check: one lamp for all, and each finding. */
 function Checked({ result, error, again }) {
   if (error) return html`<${Trouble} error=${error} retry=${again} />`;
   if (!result) return html`<div class="panel"><${Busy}>${t("ready.checking")}<//></div>`;

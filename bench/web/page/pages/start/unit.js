@@ -1,11 +1,11 @@
-// Which unit? Typed, scanned (a scanner types and sends Enter) or chosen from those of the stations.
+// Choice of the unit: typed, scanned (a scanner types and sends Enter) or chosen from those of the stations.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { Trouble } from "../../lib/parts.js";
 import { t } from "../../lib/words.js";
 
 const same = (one, other) => one.trim().toLowerCase() === other.trim().toLowerCase();
 
-/** Stations that have this unit, and how they write its serial number. */
+/** Stations that have this unit, with its serial number as written there. */
 export const whereIs = (stations, serial) =>
   stations.flatMap((station) => {
     const found = station.units.find((unit) => same(unit, serial));
@@ -39,7 +39,7 @@ export function UnitQuestion({ stations, last, answer }) {
     ${stations.filter((station) => station.problem).map((station) => html`<${Trouble} key=${station.id} error=${`${station.id}: ${station.problem}`} />`)}`;
 }
 
-/** A big field that has the focus, and gets it back when somebody (or a scanner) begins to type elsewhere. */
+/** A big field that has the focus, and takes it again when typing (or a scan) starts elsewhere. */
 function SerialField({ take }) {
   const field = useRef(null);
   useEffect(() => {

@@ -1,4 +1,4 @@
-// A figure on a page: drawn, said in words, moved by keys, saved as a file.
+// A figure on a page: drawn, described in words, controlled by keys, saved as a file.
 import { html, useEffect, useLayoutEffect, useRef, useState } from "../../lib/preact.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { t } from "../../lib/words.js";
@@ -10,7 +10,7 @@ function rowsOf(figure) {
   return rows;
 }
 
-/** `figure` {data, layout}; `words` say what it shows; `onPick(x)` is told the x of a point that was clicked. */
+/** `figure` {data, layout}; `words` describe it; `onPick(x)` gets the x of a clicked point. */
 export function Chart({ figure, words, name, height = 380, onPick }) {
   const place = useRef(null);
   const drawn = useRef(null);

@@ -1,10 +1,10 @@
-// Pieces that the pages of units, fleet and imports share.
+// Components shared by the pages of units, fleet and imports.
 import { html, useEffect, useState } from "../../lib/preact.js";
 import { get } from "../../lib/api.js";
 import { Lamp } from "../../lib/parts.js";
 import { language, or, t } from "../../lib/words.js";
 
-/** The answer of GET `path` as {data, error, busy}, and how to ask again; older data stays while newer is fetched. */
+/** The answer of GET `path` as {data, error, busy}, and `again` to repeat it; older data is shown while newer is fetched. */
 export function useGet(path) {
   const [state, setState] = useState(/** @type {{data?: any, error?: Error, busy: boolean}} */ ({ busy: true }));
   const [turn, setTurn] = useState(0);
@@ -32,10 +32,10 @@ export function sig(value, digits = 3) {
   return far ? `${text}·10${String(power).replace(/[-0-9]/g, (sign) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(sign)])}` : text;
 }
 
-/** A unit as people write it. */
+/** A unit in print. */
 export const unitText = (unit) => (unit === "1" ? "" : (unit ?? "").replaceAll("degC", "°C").replaceAll("sqrt(h)", "√h"));
 
-/** A quantity by its name for people; one that the catalogue does not know as it is. */
+/** Name of a quantity; unchanged if it is not in the catalogue. */
 export const quantity = (name) => or(`units.q.${name}`, name);
 
 /** A day (ISO 8601) in this language. */
@@ -48,23 +48,23 @@ export function day(iso) {
 const TONES = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "bad", adequate: "good", pass: "good", fail: "bad" };
 const STATES = { done: "good", running: "link", aborted: "warn", failed: "bad" };
 
-/** A verdict or a standing in colour, shape and word. */
+/** A verdict or a status in colour, shape and word. */
 export const Verdict = ({ word }) => word && html`<${Lamp} tone=${TONES[word] ?? "idle"}>${or(`units.word.${word}`, word)}<//>`;
 
-/** What became of a run: its verdict against limits, else that of the analysis, else its state. */
+/** Result of a run: its verdict against limits, else that of the analysis, else its state. */
 export function Outcome({ run }) {
   if (run.state && run.state !== "done") return html`<${Lamp} tone=${STATES[run.state] ?? "warn"}>${or(`units.state.${run.state}`, run.state)}<//>`;
   return html`<${Verdict} word=${run.judged ?? run.verdict} />` ?? "–";
 }
 
-/** A line of values so small that it stands in a table; limits dashed, the last value a dot. */
+/** A small chart in a table; limits dashed, the last value a dot. */
 export function Spark({ values, lower, upper }) {
   if (values.length < 2) return html`<span class="soft" aria-hidden="true">·</span>`;
   const inside = [lower, upper].filter((end) => end !== null && end !== undefined);
   const size = Math.max(...values.map(Math.abs));
   const near = inside.filter((end) => Math.abs(end) < 6 * size);
   const middle = (Math.min(...values) + Math.max(...values)) / 2;
-  // A tenth of the value fills at most the height: what hardly moves must not look like a slope.
+  // The height is at least a tenth of the value, so that small changes do not look like a slope.
   const low = Math.min(...values, ...near, middle - 0.1 * size);
   const high = Math.max(...values, ...near, middle + 0.1 * size);
   const x = (i) => 3 + (114 * i) / (values.length - 1);
@@ -76,12 +76,12 @@ export function Spark({ values, lower, upper }) {
   </svg>`;
 }
 
-/** One number on a card: what it is, how much, and what it means. */
+/** One number on a card: name, value and meaning. */
 export const Tile = ({ what, value, unit, more, tone }) => html`<div class=${`st-tile ${tone ? `tone-${tone}` : ""}`}>
   <span class="what">${what}</span><b>${value} ${unit && html`<small>${unit}</small>`}</b>${more && html`<span class="more">${more}</span>`}
 </div>`;
 
-/** No registry here: what that means, and for who may a way to one. */
+/** Shown without a registry: an explanation, and a button for users who may create one. */
 export function NoRegistry({ build, busy, may }) {
   return html`<div class="panel stack">
     <h2>${t("units.none.title")}</h2><p>${t("units.none.text")}</p>

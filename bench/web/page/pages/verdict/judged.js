@@ -1,4 +1,4 @@
-// One word for how a run ended for a unit: equipment and operator first, then the limits, then the analysis.
+// One word for the end of a run for a unit: equipment and operator first, then the limits, then the analysis.
 
 /** Worst first; the tone of each. */
 const WORDS = {
@@ -19,5 +19,5 @@ export function judged(end, unit) {
 
 export const toneOf = (word) => WORDS[word] ?? "idle";
 
-/** The worst of some words. */
+/** The worst of several words. */
 export const worst = (words) => Object.keys(WORDS).find((word) => words.includes(word)) ?? "measured";

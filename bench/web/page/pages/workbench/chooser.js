@@ -1,4 +1,4 @@
-// Choosing a run out of ten thousand: the filter is answered by the server, only the rows in sight are drawn.
+// Choosing a run among ten thousand: the server filters, only the visible rows are drawn.
 import { html, t, or, api, moment, number, runName, useEffect, useRef, useState } from "./parts.js";
 
 const ROW_PX = 52;
@@ -6,7 +6,7 @@ const PAGE = 100;
 const SPARE = 6;
 const PAUSE_MS = 70;
 
-/** Rows of a filtered list, fetched a page at a time; `at(i)` is undefined until its page is here. */
+/** Rows of a filtered list, fetched one page at a time; `at(i)` is undefined until its page is loaded. */
 function useRows(query) {
   const [list, setList] = useState({ query: null, total: 0, matched: 0, pages: {}, failed: "" });
   const asked = useRef({ query: null, pages: new Set() });

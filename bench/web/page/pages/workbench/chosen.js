@@ -1,4 +1,4 @@
-// The runs that are worked on, each with its part: fitted, held out to check, or standing still to tell the noise.
+// The chosen runs, each with its role: fitted, held out, or isothermal for the noise.
 import { html, t, runName, unitOf } from "./parts.js";
 import { ROLES } from "./session.js";
 
@@ -6,7 +6,7 @@ const WORDS = () => ({ fit: t("workbench.role.fit"), check: t("workbench.role.ch
 const HINTS = () => ({ fit: t("workbench.role.fit_hint"), check: t("workbench.role.check_hint"), static: t("workbench.role.static_hint") });
 const SHAPES = { fit: "●", check: "◇", static: "▬" };
 
-/** `chosen`: [{run, role}]; the bar also opens the list again, to add a run or to begin with another one. */
+/** `chosen`: [{run, role}]; the bar also opens the list again, to add a run or to start with another one. */
 export function Chosen({ chosen, act, onAdd, onOther, onCompare }) {
   const words = WORDS();
   const hints = HINTS();

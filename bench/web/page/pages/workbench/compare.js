@@ -1,4 +1,4 @@
-// Two runs side by side, of one unit or of two: only what differs, worst first.
+// Two runs side by side, of one unit or of two: only the differences, largest first.
 import { html, t, number, runName, unitOf, useState } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Picture } from "./pictures.js";
@@ -19,7 +19,7 @@ const PARTS = () => ({
 
 const OPEN = ["quantities", "coefficients"];
 
-/** Whatever a cell holds as people read it: 4 digits, a value with its interval, `key value` of an object. */
+/** Content of a cell as text: 4 digits, a value with its interval, `key value` of an object. */
 function cell(value) {
   if (value === null || value === undefined) return "–";
   if (typeof value === "number") return number(value, 4);
@@ -36,7 +36,7 @@ function cell(value) {
 
 const plainOf = (value) => (value && typeof value === "object" ? value.value ?? JSON.stringify(value) : value);
 
-/** A part of the answer as rows; a part that is one object with a list in it is that list. */
+/** A part of the answer as rows; for an object that contains a list, that list. */
 function rowsOf(part) {
   if (Array.isArray(part)) return part.map((row) => (row && typeof row === "object" ? row : { value: row }));
   const list = Object.values(part ?? {}).find((value) => Array.isArray(value));
@@ -58,7 +58,7 @@ function Table({ part, caption, name, open }) {
   </details>`;
 }
 
-/** Both runs in one picture; the difference of their model curves where both have one. */
+/** Both runs in one figure; the difference of their model curves if both have one. */
 function Pictured({ a, b, difference }) {
   const both = useJob("/figures", { kind: "temperature", runs: [a], check: [b], model: null });
   return html`<div class="wb-pair-pictures">

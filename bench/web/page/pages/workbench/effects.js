@@ -1,4 +1,4 @@
-// Names of the effects in the reader's language; one that is not in the catalogue keeps its own name.
+// Names of the effects in the reader's language; one that is not in the catalogue keeps its name.
 import { t } from "./parts.js";
 
 const WORDS = () => ({

@@ -1,4 +1,4 @@
-// The next experiment: why the runs so far cannot decide, the temperature that would, and the way to its start.
+// The next experiment: why the runs so far cannot decide, the proposed temperature curve, and a link to start it.
 import { html, t, api, duration, useEffect, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { palette, onTheme } from "../../lib/figure.js";

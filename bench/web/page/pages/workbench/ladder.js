@@ -1,4 +1,4 @@
-// The ladder: error of each model so far, in-sample and held-out, beside the noise floor. A new rung falls into place.
+// The ladder: error of each model so far, in-sample and held-out, and the noise floor. A new rung is animated.
 import { html, t, useEffect, useRef, useState, number } from "./parts.js";
 import { number as plain } from "../../lib/words.js";
 import { saveCsv, savePng, saveSvg } from "../../lib/download.js";
@@ -10,12 +10,12 @@ const EDGE = { left: 48, right: 16, top: 16, bottom: 30 };
 const FALL_MS = 900;
 const MOST_RUNGS = 7;
 
-/** Error a reader looks at first: held-out where there is one. */
+/** Main error: held-out if available. */
 export const headline = (rung) => rung.heldOut ?? rung.inSample;
 
 const still = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
-/** 0 → 1 once for every new `key`, eased; 1 at once where motion is not wanted. */
+/** 0 → 1 once for every new `key`, eased; 1 at once with reduced motion. */
 function useFall(key, enabled) {
   const [progress, setProgress] = useState(1);
   const last = useRef(key);
@@ -37,7 +37,7 @@ function useFall(key, enabled) {
   return progress;
 }
 
-/** The rungs as they stand while the last one falls from its forerunner's place. */
+/** The rungs while the last one moves from the place of the previous one. */
 function falling(rungs, progress) {
   if (rungs.length < 2 || progress >= 1) return rungs;
   const [before, last] = rungs.slice(-2);
@@ -91,7 +91,7 @@ function Drawing({ rungs, shown, floor, refer }) {
   </svg>`;
 }
 
-/** By how much the last step changed the error on unseen data, in words. */
+/** Change of the error on unseen data by the last step, as text. */
 function Change({ before, last }) {
   if (!before || before.heldOut === null || last.heldOut === null || before.heldOutBy !== last.heldOutBy) return null;
   const percent = Math.round(100 * (last.heldOut / before.heldOut - 1));

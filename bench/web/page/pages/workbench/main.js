@@ -1,4 +1,4 @@
-// The engineer's workbench: choose a run, see where the model fails, what is missing, add it, watch the error fall.
+// The engineer's workbench: choose a run, see where the model fails and what is missing, add it, compare the error.
 import { html, t, api, number, useEffect, useRef, useState, unitOf } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Chosen } from "./chosen.js";
@@ -13,7 +13,7 @@ import { Suspects } from "./suspects.js";
 /** Body of an analysis of one model. */
 const analysisOf = (runs, model) => ({ ...runs, models: [model] });
 
-/** A rung of the ladder out of an analysis, or null while it is not there. */
+/** A rung of the ladder from an analysis, or null without one. */
 function rungOf(step, runs) {
   const found = known("/analyses", analysisOf(runs, step.model))?.models[0];
   return found ? { label: step.label, inSample: found.rms_dph, heldOut: found.held_out_rms_dph, heldOutBy: found.held_out_by } : null;
@@ -43,7 +43,7 @@ function BySegment({ segments }) {
       <b>${number(one.floor_ratio, 2)} ×</b></li>`)}</ul></details>`;
 }
 
-/** How well the model does: numbers, ladder, undo. */
+/** Errors of the model: numbers, ladder, undo. */
 function Standing({ session, analysis, floor }) {
   const { steps, runs, act } = session;
   const rungs = steps.map((step) => rungOf(step, runs)).filter(Boolean);
@@ -63,7 +63,7 @@ function Standing({ session, analysis, floor }) {
   </section>`;
 }
 
-/** Bring a part into sight where it is not: what a click has changed must be seen to change. */
+/** Scroll a part into view, so that the effect of a click is visible. */
 const show = (part) => part.current?.scrollIntoView({ block: "nearest", behavior: "smooth" });
 
 function Bench({ session }) {
@@ -72,7 +72,7 @@ function Bench({ session }) {
   const analysis = useJob("/analyses", analysisOf(runs, model));
   const diagnosis = useJob("/diagnoses", { ...runs, model });
   const floor = (analysis.result ?? analysis.stale)?.floor_dph ?? null;
-  // A picture belongs to the diagnosis that it came with.
+  // A picked figure belongs to its diagnosis.
   const shown = picked && picked.of === diagnosis.result ? picked : null;
   const [standing, pictures] = [useRef(null), useRef(null)];
   const add = (suspect) => {
@@ -123,7 +123,7 @@ export function Page() {
   useEffect(() => remember(chosen), [chosen]);
   const begin = async (row) => {
     const own = { ...row, role: "fit" };
-    // What belongs to the run is looked up first: fitting it once alone and then with its check run would be work twice.
+    // First find the check and static runs; otherwise the run would be fitted twice.
     const near = await api.get(`/runs${api.query({ unit: row.unit, limit: 200 })}`)
       .then((found) => companions(found.runs.find((one) => one.run === row.run) ?? row, found.runs), () => []);
     act({ type: "choose", runs: [own, ...near] });

@@ -1,11 +1,11 @@
-// The model in hand: its effects one by one, another one to begin with, a name to keep it by.
+// The current model: its effects, another model to start with, a name to save it.
 import { html, t, api, measured, useEffect, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { OwnTerm } from "./term.js";
 
 const optionsOf = ({ effect: _, ...options }) => Object.entries(options).map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`).join(", ");
 
-/** Models out of the library, fetched once; `again()` after one was saved. */
+/** Models of the library, fetched once; `again()` after one was saved. */
 function useModels() {
   const [models, setModels] = useState([]);
   const again = () => api.get("/models").then((found) => setModels(found.models.filter((one) => one.model)), () => setModels([]));
@@ -36,14 +36,14 @@ function Save({ model, onSaved }) {
   </form>`;
 }
 
-/** Parameters that were searched for, of one effect of the fit. */
+/** Nonlinear parameters of one effect of the fit. */
 function Found({ fitted, effect }) {
   const own = (fitted?.parameters ?? []).filter(({ key }) => key.split(".")[0].replace(/_\d+$/, "") === effect);
   return own.map((one) => html`<span key=${one.key} class="wb-parameter"><code>${one.key.split(".")[1]}</code> ${measured(one)}${
     one.at_bound ? html` <span class="wb-warn">${t("workbench.suspect.at_bound")}</span>` : null}</span>`);
 }
 
-/** `steps` are the models so far, the last one in hand; `fitted` its scores; `act` changes it. */
+/** `steps` are the models so far, the last one is the current one; `fitted` are its scores; `act` changes it. */
 export function ModelPanel({ model, fitted, steps, busy, act }) {
   const { models, again } = useModels();
   const choose = (event) => {

@@ -1,10 +1,10 @@
-// What every part of the workbench uses: preact, words, the API, numbers as people read them.
+// Shared by all parts of the workbench: preact, words, the API, formatted numbers.
 export { html, useEffect, useLayoutEffect, useMemo, useReducer, useRef, useState } from "../../lib/preact.js";
 import { duration, language, moment, or, t } from "../../lib/words.js";
 import * as api from "../../lib/api.js";
 export { api, duration, moment, or, t };
 
-/** A number in a few significant digits, or a dash where there is none. */
+/** A number with a few significant digits, or a dash without one. */
 export const number = (value, digits = 3) =>
   value === null || value === undefined || !Number.isFinite(value) ? "–"
     : new Intl.NumberFormat(language.get(), {
@@ -20,6 +20,6 @@ export function measured({ value, std, unit }) {
   return `${written[0].replace("-", "−")} ± ${written[1]} ${unit ?? ""}`.trim();
 }
 
-/** Folder of a run without its time stamp: what a person calls it. */
+/** Folder of a run without its time stamp. */
 export const runName = (run) => run.split("/").pop().replace(/^\d{8}T\d{6}Z_/, "");
 export const unitOf = (run) => run.split("/")[0];

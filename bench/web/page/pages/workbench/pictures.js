@@ -16,7 +16,7 @@ const HOUR_S = 3600;
 const ZOOM_PAUSE_MS = 250;
 const WIDTHS = [400, 800, 1200, 1600, 2000];
 
-/** Number of points worth fetching for an element so wide; in steps, so that answers can be kept. */
+/** Number of points to fetch for the width of an element; in steps, so that answers can be cached. */
 const pointsFor = (element) => WIDTHS.find((width) => width >= (element?.clientWidth || 800)) ?? WIDTHS[WIDTHS.length - 1];
 
 /** A figure with its words, keys and files. `figure`: {figure, words, csv}; `onZoom(range|null)`. */
@@ -72,14 +72,14 @@ function Tabs({ kinds, words, kind, onKind }) {
   </div>`;
 }
 
-/** Range of x as the API wants it; figures over other quantities are whole already. */
+/** Range of x in the form of the API; figures over other quantities are always complete. */
 function spanOf(kind, range) {
   if (!range) return {};
   if (kind === "time") return { from_s: Math.max(0, range[0] * HOUR_S), to_s: range[1] * HOUR_S };
   return kind === "temperature" || kind === "loop" ? { from_degc: range[0], to_degc: range[1] } : {};
 }
 
-/** Which of the runs is drawn, and whether the model is taken off the loop. */
+/** Choice of the drawn run, and of bias or residual in the loop. */
 function Choices({ runs, kind, of, onOf, left, onLeft }) {
   const all = [...runs.runs, ...runs.check];
   return html`<div class="wb-choices">
@@ -91,7 +91,7 @@ function Choices({ runs, kind, of, onOf, left, onLeft }) {
   </div>`;
 }
 
-/** Figures of `runs` {runs, check, static} under `model`; `picked` {id, title, answer} is a picture of the diagnosis that takes their place. */
+/** Figures of `runs` {runs, check, static} under `model`; `picked` {id, title, answer} is a figure of the diagnosis that replaces them. */
 export function Pictures({ runs, model, picked, onPickedOff }) {
   const [kind, setKind] = useState("time");
   const [asked, setOf] = useState(null);
@@ -100,7 +100,7 @@ export function Pictures({ runs, model, picked, onPickedOff }) {
   const frame = useRef(null);
   const timer = useRef(0);
   const of = [...runs.runs, ...runs.check].includes(asked) ? asked : runs.runs[0];
-  // What stays the same while finer data arrive, and while the model changes: the same picture keeps its zoom.
+  // The same figure keeps its zoom while finer data arrive and while the model changes.
   const what = picked ? `picked ${picked.id}` : JSON.stringify([kind, of, left, runs]);
   const span = zoomed.what === what ? zoomed.span : {};
   const body = picked ? null : { kind, ...runs, of, model: kind === "loop" && !left ? null : model, ...span, width: pointsFor(frame.current) };
@@ -109,7 +109,7 @@ export function Pictures({ runs, model, picked, onPickedOff }) {
   const keep = last.current.what === what;
   const fresh = picked?.answer ?? job.result;
   if (fresh) last.current = { what, answer: fresh };
-  // A figure of another kind must not be seen under this tab's name, not even while its own is on the way.
+  // A figure of another kind must not be shown under this tab, even while its own figure is loading.
   const answer = last.current.what === what ? last.current.answer : null;
   useEffect(() => () => clearTimeout(timer.current), []);
   const zoom = (range) => {

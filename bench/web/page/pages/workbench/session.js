@@ -1,4 +1,4 @@
-// What the engineer works on: the runs with their roles, the models in order, and the answers to them.
+// State of the workbench: the runs with their roles, the models in order, and their results.
 import { api, useEffect, useMemo, useReducer, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
 
@@ -10,14 +10,14 @@ const MOST_CACHED = 60;
 const isStatic = (row) => /isothermal|static/i.test(row.profile);
 const isCheck = (row) => /^check|_check|verif/i.test(row.profile);
 
-/** Role that a run of this profile most likely plays beside those already chosen. */
+/** Most likely role of a run of this profile beside those already chosen. */
 export function likelyRole(row, chosen) {
   if (!chosen.length) return "fit";
   if (isStatic(row) && !chosen.some((one) => one.role === "static")) return "static";
   return "check";
 }
 
-/** Runs of `rows` that were made to go with `row`: one check run and one isothermal run of the same days. */
+/** Runs of `rows` that belong to `row`: one check run and one isothermal run of the same days. */
 export function companions(row, rows) {
   const near = rows.filter((one) => one.run !== row.run && one.unit === row.unit
     && Math.abs(Date.parse(one.start) - Date.parse(row.start)) < NEAR_MS);
@@ -60,7 +60,7 @@ function change(state, action) {
   }
 }
 
-/** State and `act(action)`; `runs` {runs, check, static} as the API wants them, null while nothing can be fitted. */
+/** State and `act(action)`; `runs` {runs, check, static} in the form of the API, null while nothing can be fitted. */
 export function useSession() {
   const [state, act] = useReducer(change, { chosen: [], steps: [{ model: START_MODEL, label: START_MODEL.name }] });
   const runs = useMemo(() => {
@@ -72,7 +72,7 @@ export function useSession() {
 
 const answers = new Map();
 
-/** What a job has answered before, or undefined. */
+/** Cached result of a job, or undefined. */
 export const known = (path, body) => answers.get(`${path} ${JSON.stringify(body)}`);
 
 /** Answer of a job: {result, failed, running}. While the next one is computed, `stale` is the one before. */

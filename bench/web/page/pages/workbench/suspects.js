@@ -1,4 +1,4 @@
-// What is missing: the verdict as a sentence, the suspects best first, what to do with each.
+// Missing effects: the verdict, the suspects in order of evidence, and their actions.
 import { html, t, useState, measured, number } from "./parts.js";
 import { effectWord } from "./effects.js";
 
@@ -10,7 +10,7 @@ const VERDICTS = () => ({
   unknown_effect: t("workbench.verdict.unknown_effect"),
 });
 
-/** Evidence as a bar with a mark where chance ends. */
+/** Evidence as a bar with a mark at the threshold. */
 function Evidence({ value, threshold, most }) {
   const share = (x) => `${Math.max(0, Math.min(100, (100 * x) / most))}%`;
   const beyond = value > threshold;
@@ -35,7 +35,7 @@ function Parameters({ parameters }) {
   </div>`)}</dl>`;
 }
 
-/** What adding it does to the error on data that the fit has not seen. */
+/** Change of the error on unseen data when it is added. */
 function Gain({ suspect }) {
   if (suspect.held_out_rms_dph === null) return suspect.reason ? html`<p class="wb-soft" lang="en">${suspect.reason}</p>` : null;
   return html`<p><b>${number(suspect.held_out_before_dph)} → ${number(suspect.held_out_rms_dph)} deg/h</b> ${t("workbench.suspect.unseen")}${
@@ -62,7 +62,7 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
   </li>`;
 }
 
-/** A suspect alone against what it depends on. */
+/** Partial residual of a suspect over its coordinate. */
 const pictureOf = ({ effect, partial }) => ({ id: effect, title: `${t("workbench.figure.partial")}: ${effectWord(effect)}`, answer: partial });
 
 /** Pictures of the whole diagnosis: the map before and after, the evidence by segment, where it fails most. */
@@ -78,7 +78,7 @@ function Further({ figures, picked, onPicture }) {
     onClick=${() => onPicture(picked === key ? null : { id: key, title: words[key], answer: figures[key] })}>${words[key]}</button>`)}</p>`;
 }
 
-/** Ends of a place, in as many digits as tell them apart. */
+/** Ends of a place, with enough digits to distinguish them. */
 function span({ from, to }) {
   const digits = [4, 6, 8].find((many) => number(from, many) !== number(to, many)) ?? 8;
   return `${number(from, digits)} … ${number(to, digits)}`;

@@ -1,9 +1,9 @@
-// A term of one's own: typed as an expression, checked while it is typed, added like any other effect.
+// A user-defined term: an expression, checked while it is typed, added like any other effect.
 import { html, t, api, useEffect, useState } from "./parts.js";
 
 const PAUSE_MS = 250;
 
-/** Answer of POST /effects/formula to what stands in the field; null while it is empty or on its way. */
+/** Answer of POST /effects/formula for the content of the field; null while it is empty or being checked. */
 function useCheck(expression, bounds) {
   const [answer, setAnswer] = useState(null);
   const asked = JSON.stringify([expression, bounds]);
