@@ -3,75 +3,38 @@
 cantools reads the layout from the DBC once; frames are decoded by numpy. A DBC describes a family by the names of its
 signals:
 
-* `Rate`, `SampleCounter` in one message: one sample of the rate; optional `RateValid`, `LoopLocked`, `RateSaturated`
+* `Rate`, `SampleCounter` in one message: one sample of the rate
 * `Temperature`, `ResonanceFrequency`, `DriveAmplitude`, `QuadratureAmplitude`, `SupplyVoltage` in slower messages, each
   with a `SlowCounter`: the low bits of `SampleCounter` at the moment of sampling
 * `Serial`, `Firmware`, `CoefficientSet`, `State` in a heartbeat
 * `Crc8` as last byte: CRC-8/SAE-J1850 over the bytes before it and the low byte of the identifier
+* status signals in any of these messages: see `drivers.states`
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from drivers.block import Beats, GyroBlock, Losses, Series, Thermometer
 from drivers.errors import ConfigError
 from drivers.identity import Identity, Impostors
 from drivers.journal import FLAG_EXTENDED, FrameArray
 from drivers.samples import CounterTrack, FloatArray, IntArray, SampleClock
 from drivers.slow import Reference, SlowMessage, check_simple, factor_of, is_slow
+from drivers.states import BoolArray, States
 from drivers.wire import ByteArray, Message, load_dbc
 
-__all__ = ["GyroBlock", "GyroDecoder", "Identity", "Losses", "SampleClock", "Series"]
+__all__ = ["Beats", "GyroBlock", "GyroDecoder", "Identity", "Losses", "SampleClock", "Series", "Thermometer"]
 
-_GOOD = {"RateValid": 1, "LoopLocked": 1, "RateSaturated": 0}
 _WORD = np.dtype("<u8")
 _HEAD, _IDENTIFIED = np.uint64(0xFFFF_FFFF_FFFF), np.uint64(0xFF_FFFF_FFFF)
 """Of the second word of a FRAME record: identifier, flags and length; identifier and flags."""
 WordArray = npt.NDArray[np.uint64]
 BOOT_UP = 0
-
-
-@dataclass(frozen=True)
-class Losses:
-    """What happened to the frames of one unit. Each count but `received` and `out_of_order` left a gap in the data."""
-
-    received: int = 0  # frames of this unit, all messages
-    lost: int = 0  # rate samples for which no sound frame arrived
-    slow_lost: int = 0  # slow samples for which no sound frame arrived
-    corrupt: int = 0  # wrong CRC, wrong length, or a counter that fits nothing
-    repeated: int = 0  # the same sample again
-    late: int = 0  # arrived too long after its sample was taken
-    out_of_order: int = 0  # overtaken by a later frame; put back in its place when its block was still open
-    invalid: int = 0  # the unit itself says: not valid, not locked or saturated
-    resets: int = 0  # the unit started anew
-
-    def as_dict(self) -> dict[str, int]:
-        """Counts by name."""
-        return dict(vars(self))
-
-
-@dataclass(frozen=True)
-class Series:
-    """A slow channel: `value` (m,) in the unit of the channel, sampled with the rate samples `index` (m,)."""
-
-    index: IntArray
-    value: FloatArray
-
-
-@dataclass(frozen=True)
-class GyroBlock:
-    """Samples of one block of frames; indices increase strictly, over blocks too. What is missing is a gap."""
-
-    index: IntArray  # sample index (n,)
-    t_ns: IntArray  # bench time of arrival [ns] (n,)
-    rate_dph: FloatArray  # [deg/h] (n,), NaN where not valid
-    valid: npt.NDArray[np.bool_]  # (n,)
-    slow: Mapping[str, Series]  # by channel name, see bench.base.channels
 
 
 class GyroDecoder:
@@ -98,10 +61,15 @@ class GyroDecoder:
         self._heartbeat = _one_with(messages, dbc, "Serial", "State")
         self._rate_factor = factor_of("rate", self._rate, "Rate")
         self.rate_step_dph = self._rate.signals["Rate"].scale * self._rate_factor
-        flags = [self._rate.signals[name] for name in _GOOD if name in self._rate.signals]
-        self._flag_mask = np.uint64(sum(flag.bits(-1) for flag in flags))
-        self._flags_good = np.uint64(sum(flag.bits(_GOOD[flag.name]) for flag in flags))
+        self._states = {name: States(self._rate if name == "rate" else self._heartbeat) for name in ("rate", "beat")}
+        self.tells_correction = self._states["rate"].tells_correction
+        """Whether each sample says if the unit corrected it."""
+        low, high = self._rate.signals["Rate"].measured
+        self._measured = low * self._rate_factor, high * self._rate_factor
         self._slow = [SlowMessage(message, self.interval_s) for message in messages.values() if is_slow(message)]
+        self.thermometer = next((found for slow in self._slow if (found := _thermometer(slow))), None)
+        self.beat_every = round((self._heartbeat.cycle_ms or 0.0) * 1e-3 / self.interval_s)
+        """Rate samples between heartbeats; 0: the DBC does not say."""
         self.counter_bits = self._rate.signals["SampleCounter"].length
         self._track = CounterTrack(self.counter_bits, self._interval_ns, late_s)
         self._look = b"?"  # heads of the last block; found in it: how many frames, and which have the right length
@@ -110,6 +78,8 @@ class GyroDecoder:
         self._said = b""  # the last heartbeats, as long as they are no news
         self._claim: tuple[int, ...] = ()  # who the last heartbeat says that it is
         self._booted = False  # a boot-up heartbeat arrived and no rate frame since
+        self._beats: tuple[IntArray, Mapping[str, BoolArray]] = np.zeros(0, dtype=np.int64), {}
+        self._newest = 0  # the newest sample
 
     def decode(self, frames: FrameArray) -> GyroBlock:
         """Samples of FRAME records in the order of capture; frames of other units are left alone."""
@@ -122,7 +92,7 @@ class GyroDecoder:
         placed = self._track.unwrap(counter, t_ns, self._boot_rows(at, boot))
         slow = self._read_slow(words, at, Reference(placed.index, counter, t_ns))
         rows = placed.take
-        rate_dph, valid = self._read_rate(data[rows])
+        rate_dph, valid, faults, corrected = self._read_rate(data[rows])
         self._count(
             lost=placed.lost,
             repeated=placed.repeated,
@@ -135,7 +105,10 @@ class GyroDecoder:
         self.samples += len(valid)
         if len(counter):
             self._impostors.counted(len(counter), placed.rogue + placed.repeated)
-        return GyroBlock(placed.index[rows], t_ns[rows], rate_dph, valid, slow)
+        index = placed.index[rows]
+        beats = self._placed_beats(at[rows], index)
+        self._newest = int(index[-1]) if len(index) else self._newest
+        return GyroBlock(index, t_ns[rows], rate_dph, valid, slow, faults, corrected, beats)
 
     @property
     def losses(self) -> Losses:
@@ -186,6 +159,7 @@ class GyroDecoder:
     def _read_heartbeat(self, words: WordArray) -> IntArray:
         """Take in the identity; positions of boot-up heartbeats."""
         at, data = self._sound(words, self._heartbeat)
+        self._beats = at, self._states["beat"].read(data)[0]
         if not len(at):
             return at
         said = data.tobytes()
@@ -206,6 +180,13 @@ class GyroDecoder:
         self._said = said if one and sure and not len(boot) else b""
         return boot
 
+    def _placed_beats(self, rate_at: IntArray, index: IntArray) -> Beats:
+        """The heartbeats of this block among its samples, which came at these positions."""
+        at, faults = self._beats
+        known = np.concatenate(([self._newest], index))
+        why = [", ".join(text for text, rows in faults.items() if rows[row]) for row in range(len(at))]
+        return Beats(known[np.searchsorted(rate_at, at)], why)
+
     def _boot_rows(self, at: IntArray, boot: IntArray) -> IntArray:
         """Rows of the rate frames that follow a boot-up heartbeat, one of an earlier block included."""
         if not len(boot) and not self._booted:
@@ -216,12 +197,19 @@ class GyroDecoder:
         self._booted = bool(np.any(rows == len(at)))
         return rows[rows < len(at)]
 
-    def _read_rate(self, data: ByteArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    def _read_rate(self, data: ByteArray) -> tuple[FloatArray, BoolArray, Mapping[str, BoolArray], BoolArray | None]:
+        """Rate (n,) [deg/h], NaN where not valid; which are valid, why the others are not, and which are corrected."""
         rate_dph = self._rate.signals["Rate"].physical(data) * self._rate_factor
-        valid = data.view(_WORD)[:, 0] & self._flag_mask == self._flags_good
-        if not valid.all():
+        valid = np.ones(len(rate_dph), dtype=np.bool_)
+        faults, corrected = self._states["rate"].read(data)
+        low, high = self._measured
+        if len(rate_dph) and not (rate_dph.min() >= low and rate_dph.max() <= high):  # NaN is not a measurement either
+            faults = {**faults, "rate outside its range": ~((rate_dph >= low) & (rate_dph <= high))}
+        for wrong in faults.values():
+            valid &= ~wrong
+        if faults:
             rate_dph[~valid] = np.nan
-        return rate_dph, valid
+        return rate_dph, valid, faults, corrected
 
     def _read_slow(self, words: WordArray, rate_at: IntArray, rate: Reference) -> dict[str, Series]:
         """Slow channels, tied to the rate samples by the low bits of the counter."""
@@ -232,6 +220,9 @@ class GyroDecoder:
         series: dict[str, Series] = {}
         for slow in self._slow:
             at, data = self._sound(words, slow.message)
+            if wrong := slow.states.read(data)[0]:
+                valid = ~np.logical_or.reduce(list(wrong.values()))
+                at, data = at[valid], data[valid]
             if len(rate_at):
                 t_ns = words[at, 0].view(np.int64)
                 index, rows, repeated, lost = slow.place(data, at, t_ns, rate_at, rate)
@@ -246,6 +237,15 @@ class GyroDecoder:
                     self.last[name] = float(value[-1])
         self._reference = Reference(*(part[-1:] for part in rate)) if len(rate_at) else None
         return series
+
+
+def _thermometer(slow: SlowMessage) -> Thermometer | None:
+    if "temperature" not in slow.channels:
+        return None
+    name, factor = slow.channels["temperature"]
+    signal = slow.message.signals[name]
+    low, high = signal.measured
+    return Thermometer(low * factor, high * factor, abs(signal.scale) * factor, slow.every or None)
 
 
 def _one_with(messages: Mapping[str, Message], dbc: str | Path, *signals: str) -> Message:

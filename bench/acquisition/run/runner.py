@@ -168,6 +168,8 @@ def _begun(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime, other
         station=job.station.name,
         simulated=job.station.simulated,
         purpose="calibration" if job.compensation == "off" else "verification",
+        unit_margin_degc=job.station.protection.unit_margin_degc,
+        unit_lag_min=job.station.protection.unit_lag_min,
         gyro=GyroKind(layout=settings.gyro, number=settings.number, bus=settings.bus),
         seeds=job.station.seeds(job.profile.name),
         versions=package_versions(),
