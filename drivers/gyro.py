@@ -52,12 +52,12 @@ class GyroDecoder:
         self.last: dict[str, float] = {}
         self.samples = 0
         self._number = number
-        self._impostors = Impostors(number)
         self._rate = _one_with(messages, dbc, "Rate", "SampleCounter")
         if self._rate.cycle_ms is None:
             raise ConfigError(f"DBC {dbc}: {self._rate.name} has no cycle time (GenMsgCycleTime [ms])")
         self.interval_s = self._rate.cycle_ms * 1e-3
         self._interval_ns = round(self._rate.cycle_ms * 1e6)
+        self._impostors = Impostors(number, self._interval_ns)
         self._heartbeat = _one_with(messages, dbc, "Serial", "State")
         self._rate_factor = factor_of("rate", self._rate, "Rate")
         self.rate_step_dph = self._rate.signals["Rate"].scale * self._rate_factor
@@ -80,6 +80,8 @@ class GyroDecoder:
         self._booted = False  # a boot-up heartbeat arrived and no rate frame since
         self._beats: tuple[IntArray, Mapping[str, BoolArray]] = np.zeros(0, dtype=np.int64), {}
         self._newest = 0  # the newest sample
+        self.twins_at: int | None = None
+        """A sample before it was certain that two units send; of those afterwards none is taken."""
 
     def decode(self, frames: FrameArray) -> GyroBlock:
         """Samples of FRAME records in the order of capture; frames of other units are left alone."""
@@ -89,8 +91,12 @@ class GyroDecoder:
         at, data = self._sound(words, self._rate)
         t_ns = words[at, 0].view(np.int64)
         counter = self._rate.signals["SampleCounter"].unpack(data).astype(np.int64)
+        if self._impostors.twins is not None:  # whose samples these are, nobody knows
+            self._count(corrupt=len(counter))
+            at, counter, data, t_ns = at[:0], counter[:0], data[:0], t_ns[:0]
         placed = self._track.unwrap(counter, t_ns, self._boot_rows(at, boot))
         slow = self._read_slow(words, at, Reference(placed.index, counter, t_ns))
+        self._impostors.arrived(t_ns, placed.index, data.view(np.int64)[:, 0])
         rows = placed.take
         rate_dph, valid, faults, corrected = self._read_rate(data[rows])
         self._count(
@@ -108,6 +114,8 @@ class GyroDecoder:
         index = placed.index[rows]
         beats = self._placed_beats(at[rows], index)
         self._newest = int(index[-1]) if len(index) else self._newest
+        if self._impostors.twins is not None and self.twins_at is None:
+            self.twins_at = max(self._newest - len(index), 0)
         return GyroBlock(index, t_ns[rows], rate_dph, valid, slow, faults, corrected, beats)
 
     @property
@@ -121,6 +129,11 @@ class GyroDecoder:
     def conflict(self) -> str | None:
         """Two units under one number, or another one than before, in words; None when all is well."""
         return self._impostors.conflict
+
+    @property
+    def impostor(self) -> bool:
+        """Whether the conflict is certain, so that the run cannot go on."""
+        return self._impostors.certain
 
     @property
     def serials(self) -> Sequence[int]:

@@ -6,6 +6,11 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
+from drivers.samples import IntArray
+
 
 @dataclass(frozen=True)
 class Identity:
@@ -18,23 +23,37 @@ class Identity:
 
 
 class Impostors:
-    """Notices a second unit with the same number on the bus, by its heartbeats or by its sample counter.
+    """Notices a second unit with the same number on the bus, whatever its counter, by one of these:
 
-    Two serial numbers in turn are proof. Two counters, or every sample twice, are as good as that when they make up
-    more than a fifth of the frames over some seconds; single stray or repeated frames are not.
+    * serial numbers that answer in turn, in the heartbeats;
+    * samples that come twice with different values; a frame that is merely repeated is the same again;
+    * far more rate frames than one unit sends, for some seconds, and more than a stall can have held back.
+
+    Frames that fit nothing are a doubt only: a worn connector makes them too.
     """
 
     SHARE = 0.2
     FRAMES = 500
+    DOUBLE = 20
+    """So many samples with two values, within a few seconds, are proof."""
+    FLOOD_S, FLOOD = 5, 1.4
+    """In each of so many seconds more than this times the frames of one unit …"""
+    BEFORE_S, MEAN = 15, 1.2
+    """… and together with the seconds before more than this: what was held back was missing there."""
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, number: int, interval_ns: int) -> None:
         self.serials: list[int] = []
         """Serial numbers that answered, each time that it changed. A new one counts when it is heard twice in a short
         while: heartbeats need not carry a CRC."""
+        self.twins: str | None = None
+        """Why it is certain that two units send under this number; None: it is not."""
         self._heard: deque[int] = deque(maxlen=4)
         self._number = number
         self._recent: deque[tuple[int, int]] = deque()  # frames, and those among them that fit nothing or came twice
         self._counters: str | None = None
+        self._doubles: deque[tuple[int, int]] = deque()  # host second, samples with two values
+        self._per_s = 1e9 / interval_ns
+        self._seconds: deque[list[int]] = deque(maxlen=self.BEFORE_S + 1)  # host second, frames
 
     def heard(self, serials: Sequence[int]) -> bool:
         """The serial numbers of the heartbeats of a block; whether they are all that of the unit."""
@@ -56,15 +75,68 @@ class Impostors:
                 f"sample: two units with this number on one bus, or an adapter that repeats frames"
             )
 
+    def arrived(self, t_ns: IntArray, index: IntArray, payload: IntArray) -> None:
+        """Rate frames (n,) of a block in the order of arrival: host time [ns], place (0: none), everything they say."""
+        if self.twins is not None or not len(t_ns):
+            return
+        again = np.zeros(len(t_ns), dtype=np.bool_)
+        again[1:] = payload[1:] == payload[:-1]
+        if not (np.diff(index) > 0).all():
+            again |= self._compare(t_ns, index, payload)
+        self._flood(t_ns[~again])
+
+    def _compare(self, t_ns: IntArray, index: IntArray, payload: IntArray) -> npt.NDArray[np.bool_]:
+        """Which frames (n,) repeat another one; counts samples with two values."""
+        order = np.lexsort((payload, index))
+        same = (np.diff(index[order]) == 0) & (index[order[1:]] > 0)
+        alike = np.diff(payload[order]) == 0
+        again = np.zeros(len(t_ns), dtype=np.bool_)
+        again[order[1:][same & alike]] = True
+        seconds, counts = np.unique(t_ns[order[1:][same & ~alike]] // 1_000_000_000, return_counts=True)
+        for second, count in zip(seconds.tolist(), counts.tolist(), strict=True):
+            self._doubles.append((second, count))
+            while self._doubles[0][0] < second - self.FLOOD_S:
+                self._doubles.popleft()
+            total = sum(number for _, number in self._doubles)
+            if total >= self.DOUBLE and self.twins is None:
+                self.twins = f"{total} samples within {self.FLOOD_S} s came twice, with different values"
+        return again
+
+    def _flood(self, t_ns: IntArray) -> None:
+        for second, count in zip(
+            *(part.tolist() for part in np.unique(t_ns // 1_000_000_000, return_counts=True)), strict=True
+        ):
+            if self._seconds and self._seconds[-1][0] >= second:
+                self._seconds[-1][1] += count
+                continue
+            self._judge(second)
+            self._seconds.append([second, count])
+
+    def _judge(self, now: int) -> None:
+        """The seconds before `now` are complete."""
+        counts = {second: count for second, count in self._seconds}
+        last = [counts.get(now - back, 0) for back in range(1, self.BEFORE_S + 1)]
+        heard = min(now - self._seconds[0][0], self.BEFORE_S) if self._seconds else 0
+        if heard <= self.FLOOD_S or min(last[: self.FLOOD_S]) <= self.FLOOD * self._per_s:
+            return
+        if sum(last[:heard]) > self.MEAN * heard * self._per_s and self.twins is None:
+            each = sum(last[: self.FLOOD_S]) / self.FLOOD_S
+            self.twins = f"{each:.0f} rate frames a second, one unit sends {self._per_s:.0f}"
+
     @property
     def conflict(self) -> str | None:
         """What is wrong, for a human; None while one unit answers. Stays once it was seen."""
         serials = self.serials
+        cure = "two units with this number on one bus; disconnect one or give it another number"
         if len(serials) > 2 and serials[-3] == serials[-1]:
-            return (
-                f"serial numbers {serials[-2]} and {serials[-1]} answer in turn as number {self._number}: two units "
-                f"with this number on one bus; disconnect one or give it another number"
-            )
+            return f"serial numbers {serials[-2]} and {serials[-1]} answer in turn as number {self._number}: {cure}"
+        if self.twins is not None:
+            return f"number {self._number}: {self.twins}: {cure}"
         if len(serials) > 1:
             return f"serial number {serials[-1]} answers as number {self._number}, where {serials[-2]} did before"
         return self._counters
+
+    @property
+    def certain(self) -> bool:
+        """Whether another unit, or a second one, sends for certain."""
+        return self.twins is not None or len(self.serials) > 1

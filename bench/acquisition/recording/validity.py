@@ -29,6 +29,9 @@ BEATS_MISSED = 5
 MARGIN_DEGC, LAG_MIN = 15.0, 60.0
 """A unit further outside all that the air was, within this lag, is not believed; journals carry what a run was told."""
 
+TWINS_S = 10
+"""Two units under one number are certain after some seconds."""
+
 RATE, TEMPERATURE, AIR = "rate", "temperature", "chamber_temperature"
 
 
@@ -75,6 +78,7 @@ class Validity:
 
     def __init__(self, decoder: GyroDecoder, raw: bool = True) -> None:
         """`raw`: the run is about the raw rate; else about the one that the unit corrects."""
+        self._decoder = decoder
         self._raw, self._thermometer, self._beat_every = raw, decoder.thermometer, decoder.beat_every
         self._corrects, self._interval_s = decoder.tells_correction, decoder.interval_s
         self._second = max(round(1.0 / decoder.interval_s), 1)
@@ -207,6 +211,10 @@ class Validity:
             for first, last in found:
                 self.spells.span(why, channel, first, last + 1)
         self._beside_air(air, margin)
+        if self._decoder.twins_at is not None:
+            self.spells.span(
+                "two units on one number", TEMPERATURE, self._decoder.twins_at - TWINS_S * self._second, end
+            )
         for (why, channel), spans in self._output.found.items():
             for first, stop in spans:
                 self.spells.span(why, channel, max(first, window[0]), min(stop, window[1]))
