@@ -79,11 +79,9 @@ class Impostors:
         """Rate frames (n,) of a block in the order of arrival: host time [ns], place (0: none), everything they say."""
         if self.twins is not None or not len(t_ns):
             return
-        again = np.zeros(len(t_ns), dtype=np.bool_)
-        again[1:] = payload[1:] == payload[:-1]
-        if not (np.diff(index) > 0).all():
-            again |= self._compare(t_ns, index, payload)
-        self._flood(t_ns[~again])
+        if not (index[1:] > index[:-1]).all():
+            t_ns = t_ns[~self._compare(t_ns, index, payload)]
+        self._flood(t_ns)
 
     def _compare(self, t_ns: IntArray, index: IntArray, payload: IntArray) -> npt.NDArray[np.bool_]:
         """Which frames (n,) repeat another one; counts samples with two values."""
@@ -103,9 +101,14 @@ class Impostors:
         return again
 
     def _flood(self, t_ns: IntArray) -> None:
-        for second, count in zip(
-            *(part.tolist() for part in np.unique(t_ns // 1_000_000_000, return_counts=True)), strict=True
-        ):
+        if not len(t_ns):
+            return
+        first, last = int(t_ns[0]) // 1_000_000_000, int(t_ns[-1]) // 1_000_000_000
+        counts = {first: len(t_ns)}
+        if first != last:
+            seconds, numbers = np.unique(t_ns // 1_000_000_000, return_counts=True)
+            counts = dict(zip(seconds.tolist(), numbers.tolist(), strict=True))
+        for second, count in counts.items():
             if self._seconds and self._seconds[-1][0] >= second:
                 self._seconds[-1][1] += count
                 continue
@@ -114,6 +117,8 @@ class Impostors:
 
     def _judge(self, now: int) -> None:
         """The seconds before `now` are complete."""
+        if not self._seconds or self._seconds[-1][1] <= self.FLOOD * self._per_s:
+            return
         counts = {second: count for second, count in self._seconds}
         last = [counts.get(now - back, 0) for back in range(1, self.BEFORE_S + 1)]
         heard = min(now - self._seconds[0][0], self.BEFORE_S) if self._seconds else 0

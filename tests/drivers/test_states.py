@@ -1,4 +1,4 @@
-"""Status signals: what they must say for a sample to be used is described in the DBC, also of gyros that are not ours."""
+"""Status signals: the DBC describes what they must say for a sample to be used, also of gyros that are not ours."""
 
 import numpy as np
 import pytest

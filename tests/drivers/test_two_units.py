@@ -18,7 +18,7 @@ def frames_of(identifier, message, t_ns, data):
     return frames
 
 
-def unit(seconds, from_s=0.0, counter=0, seed=1, serial=7, delay_ns=0, every=1):
+def unit(seconds, from_s=0.0, counter=0, *, seed=1, serial=7, delay_ns=0, every=1):
     """Frames of one unit; `every`: it sends so many at once."""
     n = round(500 * (seconds - from_s))
     k = np.arange(n)

@@ -74,12 +74,6 @@ class Frozen:
             return None
         return max(math.log(BY_CHANCE) / math.log(min(repeats + 0.2, 0.9)), LONG)
 
-    @property
-    def now(self) -> bool:
-        """Whether the newest samples are such a stretch."""
-        allowed = self._allowed()
-        return allowed is not None and self._run is not None and self._run[3] > allowed
-
     def spans(self) -> list[tuple[int, int]]:
         """First and last index of each stretch."""
         allowed = self._allowed()
@@ -101,6 +95,8 @@ class Pace:
         self._good: tuple[float, float] | None = None  # time [s] and value that were believed last
         self._before = math.nan  # the last level, believed or not
         self.bad = False
+        self.span = math.nan, math.nan
+        """Lowest and highest of the values that were taken last."""
 
     def take(self, t_s: float, values: FloatArray) -> BoolArray | None:
         """One second or reading (k,); which of its values are wrong, None: none is."""
@@ -109,9 +105,10 @@ class Pace:
         good_s, good = self._good
         passed_s = max(t_s - good_s, 0.0)
         room = self._jump + self._slope * (passed_s if not self.bad else 0.0)
-        low, high = float(values.min()), float(values.max())
+        low, high = self.span = float(np.minimum.reduce(values)), float(np.maximum.reduce(values))
         if low >= good - room and high <= good + room:
-            self._follow(t_s, float(values.mean()), math.inf if self.bad else passed_s)
+            level = float(np.add.reduce(values)) / len(values)
+            self._follow(t_s, level, math.inf if self.bad else passed_s)
             return None
         level = float(np.median(values))
         jumped = not abs(level - self._before) <= self._jump + self._slope

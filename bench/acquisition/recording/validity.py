@@ -173,18 +173,6 @@ class Validity:
             self.spells.span("no heartbeat", RATE, last + self._beat_every, index)
         self._last_beat = index, before
 
-    @property
-    def temperature_wrong(self) -> str:
-        """Why the newest temperature must not be believed; empty: it may."""
-        if self._pace.bad:
-            return "it moved faster than it can"
-        return "it repeats the same value bit for bit" if self._temperature.now else ""
-
-    @property
-    def complaint(self) -> str:
-        """What the heartbeats say is wrong; empty: nothing."""
-        return self._ill
-
     def close(
         self, window: tuple[int, int], air: tuple[IntArray, FloatArray], margin: tuple[float, float]
     ) -> list[Spell]:

@@ -13,11 +13,11 @@ from bench.acquisition.profile.guards import Signal
 from bench.acquisition.profile.standing import DOUBTED_S
 from bench.acquisition.recording.assemble import Decoded
 from bench.acquisition.recording.trace import Envelope
-from bench.acquisition.recording.validity import Validity
+from bench.acquisition.station.belief import Belief
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import FloatArray, InputError
 from drivers.clock import Clock
-from drivers.gyro import GyroBlock, GyroDecoder
+from drivers.gyro import GyroDecoder
 from drivers.journal import FrameArray
 from drivers.samples import SampleClock
 
@@ -72,10 +72,8 @@ class LiveUnit:
         self.rates = Envelope()
         """Of all samples since an onlooker took them [deg/h]."""
         self.level = Level()
-        self._validity = Validity(self.decoder)
+        self._belief = Belief(self.decoder)
         self._doubted_s: float | None = None
-        self._complaints: set[str] = set()
-        self._said: set[str] = set()
         self._clock = clock
         self._next_reset, self._doubted = 1, False
         self._counts: deque[tuple[float, int, int, int]] = deque()  # bench time [s], resets, misfits, received
@@ -89,7 +87,11 @@ class LiveUnit:
         """Decode newly captured frames of this unit's bus."""
         block = self.decoder.decode(frames)
         self.sample_clock.add(block.index, block.t_ns)
-        self._judge(block)
+        self._belief.take(block, self._clock.now())
+        if not self._belief.wrong:
+            self._doubted_s = None
+        elif self._doubted_s is None:
+            self._doubted_s = self._clock.now()
         self.rates.add(block.rate_dph)
         self.level.add(block.rate_dph)
         if len(block.t_ns):
@@ -97,19 +99,6 @@ class LiveUnit:
         if "temperature" in block.slow and len(block.slow["temperature"].value):
             at_s = self.newest_frame_s if self.newest_frame_s is not None else self._clock.now()
             self.temperature = Signal(float(block.slow["temperature"].value[-1]), at_s)
-
-    def _judge(self, block: GyroBlock) -> None:
-        """Whether what the unit sends can be: for guards and for the operator; the tables are judged at the end."""
-        self._validity.take(block)
-        self._complaints = {why for why, rows in block.faults.items() if rows.any()}
-        if self._validity.complaint:
-            self._complaints.add(self._validity.complaint)
-        if wrong := self._validity.temperature_wrong:
-            self._complaints.add(f"its temperature is not believed: {wrong}")
-        if not wrong:
-            self._doubted_s = None
-        elif self._doubted_s is None:
-            self._doubted_s = self._clock.now()
 
     @property
     def doubted_s(self) -> float:
@@ -154,9 +143,7 @@ class LiveUnit:
         if resets >= self._next_reset:
             self._next_reset = 2 * resets
             yield f"unit {self.serial} started anew, {resets} in all"
-        for text in sorted(self._complaints - self._said):
-            self._said.add(text)
-            yield f"unit {self.serial}: {text}; such samples are left out"
+        yield from (f"unit {self.serial}: {text}" for text in self._belief.news())
         if doubt and not self._doubted:
             self._doubted = True
             yield f"unit {self.serial}: {doubt}"
