@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from drivers.samples import IntArray
+IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
