@@ -3,75 +3,38 @@
 cantools reads the layout from the DBC once; numpy decodes the frames. A DBC describes a family by the names of its
 signals:
 
-* `Rate`, `SampleCounter` in one message: one sample of the rate; optional `RateValid`, `LoopLocked`, `RateSaturated`
+* `Rate`, `SampleCounter` in one message: one sample of the rate
 * `Temperature`, `ResonanceFrequency`, `DriveAmplitude`, `QuadratureAmplitude`, `SupplyVoltage` in slower messages, each
   with a `SlowCounter`: the low bits of `SampleCounter` at the moment of sampling
 * `Serial`, `Firmware`, `CoefficientSet`, `State` in a heartbeat
 * `Crc8` as last byte: CRC-8/SAE-J1850 over the bytes before it and the low byte of the identifier
+* status signals in any of these messages: see `drivers.states`
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from drivers.block import Beats, GyroBlock, Losses, Series, Thermometer
 from drivers.errors import ConfigError
 from drivers.identity import Identity, Impostors
 from drivers.journal import FLAG_EXTENDED, FrameArray
 from drivers.samples import CounterTrack, FloatArray, IntArray, SampleClock
 from drivers.slow import Reference, SlowMessage, check_simple, factor_of, is_slow
+from drivers.states import BoolArray, States
 from drivers.wire import ByteArray, Message, load_dbc
 
-__all__ = ["GyroBlock", "GyroDecoder", "Identity", "Losses", "SampleClock", "Series"]
+__all__ = ["Beats", "GyroBlock", "GyroDecoder", "Identity", "Losses", "SampleClock", "Series", "Thermometer"]
 
-_GOOD = {"RateValid": 1, "LoopLocked": 1, "RateSaturated": 0}
 _WORD = np.dtype("<u8")
 _HEAD, _IDENTIFIED = np.uint64(0xFFFF_FFFF_FFFF), np.uint64(0xFF_FFFF_FFFF)
 """Masks of the second word of a FRAME record: identifier, flags and length; identifier and flags."""
 WordArray = npt.NDArray[np.uint64]
 BOOT_UP = 0
-
-
-@dataclass(frozen=True)
-class Losses:
-    """Frame counts of one unit. Each count except `received` and `out_of_order` means a gap in the data."""
-
-    received: int = 0  # frames of this unit, all messages
-    lost: int = 0  # rate samples without an intact frame
-    slow_lost: int = 0  # slow samples without an intact frame
-    corrupt: int = 0  # wrong CRC, wrong length, or an implausible counter
-    repeated: int = 0  # the same sample again
-    late: int = 0  # arrived too long after its sample was taken
-    out_of_order: int = 0  # arrived after a later frame; sorted into its place within its block
-    invalid: int = 0  # the unit reports: not valid, not locked or saturated
-    resets: int = 0  # the unit restarted
-
-    def as_dict(self) -> dict[str, int]:
-        """Counts by name."""
-        return dict(vars(self))
-
-
-@dataclass(frozen=True)
-class Series:
-    """A slow channel: `value` (m,) in the unit of the channel, sampled with the rate samples `index` (m,)."""
-
-    index: IntArray
-    value: FloatArray
-
-
-@dataclass(frozen=True)
-class GyroBlock:
-    """Samples of one block of frames; indices increase strictly, also from block to block. Missing samples are gaps."""
-
-    index: IntArray  # sample index (n,)
-    t_ns: IntArray  # bench time of arrival [ns] (n,)
-    rate_dph: FloatArray  # [deg/h] (n,), NaN where not valid
-    valid: npt.NDArray[np.bool_]  # (n,)
-    slow: Mapping[str, Series]  # by channel name, see bench.base.channels
 
 
 class GyroDecoder:
@@ -89,19 +52,24 @@ class GyroDecoder:
         self.last: dict[str, float] = {}
         self.samples = 0
         self._number = number
-        self._impostors = Impostors(number)
         self._rate = _one_with(messages, dbc, "Rate", "SampleCounter")
         if self._rate.cycle_ms is None:
             raise ConfigError(f"DBC {dbc}: {self._rate.name} has no cycle time (GenMsgCycleTime [ms])")
         self.interval_s = self._rate.cycle_ms * 1e-3
         self._interval_ns = round(self._rate.cycle_ms * 1e6)
+        self._impostors = Impostors(number, self._interval_ns)
         self._heartbeat = _one_with(messages, dbc, "Serial", "State")
         self._rate_factor = factor_of("rate", self._rate, "Rate")
         self.rate_step_dph = self._rate.signals["Rate"].scale * self._rate_factor
-        flags = [self._rate.signals[name] for name in _GOOD if name in self._rate.signals]
-        self._flag_mask = np.uint64(sum(flag.bits(-1) for flag in flags))
-        self._flags_good = np.uint64(sum(flag.bits(_GOOD[flag.name]) for flag in flags))
+        self._states = {name: States(self._rate if name == "rate" else self._heartbeat) for name in ("rate", "beat")}
+        self.tells_correction = self._states["rate"].tells_correction
+        """Whether each sample says if the unit corrected it."""
+        low, high = self._rate.signals["Rate"].measured
+        self._measured = low * self._rate_factor, high * self._rate_factor
         self._slow = [SlowMessage(message, self.interval_s) for message in messages.values() if is_slow(message)]
+        self.thermometer = next((found for slow in self._slow if (found := _thermometer(slow))), None)
+        self.beat_every = round((self._heartbeat.cycle_ms or 0.0) * 1e-3 / self.interval_s)
+        """Rate samples between heartbeats; 0: the DBC does not say."""
         self.counter_bits = self._rate.signals["SampleCounter"].length
         self._track = CounterTrack(self.counter_bits, self._interval_ns, late_s)
         self._heads = b"?"  # of the last block
@@ -110,6 +78,10 @@ class GyroDecoder:
         self._unchanged = b""  # payload of the last heartbeats, while it does not change
         self._claim: tuple[int, ...] = ()  # identity in the last heartbeat
         self._booted = False  # a boot-up heartbeat arrived and no rate frame since
+        self._beats: tuple[IntArray, Mapping[str, BoolArray]] = np.zeros(0, dtype=np.int64), {}
+        self._newest = 0  # the newest sample
+        self.twins_at: int | None = None
+        """A sample before it was certain that two units send; of those afterwards none is taken."""
 
     def decode(self, frames: FrameArray) -> GyroBlock:
         """Samples of FRAME records in the order of capture; frames of other units are ignored."""
@@ -119,10 +91,14 @@ class GyroDecoder:
         at, data = self._sound(words, self._rate)
         t_ns = words[at, 0].view(np.int64)
         counter = self._rate.signals["SampleCounter"].unpack(data).astype(np.int64)
+        if self._impostors.twins is not None:  # whose samples these are, nobody knows
+            self._count(corrupt=len(counter))
+            at, counter, data, t_ns = at[:0], counter[:0], data[:0], t_ns[:0]
         placed = self._track.unwrap(counter, t_ns, self._boot_rows(at, boot))
         slow = self._read_slow(words, at, Reference(placed.index, counter, t_ns))
+        self._impostors.arrived(t_ns, placed.index, data.view(np.int64)[:, 0])
         rows = placed.take
-        rate_dph, valid = self._read_rate(data[rows])
+        rate_dph, valid, faults, corrected = self._read_rate(data[rows])
         self._count(
             lost=placed.lost,
             repeated=placed.repeated,
@@ -135,7 +111,12 @@ class GyroDecoder:
         self.samples += len(valid)
         if len(counter):
             self._impostors.counted(len(counter), placed.rogue + placed.repeated)
-        return GyroBlock(placed.index[rows], t_ns[rows], rate_dph, valid, slow)
+        index = placed.index[rows]
+        beats = self._placed_beats(at[rows], index)
+        self._newest = int(index[-1]) if len(index) else self._newest
+        if self._impostors.twins is not None and self.twins_at is None:
+            self.twins_at = max(self._newest - len(index), 0)
+        return GyroBlock(index, t_ns[rows], rate_dph, valid, slow, faults, corrected, beats)
 
     @property
     def losses(self) -> Losses:
@@ -148,6 +129,11 @@ class GyroDecoder:
     def conflict(self) -> str | None:
         """Text of a conflict: two units with one number, or another unit than before; None without a conflict."""
         return self._impostors.conflict
+
+    @property
+    def impostor(self) -> bool:
+        """Whether the conflict is certain, so that the run cannot go on."""
+        return self._impostors.certain
 
     @property
     def serials(self) -> Sequence[int]:
@@ -186,6 +172,7 @@ class GyroDecoder:
     def _read_heartbeat(self, words: WordArray) -> IntArray:
         """Update the identity; returns positions of boot-up heartbeats."""
         at, data = self._sound(words, self._heartbeat)
+        self._beats = at, self._states["beat"].read(data)[0]
         if not len(at):
             return at
         payload = data.tobytes()
@@ -206,6 +193,13 @@ class GyroDecoder:
         self._unchanged = payload if one and sure and not len(boot) else b""
         return boot
 
+    def _placed_beats(self, rate_at: IntArray, index: IntArray) -> Beats:
+        """The heartbeats of this block among its samples, which came at these positions."""
+        at, faults = self._beats
+        known = np.concatenate(([self._newest], index))
+        why = [", ".join(text for text, rows in faults.items() if rows[row]) for row in range(len(at))]
+        return Beats(known[np.searchsorted(rate_at, at)], why)
+
     def _boot_rows(self, at: IntArray, boot: IntArray) -> IntArray:
         """Rows of the rate frames that follow a boot-up heartbeat, also one of an earlier block."""
         if not len(boot) and not self._booted:
@@ -216,12 +210,19 @@ class GyroDecoder:
         self._booted = bool(np.any(rows == len(at)))
         return rows[rows < len(at)]
 
-    def _read_rate(self, data: ByteArray) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    def _read_rate(self, data: ByteArray) -> tuple[FloatArray, BoolArray, Mapping[str, BoolArray], BoolArray | None]:
+        """Rate (n,) [deg/h], NaN where not valid; which are valid, why the others are not, and which are corrected."""
         rate_dph = self._rate.signals["Rate"].physical(data) * self._rate_factor
-        valid = data.view(_WORD)[:, 0] & self._flag_mask == self._flags_good
-        if not valid.all():
+        valid = np.ones(len(rate_dph), dtype=np.bool_)
+        faults, corrected = self._states["rate"].read(data)
+        low, high = self._measured
+        if len(rate_dph) and not (rate_dph.min() >= low and rate_dph.max() <= high):  # NaN is not a measurement either
+            faults = {**faults, "rate outside its range": ~((rate_dph >= low) & (rate_dph <= high))}
+        for wrong in faults.values():
+            valid &= ~wrong
+        if faults:
             rate_dph[~valid] = np.nan
-        return rate_dph, valid
+        return rate_dph, valid, faults, corrected
 
     def _read_slow(self, words: WordArray, rate_at: IntArray, rate: Reference) -> dict[str, Series]:
         """Slow channels, assigned to the rate samples by the low bits of the counter."""
@@ -232,6 +233,9 @@ class GyroDecoder:
         series: dict[str, Series] = {}
         for slow in self._slow:
             at, data = self._sound(words, slow.message)
+            if wrong := slow.states.read(data)[0]:
+                valid = ~np.logical_or.reduce(list(wrong.values()))
+                at, data = at[valid], data[valid]
             if len(rate_at):
                 t_ns = words[at, 0].view(np.int64)
                 index, rows, repeated, lost = slow.place(data, at, t_ns, rate_at, rate)
@@ -246,6 +250,15 @@ class GyroDecoder:
                     self.last[name] = float(value[-1])
         self._reference = Reference(*(part[-1:] for part in rate)) if len(rate_at) else None
         return series
+
+
+def _thermometer(slow: SlowMessage) -> Thermometer | None:
+    if "temperature" not in slow.channels:
+        return None
+    name, factor = slow.channels["temperature"]
+    signal = slow.message.signals[name]
+    low, high = signal.measured
+    return Thermometer(low * factor, high * factor, abs(signal.scale) * factor, slow.every or None)
 
 
 def _one_with(messages: Mapping[str, Message], dbc: str | Path, *signals: str) -> Message:

@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers.errors import ConfigError
 from drivers.samples import IntArray
+from drivers.states import States
 from drivers.wire import NOT_SIMPLE, ByteArray, Message
 
 _CHANNELS = {
@@ -41,13 +42,14 @@ class SlowMessage:
     def __init__(self, message: Message, interval_s: float) -> None:
         check_simple(message)
         self.message = message
+        self.states = States(message)
         self.channels = {
             _CHANNELS[name]: (name, factor_of(_CHANNELS[name], message, name))
             for name in message.signals
             if name in _CHANNELS
         }
         self._interval_ns = round(interval_s * 1e9)
-        self._every = round((message.cycle_ms or 0.0) * 1e-3 / interval_s)
+        self.every = round((message.cycle_ms or 0.0) * 1e-3 / interval_s)
         self._last: int | None = None
 
     def place(
@@ -75,8 +77,8 @@ class SlowMessage:
             index, rows = index[fresh], rows[fresh]
         lost = 0
         if len(index):
-            first = self._last if self._last is not None else int(index[0]) - self._every
-            lost = (int(index[-1]) - first) // self._every - len(index) if self._every else 0
+            first = self._last if self._last is not None else int(index[0]) - self.every
+            lost = (int(index[-1]) - first) // self.every - len(index) if self.every else 0
             self._last = int(index[-1])
         return index, rows, len(at) - len(index), max(lost, 0)
 

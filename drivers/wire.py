@@ -6,8 +6,9 @@ up to 64 bits at any position in either byte order: integers, floats, multiplexe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -45,6 +46,29 @@ class Signal:
     offset: float
     first: int = 0
     choice: tuple[str, tuple[int, ...]] | None = None
+    bounds: tuple[float, float] | None = None
+    """Lowest and highest physical value that the DBC allows; None: it does not say."""
+    names: Mapping[int, str] = field(default_factory=dict)
+    """What raw values mean."""
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    """What else the DBC says of the signal."""
+
+    @property
+    def measured(self) -> tuple[float, float]:
+        """Lowest and highest physical value [unit] that is a measurement.
+
+        The ends of the code are none: there a value is saturated (many units clip at -(2^n - 1)) or not available. Half
+        a step is allowed for rounding.
+        """
+        low, high = -math.inf, math.inf
+        if not self.is_float:
+            first = 2 - (1 << self.length - 1) if self.signed else 0
+            last = (1 << self.length - self.signed) - 2
+            low, high = sorted((first * self.scale + self.offset, last * self.scale + self.offset))
+        if self.bounds is not None:
+            low, high = max(low, self.bounds[0]), min(high, self.bounds[1])
+        slack = 0.0 if self.is_float else 0.5 * abs(self.scale)
+        return low - slack, high + slack
 
     @property
     def is_plain(self) -> bool:
@@ -264,6 +288,7 @@ def _signal(signal: Any, width: int) -> Signal:
     # Bits to the left of the signal once its eight bytes are read as one 64-bit word of its own byte order.
     above = 8 * (inside // 8) + 7 - inside % 8 if big_endian else 64 - inside - signal.length
     chosen_by = signal.multiplexer_signal
+    low, high = signal.minimum, signal.maximum
     return Signal(
         name=signal.name,
         unit=signal.unit or "",
@@ -276,7 +301,15 @@ def _signal(signal: Any, width: int) -> Signal:
         offset=float(signal.offset),
         first=first,
         choice=None if chosen_by is None else (chosen_by, tuple(signal.multiplexer_ids or ())),
+        bounds=(float(low), float(high)) if low is not None and high is not None and low < high else None,
+        names={int(raw): str(name) for raw, name in (signal.choices or {}).items()},
+        attributes={name: str(said.value) for name, said in _attributes(signal).items()},
     )
+
+
+def _attributes(signal: Any) -> Mapping[str, Any]:
+    """Attributes that a DBC gives to a signal; other kinds of files have none."""
+    return {} if signal.dbc is None else dict(signal.dbc.attributes)
 
 
 def _crc_table(polynomial: int = 0x1D) -> ByteArray:

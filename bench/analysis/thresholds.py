@@ -49,6 +49,8 @@ OVERFIT_RATIO = 2.0
 """Held-out error over the error in the fitted rows above which the model fits noise."""
 MOST_EXTRAPOLATED = 0.05
 """Share of the unseen rows outside the fitted range; above it the held-out error is one of extrapolation."""
+MOST_LEFT_OUT = 0.01
+"""Share of a run's data that may be no measurements; the rest of a run that lacks more is not trusted either."""
 LEAST_BRANCH_S = 600.0
 """Time spent heating, and cooling, below which a difference between the two cannot be seen."""
 MOST_STEP_SHARE = 0.5

@@ -101,6 +101,7 @@ def _act(action: str, run_folder: Path | None, out: Path, server: str | None) ->
 @effect_option
 @quiet_option
 @answers
+@registers(begin=True)
 def resume(run_folder: Path | None, station: Path | None, out: Path, server: str | None, quiet: bool) -> Result:
     """Continue a live RUN that holds, or a RUN whose bench was killed, from the end of its journals."""
     if server:

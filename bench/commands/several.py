@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from bench.base import BenchError
 from bench.commands.analysis import report_on
 from bench.commands.results.analyse import NotAnalysed, Reported, UnitReport, UnitsReported
+from bench.record import MANIFEST
 
 if TYPE_CHECKING:
     from bench.acquisition import RunResult, UnitResult
@@ -21,6 +22,8 @@ def report_on_units(
     """Analyse what a run left: that of its unit, or those of all its units."""
     if len(result.units) > 1:
         return report_on_all(result.units, models, limits)
+    if result.error is not None and not (result.run.path / MANIFEST).exists():
+        raise result.error  # no tables: there is nothing to analyse
     return report_on(result.run, models, result.error, limits=limits)
 
 

@@ -47,6 +47,7 @@ from .records.manifest import Companion as Companion
 from .records.manifest import ExecutedSegment as ExecutedSegment
 from .records.manifest import Gap as Gap
 from .records.manifest import GyroKind as GyroKind
+from .records.manifest import LeftOut as LeftOut
 from .records.manifest import Manifest as Manifest
 from .records.manifest import RunPart as RunPart
 from .records.manifest import UnitClock as UnitClock

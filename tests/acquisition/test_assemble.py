@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import bench.acquisition.recording.assemble
+import bench.acquisition.recording.tables
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.recording.recorder import READING
 from bench.base.errors import InputError
@@ -179,7 +180,7 @@ def test_damage_in_the_journal_costs_only_its_block(copy):
 
 def test_row_groups_change_nothing(short_run, copy, monkeypatch):
     monkeypatch.setattr(bench.acquisition.recording.assemble, "FRAMES_AT_ONCE", 600)
-    monkeypatch.setattr(bench.acquisition.recording.assemble, "ROWS_PER_GROUP", 5000)
+    monkeypatch.setattr(bench.acquisition.recording.tables, "ROWS_PER_GROUP", 5000)
     assemble(copy)
     assert pq.ParquetFile(copy.data).num_row_groups > 8
     assert pq.read_table(copy.data).equals(pq.read_table(short_run.data))
@@ -187,7 +188,7 @@ def test_row_groups_change_nothing(short_run, copy, monkeypatch):
 
 def test_a_unit_that_falls_silent_keeps_its_chamber_readings(copy, monkeypatch):
     monkeypatch.setattr(bench.acquisition.recording.assemble, "FRAMES_AT_ONCE", 600)
-    monkeypatch.setattr(bench.acquisition.recording.assemble, "ROWS_PER_GROUP", 5000)
+    monkeypatch.setattr(bench.acquisition.recording.tables, "ROWS_PER_GROUP", 5000)
     frames = frames_of(copy)
     silent = frames["t_ns"] >= 60_000_000_000
     foreign = frames.copy()

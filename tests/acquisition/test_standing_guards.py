@@ -43,7 +43,7 @@ class World:
             self.plausible.take(seen, ours_on=True)
             now = Signal(unit, self.t_s)
             signals = {"chamber_temperature": Signal(air, self.t_s), "unit_temperature": now, "unit_coldest": now}
-            signals |= self.plausible.signals(seen, [now])
+            signals |= self.plausible.signals(seen, [now]) | {"unit_doubted_s": Signal(0.0, self.t_s)}
             tripped += [trip.guard.name for trip in self.guards.evaluate(signals, self.t_s) if trip.tripped]
         return tripped
 

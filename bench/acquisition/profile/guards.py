@@ -32,6 +32,7 @@ Name = Literal[
     "unit_temperature",
     "unit_coldest",
     "unit_excess",
+    "unit_doubted_s",
     "setpoint_excess",
     "display_degf",
     "sensor_disagreement",
@@ -61,7 +62,8 @@ class GuardSettings(BaseModel):
     """What the guard is called in events and messages."""
     signal: Name
     """Chamber air [degC], the unit's own sensor (the warmest, the coldest of several) [degC], how far a unit is outside
-    all that the air was within its lag [K], how much further the air is from its set point than the chamber's speed
+    all that the air was within its lag [K], how long a unit's temperature has not been
+    believed [s], how much further the air is from its set point than the chamber's speed
     explains [K], 1 while the air reads as the units would in degF before the start, the absolute difference of air and
     unit [K], age of the unit's newest frame [s], free space where the run is written [MB], 1 while the chamber reports
     an alarm, its output [%] (heating positive), how long its temperature has not changed by a bit although its output

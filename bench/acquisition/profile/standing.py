@@ -23,6 +23,9 @@ about twice as fast, with an open door three times."""
 SLOWEST_GUARDED_DEGC_PER_MIN = 20.0
 """Below this slope nothing trips, however slow the chamber: a door may stand open."""
 
+DOUBTED_S = 30.0
+"""A unit whose temperature is not believed for longer is not protected against heat and cold any more."""
+
 
 class ProtectionSettings(BaseModel):
     """Margins of the guards that every run has. They end the run; they cannot be switched off."""
@@ -88,6 +91,10 @@ def standing_guards(limits: Limits, protection: ProtectionSettings) -> tuple[Sta
         Standing(
             GuardSettings(name="unit off the air", signal="unit_excess", above=lag, delay_s=60.0, max_age_s=60.0),
             f"unit sensor {lag:g} degC off all that the air was within a lag of {lag_min:g} min, for 1 min",
+        ),
+        Standing(
+            GuardSettings(name="unit not believed", signal="unit_doubted_s", above=DOUBTED_S),
+            f"unit sensor that jumped or stands still bit for bit for {DOUBTED_S:g} s",
         ),
         Standing(
             GuardSettings(name="display in degF", signal="display_degf", above=0.5, max_age_s=60.0),

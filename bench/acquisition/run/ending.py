@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.sequencer import Sequencer
@@ -20,11 +21,11 @@ def _state(error: BenchError | None) -> str:
     return "aborted" if isinstance(error, RunAborted) else "failed"
 
 
-def as_bench_error(caught: BenchError | DriverError | OSError, moved: bool) -> BenchError:
+def as_bench_error(caught: BenchError | DriverError | OSError, moved: bool, folder: Path) -> BenchError:
     """What ended the run, as an error of the bench; once equipment has moved, bad input is an equipment error too."""
     if isinstance(caught, BenchError) and not (moved and isinstance(caught, InputError)):
         return caught
-    error = EquipmentError(cannot_record(caught) if isinstance(caught, OSError) else str(caught))
+    error = EquipmentError(cannot_record(caught, folder) if isinstance(caught, OSError) else str(caught))
     error.__cause__ = caught
     return error
 
@@ -51,7 +52,7 @@ def make_safe(
         recorder.event("end", str(error or sequencer.decision or "end of profile"), state=_state(error))
         recorder.sync()
     except OSError as caught:
-        error = error or EquipmentError(cannot_record(caught))
+        error = error or EquipmentError(cannot_record(caught, recorder.run.path))
     return error
 
 
@@ -72,6 +73,10 @@ def _go_to_safe_state(station: Station, recorder: Recorder, sequencer: Sequencer
     return failures(way.make())
 
 
-def cannot_record(error: OSError) -> str:
-    """Why a record could not be written, and what helps."""
-    return f"cannot record: {error.strerror or error}; free disk space or choose another place with --out"
+def cannot_record(error: OSError, folder: Path) -> str:
+    """Why a record could not be written to a folder, on which disk, and what helps."""
+    if not folder.exists():
+        return f"cannot record: the run folder {folder} was removed while the run was under way; what it held is lost"
+    disk = next(place for place in (folder.resolve(), *folder.resolve().parents) if place.is_mount())
+    where = f"{folder}, on the disk at {disk}"
+    return f"cannot record: {error.strerror or error}: {where}; free disk space or choose another place with --out"

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from bench.acquisition.profile.guards import Signal
 from bench.acquisition.profile.preflight import Limits
+from bench.acquisition.recording.physics import LONGEST_S, UnitExcess
 from drivers.chamber import ChamberReading
 
 SHARE = 0.3
 """Part of its declared speed with which a chamber at least comes nearer to its set point."""
 SLOWEST_DEGC_PER_MIN = 0.1
-LONGEST_S = 60.0
-"""A longer time without a reading counts as this long."""
 APART_DEGC = 10.0
 SAME_DEGC = 3.0
 """A display is taken for one in degF when it and the unit are further apart than APART_DEGC, and nearer than SAME_DEGC
@@ -47,25 +45,6 @@ class SetpointExcess:
             self._explained = max(self._explained + abs(target - self._last[1]) - nearer, 0.0)
         self._last = reading.t_s, target
         return max(apart - self._explained, 0.0)
-
-
-class UnitExcess:
-    """How far a unit's sensor is outside everything that the air was, as long as its lag remembers it."""
-
-    def __init__(self, lag_min: float) -> None:
-        self._lag_s = 60.0 * lag_min
-        self._range: tuple[float, float] | None = None
-        self._at_s: float | None = None
-
-    def take(self, t_s: float, air_degc: float, units_degc: Sequence[float]) -> float:
-        """Excess of the unit that is furthest outside [K]; what units are at first is not doubted."""
-        low, high = self._range or (min(air_degc, *units_degc), max(air_degc, *units_degc))
-        passed_s = 0.0 if self._at_s is None else min(max(t_s - self._at_s, 0.0), LONGEST_S)
-        forgets = 1.0 - math.exp(-passed_s / self._lag_s)
-        low += (air_degc - low) * (1.0 if air_degc < low else forgets)
-        high += (air_degc - high) * (1.0 if air_degc > high else forgets)
-        self._range, self._at_s = (low, high), t_s
-        return max(max(low - degc, degc - high, 0.0) for degc in units_degc)
 
 
 def reads_degf(air_degc: float, units_degc: Sequence[float]) -> bool:

@@ -65,6 +65,7 @@ class _Unit:
     chamber: _Chamber
     clock: SimClock
     newest_frame_s: float | None = None
+    doubted_s = 0.0
 
     @property
     def temperature(self) -> Signal:

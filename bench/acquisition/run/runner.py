@@ -154,7 +154,7 @@ def _open_recorder(job: Job, station: Station) -> Recorder:
     try:
         return Recorder(folders[0], station.clock, metas[0], *zip(folders[1:], metas[1:], strict=True))
     except OSError as error:
-        raise InputError(cannot_record(error), folders[0].path) from None
+        raise InputError(cannot_record(error, folders[0].path), folders[0].path) from None
 
 
 def _begun(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime, others: Mapping[str, RunFolder]) -> Begun:
@@ -168,6 +168,8 @@ def _begun(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime, other
         station=job.station.name,
         simulated=job.station.simulated,
         purpose="calibration" if job.compensation == "off" else "verification",
+        unit_margin_degc=job.station.protection.unit_margin_degc,
+        unit_lag_min=job.station.protection.unit_lag_min,
         gyro=GyroKind(layout=settings.gyro, number=settings.number, bus=settings.bus),
         seeds=job.station.seeds(job.profile.name),
         versions=package_versions(),
@@ -185,8 +187,10 @@ def _finish(folder: RunFolder, unit: LiveUnit) -> BenchError | None:
     try:
         assemble(folder, unit.decoded())
     except OSError as error:
-        text = f"the journals are complete; then `bench report {folder.path}` makes the tables"
-        return EquipmentError(f"{cannot_record(error)}; {text}")
+        text = f"; the journals are complete; then `bench report {folder.path}` makes the tables"
+        return EquipmentError(f"{cannot_record(error, folder.path)}{text if folder.path.exists() else ''}")
+    except InputError as error:  # nothing of its journals is left
+        return EquipmentError(str(error) if folder.path.exists() else cannot_record(OSError(), folder.path))
     return None
 
 
@@ -237,7 +241,7 @@ def _conduct(
             sequencer.start_chamber()
             sequencer.run(job.legs())
         except (BenchError, DriverError, OSError) as caught:
-            error = as_bench_error(caught, sequencer.moved)
+            error = as_bench_error(caught, sequencer.moved, recorder.run.path)
         except BaseException as bug:
             error = EquipmentError(f"internal error: {type(bug).__name__}: {bug}")
             raise

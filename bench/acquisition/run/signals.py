@@ -102,6 +102,7 @@ class Signals:
         frames = [unit.newest_frame_s for unit in units if unit.newest_frame_s is not None]
         if frames and len(frames) == len(units):
             signals["frame_age"] = Signal(now_s - min(frames), now_s)
+        signals["unit_doubted_s"] = Signal(max((unit.doubted_s for unit in units), default=0.0), now_s)
         known = [unit.temperature for unit in units if unit.temperature is not None]
         if known and len(known) == len(units):
             oldest_s = min(signal.t_s for signal in known)

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.acquisition.profile.guards import Signal
+from bench.acquisition.profile.standing import DOUBTED_S
 from bench.acquisition.recording.assemble import Decoded
 from bench.acquisition.recording.trace import Envelope
+from bench.acquisition.station.belief import Belief
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import FloatArray, InputError
 from drivers.clock import Clock
@@ -70,6 +72,8 @@ class LiveUnit:
         self.rates = Envelope()
         """Of all samples since an onlooker took them [deg/h]."""
         self.level = Level()
+        self._belief = Belief(self.decoder)
+        self._doubted_s: float | None = None
         self._clock = clock
         self._next_reset, self._doubted = 1, False
         self._counts: deque[tuple[float, int, int, int]] = deque()  # bench time [s], resets, misfits, received
@@ -83,6 +87,11 @@ class LiveUnit:
         """Decode newly captured frames of this unit's bus."""
         block = self.decoder.decode(frames)
         self.sample_clock.add(block.index, block.t_ns)
+        self._belief.take(block, self._clock.now())
+        if not self._belief.wrong:
+            self._doubted_s = None
+        elif self._doubted_s is None:
+            self._doubted_s = self._clock.now()
         self.rates.add(block.rate_dph)
         self.level.add(block.rate_dph)
         if len(block.t_ns):
@@ -90,6 +99,11 @@ class LiveUnit:
         if "temperature" in block.slow and len(block.slow["temperature"].value):
             at_s = self.newest_frame_s if self.newest_frame_s is not None else self._clock.now()
             self.temperature = Signal(float(block.slow["temperature"].value[-1]), at_s)
+
+    @property
+    def doubted_s(self) -> float:
+        """How long its temperature has not been believed [s]."""
+        return 0.0 if self._doubted_s is None else self._clock.now() - self._doubted_s
 
     def missing(self) -> str | None:
         """What was not heard of the unit yet; None when it is there."""
@@ -117,6 +131,8 @@ class LiveUnit:
         ):
             if heard_s is not None and now_s - heard_s > silent_s:
                 return Trouble(f"no {what} for {now_s - heard_s:.1f} s, {silent_s:g} s allowed", now_s)
+        if self.doubted_s > DOUBTED_S:
+            return Trouble(f"its temperature has not been believed for {self.doubted_s:.0f} s", now_s)
         if text := self._wild(now_s):
             return Trouble(text, now_s)
         return None
@@ -127,6 +143,7 @@ class LiveUnit:
         if resets >= self._next_reset:
             self._next_reset = 2 * resets
             yield f"unit {self.serial} started anew, {resets} in all"
+        yield from (f"unit {self.serial}: {text}" for text in self._belief.news())
         if doubt and not self._doubted:
             self._doubted = True
             yield f"unit {self.serial}: {doubt}"
@@ -134,7 +151,7 @@ class LiveUnit:
     def _stranger(self) -> str | None:
         found, wanted = self.decoder.identity, self.settings.identity
         if found is None or wanted is None or found.serial == wanted:
-            return None if len(self.decoder.serials) < 2 else f"unit {self.serial}: {self.decoder.conflict}"
+            return f"unit {self.serial}: {self.decoder.conflict}" if self.decoder.impostor else None
         return (
             f"unit {self.serial}: {found.serial} answers as number {self.settings.number}, the station file says"
             f" identity {wanted}"

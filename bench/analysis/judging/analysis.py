@@ -14,6 +14,7 @@ from bench.analysis.judging.joints import Joint
 from bench.analysis.judging.limits import Judgement
 from bench.analysis.judging.verdict import RunVerdict
 from bench.analysis.noise.floor import Floor
+from bench.analysis.thresholds import MOST_LEFT_OUT
 from bench.base import FloatArray, InputError, finite
 from bench.record import Dataset, Manifest, RunFolder
 
@@ -63,12 +64,12 @@ class Analysis:
         if self.judgement is not None:
             return self.judgement.verdict.within
         proven = self.best is not None and bool(np.isfinite(self.best.held_out.rms_dph))
-        return self.done.ended and not self.done.lost and not self.done.altered and proven and self.admissible
+        return self.done.whole and not self.done.lost and not self.done.altered and proven and self.admissible
 
     @property
     def admissible(self) -> bool:
-        """All parts of the run may stand behind one calibration; of a run of one piece, always."""
-        return all(gap.admissible for gap in self.gaps)
+        """All parts of the run may stand behind one calibration, and hardly anything of it was left out."""
+        return all(gap.admissible for gap in self.gaps) and self.done.left_out_share <= MOST_LEFT_OUT
 
     def residual(self) -> FloatArray:
         """Measured less modelled bias of the best model (n,) [deg/h]."""
@@ -84,7 +85,7 @@ class Analysis:
             "run": str(self.run.path),
             "verdict": self.verdict.word,
             "sentence": self.verdict.sentence,
-            "complete": self.done.ended,
+            "complete": self.done.whole,
             "model": best.model.name if best else None,
             "rms_dph": finite(best.rms_dph) if best else None,
             "held_out_rms_dph": finite(best.held_out.rms_dph) if best else None,
@@ -95,6 +96,7 @@ class Analysis:
             "samples": self.done.samples,
             "missing_samples": self.done.missing,
             "losses": dict(self.done.losses),
+            "left_out": [entry.content() for entry in self.done.left_out],
             "admissible": self.admissible,
             "gaps": [gap.to_json() for gap in self.gaps],
             "warnings": list(self.warnings),

@@ -42,6 +42,11 @@ def altered(done: Completeness) -> Iterator[str]:
         yield f"{name} is not the file that was recorded: its SHA-256 differs from the manifest's"
 
 
+def reasons(done: Completeness) -> str:
+    """Why data were left out, the longest first."""
+    return ", ".join(f"{entry.why} ({number(entry.duration_s)} s)" for entry in done.left_out) or "marked by the unit"
+
+
 def short_branches(done: Completeness) -> Iterator[str]:
     """One line for each direction that is too short to compare the two."""
     for name, seconds in (("heating", done.heating_s), ("cooling", done.cooling_s)):
@@ -62,7 +67,13 @@ def _of_data(done: Completeness) -> Iterator[str]:
     yield from altered(done)
     for segment in done.failed:
         yield f"segment '{segment.name}' failed: {segment.reason or segment.outcome}"
+    for entry in done.left_out:
+        what = "readings" if entry.channel == "chamber_temperature" else "samples"
+        span = f"{clock(entry.from_s)} to {clock(entry.to_s)}"
+        yield f"{entry.why}: {entry.samples} {what} between {span} are no measurements and were left out"
     for key in LOST:
+        if key == "invalid" and done.left_out:
+            continue
         if done.losses.get(key):
             what = "bytes of the journal damaged" if key == DAMAGED_BYTES else f"frames {key}"
             yield f"{done.losses[key]} {what}: they are gaps in the data"

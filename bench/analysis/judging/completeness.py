@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.record import Capture, Dataset, ExecutedSegment, Manifest, RunFolder, UnitClock, sha256
+from bench.record import Capture, Dataset, ExecutedSegment, LeftOut, Manifest, RunFolder, UnitClock, sha256
 
 SAMPLES = ("lost", "slow_lost")
 CAUSES = ("corrupt", "late", "invalid")
@@ -41,6 +41,8 @@ class Completeness:
     cooling_s: float = 0.0
     unit_clock: UnitClock | None = None
     capture: Capture | None = None
+    left_out: tuple[LeftOut, ...] = ()
+    """What of the record is no measurement, by reason."""
     altered: tuple[str, ...] = ()
     """Files whose hash is not the manifest's."""
 
@@ -64,6 +66,19 @@ class Completeness:
         return self.state in {"done", "imported"} and not self.failed
 
     @property
+    def left_out_share(self) -> float:
+        """Share of the rate samples, or of the chamber's readings, that were left out because they are not valid."""
+        invalid = int(self.losses.get("invalid") or 0)
+        rate = invalid / (self.samples + invalid) if invalid else 0.0
+        air_s = sum(entry.duration_s for entry in self.left_out if entry.channel == "chamber_temperature")
+        return max(rate, air_s / self.duration_s if air_s and self.duration_s else 0.0)
+
+    @property
+    def whole(self) -> bool:
+        """Whether the run reached its end and nothing of it had to be left out as not valid."""
+        return self.ended and not self.left_out_share
+
+    @property
     def lost(self) -> int | None:
         """Frames that were lost or damaged; None where they were not counted."""
         if not self.losses:
@@ -83,6 +98,7 @@ def completeness(run: RunFolder, manifest: Manifest, base: Dataset | None) -> Co
         segments=manifest.segments,
         unit_clock=manifest.unit_clock,
         capture=manifest.capture,
+        left_out=manifest.left_out,
         altered=_altered(run, manifest),
     )
     if base is None or len(base) == 0:

@@ -115,7 +115,7 @@ def _of_run(manifest: Manifest, stored: CalibrationRecord) -> Iterator[str]:
     if verdict.verdict not in _PROVEN:
         yield f"the run's verdict is '{verdict.verdict}', no unseen data proves the model"
     if verdict.admissible is False:
-        yield "the parts of the run do not fit together at their joints"
+        yield "the parts of the run do not fit together at their joints, or too much of it was left out as not valid"
 
 
 def objections_to(fit: Fit, dataset: Dataset) -> Iterator[str]:

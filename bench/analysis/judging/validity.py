@@ -10,9 +10,9 @@ import numpy as np
 from bench.analysis.diagnosis.compare import Score
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
-from bench.analysis.judging.cautions import altered, short_branches, unproven
+from bench.analysis.judging.cautions import altered, reasons, short_branches, unproven
 from bench.analysis.judging.stored import objections_to
-from bench.analysis.thresholds import MOST_LOOP_RATIO, MOST_STEP_SHARE
+from bench.analysis.thresholds import MOST_LEFT_OUT, MOST_LOOP_RATIO, MOST_STEP_SHARE
 from bench.base import number
 
 if TYPE_CHECKING:
@@ -30,7 +30,9 @@ def _of_run(analysis: Analysis) -> Iterator[str]:
         failed = f", {len(done.failed)} of its segments failed" if done.failed else ""
         yield f"the run is not complete: {done.state}{f' ({done.cause})' if done.cause else ''}{failed}"
     yield from altered(done)
-    if not analysis.admissible:
+    if done.left_out_share > MOST_LEFT_OUT:
+        yield f"{done.left_out_share:.1%} of its data are no measurements, {MOST_LEFT_OUT:.0%} allowed: {reasons(done)}"
+    if not all(gap.admissible for gap in analysis.gaps):
         yield "its parts must not be used for one calibration: nothing shows that they agree"
     yield from short_branches(done)
 

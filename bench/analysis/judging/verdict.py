@@ -114,7 +114,8 @@ def _state(done: Completeness) -> str:
         return "Imported"
     if done.state == "done":
         failed = len(done.failed)
-        return "Complete" if not failed else f"{failed} of {len(done.segments)} segments failed"
+        whole = "Complete" if done.whole else "At its end"
+        return whole if not failed else f"{failed} of {len(done.segments)} segments failed"
     when = f" after {clock(done.duration_s)}" if done.duration_s else ""
     if done.cause.startswith(done.state):
         return f"{done.cause[0].upper()}{done.cause[1:]}{when}"
@@ -124,4 +125,6 @@ def _state(done: Completeness) -> str:
 def _losses(done: Completeness) -> str:
     if done.lost is None:
         return "frame losses not counted"
-    return "no frame lost" if done.lost == 0 else f"{done.lost} frames lost or damaged"
+    frames = replace(done, losses={**done.losses, "invalid": 0}).lost
+    text = f"{frames} frames lost or damaged" if frames else "no frame lost"
+    return text if not done.left_out_share else f"{text}, {done.left_out_share:.2%} of the data left out as not valid"

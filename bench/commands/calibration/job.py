@@ -69,7 +69,9 @@ class JobFile:
     @classmethod
     def newest(cls, unit_folder: Path, digest: str) -> JobFile | None:
         """The last job of this unit by this very plan; InputError where a job file is damaged: it may be that one."""
-        found = [cls(path.parent, JobRecord.read(path.parent).content()) for path in unit_folder.glob(f"*/{JOB}")]
+        folders = {path.parent for path in unit_folder.glob(f"*/{JOB}")}
+        folders |= {folder for folder in unit_folder.glob("*_calibrate_*") if _holds_something(folder)}
+        found = [cls(folder, JobRecord.read(folder).content()) for folder in sorted(folders)]
         mine = [job for job in found if job.content["digest"] == digest]
         return max(mine, key=lambda job: (job.content["created"], job.folder.name), default=None)
 
@@ -167,6 +169,11 @@ class JobFile:
         self.content |= {"state": state, "verdict": verdict, "sentence": sentence, "exit_code": exit_code}
         self.content["ended"] = _now()
         self.save()
+
+
+def _holds_something(folder: Path) -> bool:
+    """Whether a job was begun in a folder: one that was killed while it made the folder left no file there."""
+    return folder.is_dir() and any(not file.name.startswith(".") for file in folder.iterdir())
 
 
 def _now() -> str:

@@ -143,7 +143,7 @@ class Fit:
                 write_atomically(folder / IMPROVED, improved.to_yaml().encode())
         reported = analysis.report_on(RunFolder(folder), models, None, limits=limits)
         if not reported.analysis.admissible:
-            raise AgainError("run", "the parts of the run do not fit together at their joints")
+            raise AgainError("run", "the parts of the run do not fit together, or too much of it was left out")
         content = reported.analysis.to_json()
         word = str(content["limits"]["verdict"])
         hold, stop = verdict_of(word, order.plan.policy, "the calibration run")

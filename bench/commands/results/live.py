@@ -81,3 +81,8 @@ class Recovered(Result):
     def exit_code(self) -> int:
         """1 where the run is not whole."""
         return 0 if self.manifest.state == "done" else 1
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """The run."""
+        return (self.run,)

@@ -22,7 +22,7 @@ _LOSS_WORDS: Mapping[str, str] = {
     "late": "late",
     "out_of_order": "out of order",
     "resets": "restarts of the unit",
-    "invalid": "marked as not valid by the unit",
+    "invalid": "left out: no measurements",
     "journal_damaged_bytes": "bytes of the journal damaged",
 }
 _QUIET_EVENTS = frozenset({"segment", "settled", "write"})

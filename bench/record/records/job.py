@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 from pydantic import Field
 
+from bench.base import InputError
 from bench.record.records.stored import Record, Stored
 
 
@@ -53,6 +58,9 @@ class JobRecord(Record):
     TITLE: ClassVar[str] = "job"
     ADVICE: ClassVar[str] = "restore it, or move its folder away and calibrate anew"
 
+    MISSING: ClassVar[str] = "job.json is missing; restore it, or move the folder away and calibrate anew"
+
+    format: int = 2
     unit: str
     plan: str
     digest: str
@@ -69,3 +77,24 @@ class JobRecord(Record):
     epochs: dict[str, int] = Field(default_factory=dict)
     """How often a step was begun from nothing."""
     steps: dict[str, StoredStep] = Field(default_factory=dict)
+    checksum: str = ""
+    """SHA-256 of the rest: a job that was altered must not be begun anew as another one, nor go on."""
+
+    def content(self) -> dict[str, Any]:
+        """As it stands in the file, with the checksum of this content."""
+        content = {key: value for key, value in super().content().items() if key != "checksum"}
+        return {**content, "checksum": _checksum(content)}
+
+    @classmethod
+    def parse(cls, data: bytes, path: Path | str) -> Self:
+        """The record in the bytes of a file; InputError, which names `path`, where it is damaged or was altered."""
+        record = super().parse(data, path)
+        found = json.loads(data)
+        if found.get("format", 0) >= cls._newest() and record.checksum != record.content()["checksum"]:
+            said, is_ = str(found.get("checksum"))[:12], record.content()["checksum"][:12]
+            raise InputError(f"was altered: its checksum says {said}…, its content {is_}…; {cls.ADVICE}", path)
+        return record
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -74,6 +74,23 @@ class UnitIdentity(Stored):
     state: int | None = None
 
 
+class LeftOut(Stored):
+    """Samples that are no measurements, and were left out of the tables for one reason."""
+
+    why: str
+    channel: str
+    """rate, temperature (and with it the rate), or chamber_temperature."""
+    from_s: float
+    to_s: float
+    """First and last of them; bench time."""
+    samples: int
+    """Rate samples, or readings of the chamber."""
+    duration_s: float
+    """Of them together."""
+    spans: tuple[tuple[float, float], ...] = ()
+    """The first of the stretches."""
+
+
 class Gap(Stored):
     """What is known of the gap before a part of a run."""
 
@@ -122,6 +139,10 @@ class Begun(Stored):
     gyro: GyroKind | None = None
     operator: str | None = None
     """Who asked for it."""
+    unit_margin_degc: float | None = None
+    """A unit further outside all that the air was than this is not believed …"""
+    unit_lag_min: float | None = None
+    """… within this lag."""
     seeds: dict[str, int] = Field(default_factory=dict)
     """Of a simulation."""
     versions: dict[str, str] = Field(default_factory=dict)
@@ -156,6 +177,8 @@ class Manifest(Begun, Record):
     segments: tuple[ExecutedSegment, ...] = ()
     losses: dict[str, int] = Field(default_factory=dict)
     """Frames by what happened to them; empty where nobody counted."""
+    left_out: tuple[LeftOut, ...] = ()
+    """What was not valid, by reason; the rate samples among it are counted as `invalid` in `losses`."""
     parts: tuple[RunPart, ...] = ()
     """Of a run whose bench was started more than once for it."""
     files: dict[str, str] = Field(default_factory=dict)
