@@ -7,7 +7,7 @@ import shutil
 import pytest
 from click.testing import CliRunner
 
-import bench.acquisition.run.runner as runner
+from bench.acquisition.run import runner
 from bench.acquisition.run.ending import cannot_record
 from bench.cli import main
 from tests.support import acquisition
