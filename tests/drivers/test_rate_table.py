@@ -160,7 +160,7 @@ def test_the_axis_stops_by_itself_when_the_bench_dies(bench):
     bench.clock.sleep_until(bench.clock.now() + 4.0)  # nobody polls
     assert bench.sim.state == cia402.STOPPING
     assert bench.sim.rate_dps == 0.0
-    with pytest.raises(ReadBackError, match="somebody stopped it"):
+    with pytest.raises(ReadBackError, match="it was switched off externally"):
         bench.table.poll()
 
 
