@@ -1,6 +1,10 @@
 """Files of others are read within limits: memory that follows the file and the machine, and one line where it ends."""
 
+import subprocess
+import sys
+
 import numpy as np
+import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -105,3 +109,21 @@ def test_the_command_says_it_in_one_line_and_more_memory_may_be_allowed(tmp_path
     assert tight.stderr.count("\n") == 1
     assert "--memory GB" in tight.stderr
     assert CliRunner().invoke(main, ["import", str(path), "--preview", "--memory", "3"]).exit_code == 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere an alarm ends it")
+def test_a_reader_ends_with_the_command_that_was_killed(tmp_path):
+    path = tmp_path / "pipe.csv"
+    path.write_bytes(HEADER + b"#\n1,2,x\n" * 20_000_000)
+    code = f"from bench.cli import main; main(['import', {str(path)!r}, '--preview'])"
+    parent = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+    found = None
+    while parent.poll() is None and found is None:
+        found = next((child for child in psutil.Process(parent.pid).children() if "-m" in child.cmdline()), None)
+    assert found is not None
+    while found.is_running() and found.cpu_times().user < 1.0:  # it has begun to read
+        pass
+    parent.kill()
+    parent.wait()
+    assert psutil.wait_procs([found], timeout=60)[0]

@@ -5,6 +5,7 @@ The limit of memory follows the size of the file and what is free: a run that is
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -29,6 +30,8 @@ _POOR = 4 * 10**8
 """Less than this, nothing can be read at all."""
 _UNKNOWN = 4 * GIB
 _LAST_WORDS = 300
+_DIE_WITH_PARENT = 1
+"""PR_SET_PDEATHSIG of prctl(2)."""
 _LONGEST = 600
 """Characters of a message, which may hold names of columns."""
 
@@ -108,9 +111,12 @@ def answering(do: Callable[[Mapping[str, Any]], dict[str, Any]], request: Path, 
 
 
 def confine(limits: Mapping[str, float]) -> None:
-    """Set limits that this process cannot lift; the alarm ends it even without its parent."""
+    """Set limits that this process cannot lift; it ends with its parent, or at the alarm."""
+    import ctypes
     import resource
 
+    with contextlib.suppress(OSError, AttributeError):  # not Linux: the alarm remains
+        ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
     signal.setitimer(signal.ITIMER_REAL, limits["wall_s"] + 1.0)
     for name, kind in (("memory_bytes", resource.RLIMIT_AS), ("cpu_s", resource.RLIMIT_CPU),
                        ("written_bytes", resource.RLIMIT_FSIZE)):  # fmt: skip
