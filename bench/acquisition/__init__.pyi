@@ -14,7 +14,7 @@ from .importer.plan import plan_import as plan_import
 from .importer.plan import plan_table as plan_table
 from .importer.plan import write_import as write_import
 from .importer.reading import read_confined as read_confined
-from .importer.tables import Table as Table
+from .importer.table import Table as Table
 from .importer.tables import read_table as read_table
 from .importer.tables import table_of as table_of
 from .importer.units import examples as examples

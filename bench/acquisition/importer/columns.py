@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from pydantic import BaseModel, Field, model_validator
 
-from bench.acquisition.importer.tables import Table
+from bench.acquisition.importer.table import Table
 from bench.acquisition.importer.units import Conversion, conversion, examples, is_unit
 from bench.base import CHANNELS, STRICT, InputError, nearest
 

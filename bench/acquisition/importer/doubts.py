@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bench.acquisition.importer.columns import Mapped
-from bench.acquisition.importer.tables import Table
+from bench.acquisition.importer.table import Table
 from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, FloatArray, InputError
 
 _FASTEST_DPH = 5000 * DPH_PER_DPS

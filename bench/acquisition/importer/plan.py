@@ -16,7 +16,8 @@ import numpy as np
 from bench.acquisition.importer.branches import Branch, find_branches, segment_of
 from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
 from bench.acquisition.importer.doubts import doubts, refuse_impossible, time_doubts, time_gaps
-from bench.acquisition.importer.tables import Table, read_table
+from bench.acquisition.importer.table import Table
+from bench.acquisition.importer.tables import read_table
 from bench.acquisition.importer.units import Conversion
 from bench.base import CHANNELS, FloatArray, InputError, __version__, dump, load_config
 from bench.record import EVENTS, Dataset, Manifest, RunFolder, Segment, create_run, sha256, write_events, write_means

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.acquisition.importer.confines import Confines, answering, memory_for, run_confined
-from bench.acquisition.importer.tables import Table, read_table
+from bench.acquisition.importer.table import Table
+from bench.acquisition.importer.tables import read_table
 from bench.base import InputError
 
 _TABLE, _LINES = "table.arrow", "lines.npy"
