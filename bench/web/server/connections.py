@@ -61,7 +61,7 @@ class Places:
 
     def come(self, one: Closable, address: str) -> None:
         """A new connection of a stranger; closes the oldest where there are too many."""
-        self._take(one, ("address", address))
+        self._take(one, ("address", address), EACH)
         if len(self._holders) > self._most:
             self._drop(max(self._held, key=lambda holder: len(self._held[holder])))
 
@@ -70,7 +70,7 @@ class Places:
         holder: Holder = ("person", name)
         if self._holders.get(one, holder) != holder:
             self.go(one)
-            self._take(one, holder)
+            self._take(one, holder, EACH_PERSON)
 
     def go(self, one: Closable) -> None:
         """It is closed, or about to be."""
@@ -80,19 +80,12 @@ class Places:
             if not self._held[holder]:
                 del self._held[holder]
 
-    def settle(self, one: Closable) -> None:
-        """Close the oldest connections of its holder where there are too many, and what they sent was read."""
-        holder = self._holders.get(one)
-        if holder is None or holder[1] in self._unbounded:
-            return
-        most, mine = EACH if holder[0] == "address" else EACH_PERSON, self._held[holder]
-        while len(mine) > most and not next(iter(mine)).fresh:
-            self._drop(holder)
-
-    def _take(self, one: Closable, holder: Holder) -> None:
-        self._held.setdefault(holder, {})[one] = None
-        self._holders[one] = holder
-        self.settle(one)
+    def _take(self, one: Closable, holder: Holder, most: int) -> None:
+        mine = self._held.setdefault(holder, {})
+        mine[one], self._holders[one] = None, holder
+        if holder[1] not in self._unbounded:
+            while len(mine) > most and not next(iter(mine)).fresh:
+                self._drop(holder)
 
     def _drop(self, holder: Holder) -> None:
         oldest = next(iter(self._held[holder]))
@@ -141,7 +134,6 @@ class Guarded(H11Protocol):
     def look(self, passed_s: float) -> None:
         """Close the connection where headers, body or the reading of the answer take too long; [s] since the last."""
         self._looks += 1
-        self._places.settle(self)
         unread = self.transport.get_write_buffer_size()
         self._stuck_s = self._stuck_s + passed_s if unread and unread == self._unread else 0.0
         self._unread = unread
