@@ -226,7 +226,7 @@ HEAD = (
     "reports",
     "us/frame",
     "most behind s",
-    "told as behind",
+    "reported as behind",
 )
 WIRE_BITS = 117.5
 """Bits of a classical frame with 8 bytes of a gyro, stuffing included: 8511 fill 1 Mbit/s."""
