@@ -217,7 +217,9 @@ def bus_table() -> Table:
         rate = BUS_BIT_PER_S / length
         rows.append((name, f"{length:.1f}", f"{rate:,.0f}", f"{rate / _UNIT_HZ:.1f}", f"{1e6 / rate:.0f}"))
     head = ("8 data bytes, 1 Mbit/s", "bits per frame", "frames/s", "units of 602 frames/s", "us per frame")
-    reading = "Computed, not measured: a recorder that needs less CPU per frame than the last column keeps up with a full bus."
+    reading = (
+        "Computed, not measured: a recorder with less CPU per frame than the last column keeps up with a full bus."
+    )
     return Table("The bus's bit rate", reading, head, rows)
 
 
