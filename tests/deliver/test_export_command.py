@@ -1,4 +1,4 @@
-"""`bench export`: every format contains the same words, other tools read them, untrustworthy calibrations are refused."""
+"""`bench export`: every format contains the same words, other tools read them; untrusted calibrations are refused."""
 
 from __future__ import annotations
 
