@@ -31,7 +31,7 @@ def bars(results: Sequence[Result]) -> str:
         _bar("found and named at strength 0.5", 0.77, at[0.5], named),
         _bar("clean runs wrongly named", -0.02, clean, lambda r: bool(r["found"])),
         _bar("clean runs with any alarm", -0.05, clean, lambda r: r["verdict"] != "adequate"),
-        _bar("outside the library said to be unknown at strength 1, a close relative of the lag left out", 0.9,
+        _bar("outside the library reported as unknown at strength 1, a close relative of the lag left out", 0.9,
              [r for r in outside if r["hidden"][0] != "two_pole_lag"], unknown),
         _bar("the same for periodic, (dT/dt)^2, etalon and unlogged drift alone", 0.9,
              [r for r in outside if r["hidden"][0] not in ("two_pole_lag", "emi")], unknown),

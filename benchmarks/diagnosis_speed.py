@@ -91,11 +91,11 @@ def measured(path: Path, rounds: int) -> Table:
         for workers, found in least.items()
     ]  # fmt: skip
     digests = {answer["digest"] for own in tries.values() for answer in own}
-    same = "the same digit for digit" if len(digests) == 1 else "DIFFERENT"
+    same = "identical digit for digit" if len(digests) == 1 else "DIFFERENT"
     means = tries[_WORKERS[0]][0]["rows"]
     reading = (
-        f"Run {path.name}, {means} means; answers with any number of workers: {same}. Floor: reading the 1 s means and "
-        "the noise of the soaks; then the diagnosis: CPU of the process that asks, of all, and wall."
+        f"Run {path.name}, {means} means; results with any number of workers: {same}. Floor: reading the 1 s means and "
+        "the noise of the soaks; then the diagnosis: CPU of the main process, of all, and wall time."
     )
     head = ("workers", "floor CPU s", "own CPU s", "all CPU s", "wall s", "own CPU", "wall")
     return Table(f"Diagnosis: {path.name}", reading, head, rows)

@@ -216,9 +216,9 @@ def bus_table() -> Table:
     for name, length in (("no stuffing", plain), ("rate message of a unit, mean", found.mean()), ("worst", worst)):
         rate = BUS_BIT_PER_S / length
         rows.append((name, f"{length:.1f}", f"{rate:,.0f}", f"{rate / _UNIT_HZ:.1f}", f"{1e6 / rate:.0f}"))
-    head = ("8 data bytes, 1 Mbit/s", "bits a frame", "frames/s", "units of 602 frames/s", "us a frame")
+    head = ("8 data bytes, 1 Mbit/s", "bits per frame", "frames/s", "units of 602 frames/s", "us per frame")
     reading = (
-        "Computed, not measured: a recorder that takes less CPU a frame than the last column keeps up with a full bus."
+        "Computed, not measured: a recorder with less CPU per frame than the last column keeps up with a full bus."
     )
     return Table("The bus's bit rate", reading, head, rows)
 
@@ -237,7 +237,7 @@ def tables(quick: bool) -> list[Table]:
         found = measured("benchmarks.limits", folder, CASES, 1 if quick else 5)
         size_mb = (folder / "data.parquet").stat().st_size / 1e6
     reading = (
-        f"{rows:,} samples, {size_mb:.0f} MB as a file; a limit's ratio says which share of our time it is, so 1.0 x "
-        "would mean that nothing is left to win."
+        f"{rows:,} samples, {size_mb:.0f} MB as a file; the ratio of a limit is its share of our time; at 1.0 x "
+        "no further gain is possible."
     )
     return [compared("Memory, file, loopback", reading, found), bus_table()]

@@ -181,7 +181,9 @@ def real_time(profile: Path, before: list[dict[str, Any]], after: list[dict[str,
             name = f"{title}, {'CPU' if what == 'cpu_s' else 'wall'}"
             rows.append([name, *((f"{old:.0f}", f"{new:.0f}", f"{new / old:.2f} x") if old else ("", f"{new:.0f}"))])
     same = all(run["digests"] == after[0]["digests"] for run in (*before, *after))
-    frames = f"Frames, readings and tables are {'the same bit for bit' if same else 'not the same'}. " if before else ""
+    frames = (
+        f"Frames, readings and tables are {'identical bit for bit' if same else 'not identical'}. " if before else ""
+    )
     return Table(
         f"Times real time, {profile.stem}",
         f"{simulated_s / 3600:.1f} h at 500 Hz, simulated, captured, fitted, diagnosed, reported; before is {BEFORE}. "
@@ -210,7 +212,7 @@ def by_stage(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> Table
         rows.append([name, then[0], f"{own / hours:.3f}", then[1], f"{own / sum(new.values()):.0%}"])
     return Table(
         "CPU of a simulated hour by stage",
-        "What a stage calls of the others is theirs; the ratio is before over after.",
+        "Time in another stage counts only for that stage; the ratio is before over after.",
         ("stage", "before s", "after s", "ratio", "share after"),
         rows,
     )

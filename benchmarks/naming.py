@@ -84,7 +84,7 @@ def tables(quick: bool) -> list[Table]:
         (folder / "runs.pickle").write_bytes(pickle.dumps(runs))
         found = measured("benchmarks.naming", folder, CASES, 1 if quick else 2)
     reading = (
-        f"{runs[0].time.size:,} means of 30 s; the error is 0 where {HIDDEN} comes first and 1 where it does not; the "
+        f"{runs[0].time.size:,} means of 30 s; the error is 0 if {HIDDEN} comes first, otherwise 1; the "
         "peers only rank columns, without noise floor, whitening, held-out blocks or uncertainties."
     )
     return [compared("Naming the effect, beside SysIdentPy and pysindy", reading, found)]

@@ -220,7 +220,7 @@ def tables(quick: bool) -> list[Table]:
         write_file(path, file_rows)
         files = {case: spawn("benchmarks.one_pass", "--file", str(path), case) for case in (SPLINE, REGRESSION)}
     reading = (
-        f"{rows:,} samples in memory; peers start from the same arrays and build, normalise and sort what they need "
+        f"{rows:,} samples in memory; peers start from the same arrays and build, normalise and sort their inputs "
         "themselves, and the relative error is against the fit in 50 digits."
     )
     return [compared("Beside peers", reading, found), _after_table(asked), _file_table(files)]

@@ -226,7 +226,7 @@ HEAD = (
     "reports",
     "us/frame",
     "most behind s",
-    "told as behind",
+    "reported as behind",
 )
 WIRE_BITS = 117.5
 """Bits of a classical frame with 8 bytes of a gyro, stuffing included: 8511 fill 1 Mbit/s."""
@@ -257,7 +257,7 @@ def tables(seconds: float) -> list[Table]:
     """Four buses at 1 Mbit/s full of frames, at twice that, as fast as they can; and one unit."""
     rows = [row(8500.0, seconds), row(17000.0, seconds / 3), row(0.0, seconds / 6, report=False)]
     reading = (
-        "Classical CAN at 1 Mbit/s carries 7,407 (most stuffing) to 9,009 (none) frames of 8 bytes a second, 8,511 "
+        "Classical CAN at 1 Mbit/s carries 7,407 (most stuffing) to 9,009 (none) frames of 8 bytes per second, 8,511 "
         "of a gyro; shares are of one core, processes in parallel. Lost: counter numbers missing in the journals."
     )
     head = ("what", "frames/s", "CPU of the capture", "CPU of decoding and placing", "lost")

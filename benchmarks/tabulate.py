@@ -73,7 +73,7 @@ def document(results: Sequence[Result]) -> str:
     for profile in dict.fromkeys(r["profile"] for r in single):
         own = [r for r in single if r["profile"] == profile]
         parts.append(f"## Effect by effect, profile `{profile}`: named / tie holds the truth\n" + _effects(inside(own)))
-        parts.append(f"## Outside the library, profile `{profile}`: `unknown` said\n" + _outside(own))
+        parts.append(f"## Outside the library, profile `{profile}`: `unknown` reported\n" + _outside(own))
     parts.append("## Error on a run that no fit saw, over its noise (median)\n" + _held_out(inside(single)))
     parts.append("## Two effects at once, strength 1 each\n" + _pairs([r for r in results if r["kind"] == "pair"]))
     parts.append(

@@ -1,4 +1,4 @@
-"""The command that measures: what it writes, and what it says where something is missing. Nothing is timed here."""
+"""The measuring command: what it writes, and what it reports for missing packages. The tests do not measure time."""
 
 from importlib import import_module
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The documentation does what it says: its commands run, its links lead somewhere, README and CI agree."""
+"""The documentation is correct: its commands run, its links exist, README and CI agree."""
 
 import os
 import re
@@ -17,7 +17,7 @@ def blocks(page):
 
 
 def bash(script, folder):
-    """What a script says, run in a folder by a shell that stops at the first failure."""
+    """Output of a script, run in a folder by a shell that stops at the first failure."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", script],

@@ -51,7 +51,7 @@ def project(tmp_path_factory):
 
 @pytest.fixture
 def visitors(chromium):
-    """Browsers of people, each with a window of its own: `visitors.come(address)`.
+    """Browser windows of separate users: `visitors.come(address)`.
 
     A console error, a broken policy or a request to another machine fails the test.
     """

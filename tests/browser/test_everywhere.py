@@ -1,4 +1,4 @@
-"""What holds on every page: usable for all, in three languages, light and dark, without another machine.
+"""Requirements of every page: accessible, in three languages, light and dark, without requests to other machines.
 
 Pictures of the pages are made on the way where `BENCH_SCREENS` names a folder for them.
 """
@@ -76,7 +76,7 @@ def bench(runs, project):
 
 
 def going(bench):
-    """The id of a live run that will go on for a while."""
+    """The id of a live run that continues for a while."""
     for run in bench.get("/live")["runs"]:
         if run.get("left_s", 0.0) > 2 * 3600:
             return run["run"]
@@ -88,7 +88,7 @@ def going(bench):
 
 @pytest.fixture
 def names(bench, runs):
-    """What the addresses speak of."""
+    """Names in the addresses."""
     mystery, ended = (f"{run.parent.name}/{run.name}" for run in runs[1:])
     return {"slow": SLOW_UNIT, "live": going(bench), "mystery": mystery, "ended": ended, "unit": UNIT}
 

@@ -100,7 +100,7 @@ def test_from_serial_number_to_abort_by_keyboard_alone(bench, visitors):
 
 @pytest.fixture
 def guarded(tmp_path, project):
-    """A bench that wants tokens, used by a line controller; and the token of Olena, an operator."""
+    """A bench with tokens, used by a line controller; and the token of Olena, an operator."""
     access = tmp_path / "access.yaml"
     controller, olena = (people.add_person(access, name, "operator") for name in ("MES", "Olena"))
     with bench_over(tmp_path / "out", project, "--access", str(access), token=controller) as bench:
@@ -142,7 +142,7 @@ CAUGHT_UP = """([run, s]) => import('/static/app.js').then(({ traces }) => trace
 
 
 def drawn(page, run):
-    """What the page has of the run's trace: whether all of it, generation, times [s], chamber [degC]."""
+    """The run's trace in the page: whether complete, generation, times [s], chamber [degC]."""
     return page.evaluate(TRACE, run)
 
 

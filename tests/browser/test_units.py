@@ -33,7 +33,7 @@ def address(folder):
 
 @pytest.fixture
 def page(visitors, address):
-    """A window whose complaints fail the test."""
+    """A window whose console errors fail the test."""
     return visitors.come(address, size={"width": 1280, "height": 900})
 
 

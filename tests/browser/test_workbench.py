@@ -1,4 +1,4 @@
-"""The engineer's workbench in a real browser: a hidden effect is found by clicking, everything can be taken away."""
+"""The engineer's workbench in a real browser: a hidden effect is found by clicking, every step can be undone."""
 
 import contextlib
 import csv
@@ -38,7 +38,7 @@ def address(mystery):
 
 @pytest.fixture
 def page(visitors, address):
-    """The start page; whatever the browser complains about fails the test."""
+    """The start page; console errors fail the test."""
     page = visitors.come(address, locale="en")
     page.goto("/")
     return page

@@ -1,4 +1,4 @@
-"""The commands as a user meets them: exit codes, one line for bad input, one JSON object on stdout."""
+"""The commands as seen by a user: exit codes, one line for bad input, one JSON object on stdout."""
 
 import json
 from pathlib import Path
@@ -148,7 +148,7 @@ def test_compare_answers_with_the_keys_that_others_rely_on(run_folder):
 
 @pytest.fixture(scope="module")
 def foreign(tmp_path_factory):
-    """Ramps only, and no channel beside rate and temperature: what a log of somebody else often is."""
+    """Only ramps, rate and temperature, as in many logs of other programs."""
     run = ramp_run([("up", "ramp", 85.0, 2.0), ("down", "ramp", -20.0, 2.0), ("up again", "ramp", 30.0, 2.0)])
     columns = {name: run["columns"][name] for name in ("time", "rate", "temperature")}
     return make_run(tmp_path_factory.mktemp("foreign") / "r", columns)

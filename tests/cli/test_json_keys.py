@@ -1,4 +1,4 @@
-"""The keys of `--json` are fixed: what programs read may gain keys, and lose none."""
+"""The keys of `--json` are fixed: keys may be added, never removed."""
 
 import json
 from datetime import date
@@ -72,7 +72,7 @@ NO_SUBSET = {"effects show aging", "registry show U-1 --out ROOT"}
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory):
-    """What the words in capitals stand for."""
+    """Values of the placeholders in capitals."""
     root = tmp_path_factory.mktemp("keys")
     profile, table = root / "tiny.yaml", root / "log.csv"
     profile.write_text(PROFILE)

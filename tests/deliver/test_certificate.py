@@ -1,4 +1,4 @@
-"""The certificate: what it says, what it refuses, and that the same facts give the same bytes."""
+"""The certificate: its content, its refusals, and that the same facts give the same bytes."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_as_found_and_as_left_are_the_figures_of_the_records(made, issued):
 
 
 def flashed(made, tmp_path, **changes):
-    """A copy of the run whose calibration went into the unit."""
+    """A copy of the run whose calibration was written to the unit."""
     shutil.copytree(made / "run", tmp_path / "run")
     own = json.loads(certificate(made, "--out", tmp_path / "first.pdf", "--json").stdout)["json"]
     calibration = json.loads(Path(own).read_text())["calibration"]["id"]
@@ -239,7 +239,7 @@ def test_a_verification_of_another_unit_or_in_part_is_refused(made, tmp_path, ch
 
 
 def judged(made, tmp_path, content, run="check"):
-    """A copy of a verification run with what `bench verify` said of it."""
+    """A copy of a verification run with the verdict of `bench verify`."""
     shutil.copytree(made / run, tmp_path / "judged")
     (tmp_path / "judged" / "verification.json").write_text(content if isinstance(content, str) else json.dumps(content))
     return tmp_path / "judged"
@@ -332,7 +332,7 @@ def test_a_production_run_is_blocked_by_overdue_or_unknown_equipment(made, tmp_p
 
 
 def production_run(out, monkeypatch, *equipment):
-    """What `bench run --production` says with equipment in the registry; the texts that its run folder would keep."""
+    """Output of `bench run --production` with equipment in the registry; the texts for its run folder."""
     kept = {}
 
     def conduct(profile, station, task, quiet):

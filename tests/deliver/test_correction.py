@@ -1,4 +1,4 @@
-"""The simulated gyro's own arithmetic against the reference: two readers of docs/eeprom.md that know nothing of each
+"""The arithmetic of the simulated gyro against the reference: two readers of docs/eeprom.md that know nothing of each
 other.
 """
 

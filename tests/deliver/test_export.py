@@ -86,7 +86,7 @@ def test_the_delivered_model_is_the_fitted_one(name):
 
 @pytest.mark.parametrize("name", MODELS)
 def test_every_form_stays_within_what_its_numbers_can_hold(name):
-    """Single precision loses 0.2 deg/h at 300 deg/s, Q10.21 some of 2^-21 deg/s, the split forms next to nothing."""
+    """Single precision loses 0.2 deg/h at 300 deg/s, Q10.21 some of 2^-21 deg/s, the split forms almost nothing."""
     rows = {row.form: row for row in worst_errors(delivered(name))}
     assert rows["float32"].worst < 0.25
     assert rows["fixed"].worst < 0.02

@@ -38,7 +38,7 @@ def test_the_c_code_is_the_reference_bit_for_bit(tmp_path, name, form):
 
 @pytest.mark.parametrize("form", FORMS)
 def test_extreme_counts_break_nothing(tmp_path, form):
-    """With every check of undefined behaviour that gcc has: overflow, shifts, casts, bounds."""
+    """With all checks of undefined behaviour of gcc: overflow, shifts, casts, bounds."""
     made = delivered("lagged spline and loop")
     words = words_of(made, form, 1042, 7)
     library = compiled(

@@ -1,4 +1,4 @@
-"""`bench export`: every format says the same words, other tools read them, and what is not to be trusted is refused."""
+"""`bench export`: every format contains the same words, other tools read them; untrusted calibrations are refused."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def test_a_calibration_not_to_trust_is_refused_in_one_line_unless_forced(altered
 
 
 def test_a_run_with_a_hole_in_its_temperatures_is_refused(tmp_path):
-    """Data at -40 and at 85 degC only: a cubic between them is a guess."""
+    """Data at -40 and at 85 degC only: a cubic between them is not determined."""
     made = ramp_run(loop_dph=0.0)
     columns = made["columns"]
     celsius = columns["temperature"]

@@ -1,4 +1,4 @@
-"""Figures do not grow with the record: what is drawn of a long line is its lowest and highest."""
+"""Figures do not grow with the record: of a long line only the lowest and highest points are drawn."""
 
 from __future__ import annotations
 

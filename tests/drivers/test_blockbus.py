@@ -1,4 +1,4 @@
-"""The block bus is an ordinary python-can bus to those who do not know it, and a fast one to those who do."""
+"""The block bus works as an ordinary python-can bus, and transfers blocks fast."""
 
 import threading
 

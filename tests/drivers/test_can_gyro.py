@@ -1,4 +1,4 @@
-"""The simulated unit puts true frames on the bus: cantools reads them, and nothing is lost on the way."""
+"""The simulated unit sends valid frames: cantools reads them, and none is lost."""
 
 from pathlib import Path
 from types import SimpleNamespace

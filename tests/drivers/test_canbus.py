@@ -1,4 +1,4 @@
-"""Captures put every frame of a bus into the journal, and say so when they cannot."""
+"""Captures write every frame of a bus to the journal, and report errors."""
 
 import os
 import signal

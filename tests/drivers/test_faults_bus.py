@@ -1,4 +1,4 @@
-"""One fault of the CAN bus after the other: which samples come out, what is counted, and that data go on afterwards."""
+"""Each fault of the CAN bus: delivered samples, counts, and that data continue afterwards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One fault of the Modbus wire after the other: what the link returns or raises, what comes next, what it counts."""
+"""Each fault of the Modbus wire: what the link returns or raises, the next request, the counts."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def served(upstream: modbus_tcp.TcpServer, front: Front = "tcp", attempts: int =
 
 @contextmanager
 def hurried(link: ModbusLink) -> Iterator[None]:
-    """The short timeout only where an answer is not to come: a busy computer is no fault of the wire."""
+    """The short timeout is used only when no answer must come: a busy computer is not a fault of the wire."""
     link._client.comm_params.timeout_connect = TIMEOUT_S
     yield
     link._client.comm_params.timeout_connect = PATIENT_S
@@ -153,7 +153,7 @@ def test_a_short_delay_is_no_fault(upstream, device):
 
 
 def test_a_stuck_value_looks_sound_on_the_wire(upstream, device):
-    """No check of an answer can find it: the guards on a frozen value have to, and the read-back of a write does."""
+    """A check of the answer cannot detect it: the guard on a frozen value does, and the read-back of a write."""
     with served(upstream) as (proxy, link):
         proxy.inject("stuck")
         assert (link.read(PV), link.read(SP)) == (25.0, 25.0)
@@ -167,7 +167,7 @@ def test_a_stuck_value_looks_sound_on_the_wire(upstream, device):
 
 @pytest.mark.parametrize("name", ["drop", "truncate", "close"])
 def test_a_write_whose_answer_was_lost_did_reach_the_device(upstream, device, name: str):
-    """Hence: after an error nobody knows; read back before deciding anything."""
+    """So after an error the state is unknown: read back first."""
     with served(upstream) as (proxy, link):
         assert link.read(SP) == 25.0
         proxy.inject(name, times=1)
@@ -195,7 +195,7 @@ def test_a_write_with_a_foreign_echo_is_an_error(upstream, device, name: str):
 
 
 def test_a_gateway_that_gives_up_before_its_device_does_not_mislead_the_next_request(upstream, device):
-    """Exception 11 over RTU; the device's own answer follows and would be taken for the next one."""
+    """Exception 11 over RTU; the device's answer follows and would be mistaken for the next one."""
     with served(upstream, "rtu+tcp", attempts=9) as (proxy, link):
         assert link.read(SP) == 25.0
         proxy.inject("exception", times=1, code=11)

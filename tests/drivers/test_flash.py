@@ -1,4 +1,4 @@
-"""A calibration on its way into a unit: whatever happens, the unit keeps a whole one."""
+"""Flashing a calibration: whatever fails, the unit keeps a complete one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames become samples; every frame that does not is counted, and its place stays a gap."""
+"""Frames become samples; every rejected frame is counted, and its place is a gap."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -296,7 +296,7 @@ def test_whatever_happens_on_the_wire_samples_stand_in_their_place_and_the_sum_i
 @settings(max_examples=100)
 @given(noise=st.lists(st.binary(min_size=8, max_size=8), max_size=40), seed=st.integers(0, 1000))
 def test_noise_under_the_right_identifier_never_moves_the_time_axis(noise, seed):
-    """Random bytes pass an 8-bit CRC once in 256; a counter from such a frame must not be believed."""
+    """Random bytes pass an 8-bit CRC once in 256; a counter from such a frame must not be trusted."""
     unit, decoder = Unit(), GyroDecoder("vibratory", 2)
     frames = unit.run(1000)
     rng = np.random.default_rng(seed)
@@ -320,7 +320,7 @@ def test_noise_under_the_right_identifier_never_moves_the_time_axis(noise, seed)
     loss=st.sampled_from([0.0, 0.1]),
 )
 def test_wherever_a_unit_resets_its_samples_follow_host_time_again(ran, silent_ms, announced, cuts, loss):
-    """Within 50 ms and the drift of the silence, or exactly where it is announced; and no time is given out twice."""
+    """Within 50 ms and the drift of the silence, or exactly if it is announced; and no time occurs twice."""
     unit, decoder = Unit(), GyroDecoder("vibratory", 2)
     ran -= ran % 10
     blocks = [decoder.decode(unit.run(ran))]

@@ -1,4 +1,4 @@
-"""Every interface of python-can by its name: what is missing is said, timing and filters reach it."""
+"""Every interface of python-can by its name: errors name missing packages, timing and filters are passed on."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ OURS = {"blocks", "loopcan", "virtual", "faulty"}
 
 
 def test_every_interface_of_python_can_is_known():
-    """A new version of python-can may bring one."""
+    """A new version of python-can may add one."""
     assert set(can.VALID_INTERFACES) - OURS - {"socketcand"} == set(NEEDS)
 
 

@@ -1,4 +1,4 @@
-"""The journal gives back every block that was written whole, whatever happened to the rest of the file."""
+"""The journal returns every completely written block, whatever happened to the rest of the file."""
 
 import os
 from pathlib import Path

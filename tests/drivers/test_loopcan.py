@@ -1,4 +1,4 @@
-"""The bus between processes loses nothing, keeps order and says when it is gone."""
+"""The bus between processes loses nothing, keeps the order and reports when it is closed."""
 
 import can
 import numpy as np

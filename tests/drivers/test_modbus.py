@@ -1,4 +1,4 @@
-"""The Modbus link against foreign, slow and broken peers: no doubtful answer ever becomes a value."""
+"""The Modbus link against foreign, slow and broken peers: doubtful answers never become values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated controller, seen by programs that are not ours and by hand-made frames."""
+"""The simulated controller, accessed by independent programs and by hand-made frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""RTU answers carry no number. With a quarter of them late, the link returns no value of another register, ever."""
+"""RTU answers are not numbered. With a quarter of them late, the link never returns a value of another register."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A serial CAN adapter for real: python-can's slcan on a pty, captured by a process of its own into a journal."""
+"""A serial CAN adapter: python-can's slcan on a pty, captured by a separate process into a journal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each mechanism of the truth does what it says, and nothing else."""
+"""Each mechanism of the truth has the described effect, and no other."""
 
 from itertools import pairwise
 
@@ -26,7 +26,7 @@ OUTSIDE = {"periodic", "rate_squared", "etalon", "unlogged_drift", "two_pole_lag
 
 
 class Bench:
-    """A unit with the given mechanisms, noise-free unless told, driven in steps of `step_s` at 10 Hz."""
+    """A unit with the given mechanisms, noise-free by default, driven in steps of `step_s` at 10 Hz."""
 
     def __init__(self, *truth, settings=SILENT, seed=1, start_degc=25.0, step_s=10.0):
         self.unit = Resonator(UnitSettings.parse({**settings, "truth": list(truth)}), seed, rate_hz=10.0)

@@ -1,4 +1,4 @@
-"""Signals and checksums on the wire agree with cantools and crccheck, which know nothing of this code."""
+"""Signals and checksums on the wire agree with cantools and crccheck."""
 
 from pathlib import Path
 

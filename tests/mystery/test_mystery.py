@@ -1,4 +1,4 @@
-"""A mystery tells nothing, is the same for the same seed, and scores what the user named."""
+"""A mystery reveals nothing, is the same for the same seed, and scores the named effects."""
 
 import json
 import re

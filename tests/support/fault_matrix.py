@@ -32,23 +32,23 @@ class Case:
     exit_code: int
     """Of the run itself; the analysis of a run that is done may still end with 1."""
     event: str
-    """`kind: pattern` of an event in the run folder; empty: nothing is worth an event."""
+    """`kind: pattern` of an event in the run folder; empty: no event."""
     data: str
-    """What becomes of the data, in words."""
+    """Effect on the data, in words."""
     faults: tuple[Mapping[str, Any], ...] = ()
     """As in a station file; `at_s` is 20 and `on` the chamber where they are left out."""
     losses: Mapping[str, int | str] = field(default_factory=dict)
-    """Counts of the manifest that are not 0; `rate`, `slow`, `sampled` (both): as many as such frames were struck."""
+    """Counts of the manifest that are not 0; `rate`, `slow`, `sampled` (both): number of affected frames."""
     safe: bool | None = True
     """Whether the chamber itself is at ambient and off afterwards; None: nothing was commanded."""
     station: Mapping[str, Any] = field(default_factory=dict)
     how: str = "rehearsal"
     cause: str = ""
-    """Pattern in what the bench says at the end."""
+    """Pattern in the last message of the bench."""
 
 
 def wire(name: str, fault: str, **options: Any) -> Case:
-    """An answer of the chamber that is spoiled twice: it is asked again."""
+    """An answer of the chamber that is corrupted twice: the request is repeated."""
     return Case("Wire of the chamber", f"{name}, two answers", "done", 0, "", "whole",
                 ({"fault": fault, "times": 2, **options},))  # fmt: skip
 
@@ -61,14 +61,14 @@ def outage(name: str, fault: str, **options: Any) -> Case:
 
 
 def lost(name: str, fault: str, *, reached: bool = False, **options: Any) -> Case:
-    """A chamber that does not answer any more, or none of whose answers can be believed: commands still reach it."""
+    """A chamber that stops answering, or whose answers are all wrong although commands reach it (`reached`)."""
     return Case("Wire of the chamber", f"{name}, for good", "failed", 4, "link: chamber lost: silent for 60",
                 "frames whole to the end of the run", ({"fault": fault, **options},), safe=reached, station=NO_RETRY,
                 cause="SAFE STATE NOT VERIFIED.*switch the chamber off by hand")  # fmt: skip
 
 
 def on_bus(name: str, fault: str, data: str, losses: Mapping[str, int | str], event: str = "", **options: Any) -> Case:
-    """Something wrong with the frames, which the run survives."""
+    """A fault of the frames that does not end the run."""
     return Case("CAN bus", name, "done", 0, event, data, ({"on": BUS, "fault": fault, **options},), losses)
 
 
@@ -101,26 +101,26 @@ CHAMBER = (
     Case("Wire of the chamber", "exception 2, illegal address, for 5 s", "failed", 4,
          "end: exception 2, illegal address", "whole to the end of the run",
          ({"fault": "exception", "code": 2, "for_s": 5},)),
-    Case("Wire of the chamber", "a gateway repeats old answers for ever", "failed", 4, "guard: frozen sensor",
+    Case("Wire of the chamber", "a gateway repeats old answers permanently", "failed", 4, "guard: frozen sensor",
          "frames whole; readings frozen up to the trip of the guard", ({"fault": "stuck"},), safe=True,
          station=FROZEN | NO_RETRY, cause="SAFE STATE NOT VERIFIED"),
-    Case("Wire of the chamber", "a degraded chamber comes back and the station file says `on_return: abort`", "failed",
+    Case("Wire of the chamber", "a degraded chamber answers again, with `on_return: abort`", "failed",
          4, "link: answers again after 15", "frames whole", ({"fault": "silence", "for_s": 15},),
          station={"chamber.link": {"on_return": "abort"}}, cause="on_return: abort"),
-    Case("Chamber", "sensor shows the same for ever", "aborted", 3, "guard: frozen sensor: frozen_s",
+    Case("Chamber", "frozen sensor", "aborted", 3, "guard: frozen sensor: frozen_s",
          "whole to the trip of the guard", ({"fault": "frozen"},), station=FROZEN),
-    Case("Chamber", "sensor break, shown as a temperature that none can be", "failed", 4, "end: temperature.*nan",
+    Case("Chamber", "sensor break, shown as an impossible temperature", "failed", 4, "end: temperature.*nan",
          "whole to the end of the run", ({"fault": "sensor_break"},)),
-    Case("Chamber", "sensor break, told by the controller", "aborted", 3, "guard: sensor break: sensor_break = 1",
+    Case("Chamber", "sensor break, reported by the controller", "aborted", 3, "guard: sensor break: sensor_break = 1",
          "whole to the trip of the guard", ({"fault": "sensor_break"},), station={"chamber.map": "watlow_f4"}),
     Case("Chamber", "door open for 20 s", "done", 0, "hold: held at.*door open: door = 1",
-         "whole; held meanwhile, the ramp goes on as a segment of its own", ({"fault": "door", "for_s": 20},),
+         "whole; held, then the ramp continues as a separate segment", ({"fault": "door", "for_s": 20},),
          station={"chamber.map": "with_door"}),
     Case("Chamber", "alarm", "aborted", 3, "guard: chamber alarm: alarm = 1.*limit_status: fail",
          "whole to the trip of the guard; the alarm is not cleared", ({"fault": "alarm"},)),
-    Case("Chamber", "somebody turns the set point", "aborted", 3, "guard: operator override.*set point is 70 degC",
+    Case("Chamber", "set point changed at the panel", "aborted", 3, "guard: operator override.*set point is 70 degC",
          "whole to the trip of the guard", ({"fault": "setpoint", "value": 70},)),
-    Case("Chamber", "somebody switches it off", "aborted", 3, "guard: operator override.*the chamber has been off",
+    Case("Chamber", "switched off at the panel", "aborted", 3, "guard: operator override.*the chamber has been off",
          "whole to the trip of the guard", ({"fault": "off"},)),
     Case("Chamber", "power cut of the chamber for 20 s", "aborted", 3,
          "link: answers again after.*set ?point is 23 degC, the bench commanded", "whole to the trip of the guard",
@@ -136,7 +136,7 @@ CHAMBER = (
     Case("Chamber", "its highest set point is lowered below the target", "failed", 4, "end: illegal value",
          "whole to the end of the run", ({"fault": "limits", "value": 24.2},)),
     Case("Chamber", "too warm before the start", "aborted", 3, "end: not started: too warm",
-         "what was heard before the start", safe=None,
+         "received before the start", safe=None,
          station={"guards": [{"name": "too warm", "signal": "chamber_temperature", "above": -10, "delay_s": 60}]}),
     Case("Chamber", "fahrenheit instead of degC", "refused", 2, "", "no run folder: refused when it is opened",
          safe=None, how="fahrenheit"),
@@ -148,11 +148,11 @@ CAN = (
     on_bus("a tenth of the frames twice, 10 s", "duplicate", "whole; each repetition counted",
            {"repeated": "sampled"}, share=0.1, for_s=10),
     on_bus("a bit flipped in a tenth of the frames, 10 s", "corrupt",
-           "every wrong CRC found; gaps of exactly these frames; a flipped serial number is not believed",
+           "every wrong CRC found; gaps of exactly these frames; a flipped serial number is ignored",
            {"corrupt": "sampled", "lost": "rate", "slow_lost": "slow"}, share=0.1, for_s=10),
-    on_bus("frames overtaken by the next one, 10 s", "reorder", "whole; put back in their places",
+    on_bus("frames out of order, 10 s", "reorder", "whole; put back in their places",
            {"out_of_order": "some"}, share=0.05, for_s=10),
-    on_bus("frames held back for 2 s, then a burst", "burst", "those older than 0.5 s are left out and counted",
+    on_bus("frames held back for 2 s, then a burst", "burst", "those older than 0.5 s are dropped and counted",
            {"late": 750}, seconds=2.0),
     on_bus("silence for 3 s", "silence", "one gap of its length", {"lost": "rate", "slow_lost": "slow"}, for_s=3),
     on_bus("error frames", "error_frames", "whole; error frames counted", {}, "capture: error frames", share=0.05,
@@ -171,31 +171,32 @@ CAN = (
 )  # fmt: skip
 
 UNITS = (
-    Case("Unit", "unit starts anew, announced", "done", 0, "unit: started anew, 1 in all",
-         "one gap of its length; time goes on", ({"on": UNIT, "fault": "reset", "seconds": 1.0},),
+    Case("Unit", "unit restarts, announced", "done", 0, "unit: started anew, 1 in all",
+         "one gap of its length; time continues", ({"on": UNIT, "fault": "reset", "seconds": 1.0},),
          {"lost": "about 500", "slow_lost": "about 100", "resets": 1}),
-    Case("Unit", "unit starts anew, unannounced", "done", 0, "unit: started anew, 1 in all",
-         "one gap of its length; time goes on", ({"on": UNIT, "fault": "silent_reset", "seconds": 1.0},),
+    Case("Unit", "unit restarts, unannounced", "done", 0, "unit: started anew, 1 in all",
+         "one gap of its length; time continues", ({"on": UNIT, "fault": "silent_reset", "seconds": 1.0},),
          {"lost": "about 500", "slow_lost": "about 100", "resets": 1}),
     Case("Unit", "unit silent for good", "aborted", 3, "guard: unit silent: frame_age", "whole to the silence",
          ({"on": UNIT, "fault": "silence"},)),
     Case("Unit", "a second unit under the same number", "failed", 4, "unit: two units with this number",
-         "the first unit's, until the second is heard", ({"on": UNIT, "fault": "twin"},),
+         "the first unit's, until the second sends", ({"on": UNIT, "fault": "twin"},),
          {"corrupt": "some", "repeated": "some"}, cause="SIM-0001"),
     Case("Unit", "another unit in its place", "failed", 4, "end: 77 answers as number 0",
          "to the first heartbeat of the other one", ({"on": UNIT, "fault": "other_unit", "value": 77},),
          {"resets": "some"}),
-    Case("Unit", "wrong unit before the start", "failed", 2, "end: 77 answers as number 0", "what was heard", safe=None,
+    Case("Unit", "wrong unit before the start", "failed", 2, "end: 77 answers as number 0", "frames before the start",
+         safe=None,
          faults=({"at_s": 0, "on": UNIT, "fault": "other_unit", "value": 77},)),
     Case("Unit", "no unit before the start", "failed", 4, "end: not started: unit SIM-0001: no sound rate frame",
          "none", ({"at_s": 0, "on": UNIT, "fault": "silence"},), safe=None),
-    Case("Unit", "one of four falls silent in mid-ramp", "failed", 4,
+    Case("Unit", "one of four stops sending in mid-ramp", "failed", 4,
          "dropped: unit SIM-0002 left the run: no sound rate frame", "three units whole and done; one to its silence",
          ({"on": "SIM-0002", "fault": "silence"},), how="four", cause="dropped: no sound rate frame"),
     Case("Unit", "one of four gets a second one under its number", "failed", 4, "dropped: unit SIM-0002 left the run",
          "three units whole and done; one to the heartbeat of the other", ({"on": "SIM-0002", "fault": "twin"},),
          how="four", cause="dropped: unit SIM-0002"),
-    Case("Unit", "one of four starts anew every 5 s", "failed", 4, "dropped: sample counter gone wild",
+    Case("Unit", "one of four restarts every 5 s", "failed", 4, "dropped: sample counter gone wild",
          "three units whole and done; one to its fifth reset",
          tuple({"at_s": 20 + 5 * k, "on": "SIM-0002", "fault": "reset", "seconds": 0.1} for k in range(5)), how="four",
          cause="sample counter gone wild"),
@@ -213,7 +214,7 @@ BENCH = (
     Case("Bench", "SIGINT (Ctrl-C)", "aborted", 3, r"end: aborted by operator \(Ctrl-C\)", "whole", how="sigint"),
     Case("Bench", "SIGTERM", "aborted", 3, "end: aborted by SIGTERM", "whole", how="sigterm"),
     Case("Bench", "SIGHUP (closed terminal)", "aborted", 3, "end: aborted by SIGHUP", "whole", how="sighup"),
-    Case("Bench", "exception in its own code", "failed", 1, "end: internal error: ZeroDivisionError", "whole",
+    Case("Bench", "exception in the code of the bench", "failed", 1, "end: internal error: ZeroDivisionError", "whole",
          how="bug", cause="ZeroDivisionError"),
     Case("Bench", "SIGKILL, simulated", "aborted", -9, "", "whole to the tick before; recovered from the journals",
          safe=None, how="killed", cause="killed; recovered from its journals"),
@@ -222,7 +223,7 @@ BENCH = (
     Case("Bench", "SIGSTOP: the bench hangs", "aborted", -9, "watchdog: killed the bench, which hung",
          "whole to a second before", how="hangs", cause="made safe by the watchdog"),
     Case("Bench", "power cut: the journals end at any byte; `bench resume`", "done", 0,
-         "gap: without a record", "whole but for the torn block; the gap stays a gap", how="power_cut"),
+         "gap: without a record", "whole except the torn block; the gap is not filled", how="power_cut"),
     Case("Bench", "disk full for the journals", "failed", 4, "", "whole to the block that did not fit",
          how="disk_full", cause="cannot record"),
     Case("Bench", "disk full for the tables", "failed", 4, "end: end of profile",
@@ -238,12 +239,12 @@ INTRODUCTION = """\
 
 This page is generated from `tests/support/fault_matrix.py` by `python -m tests.support.fault_matrix`.
 `tests/acquisition/test_fault_matrix.py` runs every line and asserts state, exit code, event, the state of the chamber
-(read from the simulated controller itself, without the wire and the driver), and the data: every sample is there or
-counted as lost, no time stamp occurs twice, and each recovered block has the right CRC. Where a fault struck frames,
+(read from the simulated controller itself, without the wire and the driver), and the data: every sample is present or
+counted as lost, no time stamp occurs twice, and each recovered block has the right CRC. If a fault affects frames,
 the losses are exactly these frames.
 
 Exit codes: 0 the run was completed, 3 aborted by operator or guard, 4 equipment failed, 2 bad input. *safe*: the
-chamber itself is at ambient and off; *left*: nothing had been commanded, and it is as it was before; *not reached*: it
+chamber itself is at ambient and off; **left*: nothing was commanded, and it was not changed; *not reached*: it
 could not be reached, and the bench reported this on stderr; *safe, but not verified*: only its answers were wrong, it
 was switched off, and the bench reported this on stderr. An unverified state is never called safe. –: a simulated
 chamber ends with its process.
@@ -254,31 +255,31 @@ MEASURED = """\
 Figures of one computer with two cores, on 2026-11-21; the commands repeat them.
 
 - **A day of random faults** (`python -m benchmarks.soak --hours 24 --seed 1`): 24.0 h of bench time in 8 min; 140
-  faults of 23 kinds struck 91,770 frames and 1,432 answers, and the run went to its end. 43,184,095 samples are
-  there, 40,405 counted as lost and 1,500 as late: together exactly the 43,226,000 that were sent. 19 of 19 resets
+  faults of 23 kinds affected 91,770 frames and 1,432 answers, and the run was completed. 43,184,095 samples are
+  present, 40,405 counted as lost and 1,500 as late: together exactly the 43,226,000 that were sent. 19 of 19 resets
   were counted, and 10,418 of the 10,434 corrupt frames; the other 16 are heartbeats, which carry no CRC. No time
-  stamp comes twice. All 140 faults are events. Resident memory 215.3 MB at the start, 216.6 MB at the end, 19 kB/h
+  stamp occurs twice. All 140 faults are events. Resident memory 215.3 MB at the start, 216.6 MB at the end, 19 kB/h
   over the second half; 20 open files and 3 threads in the first and in the last quarter, 6 and 1 before and after.
 - **SIGKILL** (`python -m benchmarks.kills --kills 22 --seed 1`, real processes and time, the capture of the bus
   killed too): 22 kills, 3 to 10 s after the start. From the last sample on disk to the kill 0.06 s in the median,
   0.17 s at worst. 591 blocks recovered with the right CRC, none torn, no sample missing before the last one. The
-  watchdog made the chamber safe, verified, 22 times. A power cut may cost what was not forced to the disk: one
+  watchdog made the chamber safe, verified, 22 times. A power cut may lose the data not yet forced to the disk: one
   second.
 """
 REHEARSE = """\
 ## Rehearse them
 
-A simulated station can show these faults at given times, so that a bench can be watched while it copes:
+A simulated station can show these faults at given times, to rehearse the reaction of the bench:
 
 ```yaml
 faults:
-  - {at_s: 60, fault: silence, for_s: 20}                            # on: chamber, where nothing else is said
-  - {at_s: 120, on: can0, fault: loss, share: 0.01, for_s: 30}       # a bus: what is received from it
-  - {at_s: 200, on: SIM-0001, fault: reset, seconds: 0.5}            # a unit: what it sends
+  - {at_s: 60, fault: silence, for_s: 20}                            # on: chamber by default
+  - {at_s: 120, on: can0, fault: loss, share: 0.01, for_s: 30}       # a bus: frames received from it
+  - {at_s: 200, on: SIM-0001, fault: reset, seconds: 0.5}            # a unit: frames that it sends
 ```
 
 Every beginning and end is an event of kind `rehearsal`. `share` of the answers or frames, at most `times` of them;
-`seconds` of delay, burst or reset; `code` of an exception; `value` where it needs one.
+`seconds` of delay, burst or reset; `code` of an exception; `value` if it needs one.
 """
 
 
@@ -311,10 +312,10 @@ def _lines() -> Iterator[str]:
 def _row(case: Case) -> str:
     chamber = {True: "safe", False: "not reached", None: "left"}[case.safe] if case.how != "killed" else "–"
     if case.safe and "NOT VERIFIED" in case.cause:
-        chamber = "safe, but not verified: said so"
+        chamber = "safe, but not verified: reported"
     kind, _, pattern = case.event.partition(": ")
-    said = pattern.replace(".*", " … ").replace("\\", "").replace(" ?", "").replace("|", "\\|")
-    event = f"{kind}: {said}" if kind else "–"
+    text = pattern.replace(".*", " … ").replace("\\", "").replace(" ?", "").replace("|", "\\|")
+    event = f"{kind}: {text}" if kind else "–"
     return f"| {case.name} | {case.state} | {case.exit_code} | {chamber} | {event} | {case.data} |"
 
 

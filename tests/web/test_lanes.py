@@ -21,7 +21,7 @@ class Clock:
 
 
 class Slow(Worker):
-    """Answers when it is let go, or gives up when no page waits for it."""
+    """Answers when it is released, or gives up when no page waits for it."""
 
     def __init__(self) -> None:
         super().__init__()

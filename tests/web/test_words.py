@@ -1,4 +1,4 @@
-"""The page's catalogues: the same keys and placeholders in all languages, and no key that nobody wrote down."""
+"""The page's catalogues: the same keys and placeholders in all languages, and no undefined key."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_every_language_has_the_keys_of_english(language: str) -> None:
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_an_entry_has_the_placeholders_of_english(language: str) -> None:
-    """A placeholder that nobody fills, or a value that nobody shows, is a mistake of translation."""
+    """A placeholder without a value, or a value without a placeholder, is an error of translation."""
     english = catalogue("en")
     wrong = [key for key, entry in catalogue(language).items() if placeholders(entry) != placeholders(english[key])]
     assert wrong == []
@@ -63,7 +63,7 @@ def test_counted_words_have_the_plural_forms_of_their_language(language: str) ->
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_no_text_is_empty(language: str) -> None:
-    """An empty text is a hole in the page."""
+    """An empty text would be invisible on the page."""
     texts = {key: forms(entry) for key, entry in catalogue(language).items()}
     assert [key for key, of_key in texts.items() if not all(text.strip() for text in of_key.values())] == []
 
@@ -87,7 +87,7 @@ def test_every_pattern_of_keys_has_at_least_one_entry() -> None:
 
 
 def test_languages_of_the_page_are_those_of_the_catalogues() -> None:
-    """The switch offers what is there."""
+    """The switch offers the available languages."""
     offered = re.search(r"LANGUAGES = \{([^}]*)\}", (SOURCE / "lib" / "words.js").read_text(encoding="utf-8"))
     assert offered is not None
     assert tuple(re.findall(r"(\w+):", offered[1])) == LANGUAGES
@@ -95,7 +95,7 @@ def test_languages_of_the_page_are_those_of_the_catalogues() -> None:
 
 
 def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
-    """Green says that somebody looked at the data."""
+    """Green means that the data was analysed."""
     script = """
     const { judged, toneOf } = await import(process.argv[1]);
     const told = (word) => [word, toneOf(word)];
@@ -119,7 +119,7 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
 
 
 def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:
-    """Nobody stands before a screen that does not say what to do."""
+    """Every screen shows what to do."""
     judged = (SOURCE / "pages" / "verdict" / "judged.js").read_text(encoding="utf-8")
     table = re.search(r"WORDS = \{(.*?)\}", judged, re.DOTALL)
     assert table is not None

@@ -1,4 +1,4 @@
-"""The workbench over HTTP: analyse, look closer, diagnose, add, undo, save, compare; a hidden loop is found."""
+"""The workbench over HTTP: analyse, zoom, diagnose, add, undo, save, compare; a hidden loop is found."""
 
 from __future__ import annotations
 

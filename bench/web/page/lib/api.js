@@ -37,8 +37,8 @@ async function send(method, path, /** @type {{body?: any, form?: FormData, signa
 export const url = (strings, ...parts) => String.raw({ raw: strings }, ...parts.map((part) => encodeURIComponent(part)));
 
 /** `?a=1&b=2` of the entries that are not empty; empty without any. */
-export function query(wanted) {
-  const entries = Object.entries(wanted).filter(([, value]) => value !== undefined && value !== null && value !== "");
+export function query(values) {
+  const entries = Object.entries(values).filter(([, value]) => value !== undefined && value !== null && value !== "");
   return entries.length ? `?${new URLSearchParams(entries)}` : "";
 }
 

@@ -21,7 +21,7 @@ let source = null;
 let tries = 0;
 const timers = { linger: 0, retry: 0, silent: 0 };
 
-function heard(change) {
+function received(change) {
   clearTimeout(timers.silent);
   timers.silent = setTimeout(lost, SILENT_MS);
   tries = 0;
@@ -45,13 +45,13 @@ function takeLive(event) {
   for (const run of traces.keys()) if (!runs.some((seen) => seen.run === run)) traces.delete(run);
   for (const [run, increment] of Object.entries(increments)) if (!traces.get(run)?.take(increment)) catchUp(run);
   for (const { run } of runs) if (!traces.get(run).complete) catchUp(run);
-  heard({ runs });
+  received({ runs });
 }
 
 function takeEnded(event) {
-  const told = JSON.parse(event.data);
-  const ended = Object.entries({ ...live.get().ended, [told.run]: told }).slice(-ENDED_KEPT);
-  heard({ ended: Object.fromEntries(ended), runs: live.get().runs.filter((run) => run.run !== told.run) });
+  const end = JSON.parse(event.data);
+  const ended = Object.entries({ ...live.get().ended, [end.run]: end }).slice(-ENDED_KEPT);
+  received({ ended: Object.fromEntries(ended), runs: live.get().runs.filter((run) => run.run !== end.run) });
 }
 
 /** Fetch the pages of a trace that the stream did not deliver. */
@@ -76,10 +76,10 @@ async function catchUp(run) {
 function open() {
   if (source || !users) return;
   source = new EventSource(STREAM);
-  source.addEventListener("open", () => heard({}));
+  source.addEventListener("open", () => received({}));
   source.addEventListener("live", takeLive);
   source.addEventListener("ended", takeEnded);
-  source.addEventListener("beat", () => heard({}));
+  source.addEventListener("beat", () => received({}));
   source.onerror = lost;
   timers.silent = setTimeout(lost, SILENT_MS);
 }

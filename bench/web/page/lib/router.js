@@ -30,11 +30,11 @@ export function match(routes, path) {
 
 function fits(pattern, parts) {
   const params = {};
-  for (const [index, wanted] of pattern.entries()) {
-    if (wanted === "*") return { ...params, rest: parts.slice(index).join("/") };
+  for (const [index, segment] of pattern.entries()) {
+    if (segment === "*") return { ...params, rest: parts.slice(index).join("/") };
     if (parts[index] === undefined) return null;
-    if (wanted.startsWith(":")) params[wanted.slice(1)] = decodeURIComponent(parts[index]);
-    else if (wanted !== parts[index]) return null;
+    if (segment.startsWith(":")) params[segment.slice(1)] = decodeURIComponent(parts[index]);
+    else if (segment !== parts[index]) return null;
   }
   return parts.length === pattern.length ? params : null;
 }

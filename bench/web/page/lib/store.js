@@ -8,9 +8,9 @@ export function store(initial) {
   return {
     get: () => value,
     set(next) {
-      const wanted = typeof next === "function" ? next(value) : next;
-      if (Object.is(wanted, value)) return;
-      value = wanted;
+      const updated = typeof next === "function" ? next(value) : next;
+      if (Object.is(updated, value)) return;
+      value = updated;
       for (const listener of [...listeners]) listener(value);
     },
     subscribe(listener) {

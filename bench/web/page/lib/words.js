@@ -10,7 +10,7 @@ export const language = store("en");
 let words = {};
 let english = {};
 
-const wanted = () => {
+const preferred = () => {
   const known = [chosen.get(), ...navigator.languages.map((name) => name.slice(0, 2).toLowerCase())];
   return known.find((name) => name in LANGUAGES) ?? "en";
 };
@@ -20,7 +20,7 @@ const catalogue = async (name) => (await fetch(`/static/words/${name}.json`)).js
 /** Fetch the words of a language and use it; without one: of the one chosen before, else the browser's. */
 export async function speak(name) {
   if (name) chosen.set(name);
-  const next = name ?? wanted();
+  const next = name ?? preferred();
   [english, words] = await Promise.all([
     Object.keys(english).length ? english : catalogue("en"),
     catalogue(next),

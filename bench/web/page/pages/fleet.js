@@ -42,12 +42,12 @@ function Headline({ fleet }) {
 
 function Capability({ fleet, chosen, choose }) {
   const [all, setAll] = useState(false);
-  const told = fleet.quantities.filter((one) => one.signals !== null || one.capability);
-  const rest = fleet.quantities.filter((one) => !told.includes(one));
+  const charted = fleet.quantities.filter((one) => one.signals !== null || one.capability);
+  const rest = fleet.quantities.filter((one) => !charted.includes(one));
   const head = ["quantity", "units", "signals", "mean", "limits", "cpk", "ppk", "outside"];
   return html`<div class="scroll"><table class="st-table st-quantities">
     <thead><tr>${head.map((key, i) => html`<th key=${key} scope="col" class=${i ? "n" : undefined}>${t(`fleet.head.${key}`)}</th>`)}</tr></thead>
-    <tbody>${[...told, ...(all ? rest : [])].map((one) => {
+    <tbody>${[...charted, ...(all ? rest : [])].map((one) => {
       const able = one.capability;
       const limits = [one.lower !== null && `≥ ${sig(one.lower)}`, one.upper !== null && `≤ ${sig(one.upper)}`].filter(Boolean).join(", ");
       return html`<tr key=${one.name} aria-current=${one.name === chosen ? "true" : undefined}>
@@ -63,8 +63,8 @@ function Capability({ fleet, chosen, choose }) {
     ${rest.length > 0 && html`<button class="narrow quiet" aria-expanded=${String(all)} onClick=${() => setAll(!all)}>${t("fleet.rest", { n: rest.length })}</button>`}`;
 }
 
-function Control({ name, wanted, anchor }) {
-  const { data, error, again } = useGet(url`/fleet/charts/${name}` + query(wanted));
+function Control({ name, params, anchor }) {
+  const { data, error, again } = useGet(url`/fleet/charts/${name}` + query(params));
   const pick = (x) => data && navigate(`/units/${encodeURIComponent(data.units[Math.round(x) - 1])}`);
   const distances = name === "distances";
   const title = distances ? t("fleet.distances") : quantity(name);
@@ -98,7 +98,7 @@ function Odd({ fleet }) {
       <td>${quantity(one.quantity)} <span class="soft">${one.sigmas > 0 ? "+" : ""}${sig(one.sigmas, 2)} σ</span></td></tr>`)}</tbody></table></div>`;
 }
 
-function Board({ fleet, wanted }) {
+function Board({ fleet, params }) {
   const charts = fleet.quantities.filter((one) => one.signals !== null);
   const first = [...charts].sort((a, b) => b.signals - a.signals)[0]?.name;
   const [picked, setPicked] = useState(null);
@@ -112,15 +112,15 @@ function Board({ fleet, wanted }) {
     <section class="stack" aria-labelledby="cap"><h2 id="cap">${t("fleet.capability")}</h2><${Capability} fleet=${fleet} chosen=${chosen} choose=${choose} />
       <p class="soft small">${t("fleet.cpk_note")}</p></section>
     <section class="stack" aria-labelledby="control"><h2 id="control">${t("fleet.control")}</h2>
-      ${chosen ? html`<${Control} name=${chosen} wanted=${wanted} anchor=${anchor} /><p class="soft small">${t("fleet.control_note")}</p>` : html`<p class="soft">${t("fleet.too_few_chart")}</p>`}</section>
+      ${chosen ? html`<${Control} name=${chosen} params=${params} anchor=${anchor} /><p class="soft small">${t("fleet.control_note")}</p>` : html`<p class="soft">${t("fleet.too_few_chart")}</p>`}</section>
     <section class="stack" aria-labelledby="drift"><h2 id="drift">${t("fleet.drift")}</h2><${Drifts} fleet=${fleet} /></section>
     <section class="stack" aria-labelledby="odd"><h2 id="odd">${t("fleet.unlike")}</h2><${Odd} fleet=${fleet} />
-      ${fleet.distances && html`<${Control} name="distances" wanted=${wanted} />`}</section>`;
+      ${fleet.distances && html`<${Control} name="distances" params=${params} />`}</section>`;
 }
 
-export default function Fleet({ query: asked }) {
-  const [limits, setLimits] = useState(asked.limits ?? "");
-  const [text, setText] = useState(asked.q ?? "");
+export default function Fleet({ query: initial }) {
+  const [limits, setLimits] = useState(initial.limits ?? "");
+  const [text, setText] = useState(initial.q ?? "");
   const [q, setQ] = useState(text);
   const [trouble, setTrouble] = useState(null);
   useEffect(() => {
@@ -128,12 +128,12 @@ export default function Fleet({ query: asked }) {
     return () => clearTimeout(timer);
   }, [text]);
   useEffect(() => remember({ q, limits }), [q, limits]);
-  const wanted = { q, limits };
-  const { data: fleet, error, again } = useGet(`/fleet${query(wanted)}`);
+  const params = { q, limits };
+  const { data: fleet, error, again } = useGet(`/fleet${query(params)}`);
   const build = () => post("/registry").then(again, setTrouble);
   return html`<div class="page stack">
     <div class="row spread"><h1>${t("fleet.title")}</h1>
-      ${fleet?.units > 0 && html`<a class="button narrow" href=${`/api/v1/fleet.csv${query(wanted)}`} download>${t("fleet.csv")}</a>`}</div>
+      ${fleet?.units > 0 && html`<a class="button narrow" href=${`/api/v1/fleet.csv${query(params)}`} download>${t("fleet.csv")}</a>`}</div>
     <${Trouble} error=${error ?? trouble} retry=${again} />
     ${!fleet && !error && html`<${Busy} />`}
     ${fleet && !fleet.registry && html`<${NoRegistry} build=${build} may=${may("engineer")} />`}
@@ -142,6 +142,6 @@ export default function Fleet({ query: asked }) {
       <label class="row">${t("fleet.limits")} <select value=${limits} onChange=${(event) => setLimits(event.target.value)}>
         <option value="" selected=${!limits}>${t("fleet.own_limits")}</option>
         ${fleet.known_limits.map((name) => html`<option key=${name} value=${name} selected=${name === limits}>${name}</option>`)}</select></label></div>
-      ${fleet.units ? html`<${Board} fleet=${fleet} wanted=${wanted} />` : html`<p class="soft">${t(q ? "units.nothing" : "fleet.empty")}</p>`}`}
+      ${fleet.units ? html`<${Board} fleet=${fleet} params=${params} />` : html`<p class="soft">${t(q ? "units.nothing" : "fleet.empty")}</p>`}`}
   </div>`;
 }

@@ -111,14 +111,14 @@ export default function Import() {
   useEffect(() => () => { turn.current = -1; }, []);
 
   /** Show the content that a job recognised, unless a newer one was requested. */
-  async function read(job, mine) {
+  async function read(job, ticket) {
     const shown = await finished(job);
-    if (turn.current !== mine) return;
+    if (turn.current !== ticket) return;
     setChoice((now) => (shown.understood ? choiceOf(shown.understood) : Object.keys(now).length ? now : guessOf(shown)));
     merge({ step: "look", shown, busy: false, error: null });
   }
   async function take(file, dbc) {
-    const mine = ++turn.current;
+    const ticket = ++turn.current;
     const form = new FormData();
     if (dbc) form.append("dbc", dbc);
     form.append("file", file);
@@ -129,21 +129,21 @@ export default function Import() {
       if (CAN_LOGS.test(file.name) && !dbc) throw new Error(t("import.needs_dbc"));
       const taken = await upload("/imports", form);
       merge({ step: "reading", id: taken.import, file: taken.file });
-      await read(taken.job, mine);
+      await read(taken.job, ticket);
     } catch (trouble) {
-      if (turn.current === mine) setState({ step: "drop", error: trouble });
+      if (turn.current === ticket) setState({ step: "drop", error: trouble });
     }
   }
   async function change(channel, next) {
-    const wanted = { ...choice, [channel]: next };
-    const mine = ++turn.current;
-    setChoice(wanted);
+    const updated = { ...choice, [channel]: next };
+    const ticket = ++turn.current;
+    setChoice(updated);
     merge({ busy: true });
     try {
-      const { job } = await post(`${place}/preview`, { columns: columnsOf(wanted) });
-      await read(job, mine);
+      const { job } = await post(`${place}/preview`, { columns: columnsOf(updated) });
+      await read(job, ticket);
     } catch (trouble) {
-      if (turn.current === mine) merge({ busy: false, error: trouble });
+      if (turn.current === ticket) merge({ busy: false, error: trouble });
     }
   }
   async function make(event) {

@@ -10,20 +10,20 @@ import { t } from "../lib/words.js";
 import { Temperatures } from "./live/charts.js";
 import { Headline, RunView, Segments } from "./live/run.js";
 
-const isRun = (run, wanted) => run.run === wanted || run.runs?.includes(wanted);
+const isRun = (run, id) => run.run === id || run.runs?.includes(id);
 
 export default function Live({ params }) {
   const now = useLive();
-  const wanted = params.unit && `${params.unit}/${params.run}`;
-  const run = wanted ? now.runs.find((one) => isRun(one, wanted)) : now.runs.length === 1 ? now.runs[0] : null;
-  const [shown, setShown] = useState(wanted);
+  const id = params.unit && `${params.unit}/${params.run}`;
+  const run = id ? now.runs.find((one) => isRun(one, id)) : now.runs.length === 1 ? now.runs[0] : null;
+  const [shown, setShown] = useState(id);
   useEffect(() => run && setShown(run.run), [run?.run]);
-  const ended = Object.values(now.ended).find((end) => (wanted ? isRun(end, wanted) : end.run === shown));
+  const ended = Object.values(now.ended).find((end) => (id ? isRun(end, id) : end.run === shown));
   useEffect(() => {
-    if (ended && !run) navigate(`/verdict/${shown && !wanted ? shown : wanted}`, { replace: true });
+    if (ended && !run) navigate(`/verdict/${shown && !id ? shown : id}`, { replace: true });
   }, [ended?.run, !run]);
   if (run) return html`<${RunView} key=${run.run} run=${run} />`;
-  if (wanted) return html`<${Missing} key=${wanted} wanted=${wanted} params=${params} />`;
+  if (id) return html`<${Missing} key=${id} id=${id} params=${params} />`;
   if (now.connected === null) return html`<div class="page"><${Busy} /></div>`;
   return now.runs.length ? html`<${Several} runs=${now.runs} />` : html`<${Nothing} />`;
 }
@@ -34,13 +34,13 @@ const Nothing = () => html`<div class="page empty">
 </div>`;
 
 /** The run is not in the stream: it has ended, is starting, or does not exist; the server reports which. */
-function Missing({ wanted, params }) {
+function Missing({ id, params }) {
   const [error, setError] = useState(null);
   useEffect(() => {
     let timer = 0;
     const look = () => get(url`/live/${params.unit}/${params.run}`).then(
       (seen) => {
-        if (seen.condition === "ended") navigate(`/verdict/${wanted}`, { replace: true });
+        if (seen.condition === "ended") navigate(`/verdict/${id}`, { replace: true });
         else timer = setTimeout(look, 1000);
       },
       (problem) => {
@@ -50,7 +50,7 @@ function Missing({ wanted, params }) {
     );
     look();
     return () => clearTimeout(timer);
-  }, [wanted]);
+  }, [id]);
   return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy}>${t("live.looking")}<//>`}</div>`;
 }
 

@@ -82,15 +82,15 @@ function Steps({ now, step, station, plan, answer }) {
   ];
   const at = steps.findIndex(([name]) => name === step);
   return html`<ol class="steps" aria-label=${t("start.steps")}>
-    ${steps.map(([name, told, change], index) => html`
-      <li key=${name} class=${index < at || told ? "done" : index === at ? "now" : ""} aria-current=${index === at ? "step" : undefined}>
-        <span class="mark">${told ? html`<${Shape} tone="good" />` : index + 1}</span>
+    ${steps.map(([name, given, change], index) => html`
+      <li key=${name} class=${index < at || given ? "done" : index === at ? "now" : ""} aria-current=${index === at ? "step" : undefined}>
+        <span class="mark">${given ? html`<${Shape} tone="good" />` : index + 1}</span>
         <div>
           <span class="what">${t(`start.${name}`)}</span>
-          ${told && html`<strong>${told}</strong>`}
-          ${name === "unit" && told && html`<span class="soft small">${station.title}</span>`}
-          ${told && index !== at && html`<button type="button" class="quiet narrow" onClick=${change}>${t("start.change")}<span class="unseen"> ${t(`start.${name}`)}</span></button>`}
-          ${name === "unit" && told && html`<${Neighbours} now=${now} station=${station} answer=${answer} />`}
+          ${given && html`<strong>${given}</strong>`}
+          ${name === "unit" && given && html`<span class="soft small">${station.title}</span>`}
+          ${given && index !== at && html`<button type="button" class="quiet narrow" onClick=${change}>${t("start.change")}<span class="unseen"> ${t(`start.${name}`)}</span></button>`}
+          ${name === "unit" && given && html`<${Neighbours} now=${now} station=${station} answer=${answer} />`}
         </div>
       </li>`)}
   </ol>`;

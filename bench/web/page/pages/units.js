@@ -53,10 +53,10 @@ function List({ found }) {
   </table></div>`;
 }
 
-export default function Units({ query: asked }) {
-  const [text, setText] = useState(asked.q ?? "");
-  const [standing, setStanding] = useState(asked.standing ?? "");
-  const [sort, setSort] = useState(asked.sort ?? "newest");
+export default function Units({ query: initial }) {
+  const [text, setText] = useState(initial.q ?? "");
+  const [standing, setStanding] = useState(initial.standing ?? "");
+  const [sort, setSort] = useState(initial.sort ?? "newest");
   const [most, setMost] = useState(PAGE);
   const [building, setBuilding] = useState(/** @type {{busy?: boolean, error?: Error}} */ ({}));
   const q = useRested(text, 150);

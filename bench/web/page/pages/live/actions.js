@@ -15,30 +15,30 @@ const SIGNS = {
 const Sign = ({ action }) => html`<svg class="sign" viewBox="0 0 24 24" aria-hidden="true">${SIGNS[action]}</svg>`;
 
 export function Actions({ run }) {
-  const [asked, setAsked] = useState("");
+  const [requested, setRequested] = useState("");
   const [error, setError] = useState(null);
   const [sure, setSure] = useState(false);
-  useEffect(() => setAsked((action) => (action === "abort" ? action : "")), [run.state]);
+  useEffect(() => setRequested((action) => (action === "abort" ? action : "")), [run.state]);
   if (!may("operator")) return null;
   const ask = async (action) => {
-    setAsked(action);
+    setRequested(action);
     setError(null);
     const [unit, folder] = run.run.split("/");
     try {
       await post(url`/live/${unit}/${folder}/${action}`);
-      if (action !== "abort") setAsked("");
+      if (action !== "abort") setRequested("");
     } catch (problem) {
       setError(problem);
-      setAsked("");
+      setRequested("");
     }
   };
   const reached = run.condition !== "gone";
-  const ending = asked === "abort" || run.state === "ending";
+  const ending = requested === "abort" || run.state === "ending";
   return html`<div class="actions" role="group" aria-label=${t("actions.label")}>
     <${Trouble} error=${error} />
     <div class="actions-row">
       ${!ending && (POSSIBLE[run.state] ?? []).map((action) => html`
-        <button type="button" key=${action} class=${action === "resume" ? "go" : ""} disabled=${!reached || asked !== ""} onClick=${() => ask(action)}>
+        <button type="button" key=${action} class=${action === "resume" ? "go" : ""} disabled=${!reached || requested !== ""} onClick=${() => ask(action)}>
           <${Sign} action=${action} /> ${t(action === "resume" && run.state === "pausing" ? "actions.go_on" : `actions.${action}`)}</button>`)}
       <span class="actions-gap soft">${ending ? t("actions.ending") : run.state === "pausing" ? t("actions.pausing") : run.state === "holding" ? t("actions.holding") : ""}</span>
       <button type="button" class="stop" disabled=${!reached || ending} onClick=${() => setSure(true)}><${Sign} action="abort" /> ${t("actions.abort")}</button>

@@ -86,10 +86,10 @@ export function Output({ run, trace, unit, index, height = 200, children }) {
   ];
   const point = pointed ?? data[0].length - 1;
   const [low, high] = [data[1][point], data[2][point]];
-  const told = low === null || low === undefined ? "–" : `${number(low, 1)} … ${number(high, 1)}`;
+  const range = low === null || low === undefined ? "–" : `${number(low, 1)} … ${number(high, 1)}`;
   return html`<section class="chart" aria-label=${`${t("live.output")} ${unit.serial}`}>
     <header><h2>${index === null ? t("live.output") : unit.serial} <small class="soft">${t("unit.dph")}</small></h2>
-      ${children}<${Legend} entries=${[{ name: t("live.envelope", { s: number(trace.every_s) }), tone, band: true, value: told }]} /></header>
+      ${children}<${Legend} entries=${[{ name: t("live.envelope", { s: number(trace.every_s) }), tone, band: true, value: range }]} /></header>
     <${Plot} label=${t("live.output_label", { serial: unit.serial, low: number(low, 1), high: number(high, 1) })}
       series=${series} bands=${bands} data=${data} version=${trace.version} span=${spanOf(run)} least=${0.5} height=${height} pointed=${setPointed} />
   </section>`;

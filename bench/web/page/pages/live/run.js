@@ -120,13 +120,13 @@ const UnitLine = ({ run, unit, index }) => html`<p class="unit-line figures">
 function Changes({ run }) {
   const tripped = (run.guards ?? []).filter((guard) => guard.state === "tripped").map(guardName).join(", ");
   const last = useRef({ state: run.state, segment: run.segment?.index, tripped });
-  const [said, setSaid] = useState("");
+  const [message, setMessage] = useState("");
   useEffect(() => {
     const before = last.current;
     last.current = { state: run.state, segment: run.segment?.index, tripped };
-    if (tripped && before.tripped !== tripped) setSaid(t("live.said_tripped", { guards: tripped }));
-    else if (before.state !== run.state) setSaid(stateWord(run));
-    else if (before.segment !== run.segment?.index) setSaid(`${t("live.segment", { index: run.segment.index + 1, of: run.segment.of })} ${segmentText(run.segment)}`);
+    if (tripped && before.tripped !== tripped) setMessage(t("live.said_tripped", { guards: tripped }));
+    else if (before.state !== run.state) setMessage(stateWord(run));
+    else if (before.segment !== run.segment?.index) setMessage(`${t("live.segment", { index: run.segment.index + 1, of: run.segment.of })} ${segmentText(run.segment)}`);
   }, [run.state, run.segment?.index, tripped]);
-  return html`<p class="unseen" role="status">${said}</p>`;
+  return html`<p class="unseen" role="status">${message}</p>`;
 }

@@ -9,21 +9,21 @@ const PAUSE_MS = 70;
 /** Rows of a filtered list, fetched one page at a time; `at(i)` is undefined until its page is loaded. */
 function useRows(query) {
   const [list, setList] = useState({ query: null, total: 0, matched: 0, pages: {}, failed: "" });
-  const asked = useRef({ query: null, pages: new Set() });
+  const requested = useRef({ query: null, pages: new Set() });
   const fetchPage = async (page) => {
-    if (asked.current.pages.has(page)) return;
-    asked.current.pages.add(page);
-    const mine = asked.current;
+    if (requested.current.pages.has(page)) return;
+    requested.current.pages.add(page);
+    const request = requested.current;
     try {
-      const found = await api.get(`/runs${api.query({ q: query, limit: PAGE, offset: page * PAGE })}`);
-      if (mine !== asked.current) return;
-      setList((old) => ({ query, total: found.total, matched: found.matched, failed: "", pages: { ...(old.query === query ? old.pages : {}), [page]: found.runs } }));
+      const answer = await api.get(`/runs${api.query({ q: query, limit: PAGE, offset: page * PAGE })}`);
+      if (request !== requested.current) return;
+      setList((old) => ({ query, total: answer.total, matched: answer.matched, failed: "", pages: { ...(old.query === query ? old.pages : {}), [page]: answer.runs } }));
     } catch (error) {
-      if (mine === asked.current) setList((old) => ({ ...old, failed: error.message }));
+      if (request === requested.current) setList((old) => ({ ...old, failed: error.message }));
     }
   };
   useEffect(() => {
-    asked.current = { query, pages: new Set() };
+    requested.current = { query, pages: new Set() };
     const timer = setTimeout(() => fetchPage(0), query ? PAUSE_MS : 0);
     return () => clearTimeout(timer);
   }, [query]);

@@ -101,13 +101,13 @@ function Bench({ session }) {
 
 /** Runs that the address names, so that a link or a reload shows the same. */
 const addressed = () => {
-  const asked = new URLSearchParams(location.search);
-  return ["fit", "check", "static"].flatMap((role) => asked.getAll(role === "fit" ? "run" : role).map((run) => ({ run, role, unit: unitOf(run) })));
+  const search = new URLSearchParams(location.search);
+  return ["fit", "check", "static"].flatMap((role) => search.getAll(role === "fit" ? "run" : role).map((run) => ({ run, role, unit: unitOf(run) })));
 };
 
 function remember(chosen) {
-  const asked = new URLSearchParams(chosen.map((one) => [one.role === "fit" ? "run" : one.role, one.run]));
-  const address = `${location.pathname}${chosen.length ? `?${asked}` : ""}`;
+  const search = new URLSearchParams(chosen.map((one) => [one.role === "fit" ? "run" : one.role, one.run]));
+  const address = `${location.pathname}${chosen.length ? `?${search}` : ""}`;
   if (address !== location.pathname + location.search) history.replaceState(history.state, "", address);
 }
 

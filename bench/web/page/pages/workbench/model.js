@@ -8,22 +8,22 @@ const optionsOf = ({ effect: _, ...options }) => Object.entries(options).map(([n
 /** Models of the library, fetched once; `again()` after one was saved. */
 function useModels() {
   const [models, setModels] = useState([]);
-  const again = () => api.get("/models").then((found) => setModels(found.models.filter((one) => one.model)), () => setModels([]));
+  const again = () => api.get("/models").then((known) => setModels(known.models.filter((one) => one.model)), () => setModels([]));
   useEffect(() => void again(), []);
   return { models, again };
 }
 
 function Save({ model, onSaved }) {
   const [name, setName] = useState("");
-  const [told, setTold] = useState(null);
+  const [message, setMessage] = useState(null);
   const save = async (event) => {
     event.preventDefault();
     try {
       await api.post("/models", { name, model: { ...model, name } });
-      setTold({ good: true, text: t("workbench.model.saved", { name }) });
+      setMessage({ good: true, text: t("workbench.model.saved", { name }) });
       onSaved();
     } catch (error) {
-      setTold({ good: false, text: error.message });
+      setMessage({ good: false, text: error.message });
     }
   };
   return html`<form class="wb-save" onSubmit=${save}>
@@ -32,7 +32,7 @@ function Save({ model, onSaved }) {
       <input id="wb-model-name" type="text" value=${name} placeholder="my_model" spellcheck=${false} autocomplete="off" onInput=${(event) => setName(event.target.value)} />
       <button type="submit" class="narrow" disabled=${!name.trim()}>${t("workbench.model.save")}</button>
     </div>
-    <p role="status" class=${told?.good ? "wb-good" : "wb-bad"}>${told ? `${told.good ? "✓" : "✕"} ${told.text}` : ""}</p>
+    <p role="status" class=${message?.good ? "wb-good" : "wb-bad"}>${message ? `${message.good ? "✓" : "✕"} ${message.text}` : ""}</p>
   </form>`;
 }
 
@@ -47,8 +47,8 @@ function Found({ fitted, effect }) {
 export function ModelPanel({ model, fitted, steps, busy, act }) {
   const { models, again } = useModels();
   const choose = (event) => {
-    const found = models.find((one) => one.name === event.target.value);
-    if (found) act({ type: "model", model: { ...found.model, name: found.name } });
+    const known = models.find((one) => one.name === event.target.value);
+    if (known) act({ type: "model", model: { ...known.model, name: known.name } });
   };
   return html`<section class="wb-card wb-model" aria-labelledby="wb-model-title">
     <div class="wb-card-head"><h2 id="wb-model-title">${t("workbench.model.title")}</h2>

@@ -81,16 +81,16 @@ export function useJob(path, body) {
   const [state, setState] = useState({ key: null, result: null, failed: "" });
   useEffect(() => {
     if (!key || answers.has(key)) return undefined;
-    let wanted = true;
+    let active = true;
     api.compute(path, body).then(
       (result) => {
         answers.set(key, result);
         if (answers.size > MOST_CACHED) answers.delete(answers.keys().next().value);
-        if (wanted) setState({ key, result, failed: "" });
+        if (active) setState({ key, result, failed: "" });
       },
-      (error) => wanted && setState({ key, result: null, failed: error.message || String(error) }),
+      (error) => active && setState({ key, result: null, failed: error.message || String(error) }),
     );
-    return () => { wanted = false; };
+    return () => { active = false; };
   }, [key]);
   const result = key ? answers.get(key) ?? null : null;
   const failed = !result && state.key === key ? state.failed : "";

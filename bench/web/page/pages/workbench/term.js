@@ -6,19 +6,19 @@ const PAUSE_MS = 250;
 /** Answer of POST /effects/formula for the content of the field; null while it is empty or being checked. */
 function useCheck(expression, bounds) {
   const [answer, setAnswer] = useState(null);
-  const asked = JSON.stringify([expression, bounds]);
+  const request = JSON.stringify([expression, bounds]);
   useEffect(() => {
     setAnswer(null);
     if (!expression.trim()) return undefined;
-    let wanted = true;
+    let active = true;
     const timer = setTimeout(() => {
       api.post("/effects/formula", Object.keys(bounds).length ? { expression, bounds } : { expression }).then(
-        (found) => wanted && setAnswer(found),
-        (error) => wanted && setAnswer({ ok: false, detail: error.message, parameters: [] }),
+        (found) => active && setAnswer(found),
+        (error) => active && setAnswer({ ok: false, detail: error.message, parameters: [] }),
       );
     }, PAUSE_MS);
-    return () => { wanted = false; clearTimeout(timer); };
-  }, [asked]);
+    return () => { active = false; clearTimeout(timer); };
+  }, [request]);
   return answer;
 }
 
