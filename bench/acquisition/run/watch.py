@@ -29,7 +29,9 @@ class Watch:
         if not isinstance(clock, WallClock):
             return
         station, path = self._station, self._recorder.run.path
-        self._watchdog = Watchdog(station.settings, path, clock.started_monotonic_ns, station.chamber.known)
+        self._watchdog = Watchdog(
+            station.settings, path, clock.started_monotonic_ns, station.chamber.known, station.claim
+        )
         self._watchdog.arm()
         pid = self._watchdog.pid
         self._recorder.event("watchdog", f"process {pid} watches over this run", pid=pid)
