@@ -30,7 +30,7 @@ def address(connection: Connection) -> str:
         return os.path.realpath(parts.path)
     host = parts.hostname
     with contextlib.suppress(OSError):
-        host = socket.getaddrinfo(host, None, family=socket.AF_INET)[0][4][0]
+        host = socket.gethostbyname(host)
     return f"{host}:{parts.port or 502}/{connection.device}"
 
 
