@@ -11,7 +11,9 @@ from bench.acquisition.run.rehearsal import rehearse
 from bench.cli import main
 from tests.support import acquisition
 
-SOAK = "name: p\nsegments:\n  - {{kind: soak, duration_min: {}}}\n  - {{kind: ramp, to_degc: 25, rate_degc_per_min: 2}}\n"
+SOAK = (
+    "name: p\nsegments:\n  - {{kind: soak, duration_min: {}}}\n  - {{kind: ramp, to_degc: 25, rate_degc_per_min: 2}}\n"
+)
 DBC = """VERSION ""
 NS_ :
 BS_:
@@ -76,7 +78,9 @@ def test_the_dbc_is_read_and_two_messages_with_one_identifier_are_one_line(tmp_p
     units = [{**acquisition.station_content()["units"][0], "gyro": str(tmp_path / "two.dbc")}]
     answer = check(tmp_path, SOAK.format(1), units=units)
     assert answer.exit_code == 2
-    text = f"bench: DBC {tmp_path / 'two.dbc'}: OUT and AGAIN have the same identifier 0x64; give each message its own\n"
+    text = (
+        f"bench: DBC {tmp_path / 'two.dbc'}: OUT and AGAIN have the same identifier 0x64; give each message its own\n"
+    )
     assert answer.stderr == text
 
 
