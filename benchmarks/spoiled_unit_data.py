@@ -224,7 +224,7 @@ def cases(seed: int) -> list[Case]:
     return found
 
 
-class _Wire:
+class Wire:
     """Stands between the simulated unit and its bus."""
 
     def __init__(self, bus: Any, case: Case, seed: int) -> None:
@@ -248,7 +248,7 @@ def _spoiled(case: Case, seed: int) -> Iterator[None]:
     def spoiled(*args: Any, **options: Any) -> SimulatedStation:
         world = simulate(*args, **options)
         for unit in world.units:
-            unit.wire.bus = _Wire(unit.wire.bus, case, seed)
+            unit.wire.bus = Wire(unit.wire.bus, case, seed)
         advance = world.advance
 
         def shown(t0_s: float, t1_s: float) -> None:

@@ -6,6 +6,7 @@ up to 64 bits at any position in either byte order: integers, floats, multiplexe
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -254,6 +255,7 @@ def read_layouts(path: Path) -> dict[str, Message]:
     """Messages of any file that cantools reads, by name; ConfigError when it cannot."""
     import cantools  # slow to import; a station without CAN never needs it
 
+    logging.getLogger("cantools").addHandler(logging.NullHandler())  # what is wrong is said once, by us
     try:
         database: Any = cantools.database.load_file(path, strict=True)
     except OSError as error:
@@ -263,6 +265,14 @@ def read_layouts(path: Path) -> dict[str, Message]:
         raise ConfigError(f"DBC {path}: {' '.join(str(error).split())}") from error
     if not isinstance(database, cantools.database.Database):
         raise ConfigError(f"DBC {path}: describes diagnostics, not frames")
+    seen: dict[tuple[int, bool], str] = {}
+    for message in database.messages:
+        other = seen.setdefault((message.frame_id, message.is_extended_frame), message.name)
+        if other != message.name:
+            text = f"{other} and {message.name} have the same identifier 0x{message.frame_id:X}"
+            raise ConfigError(f"DBC {path}: {text}; give each message its own")
+    if len({message.name for message in database.messages}) < len(database.messages):
+        raise ConfigError(f"DBC {path}: two messages have the same name; give each its own")
     return {message.name: _message(message) for message in database.messages}
 
 

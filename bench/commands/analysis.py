@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bench.base import BenchError, InputError
 from bench.commands.results.analyse import Compared, ComparedSamples, Imported, Reported
 from bench.commands.results.live import Recovered
-from bench.record import MANIFEST, RunFolder, open_run
+from bench.record import MANIFEST, RunFolder, clear_partial, open_run
 
 if TYPE_CHECKING:
     from bench.analysis import Limits, Model
@@ -54,12 +54,19 @@ def resume(path: Path) -> Recovered:
 
 
 def recover(path: Path) -> RunFolder:
-    """The run folder at `path`, its tables made from the journals when the bench was killed before it could."""
+    """The run folder at `path`, its tables made from the journals when the bench was killed before it could.
+
+    What the killed process left beside them goes: the file by which it was reached, and files that it wrote in part.
+    """
     folder = RunFolder(path)
     if path.is_dir() and not (path / MANIFEST).exists() and any(folder.journal.glob("*.gtbj")):
-        from bench.acquisition import assemble
+        from bench.acquisition import LIVE, assemble, live_at
 
         assemble(folder)
+        live = live_at(path)
+        if live is None or live.condition() == "gone":
+            (path / LIVE).unlink(missing_ok=True)
+            clear_partial(path)
     return open_run(path)
 
 

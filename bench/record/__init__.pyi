@@ -9,6 +9,7 @@ from .events import EVENTS as EVENTS
 from .events import Events as Events
 from .events import read_events as read_events
 from .events import write_events as write_events
+from .files import clear_partial as clear_partial
 from .files import copy_whole as copy_whole
 from .files import sha256 as sha256
 from .files import share as share

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import tempfile
 from pathlib import Path
+
+_PARTIAL = re.compile(r"\..+\.(?:json|jsonl|yaml|html|parquet|gtbj|pdf)\.(?:part|[a-z0-9_]{8})")
+"""Names of files that are not whole yet, as `write_atomically` and `copy_whole` give them."""
 
 
 def write_atomically(path: Path, data: bytes) -> None:
@@ -27,6 +31,13 @@ def write_atomically(path: Path, data: bytes) -> None:
         os.fsync(folder)  # the new name, too, survives a power cut
     finally:
         os.close(folder)
+
+
+def clear_partial(folder: Path) -> None:
+    """Remove what killed writers left in a folder: files that have no name of their own yet."""
+    for file in folder.iterdir():
+        if _PARTIAL.fullmatch(file.name):
+            file.unlink(missing_ok=True)
 
 
 def share(source: Path, target: Path) -> bool:

@@ -28,11 +28,14 @@ from bench.acquisition.station.settings.faults import PANEL
 from bench.base import config
 from bench.base.errors import BenchError
 from bench.record.folder import RunFolder
+from benchmarks.spoiled_unit_data import Case as Spoiling
+from benchmarks.spoiled_unit_data import Wire
 from drivers.errors import DriverError
 from drivers.journal import Damage, Kind, read_blocks
 from drivers.sim.cia402_table import SimulatedTable
 from drivers.wire import load_dbc
 from tests.acquisition.test_runner import SCRIPT, start  # noqa: F401
+from tests.acquisition.test_spoiled_unit_data import Twin
 from tests.acquisition.test_turning import RATES
 from tests.acquisition.test_turning import job as table_job
 from tests.acquisition.test_turning import station as table_station
@@ -245,6 +248,28 @@ def tear(run, at):
         os.truncate(journal, at(journal.stat().st_size))
 
 
+def spoiled(kind, length_s, text):
+    def run(lab, case):
+        before = bench.acquisition.station.station.simulate
+
+        def simulate(*args):
+            world = before(*args)
+            for unit in world.units:
+                wire = Twin(unit.wire.bus, 0) if kind == "twin" else Wire(unit.wire.bus, Spoiling(kind, length_s), 1)
+                unit.wire.bus = wire
+            return world
+
+        lab.patch.setattr(bench.acquisition.station.station, "simulate", simulate)
+        return lab.run(lab.job(case, text))
+
+    return run
+
+
+def removed(lab, case):
+    outcome = lab.run(lab.job(case, LONG), once(lambda station: shutil.rmtree(lab.path / "out")))
+    return Outcome([], outcome.exit_code, outcome.said, outcome.chamber)
+
+
 def power_cut(lab, case):
     """The journals as they stood at some byte: torn at random; the last one is resumed."""
     rng = np.random.default_rng(5)
@@ -341,6 +366,7 @@ HOW = {
     "killed_real": real(signal.SIGKILL),
     "hangs": real(signal.SIGSTOP),
     "power_cut": power_cut,
+    "removed": removed,
     "disk_full": disk_full,
     "tables_full": tables_full,
     "disk_low": disk_low,
@@ -402,7 +428,10 @@ def check_data(case: Case, run, losses):
 @pytest.mark.parametrize("case", MATRIX, ids=lambda case: f"{case.group}: {case.name}")
 @pytest.mark.slow
 def test_fault(lab, case):
-    outcome = HOW[case.how](lab, case)
+    how = HOW.get(case.how) or spoiled(
+        case.how.removeprefix("spoiled: "), *((6.0, PROFILE) if case.state == "done" else (1e9, LONG))
+    )
+    outcome = how(lab, case)
     assert outcome.exit_code == case.exit_code, outcome.said
     assert re.search(case.cause, outcome.said), outcome.said
     if case.safe is not False and outcome.chamber is not None and case.safe is not None:

@@ -73,4 +73,4 @@ def test_a_run_that_was_resumed_is_registered(profile, tmp_path):
         (killed / name).unlink()
     assert bench("resume", killed, "--json").exit_code in (0, 1)
     listed = json.loads(bench("registry", "list", "--out", tmp_path / "killed", "--json").stdout)
-    assert [row["run"] for row in listed["runs"]] == [run.name]
+    assert [row["path"] for row in listed["runs"]] == [f"SIM-0001/{run.name}"]

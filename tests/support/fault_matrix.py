@@ -202,6 +202,41 @@ UNITS = (
          cause="sample counter gone wild"),
 )  # fmt: skip
 
+
+def wrong(
+    name: str,
+    how: str,
+    event: str,
+    data: str = "6 s left out and counted; the record is not complete",
+    losses: str = "about 3000",
+) -> Case:
+    """Data of the unit that are no measurements for 6 s, which the run survives."""
+    return Case("Unit data", f"{name}, for 6 s", "done", 0, f"left_out: {event}", data, (), {"invalid": losses},
+                how=f"spoiled: {how}")  # fmt: skip
+
+
+UNIT_DATA = (
+    wrong("fault code in its status", "status 3", "Status = 3: 3000 samples left out, 50.0 to 56.0 s"),
+    wrong("not valid by its own word (`RateValid` = 0)", "RateValid 0", "RateValid = 0: 3000 samples"),
+    wrong("its own compensation switched on", "CompensationActive 1", "the unit corrects its rate: 3000 samples"),
+    wrong("rate at the end of its range", "rate 7FFFFFFF", "rate outside its range: 3000 samples"),
+    wrong("rate that repeats bit for bit", "rate frozen", "rate frozen: 3000 samples"),
+    wrong("temperature 20 degC higher from one sample to the next", "temperature + 20",
+          "temperature moves faster than it can", losses="some"),
+    wrong("temperature that repeats bit for bit", "temperature frozen", "temperature frozen", losses="some"),
+    wrong("no temperature frames", "temperature missing", "no temperature", losses="some"),
+    wrong("heartbeat says that it is stopped", "heartbeat stopped", r"State = 4 .stopped.*samples left out",
+          losses="some"),
+    wrong("no heartbeat", "heartbeat missing", "no heartbeat: .* samples left out", losses="some"),
+    Case("Unit data", "temperature 20 degC higher for good", "aborted", 3, "guard: unit not believed: unit_doubted_s",
+         "left out from the jump on", (), {"invalid": "some"}, how="spoiled: temperature + 20", cause="not believed"),
+    Case("Unit data", "temperature 160 degC", "aborted", 3, "guard: unit too hot: unit_temperature = 160",
+         "left out from the jump on", (), {"invalid": "some"}, how="spoiled: temperature 160", cause="unit too hot"),
+    Case("Unit data", "a second unit with the same serial number and the same counter", "failed", 4,
+         "unit: two units with this number", "left out from 10 s before it is certain", (),
+         {"invalid": "some", "repeated": "some"}, how="spoiled: twin", cause="came twice, with different values"),
+)  # fmt: skip
+
 TABLE = (
     Case("Rate table", "fault of the drive", "failed", 4, "end: drive fault 0x8611", "whole to the end of the run",
          how="drive_fault"),
@@ -228,11 +263,13 @@ BENCH = (
          how="disk_full", cause="cannot record"),
     Case("Bench", "disk full for the tables", "failed", 4, "end: end of profile",
          "in the journals; `bench report` makes the tables later", how="tables_full", cause="cannot record"),
+    Case("Bench", "run folder removed", "refused", 4, "", "none: the folder is gone", how="removed",
+         cause="the run folder .* was removed while the run was under way"),
     Case("Bench", "disk nearly full", "aborted", 3, "guard: disk nearly full", "whole", how="disk_low"),
     Case("Bench", "calendar clock jumps by a day", "done", 0, "", "whole: bench time is monotonic", how="clock_jump"),
 )  # fmt: skip
 
-MATRIX = (*CHAMBER, *CAN, *UNITS, *TABLE, *BENCH)
+MATRIX = (*CHAMBER, *CAN, *UNITS, *UNIT_DATA, *TABLE, *BENCH)
 
 INTRODUCTION = """\
 # Faults and their outcomes

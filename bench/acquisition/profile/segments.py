@@ -9,7 +9,8 @@ from pydantic import BaseModel, Field, model_validator
 from bench.base import STRICT
 
 Degc = Annotated[float, Field(ge=-273.15, le=1000)]
-Rate = Annotated[float, Field(gt=0, le=100)]
+Rate = Annotated[float, Field(ge=0.001, le=100)]
+"""Of a ramp [degC/min]; the slowest takes half a day for one degree."""
 Minutes = Annotated[float, Field(ge=0, le=100_000)]
 Positive = Annotated[float, Field(gt=0, le=100_000)]
 Turn = Annotated[float, Field(ge=-10_000, le=10_000)]

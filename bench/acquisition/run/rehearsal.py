@@ -5,12 +5,13 @@ It tells how long a profile takes on a chamber that cannot always follow, and wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, cast
 
 from bench.acquisition.profile.guards import Guards, Signal, guards_of
-from bench.acquisition.profile.profile import Profile
+from bench.acquisition.profile.profile import Leg, Profile
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.sequencer import Sequencer
 from bench.acquisition.run.signals import told_by
@@ -20,11 +21,17 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.base import BenchError
 from drivers.chamber import ChamberReading
 from drivers.clock import SimClock
+from drivers.gyro import GyroDecoder
 from drivers.registers import load_map
 from drivers.sim.plant import Plant, PlantParameters
 
 if TYPE_CHECKING:
     from bench.acquisition.station.station import Station
+
+
+SOAK_S = 4 * 3600.0
+"""After so long nothing moves any more."""
+LONGEST_S = 3 * 86_400.0
 
 
 class _Chamber:
@@ -104,15 +111,44 @@ class _NoRecorder:
 def rehearse(profile: Profile, settings: StationSettings) -> Sequence[SegmentResult]:
     """Segments as the plant model would run them, in bench time [s].
 
-    InputError for a guard on a signal that the controller of this station never tells.
+    InputError for a guard on a signal that the controller of this station never tells; ConfigError for a gyro's DBC
+    that cannot be used. Of a soak no more than `SOAK_S` is modelled; a profile that is still longer than `LONGEST_S`
+    has the times that it says itself.
     """
+    for unit in settings.units:
+        GyroDecoder(unit.gyro, unit.number)
     standing = [one.guard for one in settings.standing_guards()]
     guards_of(settings.guards, profile.guards, told_by(load_map(settings.chamber.map)), standing=standing)
     sequencer = Sequencer(cast("Station", _Bench(settings)), Guards(()), cast(Recorder, _NoRecorder()), Wiring())
+    legs = profile.legs()
+    skipped = [max(leg.duration_s - SOAK_S, 0.0) if leg.kind == "soak" else 0.0 for leg in legs]
+    if sum(leg.nominal_s for leg in legs) - sum(skipped) > LONGEST_S:
+        return [_nominal(leg) for leg in legs]
+    shorter = [replace(leg, duration_s=leg.duration_s - less) for leg, less in zip(legs, skipped, strict=True)]
     try:
         sequencer.check_before_start()
         sequencer.start_chamber()
-        sequencer.run(profile.legs())
+        sequencer.run(shorter)
     except BenchError:
         pass  # the results say how far it came
-    return sequencer.results
+    return [*_lengthened(sequencer.results, skipped)]
+
+
+def _lengthened(results: Sequence[SegmentResult], skipped: Sequence[float]) -> Iterator[SegmentResult]:
+    """The segments with what was left out of them; the last may be the way home, which is no leg."""
+    later = 0.0
+    for result, less in zip_longest(results, skipped[: len(results)], fillvalue=0.0):
+        assert isinstance(result, SegmentResult)
+        more = less if isinstance(less, float) and result.outcome == "done" else 0.0
+        yield replace(result, from_s=result.from_s + later, to_s=result.to_s + later + more)
+        later += more
+
+
+def _nominal(leg: Leg) -> SegmentResult:
+    """A leg as the profile says it."""
+    end_s = leg.nominal_start_s + leg.nominal_s
+    text = "the times of the profile itself: it is too long to be rehearsed"
+    rate = leg.rate_degc_per_min
+    return SegmentResult(
+        leg.index, leg.name, leg.kind, leg.nominal_start_s, end_s, leg.target_degc, rate, leg.direction, "done", text
+    )

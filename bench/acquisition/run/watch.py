@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 from bench.acquisition.recording.recorder import Recorder
+from bench.acquisition.run.standstill import Standstill
 from bench.acquisition.station.station import Station
 from bench.acquisition.station.watchdog import Watchdog
 from bench.base import EquipmentError
@@ -17,6 +18,7 @@ class Watch:
     def __init__(self, station: Station, recorder: Recorder) -> None:
         self._station, self._recorder = station, recorder
         self._watchdog: Watchdog | None = None
+        self._standstill = Standstill(recorder.event)
 
     @property
     def over(self) -> bool:
@@ -29,13 +31,17 @@ class Watch:
         if not isinstance(clock, WallClock):
             return
         station, path = self._station, self._recorder.run.path
-        self._watchdog = Watchdog(station.settings, path, clock.started_monotonic_ns, station.chamber.known)
+        self._watchdog = Watchdog(
+            station.settings, path, clock.started_monotonic_ns, station.chamber.known, station.claim
+        )
         self._watchdog.arm()
         pid = self._watchdog.pid
         self._recorder.event("watchdog", f"process {pid} watches over this run", pid=pid)
 
     def beat(self) -> None:
-        """The bench is alive. EquipmentError when the watchdog is not."""
+        """The bench is alive, and says when it stood still. EquipmentError when the watchdog is not."""
+        if isinstance(self._station.clock, WallClock):
+            self._standstill.tick(self._station.clock.now())
         if self._watchdog is not None:
             self._watchdog.beat()
 

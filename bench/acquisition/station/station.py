@@ -14,6 +14,7 @@ from pathlib import Path
 import can
 
 from bench.acquisition.recording.recorder import Recorder
+from bench.acquisition.station.claim import claimed
 from bench.acquisition.station.fault_injection import TIMEOUT_S, FaultInjection
 from bench.acquisition.station.links import Link
 from bench.acquisition.station.rate_table import open_table, simulate_table
@@ -64,6 +65,8 @@ class Opened:
     """Those that live inside this process."""
     turntable: Turntable | None = None
     """The rate table that the units are on, where there is one."""
+    claim: int | None = None
+    """Descriptor of the claim on the chamber of a real station."""
     injection: FaultInjection | None = None
     """What goes wrong in a simulated station on purpose."""
     records: Records = field(default_factory=Records)
@@ -96,7 +99,7 @@ class Station:
         self.everyone = tuple(LiveUnit(unit, clock) for unit in units)
         self.units = list(self.everyone)
         self.dropped: list[Dropped] = []
-        self.injection = opened.injection
+        self.injection, self.claim = opened.injection, opened.claim
         self.turntable = opened.turntable
         self.buses = opened.buses
         self.local_buses, self._records = opened.local_buses, opened.records
@@ -243,6 +246,7 @@ def open_station(
     """
     registers = load_map(settings.chamber.map)
     injection: FaultInjection | None = None
+    claim: int | None = None
     records = Records()
     with ExitStack() as stack:
         clock: Clock
@@ -262,6 +266,7 @@ def open_station(
             clock, buses = WallClock(start_s), settings.buses
             assert settings.chamber.connection is not None  # checked with the file
             connection = settings.chamber.connection
+            claim = stack.enter_context(claimed(connection))
         link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
         stack.enter_context(closing(link))
         local_buses: dict[str, can.BusABC] = {}
@@ -273,7 +278,7 @@ def open_station(
                     bus = injection.around(name, bus, unit)
                 local_buses[name] = bus
         turntable = open_table(settings, clock, buses, stack, records)
-        opened = Opened(buses, local_buses, turntable, injection, records)
+        opened = Opened(buses, local_buses, turntable, claim, injection, records)
         station = Station(settings, clock, link, registers, units, opened)
         station.chamber.identify()
         stack.callback(station.stop_capture)

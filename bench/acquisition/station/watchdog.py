@@ -46,11 +46,17 @@ class Watchdog:
     """The bench's end: started before anything moves, told at every tick that the bench is alive."""
 
     def __init__(
-        self, settings: StationSettings, folder: Path, started_monotonic_ns: int, known: Known | None = None
+        self,
+        settings: StationSettings,
+        folder: Path,
+        started_monotonic_ns: int,
+        known: Known | None = None,
+        claim: int | None = None,
     ) -> None:
         """Start the process and wait until it is ready; EquipmentError when it is not.
 
         `known` is what the chamber's controller said at the start, for the case that its answers make no sense later.
+        `claim`: descriptor of the claim on the chamber, which the watchdog keeps when the bench is killed.
         """
         task = {
             "station": settings.model_dump(mode="json"),
@@ -63,6 +69,7 @@ class Watchdog:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
+            pass_fds=() if claim is None else (claim,),
         )
         self._say(json.dumps(task))
         ready, _, _ = select.select([self._out], [], [], READY_S)
