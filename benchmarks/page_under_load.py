@@ -17,6 +17,7 @@ import asyncio
 import contextlib
 import json
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -276,6 +277,7 @@ def main() -> int:
     if arguments.attack:
         asyncio.run(attack(*arguments.attack, arguments.token, arguments.connections))
         return 0
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # what was started ends with the campaign
     outcomes = campaign(cases(arguments.connections), arguments.out)
     wrong = [outcome for outcome in outcomes if outcome.wrong]
     figures = {
