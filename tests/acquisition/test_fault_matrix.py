@@ -419,7 +419,7 @@ def check_data(case: Case, run, losses):
         ended_s = AT_S if stops else next(event["t_s"] for event in run.events() if event["kind"] == "end")
         assert heard[0] < 1.0
         assert heard[-1] == pytest.approx(ended_s, abs=2.0), "data end with the run"
-    if len(heard) and case.how != "power_cut":
+    if len(heard) and case.how != "power_cut" and not case.data.startswith("left out from"):
         sent = round((heard[-1] - heard[0]) * RATE_HZ) + 1
         missing = losses["lost"] + losses["late"] + losses["invalid"]
         assert abs(sent - len(heard) - missing) <= 1 + losses["resets"], "samples are missing and not counted"

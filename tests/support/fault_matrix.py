@@ -211,8 +211,9 @@ def wrong(
     losses: str = "about 3000",
 ) -> Case:
     """Data of the unit that are no measurements for 6 s, which the run survives."""
-    return Case("Unit data", f"{name}, for 6 s", "done", 0, f"left_out: {event}", data, (), {"invalid": losses},
-                how=f"spoiled: {how}")  # fmt: skip
+    counted = {"invalid": losses} | ({"slow_lost": "some"} if how == "temperature missing" else {})
+    event = f"left_out: {event}"
+    return Case("Unit data", f"{name}, for 6 s", "done", 0, event, data, (), counted, how=f"spoiled: {how}")
 
 
 UNIT_DATA = (
