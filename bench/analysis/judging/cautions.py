@@ -84,6 +84,7 @@ def _of_data(done: Completeness) -> Iterator[str]:
         shown = ", ".join(f"{clock(a)} to {clock(b)}" for a, b in done.gaps_s[:_SHOWN_GAPS])
         more = f" and {len(done.gaps_s) - _SHOWN_GAPS} more" if len(done.gaps_s) > _SHOWN_GAPS else ""
         yield f"no sample at {shown}{more}; nothing was filled in"
+    yield from done.lacking()
     yield from short_branches(done)
 
 

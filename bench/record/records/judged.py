@@ -71,6 +71,10 @@ class VerificationRecord(Record):
     """Without limits: the rule that took their place."""
     refusals: tuple[str, ...] = ()
     limits: Judged | None = None
+    data: dict[str, Any] | None = None
+    """Samples of the run that are there, lost, missing and left out …"""
+    calibration_data: dict[str, Any] | None = None
+    """… and of the calibration run."""
     in_unit: dict[str, Any] = Field(default_factory=dict)
     """What was in the unit."""
     calibration_run: str | None = None
