@@ -23,7 +23,7 @@ from bench.base.errors import InputError
 from bench.deliver.report.sections_run import losses
 from bench.record import Capture, Dataset, UnitClock, load
 from tests.support.report_runs import clean, disturbed, looped, quick
-from tests.support.run_folders import ARW, CYCLE, UNIT, make_run, ramp_run, truth_dph
+from tests.support.run_folders import ARW, CYCLE, UNIT, keep, make_run, ramp_run, truth_dph
 
 
 @pytest.fixture(scope="module")
@@ -230,10 +230,9 @@ def test_means_that_were_changed_after_the_run_are_noticed(tmp_path: Path) -> No
     run = make_run(tmp_path / "changed", **ramp_run())
     recorded = json.loads((run / "manifest.json").read_text())
     recorded["files"]["means.parquet"] = "0" * 64
-    (run / "manifest.json").write_text(json.dumps(recorded))
-    analysis = quick(run)
-    assert "means.parquet is not the file that was recorded" in analysis.warnings[0]
-    assert not analysis.within_limits
+    keep(run, "manifest.json", recorded)
+    with pytest.raises(InputError, match=r"means\.parquet: is not the file that was recorded: its SHA-256 is .* 0{64}"):
+        quick(run)
 
 
 def test_the_diagnosis_names_the_loop_that_was_put_in_and_becomes_the_verdict(whole: Analysis) -> None:

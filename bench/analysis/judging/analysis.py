@@ -66,7 +66,7 @@ class Analysis:
         if self.judgement is not None:
             return self.judgement.verdict.within
         proven = self.best is not None and bool(np.isfinite(self.best.held_out.rms_dph))
-        whole = self.done.whole and not self.done.lost and not self.done.altered and not self.others
+        whole = self.done.whole and not self.done.lost and not self.others
         return whole and not any(self.done.lacking()) and proven and self.admissible
 
     @property

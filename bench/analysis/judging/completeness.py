@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from bench.analysis.thresholds import LONGEST_GAP_S, MOST_LEFT_OUT, MOST_MISSING_PPM
 from bench.base import clock, finite, number
-from bench.record import Capture, Dataset, ExecutedSegment, LeftOut, Manifest, RunFolder, UnitClock, sha256
+from bench.record import Capture, Dataset, ExecutedSegment, LeftOut, Manifest, RunFolder, UnitClock, use
 
 SAMPLES = ("lost", "slow_lost")
 CAUSES = ("corrupt", "late", "invalid")
@@ -45,8 +45,6 @@ class Completeness:
     capture: Capture | None = None
     left_out: tuple[LeftOut, ...] = ()
     """What of the record is no measurement, by reason."""
-    altered: tuple[str, ...] = ()
-    """Files whose hash is not the manifest's."""
     between_s: tuple[tuple[float, float], ...] = ()
     """Gaps between the parts of a resumed run, which are judged by themselves."""
     rate_hz: float | None = None
@@ -146,7 +144,11 @@ class Completeness:
 
 
 def completeness(run: RunFolder, manifest: Manifest, base: Dataset | None) -> Completeness:
-    """Completeness of a run folder; `base` are its 1 s means, None without them."""
+    """Completeness of a run folder; `base` are its 1 s means, None without them.
+
+    InputError where the tables are not those that were recorded.
+    """
+    use(run.path, run.means.name, run.data.name)
     known = Completeness(
         state=manifest.state,
         cause=manifest.cause,
@@ -155,7 +157,6 @@ def completeness(run: RunFolder, manifest: Manifest, base: Dataset | None) -> Co
         unit_clock=manifest.unit_clock,
         capture=manifest.capture,
         left_out=manifest.left_out,
-        altered=_altered(run, manifest),
         between_s=tuple(_between(manifest)),
         rate_hz=manifest.sample_rate_hz,
     )
@@ -179,7 +180,7 @@ def _samples(run: RunFolder, base: Dataset, rate_hz: float | None) -> tuple[int,
     """Unit samples present, and missing between the first and the last of the 500 Hz table."""
     counted = int(base.count("rate").sum())
     try:
-        with pq.ParquetFile(run.data) as table:
+        with pq.ParquetFile(run.data, page_checksum_verification=True) as table:
             groups = range(table.num_row_groups)
             first, last = _edge(table, groups, 0), _edge(table, reversed(groups), -1)
     except (OSError, pa.ArrowException):  # no table, or a damaged one: the means still say how many there are
@@ -214,10 +215,3 @@ def _between(manifest: Manifest) -> Iterator[tuple[float, float]]:
     for gap in (part.gap for part in manifest.parts):
         if gap is not None and gap.from_s is not None and gap.to_s is not None:
             yield gap.from_s, gap.to_s
-
-
-def _altered(run: RunFolder, manifest: Manifest) -> tuple[str, ...]:
-    """The table that the report rests on, if it is not what was recorded (the 500 Hz record is too big to check)."""
-    recorded = manifest.files.get(run.means.name)
-    altered = recorded is not None and run.means.is_file() and recorded != sha256(run.means)
-    return (run.means.name,) if altered else ()

@@ -31,11 +31,13 @@ from bench.record import (
     DiagnosisRecord,
     LimitsRecord,
     Manifest,
+    Record,
     RunFolder,
     averaged,
     load,
+    put,
     seconds_of,
-    write_atomically,
+    use,
 )
 
 BASELINES = 3
@@ -63,6 +65,7 @@ def analyse(
     """
     run = RunFolder(Path(run_folder))
     manifest = run.manifest()
+    use(run.path, run.means.name, run.data.name)
     checks = [load(_of_unit(folder, manifest, "check"), interval_s) for folder in check]
     isothermal = None if static is None else _of_unit(static, manifest, "isothermal")
     calm = None if isothermal is None else seconds_of(isothermal)
@@ -178,12 +181,14 @@ def _write(result: Analysis) -> None:
     folder = result.run.path
     answer = result.to_json()
     compared = result.comparison.to_json() if result.comparison else {"runs": [folder.name], "models": []}
-    ComparisonRecord.model_validate({**compared, "verdict": answer["verdict"]}).write(folder)
+    made: list[Record] = [ComparisonRecord.model_validate({**compared, "verdict": answer["verdict"]})]
     content = calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
     content["quantities"] = [quantity.to_json() for quantity in quantities(result)]
     content["refusals"] = list(refusals(result))
-    CalibrationRecord.model_validate(content).write(folder)
+    made.append(CalibrationRecord.model_validate(content))
     if result.diagnosed.answer is not None:
-        DiagnosisRecord.model_validate(result.diagnosed.answer.to_json()).write(folder)
+        made.append(DiagnosisRecord.model_validate(result.diagnosed.answer.to_json()))
+    files = {record.FILE: record.text().encode() for record in made}
     if result.diagnosed.profile_yaml:
-        write_atomically(folder / NEXT_PROFILE, result.diagnosed.profile_yaml.encode())
+        files[NEXT_PROFILE] = result.diagnosed.profile_yaml.encode()
+    put(folder, files, [Manifest.FILE])

@@ -10,7 +10,7 @@ import numpy as np
 from bench.analysis.diagnosis.compare import Score
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
-from bench.analysis.judging.cautions import altered, short_branches, unproven
+from bench.analysis.judging.cautions import short_branches, unproven
 from bench.analysis.judging.limits import Limits
 from bench.analysis.judging.stored import objections_to
 from bench.analysis.thresholds import MOST_LOOP_RATIO, MOST_STEP_SHARE
@@ -30,7 +30,6 @@ def _of_run(analysis: Analysis, limits: Limits | None) -> Iterator[str]:
     if not done.ended:
         failed = f", {len(done.failed)} of its segments failed" if done.failed else ""
         yield f"the run is not complete: {done.state}{f' ({done.cause})' if done.cause else ''}{failed}"
-    yield from altered(done)
     yield from done.lacking(() if limits is None else limits.quantities)
     yield from analysis.others
     if not all(gap.admissible for gap in analysis.gaps):

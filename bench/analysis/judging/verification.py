@@ -19,9 +19,10 @@ from bench.analysis.judging.limits import Limits, Quantity, Verdict, judge_limit
 from bench.analysis.judging.quantities import of_data
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.analysis.thresholds import VERIFIED_RATIO
-from bench.base import Document, InputError, finite, read_text
-from bench.record import CalibrationRecord, Dataset, RunFolder, VerificationRecord, averaged, seconds_of
+from bench.base import Document, InputError, finite, read_yaml
+from bench.record import CalibrationRecord, Dataset, RunFolder, VerificationRecord, averaged, seconds_of, use
 
+_NAMING = {"name", "description"}
 _MEASURED = {
     "residual_rms_dph",
     "residual_peak_dph",
@@ -109,12 +110,21 @@ class Verification:
 
 
 def refuse_same_profile(profile: Document, calibration: Path | None) -> None:
-    """InputError where the profile is the one that the calibration was fitted to."""
-    known = None if calibration is None else calibration / "profile.yaml"
-    if known is not None and known.is_file() and read_text(known) == profile.text:
+    """InputError where the profile is the one that the calibration was fitted to, whatever it is called there."""
+    if calibration is None:
+        return
+    known = calibration / "profile.yaml"
+    use(calibration, known.name)
+    if known.is_file() and _steps(read_yaml(known)) == _steps(profile):
         raise InputError(
             f"is the profile of the calibration run {known.parent.name}; verify with another one", profile.file
         )
+
+
+def _steps(profile: Document) -> Any:
+    """What a profile does: without comments, name and description."""
+    content = profile.content
+    return {k: v for k, v in content.items() if k not in _NAMING} if isinstance(content, dict) else content
 
 
 def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, serials: Mapping[str, Any]) -> Verification:

@@ -41,8 +41,8 @@ from bench.record import (
     VerificationRecord,
     averaged,
     load,
+    prove,
     seconds_of,
-    sha256,
 )
 
 LEAST_COVERED = 0.5
@@ -123,13 +123,14 @@ def gather(
     """The evidence for a certificate; InputError, one line, where no certificate may be made."""
     run = RunFolder(folder)
     manifest = run.manifest()
+    prove(folder)
     source = source_of(folder)
     stored = CalibrationRecord.read(folder)
     if stored.quantities is None:
         raise InputError(f"an older bench wrote this file; {stored.ADVICE}", folder / stored.FILE)
     _refuse(folder, (*stored.refusals, *source.objections))
     _refuse_lost(run, manifest)
-    _refuse_altered(run, manifest)
+    _refuse_unlisted(run, manifest)
     done = _complete(run, manifest, limits)
     refuse_overdue(instruments, day(manifest), folder)
     verified = None if verification is None else _verify(RunFolder(verification), manifest, source, limits)
@@ -190,15 +191,9 @@ def _refuse_lost(run: RunFolder, manifest: Manifest) -> None:
         _refuse(run.path, [f"the run is '{manifest.state}'; a certificate needs one that the bench completed"])
 
 
-def _refuse_altered(run: RunFolder, manifest: Manifest) -> None:
+def _refuse_unlisted(run: RunFolder, manifest: Manifest) -> None:
     if not manifest.files:
         _refuse(run.path, ["the manifest names no files: nothing proves what was recorded"])
-    altered = [
-        name
-        for name, digest in manifest.files.items()
-        if not (run.path / name).is_file() or sha256(run.path / name) != digest
-    ]
-    _refuse(run.path, [f"{name} is not the file that was recorded" for name in altered])
 
 
 def _complete(run: RunFolder, manifest: Manifest, limits: Limits | None) -> Completeness:
@@ -218,8 +213,9 @@ def _verify(run: RunFolder, manifest: Manifest, source: Source, limits: Limits |
     if data or theirs.run in source.fit.runs:
         what = f" ({', '.join(data)})" if data else ""
         _refuse(run.path, [f"the verification shares data with the fit{what}: run another profile"])
+    prove(run.path)
     _refuse_lost(run, theirs)
-    _refuse_altered(run, theirs)
+    _refuse_unlisted(run, theirs)
     failed = [segment.name for segment in theirs.segments if segment.outcome == "timeout"]
     _refuse(run.path, [f"segment '{name}' of the verification failed" for name in failed])
     verdict = _verdict_of(run.path)

@@ -43,6 +43,7 @@ class LimitsRecord(Judged, Record):
 
     FILE: ClassVar[str] = "limits.json"
     TITLE: ClassVar[str] = "judgement"
+    MADE_FROM: ClassVar[tuple[str, ...]] = ("manifest.json", "calibration.json", "limits.yaml")
     ADVICE: ClassVar[str] = "make it again with `bench report --limits`"
 
 
@@ -51,6 +52,7 @@ class VerificationRecord(Record):
 
     FILE: ClassVar[str] = "verification.json"
     TITLE: ClassVar[str] = "verification"
+    MADE_FROM: ClassVar[tuple[str, ...]] = ("manifest.json",)
     ADVICE: ClassVar[str] = "make it again with `bench verify`"
 
     unit: str = ""
