@@ -37,7 +37,7 @@ UNIT = "SIM-0001"
 RUN, CHECK, OTHER = "20261121T060000Z_ramp", "20261121T180000Z_check", "20261120T060000Z_ramp"
 LIMITS = "name: test\nlimits:\n  - {quantity: residual_rms_dph, unit: deg/h, upper: 5, reason: budget}\n"
 EQUIPMENT = "equipment:\n  - {name: sensor, serial: PT-1, calibrated: 2026-03-01, due: 2027-03-01}\n"
-LEGS = CYCLE
+LEGS = tuple((name, kind, target, 700.0 if kind == "soak" else n) for name, kind, target, n in CYCLE)
 
 
 @dataclass(frozen=True)
@@ -57,10 +57,12 @@ class Archive:
         station = load_station(None)
         unit = station.chosen([UNIT])[0]
         done = flash(station, unit, from_run(made.run_folder, unit), root)
-        narrow = ramp_run([(n, k, min(max(t, -35.0), 80.0), a) for n, k, t, a in LEGS], seed=2, loop_dph=0.0)
+        narrow = ramp_run(
+            [(n, k, min(max(t, -35.0), 80.0), a) for n, k, t, a in LEGS], rate_hz=1.0, seed=2, loop_dph=0.0
+        )
         columns = {**narrow["columns"], "rate": narrow["columns"]["rate"] * 0.0 + 0.01}
         make_run(
-            made.check_folder, columns, narrow["segments"], profile="check", purpose="verification",
+            made.check_folder, columns, narrow["segments"], profile="check", purpose="verification", sample_rate_hz=1,
             created="2026-11-21T18:00:00+00:00", unit_identity={"serial": 1, "coefficient_set": done.coefficient_set},
         )  # fmt: skip
         verify(RunFolder(made.check_folder), made.run_folder, load_limits(parse_yaml(LIMITS, "limits.yaml")), {})
@@ -102,7 +104,13 @@ def _calibrated(folder: Path, seed: int, diagnosed: bool) -> None:
              "profile.yaml": "name: p\nsegments:\n  - {kind: soak, duration_min: 3}\n"}  # fmt: skip
     put(folder, {name: text.encode() for name, text in texts.items()}, unit=UNIT, run=folder.name)
     created = f"{folder.name[:4]}-{folder.name[4:6]}-{folder.name[6:8]}T06:00:00+00:00"
-    make_run(folder, **ramp_run(LEGS, seed=seed, loop_dph=0.0), created=created, simulated=True)
+    make_run(
+        folder,
+        **ramp_run(LEGS, rate_hz=1.0, seed=seed, loop_dph=0.0),
+        created=created,
+        simulated=True,
+        sample_rate_hz=1,
+    )
     analysis = analyse(folder, [load_model("polynomial")], diagnose=diagnosed)
     write_report(judged_by(analysis, load_limits(parse_yaml(LIMITS, "limits.yaml"))))
 

@@ -293,7 +293,7 @@ def main() -> int:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as made:
         os.environ["BENCH_KEYS"] = f"{made}/keys"
-        archive = Archive.made(Path(made) / "reports")
+        archive = Archive.made(Path(made) / "reports", diagnosed=False)
         outcomes = campaign(names(arguments.seed)[: arguments.sample], archive, arguments.out)
     passed = [outcome for outcome in outcomes if outcome.passed]
     figures = {"n": len(outcomes), "seed": arguments.seed, "passed": [asdict(outcome) for outcome in passed]}
