@@ -55,6 +55,7 @@ def ended_early(columns):
         (thinned, {}, r"45\.\d % of the samples are missing, at most 1 % may be"),
         (lambda columns: None, {"losses": {"received": 10000, "lost": 8000}}, "of the samples are missing"),
         (lambda columns: None, {"losses": {"received": 20000, "invalid": 8000}}, "of the samples are missing"),
+        (lambda columns: None, {"losses": {"received": 20000, "left_out": 8000}}, "of the samples are missing"),
         (holed, {}, "no sample for 0:0[12]:"),
         (ended_early, {}, "no sample for 0:15:00"),
     ],
