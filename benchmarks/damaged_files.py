@@ -172,7 +172,11 @@ def run_case(case: Case, archive: Archive, seed: int, scratch: Path) -> Outcome:
     made_anew = path.name in MADE_BY.get(case.command, ()) and not any(faults(path.parent))
     said = done.output + (done.stderr if done.stderr_bytes is not None else "")
     bug = done.exception if not isinstance(done.exception, SystemExit) else None
-    named = done.exit_code == 2 or Path(case.file).name in said or "cannot be read" in said
+    named = (
+        done.exit_code == 2
+        or Path(case.file).name in said
+        or any(text in said for text in ("cannot be read", "not on disk", "no chain.seal"))
+    )
     if case.file == FILE:  # SQLite has no checksums, and pages that nothing uses
         made_anew = done.output == invoke(case.command, archive.copy(scratch)).output
     named = named or made_anew or harmless

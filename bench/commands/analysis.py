@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.base import BenchError, InputError
 from bench.commands.clocks import tell_ahead
+from bench.commands.files import tell_unproven
 from bench.commands.results.analyse import Compared, ComparedSamples, Imported, Reported
 from bench.commands.results.live import Recovered
-from bench.record import MANIFEST, RunFolder, clear_partial, listed, open_run, unproven, use
+from bench.record import MANIFEST, RunFolder, clear_partial, listed, open_run, use
 
 if TYPE_CHECKING:
     from bench.analysis import Limits, Model
@@ -78,15 +77,8 @@ def recover(path: Path) -> RunFolder:
             (path / LIVE).unlink(missing_ok=True)
             clear_partial(path)
     run = open_run(path)
-    _say(unproven(path))
+    tell_unproven(path)
     return run
-
-
-@cache
-def _say(text: str) -> None:
-    """Say something once, beside the answer."""
-    if text:
-        print(f"bench: {text}", file=sys.stderr)
 
 
 def recovered(paths: Sequence[Path]) -> list[Dataset]:

@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+import sys
+from functools import cache
 from pathlib import Path
 
 from bench.base import InputError
-from bench.record import CalibrationRecord, Manifest, put, write_atomically
+from bench.record import CalibrationRecord, Manifest, put, unproven, write_atomically
+
+
+def tell_unproven(*folders: Path) -> None:
+    """Say once, on stderr, of run folders of an older bench that nothing proves their files."""
+    told = [text for folder in folders if (text := unproven(folder))]
+    more = f" (and {len(told) - 1} more)" if len(told) > 1 else ""
+    if told:
+        _say(told[0] + more)
+
+
+@cache
+def _say(text: str) -> None:
+    print(f"bench: {text}", file=sys.stderr)
 
 
 def write(path: Path, content: str | bytes) -> None:

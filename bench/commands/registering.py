@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.base import InputError
 from bench.commands.clocks import tell_ahead
+from bench.commands.files import tell_unproven
 from bench.commands.results.stock import EquipmentListed, Noted, RegisteredRuns, RegistryEntry, RegistryRebuilt
 from bench.record import MANIFEST, RunFolder, chain_of, prove, sha256
 
@@ -196,6 +197,7 @@ def _tell_unlike(root: Path, url: str, rows: Sequence[Mapping[str, Any]]) -> Non
         return
     ledger = archive(root)
     seen = ledger.seen()
+    tell_unproven(*(root / row["path"] for row in rows if row["archive"] == ledger.id))
     for row in rows:
         folder = root / row["path"]
         if row["archive"] != ledger.id:
