@@ -25,6 +25,7 @@ from typing import Any
 from click.testing import CliRunner
 
 from bench.archive import FILE
+from bench.commands import files
 from bench.record import CHAIN, faults
 from benchmarks.damaged_archive import KINDS, UNIT, Archive, damage
 
@@ -159,6 +160,7 @@ def invoke(command: str, root: Path) -> Any:
         str(words.get(word, word)).replace("OUT", str(out)) if word != "--out" else word
         for word in COMMANDS[command].split()
     ]
+    files._say.cache_clear()  # said once a process, which here is many commands
     return CliRunner().invoke(main, line)
 
 
