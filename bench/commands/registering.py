@@ -95,6 +95,7 @@ def registry_rebuild(root: Path, where: str | None, only_compare: bool) -> Regis
     if not root.is_dir():
         raise InputError("no such folder; name the folder of the run folders with --out", root)
     _refuse_lost(root)
+    tell_unproven(*(path.parent for path in sorted(root.glob(f"*/*/{MANIFEST}"))))
     with existing(root, where) if only_compare else open_in(root, where) as registry:
         done = rebuild(registry, archive(root), only_compare=only_compare)
         return RegistryRebuilt(registry.url, done, only_compare)

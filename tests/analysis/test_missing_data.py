@@ -20,6 +20,7 @@ from bench.cli import main
 from bench.record import RunFolder
 from tests.support.run_folders import CYCLE, make_run, ramp_run
 
+DOOR = {"why": "door", "channel": "chamber_temperature", "from_s": 0.0, "to_s": 4e3, "samples": 1, "duration_s": 4e3}
 IN_UNIT = {"purpose": "verification", "unit_identity": {"serial": 1, "coefficient_set": 7}}
 WIDE = "name: wide\nlimits:\n  - {quantity: residual_rms_dph, unit: deg/h, upper: 5, reason: test}\n"
 
@@ -55,7 +56,7 @@ def ended_early(columns):
         (thinned, {}, r"45\.\d % of the samples are missing, at most 1 % may be"),
         (lambda columns: None, {"losses": {"received": 10000, "lost": 8000}}, "of the samples are missing"),
         (lambda columns: None, {"losses": {"received": 20000, "invalid": 8000}}, "of the samples are missing"),
-        (lambda columns: None, {"losses": {"received": 20000, "left_out": 8000}}, "of the samples are missing"),
+        (lambda columns: None, {"left_out": [DOOR]}, "of its data are no measurements"),
         (holed, {}, "no sample for 0:0[12]:"),
         (ended_early, {}, "no sample for 0:15:00"),
     ],

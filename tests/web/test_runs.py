@@ -17,7 +17,6 @@ from bench.web.ground.settings import Settings
 from bench.web.shelf import indexing
 from bench.web.shelf.indexing import LOOK_S, SAVE_S, Index, ordered
 from tests.support import run_folders
-from tests.support.run_folders import keep
 from tests.support.web_client import served
 
 
@@ -104,7 +103,7 @@ def test_a_run_that_was_removed_is_gone_and_changes_are_kept(tmp_path: Path, kep
 
 def test_the_best_model_on_unseen_data_speaks_for_a_run_and_limits_for_its_verdict(tmp_path: Path, kept: Path) -> None:
     folder = write(tmp_path, "A/one", held_out=0.15)
-    keep(folder, "limits.json", '{"verdict": "PASS"}')
+    (folder / "limits.json").write_text('{"verdict": "PASS"}', encoding="utf-8")
     entry = Index(tmp_path, kept).entry("A/one")
     assert (entry.verdict, entry.rms_dph, entry.held_out_rms_dph, entry.floor_dph) == ("PASS", 0.1, 0.15, 0.1)
 

@@ -98,8 +98,6 @@ class Completeness:
             return np.nan
         between = sum(b - a for a, b in self.between_s) * (self.rate_hz or 0.0)
         known = [self.lost, None if self.missing is None else max(0.0, self.missing - between)]
-        if self.left_out:
-            known.append(self.left_out)
         missing = max((count for count in known if count is not None), default=np.nan)
         return 1e6 * missing / (self.samples + missing)
 
