@@ -1,6 +1,8 @@
 """Fixtures of several test files."""
 
+import os
 import signal
+import tempfile
 from collections import Counter
 
 import hypothesis
@@ -17,6 +19,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 CALM = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
 hypothesis.settings.register_profile("bench", **CALM)
 hypothesis.settings.load_profile("bench")  # no example fails because the machine is busy
+os.environ["BENCH_KEYS"] = tempfile.mkdtemp(prefix="bench-keys-")
+"""The key of these tests: no test touches that of the user."""
 
 GUARD = leftovers.guard()
 """Ends the processes of this test run, even when the run is killed."""

@@ -61,6 +61,7 @@ from .judging.branches import branch_gap as branch_gap
 from .judging.cautions import refused_models as refused_models
 from .judging.completeness import LOST as LOST
 from .judging.completeness import Completeness as Completeness
+from .judging.completeness import completeness as completeness
 from .judging.diagnosed import Rung as Rung
 from .judging.diagnosed import improvement_rungs as improvement_rungs
 from .judging.diagnosed import rivals as rivals
@@ -80,6 +81,7 @@ from .judging.limits import Result as Result
 from .judging.limits import Verdict as Verdict
 from .judging.limits import judge_limits as judge_limits
 from .judging.limits import load_limits as load_limits
+from .judging.quantities import of_data as of_data
 from .judging.quantities import standing as standing
 from .judging.quantities import turning as turning
 from .judging.stored import Source as Source

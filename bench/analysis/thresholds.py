@@ -63,5 +63,9 @@ LEAST_COVERED_DEGC = 10.0
 """Range of temperature of a calibration, and of a scale factor that is fitted over temperature."""
 WIDEST_HOLE = 0.35
 """Share of a channel's range that may lack data: between the points of a table, not beyond what a curve can bridge."""
+MOST_MISSING_PPM = 1e4
+"""Samples missing in a run that a verdict rests on, where its limits say nothing about them …"""
+LONGEST_GAP_S = 60.0
+"""… and its longest gap: two means. The gap between the parts of a resumed run is judged by itself."""
 VERIFIED_RATIO = 1.2
 """Without limits the error of a corrected unit must stay below this times the noise floor."""

@@ -29,6 +29,7 @@ from .fleet.trends import trends as trends
 from .fleet.units import NoUnitError as NoUnitError
 from .fleet.units import fleet_of as fleet_of
 from .registry.asking import equipment as equipment
+from .registry.asking import known_runs as known_runs
 from .registry.asking import plain as plain
 from .registry.asking import runs as runs
 from .registry.asking import show as show
@@ -40,5 +41,7 @@ from .registry.opening import Registry as Registry
 from .registry.opening import open_registry as open_registry
 from .registry.rebuild import Rebuilt as Rebuilt
 from .registry.rebuild import rebuild as rebuild
+from .registry.rows import of_ledger as of_ledger
+from .registry.rows import of_run as of_run
 from .registry.writing import register as register
 from .registry.writing import tell as tell

@@ -23,7 +23,7 @@ SECTIONS: dict[str, Sequence[click.Command]] = {
     ),
     "Deliver": (deliver.calibrate, deliver.export, deliver.flash, deliver.verify, deliver.certificate),
     "In a browser": (pages.ui,),
-    "Many units": (stock.fleet, stock.registry),
+    "Many units": (stock.fleet, stock.registry, stock.verify_archive),
 }  # fmt: skip
 
 

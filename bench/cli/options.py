@@ -147,3 +147,7 @@ class exits:  # noqa: N801 - a context manager, named like a function
         if isinstance(error, BenchError | DriverError):
             print(f"bench: {error}", file=sys.stderr)
             sys.exit(error.exit_code)
+        if isinstance(error, OSError) and error.filename is not None:
+            # A folder that cannot be written, a file that is a folder: the user's disk, not a bug.
+            print(f"bench: {error.filename}: cannot be read or written: {error.strerror}", file=sys.stderr)
+            sys.exit(2)

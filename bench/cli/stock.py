@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bench.cli.options import answer, answers, archive_options, json_option, model_argument, path_option
+from bench.cli.options import answer, answers, archive_options, json_option, model_argument, out_option, path_option
 
 if TYPE_CHECKING:
     from bench.commands import Result
@@ -106,6 +106,16 @@ def registry_equipment_list(on: datetime | None, out: Path, where: str | None) -
     from bench import commands
 
     return commands.registry_equipment(out, where, (on or datetime.now()).date())
+
+
+@click.command("verify-archive")
+@out_option
+@answers
+def verify_archive(out: Path) -> Result:
+    """Read every file of an archive, and say each that is not what the bench wrote; exit code 1 where there is one."""
+    from bench import commands
+
+    return commands.verify_archive(out)
 
 
 @click.group(invoke_without_command=True)

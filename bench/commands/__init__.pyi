@@ -102,3 +102,5 @@ from .results.stock import Refitted as Refitted
 from .results.stock import RegisteredRuns as RegisteredRuns
 from .results.stock import RegistryEntry as RegistryEntry
 from .results.stock import RegistryRebuilt as RegistryRebuilt
+from .results.stock import Scrubbed as Scrubbed
+from .scrubbing import verify_archive as verify_archive

@@ -7,15 +7,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.base import BenchError, InputError
+from bench.commands.clocks import tell_ahead
+from bench.commands.files import tell_unproven
 from bench.commands.results.analyse import Compared, ComparedSamples, Imported, Reported
 from bench.commands.results.live import Recovered
-from bench.record import MANIFEST, RunFolder, clear_partial, open_run
+from bench.record import MANIFEST, RunFolder, clear_partial, listed, open_run, use
 
 if TYPE_CHECKING:
     from bench.analysis import Limits, Model
     from bench.record import Dataset
 
 DEFAULT_MODELS = ("polynomial", "regression", "spline")
+
+
+MODEL_FILES = "model*.yaml"
 
 
 def model_file(order: int) -> str:
@@ -27,7 +32,11 @@ def kept_models(folder: Path) -> list[Model]:
     """The models that a run folder keeps, in their order; the usual ones where it keeps none."""
     from bench.analysis import load_model
 
-    files = sorted(folder.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
+    kept = {path.name for path in folder.glob(MODEL_FILES)} | {
+        name for name in listed(folder) if Path(name).match(MODEL_FILES)
+    }
+    use(folder, *kept)
+    files = [folder / name for name in sorted(kept, key=lambda name: (len(name), name))]
     return [load_model(model) for model in files or DEFAULT_MODELS]
 
 
@@ -67,7 +76,9 @@ def recover(path: Path) -> RunFolder:
         if live is None or live.condition() == "gone":
             (path / LIVE).unlink(missing_ok=True)
             clear_partial(path)
-    return open_run(path)
+    run = open_run(path)
+    tell_unproven(path)
+    return run
 
 
 def recovered(paths: Sequence[Path]) -> list[Dataset]:
@@ -97,8 +108,10 @@ def report_on(
     from bench.deliver import write_report
 
     own = folder.path / LIMITS_YAML
+    use(folder.path, LIMITS_YAML, "events.jsonl")
     if limits is None and own.is_file():
         limits = load_limits(own)
+    tell_ahead([(folder.path.name, folder.manifest().created)])
     analysis = analyse(folder.path, models, check, static=static)
     if limits is not None:
         analysis = judged_by(analysis, limits)

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from bench.base import InputError
 from bench.commands.files import write
+from bench.commands.registering import refuse_foreign
 from bench.commands.results.deliver import Certified
+from bench.record import MANIFEST
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,9 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
     equipment = () if equipment_file is None else load_instruments(equipment_file)
     limits_file = options.limits or _of_run(folder, "limits.yaml")
     limits = None if limits_file is None else load_limits(limits_file)
+    for run in filter(None, (folder, options.verification)):
+        if (run / MANIFEST).is_file():
+            refuse_foreign(run)
     evidence = gather(folder, options.verification, limits, equipment)
     issued = _issued(options.issued)
     total = budget(evidence)

@@ -17,8 +17,20 @@ from typing import Any
 
 from bench.acquisition import StationSettings, UnitSettings, open_alone
 from bench.base import InputError, __version__
+from bench.commands.clocks import FUTURE_S, tell_ahead
+from bench.commands.registering import refuse_foreign, seen_in
 from bench.deliver import ExportOptions, Image, prepare, read, to_bytes, to_words
-from bench.record import CalibrationRecord, FlashRecord, LimitsRecord, Manifest, StoredImage, slug, write_atomically
+from bench.record import (
+    CHAIN,
+    CalibrationRecord,
+    FlashRecord,
+    LimitsRecord,
+    Manifest,
+    StoredImage,
+    chain_of,
+    put,
+    slug,
+)
 from drivers.coefficients import Programmed, program
 from drivers.errors import DriverError
 
@@ -42,6 +54,7 @@ class AlreadyThereError(Exception):
 def from_run(folder: Path, unit: UnitSettings, form: str | None = None, model: str | None = None) -> Calibration:
     """The calibration of a run; InputError where it is of another unit, did not pass, or may not be delivered."""
     manifest = Manifest.read(folder)
+    refuse_foreign(folder)
     if manifest.unit != unit.serial:
         raise InputError(f"is a run of unit {manifest.unit}, this is unit {unit.serial}", folder)
     if manifest.purpose == "verification":
@@ -76,15 +89,32 @@ def newest_run(out: Path, unit: str) -> Path:
         raise InputError(
             f"no run of unit {unit} with a calibration here; name one with --run or an image with --image", out
         )
-    return max(raw, key=lambda folder: Manifest.read(folder).created)
+    created = {folder: Manifest.read(folder).created for folder in raw}
+    tell_ahead((folder.name, when) for folder, when in created.items())
+    seen = seen_in(out)
+    newest = max(raw, key=lambda folder: (seen.get(f"{slug(unit)}/{folder.name}", (-1, ""))[0], created[folder]))
+    later = [
+        folder.name
+        for folder in raw
+        if seen and created[folder] > created[newest] and f"{slug(unit)}/{folder.name}" not in seen
+    ]
+    if later:
+        raise InputError(
+            f"run {later[0]} is not registered, so nothing says whether it is newer than {newest.name}; name one with "
+            f"--run, or register it with `bench registry rebuild --out {out}`",
+            out,
+        )
+    return newest
 
 
 def objection(new: Image, old: bytes, now_s: float, older: bool) -> str | None:
     """Why the new image must not replace the old one (empty: none) at this time [s since 1970]; None: it may."""
+    if new.created > now_s + FUTURE_S:
+        return f"the calibration is of {_date(new.created)}, which has not come yet: a clock was or is wrong"
     if new.valid_until and new.valid_until < now_s:
         return f"the calibration was valid until {_date(new.valid_until)}; calibrate again"
     held = _held(old)
-    if held is None or older or new.created >= held.created:
+    if held is None or older or new.created >= held.created or held.created > now_s + FUTURE_S:
         return None
     return (
         f"stale: the calibration is of {_date(new.created)}, the unit holds a newer one of {_date(held.created)} "
@@ -121,7 +151,7 @@ def flash(
         before.append(_described(old, f"{stem}_old.bin") if old else None)
         for name, content in (("old", old), ("new", calibration.content)):
             if content:
-                write_atomically(folder / f"{stem}_{name}.bin", content)
+                put(folder, {f"{stem}_{name}.bin": content})
 
     try:
         with open_alone(settings.remembering(out), unit) as store:
@@ -145,7 +175,12 @@ def flash(
 
 def newest_record(out: Path, unit: str) -> FlashRecord | None:
     """The record of the last flash of this unit that succeeded; None when there is none."""
-    paths = sorted((out / slug(unit) / "flash").glob("*.json"), reverse=True)
+    folder = out / slug(unit) / "flash"
+    known = chain_of(folder)
+    order = [] if known is None else list(known.files)
+    paths = [path for path in folder.glob("*.json") if path.name != CHAIN]
+    # By the order in which they were written; those of an older bench by their names.
+    paths.sort(key=lambda path: (order.index(path.name) if path.name in order else -1, path.name), reverse=True)
     found = next(
         (record for path in paths if (record := FlashRecord.read(path.parent, path.name)).state == "done"), None
     )

@@ -14,7 +14,7 @@ from bench.commands.flash_record import AlreadyThereError, Calibration, from_fil
 from bench.commands.flash_record import flash as flash_unit
 from bench.commands.results.deliver import Flashed, Verified
 from bench.deliver import read, to_words
-from bench.record import FlashRecord, RunFolder
+from bench.record import FlashRecord, RunFolder, prove
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,8 @@ def verify(
     calibration = Path(record.run) if record and record.run else None
     if calibration is not None and not calibration.is_dir():
         calibration = None
+    if calibration is not None:
+        prove(calibration)
     profile = read_yaml(profile_path)
     refuse_same_profile(profile, calibration)
     inside = in_unit(settings, unit, record, out)

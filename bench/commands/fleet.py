@@ -13,14 +13,14 @@ def fleet(
 ) -> FleetJudged:
     """Yield, capability, charts, drifts, odd units."""
     from bench.analysis import load_limits
-    from bench.archive import fleet_of, render, statistics, to_csv
+    from bench.archive import fleet_of, render, safe_csv, statistics
     from bench.commands.registering import existing
 
     bounds = load_limits(limits) if limits else None
     with existing(root, where) as registry:
         units = fleet_of(registry, pattern)
     found = statistics(units, bounds)
-    for path, made in ((html, render), (csv, to_csv)):
+    for path, made in ((html, render), (csv, safe_csv)):
         if path is not None:
             write(path, made(found))
     return FleetJudged(found, html, csv)

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from datetime import date, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.base import InputError
+from bench.commands.clocks import tell_ahead
+from bench.commands.files import tell_unproven
 from bench.commands.results.stock import EquipmentListed, Noted, RegisteredRuns, RegistryEntry, RegistryRebuilt
-from bench.record import RunFolder
+from bench.record import MANIFEST, RunFolder, chain_of, prove, sha256
 
 if TYPE_CHECKING:
     from bench.archive import Entry, Registry
+
+
+_REBUILD = "make the registry again with `bench registry rebuild`"
 
 
 def register_runs(runs: Sequence[Path], where: str | None, begin: bool) -> str | None:
@@ -20,9 +26,12 @@ def register_runs(runs: Sequence[Path], where: str | None, begin: bool) -> str |
 
     Without `begin` a run is registered only where its folder is in an archive already, or a registry was named.
     """
-    from bench.archive import is_archive
+    from bench.archive import FILE, is_archive
 
-    chosen = [run for run in runs if begin or where or is_archive(_root(run))]
+    def belongs(root: Path) -> bool:
+        return is_archive(root) or (root / FILE).is_file() or chain_of(root) is not None
+
+    chosen = [run for run in runs if begin or where or belongs(_root(run))]
     if not chosen:
         return None
     try:
@@ -39,6 +48,7 @@ def register(runs: Sequence[Path], where: str | None = None) -> None:
     from bench.archive import register as write
 
     for root in dict.fromkeys(_root(run) for run in runs):
+        _refuse_lost(root)
         ledger = archive(root)
         with open_in(root, where) as registry:
             for run in runs:
@@ -50,7 +60,7 @@ def open_in(root: Path, where: str | None) -> Registry:
     """The registry at `where`, by default the file in the archive."""
     from bench.archive import FILE, open_registry
 
-    return open_registry(where or root / FILE)
+    return open_registry(where or root / FILE, checked=True)
 
 
 def _root(run: Path) -> Path:
@@ -62,7 +72,10 @@ def registry_list(root: Path, where: str | None, unit: str | None, most: int) ->
     from bench.archive import runs
 
     with existing(root, where) as registry:
-        return RegisteredRuns(registry.url, runs(registry, unit, most))
+        found = runs(registry, unit, most)
+        _tell_unlike(root, registry.url, found)
+        tell_ahead((row["path"], row["created"] or "") for row in found)
+        return RegisteredRuns(registry.url, found)
 
 
 def registry_show(root: Path, where: str | None, name: str) -> RegistryEntry:
@@ -70,7 +83,9 @@ def registry_show(root: Path, where: str | None, name: str) -> RegistryEntry:
     from bench.archive import show
 
     with existing(root, where) as registry:
-        return RegistryEntry(show(registry, name))
+        found = show(registry, name)
+        _tell_unlike(root, registry.url, found.get("runs") or [found["run"]])
+        return RegistryEntry(found)
 
 
 def registry_rebuild(root: Path, where: str | None, only_compare: bool) -> RegistryRebuilt:
@@ -79,7 +94,9 @@ def registry_rebuild(root: Path, where: str | None, only_compare: bool) -> Regis
 
     if not root.is_dir():
         raise InputError("no such folder; name the folder of the run folders with --out", root)
-    with open_in(root, where) as registry:
+    _refuse_lost(root)
+    tell_unproven(*(path.parent for path in sorted(root.glob(f"*/*/{MANIFEST}"))))
+    with existing(root, where) if only_compare else open_in(root, where) as registry:
         done = rebuild(registry, archive(root), only_compare=only_compare)
         return RegistryRebuilt(registry.url, done, only_compare)
 
@@ -112,10 +129,15 @@ def add_equipment(root: Path, where: str | None, name: str, serial: str, kind: s
 
 def registry_equipment(root: Path, where: str | None, on: date) -> EquipmentListed:
     """`bench registry equipment list`: what is due first on top."""
-    from bench.archive import equipment, plain
+    from bench.archive import archive, equipment, is_archive, of_ledger, plain
 
     with existing(root, where) as registry:
         found = [plain(row) for row in equipment(registry)]
+        entered = of_ledger(archive(root))["equipment"] if is_archive(root) else {}
+        for row in found:
+            known = entered.get((row["name"], row["serial"]))
+            if known is not None and plain(known) != row:
+                raise InputError(f"{row['name']} {row['serial']} is not what the ledger says; {_REBUILD}", registry.url)
     for row in found:
         row["state"] = (
             "no due date" if row["due_on"] is None else "overdue" if row["due_on"] < on.isoformat() else "valid"
@@ -123,10 +145,78 @@ def registry_equipment(root: Path, where: str | None, on: date) -> EquipmentList
     return EquipmentListed(on, found)
 
 
+def refuse_foreign(folder: Path) -> None:
+    """InputError where the ledger of the archive knows the run with another manifest."""
+    run = folder.resolve()
+    root = _root(run)
+    _refuse_lost(root)
+    if chain_of(root) is not None:
+        prove(root)
+    known, digest = seen_in(_root(run)).get(f"{run.parent.name}/{run.name}"), sha256(run / MANIFEST)
+    if known is not None and known[1] != digest:
+        raise InputError(
+            f"has a manifest.json with the SHA-256 {digest}, the ledger of the archive saw {known[1]}; restore it, or "
+            f"register the run as it is now with `bench report {folder}`",
+            folder,
+        )
+
+
+def seen_in(root: Path) -> dict[str, tuple[int, str]]:
+    """The runs that the ledger of an archive saw, by path: line, and hash of the manifest; none without a ledger."""
+    from bench.archive import archive, is_archive
+
+    return archive(root).seen() if is_archive(root) else {}
+
+
 def existing(root: Path, where: str | None) -> Registry:
     """The registry that is there; InputError, with the way to one, where the archive has none."""
-    from bench.archive import FILE
+    from bench.archive import FILE, archive, is_archive, known_runs
 
     if where is None and not (root / FILE).is_file():
         raise InputError("no registry here yet; make it with `bench registry rebuild --out FOLDER`", root / FILE)
-    return open_in(root, where)
+    if where is None:
+        _refuse_lost(root)
+    registry = open_in(root, where)
+    if is_archive(root):
+        ledger = archive(root)
+        here, mine = known_runs(registry, ledger.id)
+        lacking = len(ledger.seen().keys() - mine)
+        if where is None and not here and (lacking or any(root.glob(f"*/*/{MANIFEST}"))):
+            registry.close()
+            raise InputError("knows nothing of this archive; make it again with `bench registry rebuild`", root / FILE)
+        if lacking:
+            text = f"{lacking} runs of the ledger are not in the registry; `bench registry rebuild` adds them"
+            print(f"bench: {registry.url}: {text}", file=sys.stderr)
+    return registry
+
+
+def _tell_unlike(root: Path, url: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    """InputError where a row is not what the folder of its run says, as far as that is here."""
+    from bench.archive import archive, is_archive, of_run
+
+    if not is_archive(root):
+        return
+    ledger = archive(root)
+    seen = ledger.seen()
+    tell_unproven(*(root / row["path"] for row in rows if row["archive"] == ledger.id))
+    for row in rows:
+        folder = root / row["path"]
+        if row["archive"] != ledger.id:
+            continue
+        if not (folder / MANIFEST).is_file():
+            print(f"bench: {folder / MANIFEST}: is not here, the registry knows it", file=sys.stderr)
+            continue
+        (known,) = of_run(RunFolder(folder), ledger, seen)["runs"].values()
+        unlike = [key for key, value in known.items() if row.get(key) != value]
+        if unlike:
+            raise InputError(f"run {row['path']}: {unlike[0]} is not what its folder says; {_REBUILD}", url)
+
+
+def _refuse_lost(root: Path) -> None:
+    """InputError where the ledger of an archive is lost: a new one would be of another archive."""
+    from bench.archive import FILE, is_archive
+
+    if (root / FILE).is_file() and not is_archive(root):
+        raise InputError(
+            "ledger.jsonl, which belongs to this registry, is missing; restore it from a backup", root / FILE
+        )

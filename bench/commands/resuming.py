@@ -10,7 +10,7 @@ from bench.base import InputError, load_config, read_yaml
 from bench.commands.acquisition import carry_out
 from bench.commands.analysis import kept_models
 from bench.commands.several import report_on_units
-from bench.record import RunFolder
+from bench.record import RunFolder, use
 
 if TYPE_CHECKING:
     from bench.acquisition import Job, RunResult
@@ -37,6 +37,7 @@ def _rest(run: RunFolder, station_path: Path | None) -> Job:
 
     if not any(run.journal.glob("*.gtbj")):
         raise InputError("this run has no journals (it was imported): nothing to resume", run.path)
+    use(run.path, "profile.yaml", "station.yaml")
     profile_file = read_yaml(run.path / "profile.yaml")
     station_file = read_yaml(station_path or run.path / "station.yaml")
     profile, station = load_profile(profile_file), load_config(station_file, StationSettings)

@@ -1,3 +1,14 @@
+from .chain import CHAIN as CHAIN
+from .chain import chain_of as chain_of
+from .chain import check as check
+from .chain import drop as drop
+from .chain import extend as extend
+from .chain import faults as faults
+from .chain import listed as listed
+from .chain import prove as prove
+from .chain import put as put
+from .chain import unproven as unproven
+from .chain import use as use
 from .dataset import DEFAULT_INTERVAL_S as DEFAULT_INTERVAL_S
 from .dataset import STILL_DEGC_PER_MIN as STILL_DEGC_PER_MIN
 from .dataset import Dataset as Dataset
@@ -32,6 +43,7 @@ from .records.calibration import StoredQuantity as StoredQuantity
 from .records.calibration import StoredResidual as StoredResidual
 from .records.catalogue import RECORDS as RECORDS
 from .records.certificate import CertificateRecord as CertificateRecord
+from .records.chain import ChainRecord as ChainRecord
 from .records.comparison import ComparedModel as ComparedModel
 from .records.comparison import ComparisonRecord as ComparisonRecord
 from .records.diagnosis import DiagnosisRecord as DiagnosisRecord

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.base import CHANNELS, DPH_PER_DPS, BoolArray, FloatArray, InputError, IntArray
+from bench.record.chain import use
 from bench.record.means import floats, write_means
 from bench.record.records.manifest import ExecutedSegment, Manifest
 
@@ -242,8 +243,9 @@ def seconds_of(run_folder: Path | str) -> Dataset:
     path = folder / "means.parquet"
     if not path.is_file():
         raise InputError("missing; the run was not finished: recover it with `bench resume` or `bench report`", path)
+    use(folder, path.name)
     try:
-        with pq.ParquetFile(path) as file:  # read_table would import pandas
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:  # read_table would import pandas
             table = file.read()
     except Exception as error:  # pyarrow raises several unrelated types on a truncated file
         raise InputError(f"not a readable Parquet file ({error})", path) from error

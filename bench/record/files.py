@@ -13,19 +13,25 @@ _PARTIAL = re.compile(r"\..+\.(?:json|jsonl|yaml|html|parquet|gtbj|pdf)\.(?:part
 """Names of files that are not whole yet, as `write_atomically` and `copy_whole` give them."""
 
 
-def write_atomically(path: Path, data: bytes) -> None:
-    """Replace `path` by `data` so that a reader or a power cut sees the old file or the new one, never a part."""
+def write_atomically(path: Path, data: bytes, *, sync: bool = True) -> None:
+    """Replace `path` by `data` so that a reader or a power cut sees the old file or the new one, never a part.
+
+    Without `sync` a power cut may bring the old one back.
+    """
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            if sync:
+                os.fsync(file.fileno())
         Path(temporary).chmod(0o644)
         Path(temporary).replace(path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+    if not sync:
+        return
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)  # the new name, too, survives a power cut

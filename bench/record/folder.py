@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.base import InputError
+from bench.record.chain import chain_of, put, use
 from bench.record.events import EVENTS, read_events
 from bench.record.files import sha256
 from bench.record.records.manifest import Manifest
@@ -62,12 +63,24 @@ class RunFolder:
         return Manifest.read(self.path)
 
     def hashes(self) -> dict[str, str]:
-        """SHA-256 of every file that the numbers of this run rest on, by path inside the folder."""
-        files = sorted({file for pattern in HASHED_PATTERNS for file in self.path.glob(pattern)})
-        return {str(file.relative_to(self.path)): sha256(file) for file in files}
+        """SHA-256 of every file that the numbers of this run rest on, by path inside the folder.
+
+        What the run was started with has the hash that it had then; what was made from the manifest is not in it.
+        """
+        known = chain_of(self.path)
+        links = {} if known is None else known.files
+        files = {
+            str(path.relative_to(self.path)): path for pattern in HASHED_PATTERNS for path in self.path.glob(pattern)
+        }
+        return {
+            name: links[name].sha256[-1] or "" if name in links else sha256(files[name])
+            for name in sorted({*files, *(name for name in links if name.endswith(".yaml"))})
+            if name not in links or not links[name].made_from
+        }
 
     def events(self) -> list[dict[str, Any]]:
         """The events of the run in order of time, without damaged lines."""
+        use(self.path, EVENTS)
         return read_events(self.path / EVENTS).sound
 
 
@@ -84,8 +97,7 @@ def create_run(
         parent.mkdir(parents=True, exist_ok=True)
         run = RunFolder(new_folder(parent, stem))
         run.journal.mkdir()
-        for name, text in (files or {}).items():
-            (run.path / name).write_text(text, encoding="utf-8")
+        put(run.path, {name: text.encode() for name, text in (files or {}).items()}, unit=unit, run=run.path.name)
     except OSError as error:
         raise InputError(f"cannot make a run folder: {error.strerror}; choose another place with --out", root) from None
     return run

@@ -24,7 +24,7 @@ def write_means(data_parquet: Path | str, out: Path | str) -> int:
     Raises InputError when the file cannot be read or its time runs backwards.
     """
     try:
-        source = pq.ParquetFile(data_parquet, pre_buffer=False)
+        source = pq.ParquetFile(data_parquet, pre_buffer=False, page_checksum_verification=True)
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"not a readable Parquet file ({error})", data_parquet) from error
     names = [name for name in source.schema_arrow.names if name not in {"time", "segment"}]

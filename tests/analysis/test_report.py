@@ -228,12 +228,10 @@ def test_a_timed_out_segment_is_never_a_whole_run(tmp_path: Path) -> None:
 
 def test_means_that_were_changed_after_the_run_are_noticed(tmp_path: Path) -> None:
     run = make_run(tmp_path / "changed", **ramp_run())
-    recorded = json.loads((run / "manifest.json").read_text())
-    recorded["files"]["means.parquet"] = "0" * 64
-    (run / "manifest.json").write_text(json.dumps(recorded))
-    analysis = quick(run)
-    assert "means.parquet is not the file that was recorded" in analysis.warnings[0]
-    assert not analysis.within_limits
+    with (run / "means.parquet").open("ab") as file:
+        file.write(b"\0")
+    with pytest.raises(InputError, match=r"means\.parquet: is not the file that was recorded: its SHA-256 is"):
+        quick(run)
 
 
 def test_the_diagnosis_names_the_loop_that_was_put_in_and_becomes_the_verdict(whole: Analysis) -> None:

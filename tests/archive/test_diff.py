@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from bench.cli import main
 from tests.support.report_runs import quick
-from tests.support.run_folders import CYCLE, make_run, ramp_run
+from tests.support.run_folders import CYCLE, keep, make_run, ramp_run
 
 
 def bench(*arguments):
@@ -66,8 +66,8 @@ def test_another_unit_is_told_by_its_curve_its_coefficients_and_its_quantities(r
 
 def test_settings_are_compared_by_what_they_say_and_not_by_how(runs, tmp_path):
     one, other = (shutil.copytree(run, tmp_path / run.name) for run in runs[:2])
-    (one / "profile.yaml").write_text("name: p\nsegments:\n  - {kind: soak, duration_min: 3}\n")
-    (other / "profile.yaml").write_text("# a comment\nname: p\nsegments:\n  - kind: soak\n    duration_min: 4\n")
+    keep(one, "profile.yaml", "name: p\nsegments:\n  - {kind: soak, duration_min: 3}\n")
+    keep(other, "profile.yaml", "# a comment\nname: p\nsegments:\n  - kind: soak\n    duration_min: 4\n")
     assert diff(one, other)["profile"] == [{"where": "segments[0].duration_min", "a": 3, "b": 4}]
     assert "segments[0].duration_min: 3 | 4" in bench("diff", one, other).stdout
 

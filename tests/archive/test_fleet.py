@@ -14,6 +14,7 @@ from bench.archive.fleet.drift import corrected, drifts, ewma
 from bench.archive.fleet.unlike import unlike
 from bench.cli import main
 from tests.support.fleet_runs import LIMITS, line, station
+from tests.support.run_folders import keep
 
 DAY_S = 86400.0
 
@@ -236,7 +237,7 @@ def test_verdicts_of_the_reports_count_without_limits(tmp_path):
     for unit, word in (("U-1", "PASS"), ("U-2", "FAIL"), ("U-3", None)):
         folder = station(root, unit, "A", float(unit[-1]), residual=0.1)
         if word:
-            (folder / "limits.json").write_text(json.dumps({"name": "line", "verdict": word, "results": []}))
+            keep(folder, "limits.json", {"name": "line", "verdict": word, "results": []})
     bench("registry", "rebuild", "--out", root)
     found = json.loads(bench("fleet", "--out", root, "--json").stdout)
     assert (found["yield"]["judged"], found["yield"]["first"]) == (2, 1)
@@ -254,10 +255,10 @@ def test_a_filter_that_finds_nothing_is_bad_input(made, pattern, said):
 def test_a_certificate_says_more_than_the_report(tmp_path):
     root = tmp_path / "reports"
     folder = station(root, "U-1", "A", 1.0, residual=0.1)
-    (folder / "limits.json").write_text(json.dumps({"name": "line", "verdict": "PASS", "results": []}))
+    keep(folder, "limits.json", {"name": "line", "verdict": "PASS", "results": []})
     results = [{"name": "bias_span_dph", "unit": "deg/h", "value": 7.5}]
     certificate = {"number": "C-1", "verdict": "FAIL", "issued": "2026-04-01", "operator": "Ada", "results": results}
-    (folder / "certificate.json").write_text(json.dumps(certificate))
+    keep(folder, "certificate.json", certificate)
     bench("registry", "rebuild", "--out", root)
     shown = json.loads(bench("registry", "show", "U-1/" + folder.name, "--out", root, "--json").stdout)
     assert shown["certificates"][0]["number"] == "C-1"

@@ -32,10 +32,10 @@ def reports(tmp_path):
 def test_a_registry_is_made_from_run_folders_listed_and_shown(reports):
     assert len(answer("registry", "rebuild", "--out", reports)["differences"]) == 5
     listed = answer("registry", "list", "--out", reports)["runs"]
-    assert [run["unit"] for run in listed] == ["U-1", "U-2"]
+    assert [run["unit"] for run in listed] == ["U-2", "U-1"]  # the last one seen is the first
     assert len(answer("registry", "list", "--unit", "U-2", "--out", reports)["runs"]) == 1
     assert answer("registry", "show", "U-1", "--out", reports)["runs"][0]["path"] == "U-1/r1"
-    for name in ("U-1/r1", reports / "U-1" / "r1", listed[0]["id"]):
+    for name in ("U-1/r1", reports / "U-1" / "r1", listed[1]["id"]):
         assert answer("registry", "show", name, "--out", reports)["run"]["unit"] == "U-1"
     assert "U-2" in bench("registry", "list", "--out", reports).output
 

@@ -1,6 +1,5 @@
 """The registry on SQLite and PostgreSQL: rows of the run folders, never lost, never more than the folders say."""
 
-import json
 import multiprocessing
 import os
 import uuid
@@ -18,7 +17,7 @@ from bench.archive.registry.writing import TABLES, register, stored, tell
 from bench.base.errors import InputError
 from bench.record.folder import RunFolder
 from tests.support.databases import binaries, database, postgres
-from tests.support.run_folders import make_run
+from tests.support.run_folders import keep, make_run
 
 NUMBERS = count()
 THERMOMETER = {"kind": "equipment", "name": "Pt100", "serial": "7", "type": "sensor", "due_on": "2027-01-31"}
@@ -63,7 +62,7 @@ def folder_of_run(root, unit="U-1", value=1.0):
     path = root / unit / f"run{number:04d}"
     make_run(path, {"time": [0.5, 1.5], "rate": [1.0, 2.0], "temperature": [20.0, 21.0]}, unit=unit, run=path.name,
              profile="quick", station="simulated", created=f"2026-11-01T00:{number % 60:02d}:00+00:00")  # fmt: skip
-    (path / "calibration.json").write_text(json.dumps(calibration(value)))
+    keep(path, "calibration.json", calibration(value))
     return RunFolder(path)
 
 
@@ -104,7 +103,7 @@ def test_registering_again_replaces_what_was_known_of_the_run_and_keeps_what_peo
         register(registry, run, ledger)
         tell(registry, ledger, {"kind": "lot", "lot": "A", "units": ["U-1"]})
         before = rows_of(registry, root)
-        (run.path / "calibration.json").write_text(json.dumps(calibration(2.0)))
+        keep(run.path, "calibration.json", calibration(2.0))
         register(registry, run, ledger)
         after = rows_of(registry, root)
     assert after["units"] == before["units"]
@@ -263,8 +262,7 @@ def test_a_registry_that_cannot_be_opened_is_one_line_without_the_password(where
 def test_the_ledger_says_which_line_is_broken(root):
     ledger = archive(root)
     ledger.append(THERMOMETER)
-    with ledger.path.open("a") as file:
-        file.write("{\n")
+    keep(root, ledger.path.name, ledger.path.read_text() + "{\n")
     with pytest.raises(InputError, match=r"ledger\.jsonl:3: "):
         ledger.entries()
 

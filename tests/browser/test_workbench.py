@@ -9,6 +9,7 @@ import pytest
 
 from bench.base import library
 from bench.mystery.mystery import make_mystery
+from tests.support.run_folders import keep
 from tests.support.servers import serving
 
 SEED = 7  # hides `aging`
@@ -26,7 +27,7 @@ def mystery(tmp_path_factory):
         unit = f"U-{number:05d}"
         folder = out / unit / made.run.name
         folder.mkdir(parents=True)
-        (folder / "manifest.json").write_text(json.dumps({**manifest, "unit": unit, "files": {}}))
+        keep(folder, "manifest.json", {**manifest, "unit": unit, "files": {}})
     return out
 
 

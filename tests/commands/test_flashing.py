@@ -32,6 +32,7 @@ from bench.record.dataset import load
 from drivers.errors import IdentityError, RefusedError
 from drivers.flash_objects import Memory
 from tests.support import acquisition, flash_bench
+from tests.support.run_folders import keep
 
 NOW_S = 1_800_000_000
 
@@ -131,7 +132,7 @@ def test_runs_that_must_not_be_flashed(tmp_path, short_run):
         ({}, {"calibration": None}, {}, "holds no calibration"),
     ):
         for name, content in (("manifest", manifest | facts), ("calibration", stored), ("limits", judged)):
-            (folder / f"{name}.json").write_text(json.dumps(content))
+            keep(folder, f"{name}.json", content)
         with pytest.raises(InputError, match=why):
             from_run(folder, unit)
 

@@ -16,7 +16,7 @@ from bench.analysis.judging.judge import analyse
 from bench.cli import main
 from tests.acquisition.test_continuation import TWO, go_on, kill_in
 from tests.support import acquisition
-from tests.support.run_folders import make_run, ramp_run
+from tests.support.run_folders import keep, make_run, ramp_run
 
 
 def bench(*arguments):
@@ -84,7 +84,7 @@ def test_a_coefficient_that_differs_in_its_last_bit_is_named(copied):
     content = json.loads(path.read_text())
     first = content["calibration"]["coefficients"][0]
     first["value"] = float(np.nextafter(first["value"], np.inf))
-    path.write_text(json.dumps(content))
+    keep(path.parent, path.name, content)
     answer = bench("replay", copied)
     assert answer.exit_code == 1
     assert "calibration.json: calibration.coefficients[0].value: then " in answer.stdout
@@ -132,7 +132,7 @@ def test_what_is_no_run_is_bad_input(tmp_path, name):
 
 def test_a_run_of_its_analysis_that_is_not_there_is_asked_for(copied):
     path = copied / "compare.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"check": ["elsewhere"]}))
+    keep(path.parent, path.name, json.loads(path.read_text()) | {"check": ["elsewhere"]})
     answer = bench("replay", copied)
     assert answer.exit_code == 2
     assert "was analysed with the run 'elsewhere', which is not beside it; name it with --with" in answer.stderr

@@ -17,7 +17,7 @@ from bench.base.errors import InputError
 from bench.cli import main
 from bench.deliver.certificate.certificate import number_of
 from bench.deliver.certificate.laboratory import Instrument, load_instruments, refuse_overdue
-from tests.support.run_folders import CYCLE, make_run, ramp_run
+from tests.support.run_folders import CYCLE, keep, make_run, ramp_run
 
 typst = pytest.importorskip("typst")
 LIMITS = """\
@@ -131,7 +131,7 @@ def flashed(made, tmp_path, **changes):
     own = json.loads(certificate(made, "--out", tmp_path / "first.pdf", "--json").stdout)["json"]
     calibration = json.loads(Path(own).read_text())["calibration"]["id"]
     record = {"state": "done", "calibration_id": calibration, "coefficient_set": 7, "crc": "0x12345678", "bank": 1}
-    (tmp_path / "run" / "flash.json").write_text(json.dumps({**record, **changes}))
+    keep(tmp_path / "run", "flash.json", {**record, **changes})
     return tmp_path
 
 
@@ -179,7 +179,7 @@ def changed(made, tmp_path, file="manifest.json", **changes):
     run = tmp_path / "run"
     shutil.copytree(made / "run", run)
     content = json.loads((run / file).read_text())
-    (run / file).write_text(json.dumps({**content, **changes}))
+    keep(run, file, {**content, **changes})
     return tmp_path
 
 
@@ -209,7 +209,7 @@ def test_data_that_are_not_those_recorded_are_not_certified(made, tmp_path):
         file.write("\n")
     done = certificate(tmp_path)
     assert done.exit_code == 2
-    assert "events.jsonl is not the file that was recorded" in done.stderr
+    assert "events.jsonl: is not the file that was recorded: its SHA-256 is" in done.stderr
 
 
 def test_overdue_equipment_makes_no_certificate(made):
@@ -232,7 +232,7 @@ def test_a_verification_that_shares_data_with_the_fit_proves_nothing(made, tmp_p
 def test_a_verification_of_another_unit_or_in_part_is_refused(made, tmp_path, change, said):
     shutil.copytree(made / "check", tmp_path / "check")
     path = tmp_path / "check" / "manifest.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    keep(path.parent, path.name, {**json.loads(path.read_text()), **change})
     done = certificate(made, "--verification", tmp_path / "check")
     assert done.exit_code == 2
     assert said in done.stderr
@@ -241,7 +241,7 @@ def test_a_verification_of_another_unit_or_in_part_is_refused(made, tmp_path, ch
 def judged(made, tmp_path, content, run="check"):
     """A copy of a verification run with the verdict of `bench verify`."""
     shutil.copytree(made / run, tmp_path / "judged")
-    (tmp_path / "judged" / "verification.json").write_text(content if isinstance(content, str) else json.dumps(content))
+    keep(tmp_path / "judged", "verification.json", content)
     return tmp_path / "judged"
 
 

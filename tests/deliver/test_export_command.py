@@ -18,7 +18,7 @@ from bench.deliver.export.formats import FORMATS
 from bench.deliver.export.image import read
 from bench.deliver.export.words import float_of, to_words
 from tests.support.report_runs import quick
-from tests.support.run_folders import make_run, ramp_run
+from tests.support.run_folders import keep, make_run, ramp_run
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def altered(run_folder, tmp_path):
         shutil.copytree(run_folder, copy)
         content = json.loads((copy / name).read_text())
         edit(content)
-        (copy / name).write_text(json.dumps(content))
+        keep(copy, name, content)
         return copy
 
     return change

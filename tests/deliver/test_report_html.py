@@ -26,7 +26,7 @@ from bench.deliver.report import plotting
 from bench.deliver.report.html import render, write_report
 from bench.deliver.report.markup import figure
 from tests.support.report_runs import clean, disturbed, looped, quick
-from tests.support.run_folders import make_run, ramp_run
+from tests.support.run_folders import keep, make_run, ramp_run
 
 FIGURES = {
     "profile", "loop", "channels", "ladder", "compensation", "spline", "residual-temperature", "residual-time", "allan",
@@ -215,7 +215,7 @@ def test_hostile_names_stay_text(tmp_path: Path) -> None:
         segment["name"] = HOSTILE
     made["segments"][-1] |= {"settled": False, "outcome": "timeout", "reason": HOSTILE}
     run = make_run(tmp_path / "hostile", **made, unit=HOSTILE, profile=HOSTILE, cause=HOSTILE)
-    (run / "events.jsonl").write_text(json.dumps({"t_s": 1.0, "kind": "guard", "text": HOSTILE}) + "\n")
+    keep(run, "events.jsonl", json.dumps({"t_s": 1.0, "kind": "guard", "text": HOSTILE}) + "\n")
     page = Page(render(analyse(run, [load_model("polynomial")], diagnose=False)))
     assert not any(tag == "img" for tag, _ in page.tags)
     assert not any("alert" in body and not body.startswith('{"data"') and len(body) < 1000 for body in page.scripts)

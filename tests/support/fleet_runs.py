@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 
 from bench.record import Manifest
+from tests.support.run_folders import keep
 
 BEGIN = datetime(2026, 3, 1, tzinfo=UTC)
 LIMITS = """
@@ -56,5 +56,5 @@ def station(
         "residual": {"rms_dph": residual * 0.9, "held_out": [{"by": "blocks", "rms_dph": residual}]},
         "calibration": {"model": {"name": "spline"}, "coefficients": [], "parameters": [], "validity": {}},
     }
-    (folder / "calibration.json").write_text(json.dumps(content))
+    keep(folder, "calibration.json", content)
     return folder

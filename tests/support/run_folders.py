@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.base.channels import FloatArray
+from bench.record.chain import chain_of, put
 from bench.record.dataset import write_means
 from bench.record.folder import Manifest, RunFolder
 
@@ -131,3 +132,18 @@ def _play(values: FloatArray, half_width: float) -> FloatArray:
         centre = min(max(centre, value - half_width), value + half_width)
         out[i] = centre
     return values - out
+
+
+def keep(folder: Path, name: str, content: Any) -> None:
+    """Put a file into a folder as the bench does: the folder's chain lists it.
+
+    Results are then those of a new manifest, as if they had been made from it.
+    """
+    files = {name: (content if isinstance(content, str) else json.dumps(content)).encode()}
+    known = chain_of(folder)
+    if name != "manifest.json" or known is None:
+        put(folder, files, ["manifest.json"])
+        return
+    results = [other for other, link in known.files.items() if link.made_from]
+    put(folder, files, unit=content.get("unit", ""), run=content.get("run", ""))
+    put(folder, {other: (folder / other).read_bytes() for other in results}, ["manifest.json"])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from datetime import timedelta
 from pathlib import Path
 
 from bench.record import Manifest
 from tests.support.fleet_runs import BEGIN
+from tests.support.run_folders import keep
 
 UNIT = "GX-0042"
 PDF = b"%PDF-1.4\n%a certificate\n"
@@ -40,7 +40,7 @@ def _run(root: Path, number: int, days: int) -> Path:
             "verdict": "PASS",
             "issued": f"{created:%Y-%m-%d}",
         }
-        (folder / "certificate.json").write_text(json.dumps(facts))
+        keep(folder, "certificate.json", facts)
         (folder / "certificate.pdf").write_bytes(PDF)
     if number == WRITTEN:
         record = {
@@ -50,7 +50,7 @@ def _run(root: Path, number: int, days: int) -> Path:
         }  # fmt: skip
         flash = root / UNIT / "flash"
         flash.mkdir()
-        (flash / f"{created:%Y%m%dT%H%M%SZ}.json").write_text(json.dumps(record))
+        keep(flash, f"{created:%Y%m%dT%H%M%SZ}.json", record)
     return folder
 
 
@@ -66,7 +66,7 @@ def _calibrate(folder: Path, number: int) -> None:
                         "coefficients": [{"key": "spline.c0", "value": float(number)}],
                         "validity": {"temperature": {"from": -39.0 + number, "to": 84.0, "unit": "degC"}}},
     }  # fmt: skip
-    (folder / "calibration.json").write_text(json.dumps(content))
+    keep(folder, "calibration.json", content)
     result = {
         "name": "residual_rms_dph",
         "unit": "deg/h",
@@ -75,4 +75,4 @@ def _calibrate(folder: Path, number: int) -> None:
         "upper": 0.19,
         "verdict": judged,
     }
-    (folder / "limits.json").write_text(json.dumps({"name": "vibratory", "verdict": judged, "results": [result]}))
+    keep(folder, "limits.json", {"name": "vibratory", "verdict": judged, "results": [result]})

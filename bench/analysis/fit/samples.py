@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.base import DPH_PER_DPS, FloatArray, InputError, IntArray
-from bench.record import floats
+from bench.record import floats, use
 
 BATCH_ROWS = 1 << 17
 REACH_S = 2.5
@@ -44,7 +44,8 @@ class Samples:
 
     @cached_property
     def metadata(self) -> pq.FileMetaData:
-        """Metadata of the file."""
+        """Metadata of the file, which is the one that was recorded."""
+        use(self.path.parent, self.path.name)
         try:
             return pq.read_metadata(self.path)
         except (OSError, pa.ArrowException) as error:
@@ -89,8 +90,8 @@ class Samples:
             self.range(name)
         wanted = [*names, *(("segment",) if "segment" in self._ends else ())]
         carried: dict[str, FloatArray] = {}
-        with pq.ParquetFile(self.path, pre_buffer=False) as source:
-            for batch in source.iter_batches(batch_size=BATCH_ROWS, columns=wanted):
+        with pq.ParquetFile(self.path, pre_buffer=False, page_checksum_verification=True) as source:
+            for batch in _sound(source.iter_batches(batch_size=BATCH_ROWS, columns=wanted), self.path):
                 table = {name: floats(batch.column(name)) for name in wanted}
                 if carried:
                     table = {name: np.concatenate([carried[name], table[name]]) for name in wanted}
@@ -118,6 +119,14 @@ class Samples:
             y = y - DPH_PER_DPS * columns["applied_rate"]
         segment = np.nan_to_num(table["segment"][new], nan=-1.0) if "segment" in table else np.full(y.size, -1.0)
         return Batch(columns["time"], columns, y, segment.astype(np.int64))
+
+
+def _sound(batches: Iterator[pa.RecordBatch], path: Path) -> Iterator[pa.RecordBatch]:
+    """The same; InputError where a page is damaged."""
+    try:
+        yield from batches
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"is damaged ({error}); restore it from a backup", path) from None
 
 
 def between(time: FloatArray, values: FloatArray, rows: slice, channel: str = "") -> FloatArray:

@@ -44,6 +44,8 @@ class Analysis:
     gaps: tuple[Joint, ...] = ()
     """Gaps between the parts of a run whose bench was killed and which went on."""
     warnings: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+    """What further runs, held out or isothermal, lack so badly that nothing may rest on them."""
     diagnosed: Diagnosed = field(default_factory=Diagnosed)
     judgement: Judgement | None = None
     """Against limits, where some were given."""
@@ -64,7 +66,8 @@ class Analysis:
         if self.judgement is not None:
             return self.judgement.verdict.within
         proven = self.best is not None and bool(np.isfinite(self.best.held_out.rms_dph))
-        return self.done.whole and not self.done.lost and not self.done.altered and proven and self.admissible
+        whole = self.done.whole and not self.done.lost and not self.others
+        return whole and not any(self.done.lacking()) and proven and self.admissible
 
     @property
     def admissible(self) -> bool:

@@ -36,17 +36,6 @@ def cautions(
     return (*(gap.sentence for gap in gaps), *_of_data(done), *_of_floor(floor), *_of_models(comparison, best))
 
 
-def altered(done: Completeness) -> Iterator[str]:
-    """One line for each file that is not the recorded one."""
-    for name in done.altered:
-        yield f"{name} is not the file that was recorded: its SHA-256 differs from the manifest's"
-
-
-def reasons(done: Completeness) -> str:
-    """Why data were left out, the longest first."""
-    return ", ".join(f"{entry.why} ({number(entry.duration_s)} s)" for entry in done.left_out) or "marked by the unit"
-
-
 def short_branches(done: Completeness) -> Iterator[str]:
     """One line for each direction that is too short to compare the two."""
     for name, seconds in (("heating", done.heating_s), ("cooling", done.cooling_s)):
@@ -64,7 +53,6 @@ def unproven(best: Score) -> Iterator[str]:
 
 
 def _of_data(done: Completeness) -> Iterator[str]:
-    yield from altered(done)
     for segment in done.failed:
         yield f"segment '{segment.name}' failed: {segment.reason or segment.outcome}"
     for entry in done.left_out:
@@ -84,6 +72,7 @@ def _of_data(done: Completeness) -> Iterator[str]:
         shown = ", ".join(f"{clock(a)} to {clock(b)}" for a, b in done.gaps_s[:_SHOWN_GAPS])
         more = f" and {len(done.gaps_s) - _SHOWN_GAPS} more" if len(done.gaps_s) > _SHOWN_GAPS else ""
         yield f"no sample at {shown}{more}; nothing was filled in"
+    yield from done.lacking()
     yield from short_branches(done)
 
 

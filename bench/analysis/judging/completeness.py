@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -10,7 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.record import Capture, Dataset, ExecutedSegment, LeftOut, Manifest, RunFolder, UnitClock, sha256
+from bench.analysis.thresholds import LONGEST_GAP_S, MOST_LEFT_OUT, MOST_MISSING_PPM
+from bench.base import clock, finite, number
+from bench.record import Capture, Dataset, ExecutedSegment, LeftOut, Manifest, RunFolder, UnitClock, use
 
 SAMPLES = ("lost", "slow_lost")
 CAUSES = ("corrupt", "late", "invalid")
@@ -43,8 +45,9 @@ class Completeness:
     capture: Capture | None = None
     left_out: tuple[LeftOut, ...] = ()
     """What of the record is no measurement, by reason."""
-    altered: tuple[str, ...] = ()
-    """Files whose hash is not the manifest's."""
+    between_s: tuple[tuple[float, float], ...] = ()
+    """Gaps between the parts of a resumed run, which are judged by themselves."""
+    rate_hz: float | None = None
 
     @property
     def failed(self) -> tuple[ExecutedSegment, ...]:
@@ -88,9 +91,64 @@ class Completeness:
         samples = sum(count[key] for key in SAMPLES)
         return samples or max(*(count[key] for key in CAUSES), min(count[DAMAGED_BYTES], 1))
 
+    @property
+    def missing_ppm(self) -> float:
+        """Share of samples that are missing, whatever took them, without the gaps between parts; NaN: not known."""
+        if not self.samples:
+            return np.nan
+        between = sum(b - a for a, b in self.between_s) * (self.rate_hz or 0.0)
+        known = [self.lost, None if self.missing is None else max(0.0, self.missing - between)]
+        missing = max((count for count in known if count is not None), default=np.nan)
+        return 1e6 * missing / (self.samples + missing)
+
+    @property
+    def longest_gap_s(self) -> float:
+        """Longest stretch without a sample [s] that is not between two parts."""
+        own = [b - a for a, b in self.gaps_s if not any(a < end and start < b for start, end in self.between_s)]
+        return max(own, default=0.0)
+
+    def lacking(self, limited: Iterable[str] = ()) -> Iterator[str]:
+        """Why too much is missing for any verdict, by the default limits of what is not `limited` by others."""
+        if "samples_missing_ppm" not in limited and self.missing_ppm > MOST_MISSING_PPM:
+            share, most = f"{1e-4 * self.missing_ppm:.1f} %", f"{1e-4 * MOST_MISSING_PPM:g} %"
+            yield f"{share} of the samples are missing, at most {most} may be"
+        if self.left_out_share > MOST_LEFT_OUT:
+            why = ", ".join(f"{entry.why} ({number(entry.duration_s)} s)" for entry in self.left_out)
+            yield (
+                f"{self.left_out_share:.1%} of its data are no measurements, {MOST_LEFT_OUT:.0%} allowed: "
+                f"{why or 'marked by the unit'}"
+            )
+        if "longest_gap_s" not in limited and self.longest_gap_s > LONGEST_GAP_S:
+            longest, most = clock(self.longest_gap_s), f"{LONGEST_GAP_S:g} s"
+            yield f"there is no sample for {longest}, at most {most} may pass without one"
+
+    def counts(self) -> dict[str, float | None]:
+        """What is there and what is not, for programs; null where it was not counted."""
+        return {
+            "samples": self.samples,
+            "lost": self.lost,
+            "missing": self.missing,
+            "missing_ppm": finite(self.missing_ppm),
+            "longest_gap_s": self.longest_gap_s if self.samples else None,
+            "left_out": int(self.losses.get("invalid") or 0),
+            "left_out_share": self.left_out_share,
+        }
+
+    @property
+    def counted(self) -> str:
+        """The same in words."""
+        lost = "losses not counted" if self.lost is None else f"{self.lost} lost"
+        missing = "" if self.missing is None else f", {self.missing} missing"
+        gap = f", longest gap {number(self.longest_gap_s)} s" if self.samples else ""
+        return f"{self.samples} samples, {lost}{missing}, {self.losses.get('invalid') or 0} left out as invalid{gap}"
+
 
 def completeness(run: RunFolder, manifest: Manifest, base: Dataset | None) -> Completeness:
-    """Completeness of a run folder; `base` are its 1 s means, None without them."""
+    """Completeness of a run folder; `base` are its 1 s means, None without them.
+
+    InputError where the tables are not those that were recorded.
+    """
+    use(run.path, run.means.name, run.data.name)
     known = Completeness(
         state=manifest.state,
         cause=manifest.cause,
@@ -99,7 +157,8 @@ def completeness(run: RunFolder, manifest: Manifest, base: Dataset | None) -> Co
         unit_clock=manifest.unit_clock,
         capture=manifest.capture,
         left_out=manifest.left_out,
-        altered=_altered(run, manifest),
+        between_s=tuple(_between(manifest)),
+        rate_hz=manifest.sample_rate_hz,
     )
     if base is None or len(base) == 0:
         return known
@@ -110,7 +169,7 @@ def completeness(run: RunFolder, manifest: Manifest, base: Dataset | None) -> Co
         duration_s=float(base.time[-1] - base.time[0]) + base.interval_s,
         samples=samples,
         missing=missing,
-        gaps_s=_gaps(base),
+        gaps_s=_gaps(base, manifest),
         temperature=(float(np.nanmin(temperature)), float(np.nanmax(temperature))),
         heating_s=float(np.sum(base.direction > 0) * base.interval_s),
         cooling_s=float(np.sum(base.direction < 0) * base.interval_s),
@@ -121,7 +180,7 @@ def _samples(run: RunFolder, base: Dataset, rate_hz: float | None) -> tuple[int,
     """Unit samples present, and missing between the first and the last of the 500 Hz table."""
     counted = int(base.count("rate").sum())
     try:
-        with pq.ParquetFile(run.data) as table:
+        with pq.ParquetFile(run.data, page_checksum_verification=True) as table:
             groups = range(table.num_row_groups)
             first, last = _edge(table, groups, 0), _edge(table, reversed(groups), -1)
     except (OSError, pa.ArrowException):  # no table, or a damaged one: the means still say how many there are
@@ -141,15 +200,18 @@ def _edge(table: pq.ParquetFile, groups: Iterable[int], end: int) -> float | Non
     return None
 
 
-def _gaps(base: Dataset) -> tuple[tuple[float, float], ...]:
-    """Spans [s] without a single rate sample."""
-    present = base.time[np.isfinite(base.channel("rate"))]
+def _gaps(base: Dataset, manifest: Manifest) -> tuple[tuple[float, float], ...]:
+    """Spans [s] without a single rate sample, also before the first and after the last of the segments."""
     edge = 0.5 * base.interval_s
-    return tuple((a + edge, b - edge) for a, b in pairwise(present.tolist()) if b - a > _GAP * base.interval_s)
+    present = base.time[np.isfinite(base.channel("rate"))].tolist()
+    if manifest.segments and present:
+        ends = manifest.segments[0].from_s - edge, manifest.segments[-1].to_s + edge
+        present = [*(ends[:1] if ends[0] < present[0] else ()), *present, *(ends[1:] if ends[1] > present[-1] else ())]
+    return tuple((a + edge, b - edge) for a, b in pairwise(present) if b - a > _GAP * base.interval_s)
 
 
-def _altered(run: RunFolder, manifest: Manifest) -> tuple[str, ...]:
-    """The table that the report rests on, if it is not what was recorded (the 500 Hz record is too big to check)."""
-    recorded = manifest.files.get(run.means.name)
-    altered = recorded is not None and run.means.is_file() and recorded != sha256(run.means)
-    return (run.means.name,) if altered else ()
+def _between(manifest: Manifest) -> Iterator[tuple[float, float]]:
+    """Gaps [s] between parts whose ends are known."""
+    for gap in (part.gap for part in manifest.parts):
+        if gap is not None and gap.from_s is not None and gap.to_s is not None:
+            yield gap.from_s, gap.to_s

@@ -5,19 +5,25 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.analysis.diagnosis.answer import Diagnosis
-from bench.record import DiagnosisRecord
+from bench.base import InputError
+from bench.record import DiagnosisRecord, drop
 
 SAVED, BEFORE = DiagnosisRecord.FILE, DiagnosisRecord.BEFORE
 
 
 def set_aside(folder: Path, answer: Diagnosis | None) -> str:
     """Keep the diagnosis of before under another name if it knew a run that `answer` does not; then say so, else ''."""
-    saved = DiagnosisRecord.find(folder)
+    try:
+        saved = DiagnosisRecord.find(folder)
+    except InputError as error:
+        return f"the earlier diagnosis is replaced: {error}"
     known = set() if saved is None else saved.everything()
     lost = known - (set() if answer is None else {*answer.runs, *answer.check, answer.static})
     if not lost:
         return ""
-    (folder / SAVED).replace(folder / BEFORE)
+    if saved is not None:
+        saved.write(folder, BEFORE)
+    drop(folder, SAVED)
     if answer is None:
         return f"the earlier diagnosis is kept as {BEFORE}"
     return (

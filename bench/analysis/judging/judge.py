@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,11 +31,13 @@ from bench.record import (
     DiagnosisRecord,
     LimitsRecord,
     Manifest,
+    Record,
     RunFolder,
     averaged,
     load,
+    put,
     seconds_of,
-    write_atomically,
+    use,
 )
 
 BASELINES = 3
@@ -63,20 +65,23 @@ def analyse(
     """
     run = RunFolder(Path(run_folder))
     manifest = run.manifest()
+    use(run.path, run.means.name, run.data.name)
     checks = [load(_of_unit(folder, manifest, "check"), interval_s) for folder in check]
     isothermal = None if static is None else _of_unit(static, manifest, "isothermal")
     calm = None if isothermal is None else seconds_of(isothermal)
     still, fine = (None if calm is None else averaged(calm, s) for s in (interval_s, 1.0))
+    others = tuple(_lacking(check if static is None else (*check, static)))
     seconds, data, reason = _means(run, interval_s)
     done = completeness(run, manifest, None if seconds is None else averaged(seconds, 1.0, whole=True))
     floor = Floor(reason=reason) if seconds is None else noise_floor([averaged(seconds, 1.0)], interval_s, fine)
     if data is None:
         verdict = judge(done, None, np.nan, reason)
         gaps = joints(manifest, None, np.nan)
-        warnings = cautions(done, None, None, None, gaps)
-        result = Analysis(run, manifest, interval_s, done, floor, verdict, gaps=gaps, warnings=warnings)
+        warnings = (*cautions(done, None, None, None, gaps), *others)
+        result = Analysis(run, manifest, interval_s, done, floor, verdict, gaps=gaps, warnings=warnings, others=others)
     else:
-        result = _judged(Analysis(run, manifest, interval_s, done, floor, _PENDING, data), data, models, checks)
+        known = Analysis(run, manifest, interval_s, done, floor, _PENDING, data, others=others)
+        result = _judged(known, data, models, checks)
         result = _diagnosed(result, data, checks, still) if diagnose else result
     _write(result)
     return result
@@ -84,7 +89,7 @@ def analyse(
 
 def judged_by(analysis: Analysis, limits: Limits) -> Analysis:
     """The analysis with the limits' verdict, written as limits.json beside the data."""
-    judged = replace(analysis, judgement=judge_limits(limits, quantities(analysis), refusals(analysis)))
+    judged = replace(analysis, judgement=judge_limits(limits, quantities(analysis), refusals(analysis, limits)))
     if judged.judgement is not None:
         LimitsRecord.model_validate(judged.judgement.to_json()).write(analysis.run.path)
     return judged
@@ -97,6 +102,15 @@ def _of_unit(folder: Path | str, manifest: Manifest, what: str) -> Path:
     if mine and theirs and mine != theirs:
         raise InputError(f"{what} run is of unit {theirs}, the run to be judged is of {mine}", run.path)
     return run.path
+
+
+def _lacking(folders: Iterable[Path | str]) -> Iterator[str]:
+    """Why nothing may rest on further runs, one line each."""
+    for folder in folders:
+        run = RunFolder(Path(folder))
+        done = completeness(run, run.manifest(), averaged(seconds_of(run.path), 1.0, whole=True))
+        reasons = [*done.lacking(), *([] if done.ended else [f"it is not complete: {done.state}"])]
+        yield from (f"run {run.path.name}, on which this verdict rests: {reason}" for reason in reasons)
 
 
 def _means(run: RunFolder, interval_s: float) -> tuple[Dataset | None, Dataset | None, str]:
@@ -131,7 +145,7 @@ def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Seq
         bias_span_dph=float(np.nanmax(data.bias) - np.nanmin(data.bias)),
         uncompensated_dph=float(np.sqrt(np.nansum(weight * (data.bias - mean) ** 2) / np.sum(weight))),
         gaps=gaps,
-        warnings=cautions(known.done, known.floor, comparison, best, gaps),
+        warnings=(*cautions(known.done, known.floor, comparison, best, gaps), *known.others),
     )
 
 
@@ -167,12 +181,14 @@ def _write(result: Analysis) -> None:
     folder = result.run.path
     answer = result.to_json()
     compared = result.comparison.to_json() if result.comparison else {"runs": [folder.name], "models": []}
-    ComparisonRecord.model_validate({**compared, "verdict": answer["verdict"]}).write(folder)
+    made: list[Record] = [ComparisonRecord.model_validate({**compared, "verdict": answer["verdict"]})]
     content = calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
     content["quantities"] = [quantity.to_json() for quantity in quantities(result)]
     content["refusals"] = list(refusals(result))
-    CalibrationRecord.model_validate(content).write(folder)
+    made.append(CalibrationRecord.model_validate(content))
     if result.diagnosed.answer is not None:
-        DiagnosisRecord.model_validate(result.diagnosed.answer.to_json()).write(folder)
+        made.append(DiagnosisRecord.model_validate(result.diagnosed.answer.to_json()))
+    files = {record.FILE: record.text().encode() for record in made}
     if result.diagnosed.profile_yaml:
-        write_atomically(folder / NEXT_PROFILE, result.diagnosed.profile_yaml.encode())
+        files[NEXT_PROFILE] = result.diagnosed.profile_yaml.encode()
+    put(folder, files, [Manifest.FILE])

@@ -213,6 +213,11 @@ class Limits(BaseModel):
     limits: tuple[Limit, ...] = Field(min_length=1)
     """The limits."""
 
+    @property
+    def quantities(self) -> frozenset[str]:
+        """What is limited."""
+        return frozenset(limit.quantity for limit in self.limits)
+
     @model_validator(mode="after")
     def _once_each(self) -> Limits:
         names = [limit.quantity for limit in self.limits]

@@ -18,6 +18,7 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
+from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.limits import COVERAGE, Quantity
 from bench.analysis.thresholds import LEAST_COVERED_DEGC, TURNING_DPS
 from bench.base import DPH_PER_DPS, BoolArray, FloatArray, InputError
@@ -41,7 +42,7 @@ def quantities(analysis: Analysis) -> tuple[Quantity, ...]:
     """All quantities of a run; those that it does not show have a reason instead of a value."""
     noise = analysis.floor.noise
     white_dph = float(np.sqrt(noise.white_variance(analysis.interval_s))) if noise else analysis.floor.floor_dph
-    listed = [*_of_noise(analysis), *_of_data(analysis)]
+    listed = [*_of_noise(analysis), *of_data(analysis.done)]
     if analysis.dataset is not None:
         listed += [*_of_bias(analysis.dataset, white_dph), *_of_scale(analysis.dataset, white_dph)]
     if analysis.best is not None:
@@ -127,8 +128,8 @@ def _of_model(analysis: Analysis, best: Score, white_dph: float) -> Iterator[Qua
         yield Quantity.exact("temperature_step_error_dph", step_error_dph(best.fit.bound, best.fit.beta, data))
 
 
-def _of_data(analysis: Analysis) -> Iterator[Quantity]:
-    done = analysis.done
+def of_data(done: Completeness) -> Iterator[Quantity]:
+    """What of a run is there."""
     if done.lost is None:
         yield Quantity("samples_lost", reason="the frames of this record were not counted")
     else:

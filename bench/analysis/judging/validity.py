@@ -10,28 +10,28 @@ import numpy as np
 from bench.analysis.diagnosis.compare import Score
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
-from bench.analysis.judging.cautions import altered, reasons, short_branches, unproven
+from bench.analysis.judging.cautions import short_branches, unproven
+from bench.analysis.judging.limits import Limits
 from bench.analysis.judging.stored import objections_to
-from bench.analysis.thresholds import MOST_LEFT_OUT, MOST_LOOP_RATIO, MOST_STEP_SHARE
+from bench.analysis.thresholds import MOST_LOOP_RATIO, MOST_STEP_SHARE
 from bench.base import number
 
 if TYPE_CHECKING:
     from bench.analysis.judging.analysis import Analysis
 
 
-def refusals(analysis: Analysis) -> tuple[str, ...]:
-    """Reasons, one line each, the gravest first; none for a run that may be judged."""
-    return (*_of_run(analysis), *_of_model(analysis))
+def refusals(analysis: Analysis, limits: Limits | None = None) -> tuple[str, ...]:
+    """Reasons, one line each, the gravest first; none for a run that may be judged, by `limits` where there are any."""
+    return (*_of_run(analysis, limits), *_of_model(analysis))
 
 
-def _of_run(analysis: Analysis) -> Iterator[str]:
+def _of_run(analysis: Analysis, limits: Limits | None) -> Iterator[str]:
     done = analysis.done
     if not done.ended:
         failed = f", {len(done.failed)} of its segments failed" if done.failed else ""
         yield f"the run is not complete: {done.state}{f' ({done.cause})' if done.cause else ''}{failed}"
-    yield from altered(done)
-    if done.left_out_share > MOST_LEFT_OUT:
-        yield f"{done.left_out_share:.1%} of its data are no measurements, {MOST_LEFT_OUT:.0%} allowed: {reasons(done)}"
+    yield from done.lacking(() if limits is None else limits.quantities)
+    yield from analysis.others
     if not all(gap.admissible for gap in analysis.gaps):
         yield "its parts must not be used for one calibration: nothing shows that they agree"
     yield from short_branches(done)

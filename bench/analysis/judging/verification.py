@@ -6,7 +6,7 @@ sent: this is the error that its user will see.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,17 +14,22 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.diagnosis.compare import HeldOut, error_of
+from bench.analysis.judging.completeness import Completeness, completeness
 from bench.analysis.judging.limits import Limits, Quantity, Verdict, judge_limits
+from bench.analysis.judging.quantities import of_data
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.analysis.thresholds import VERIFIED_RATIO
-from bench.base import Document, InputError, finite, read_text
-from bench.record import CalibrationRecord, Dataset, Manifest, RunFolder, VerificationRecord, load
+from bench.base import Document, InputError, finite, read_yaml
+from bench.record import CalibrationRecord, Dataset, RunFolder, VerificationRecord, averaged, seconds_of, use
 
+_NAMING = {"name", "description"}
 _MEASURED = {
     "residual_rms_dph",
     "residual_peak_dph",
     "residual_over_floor",
     "samples_lost",
+    "samples_missing_ppm",
+    "longest_gap_s",
     "bias_max_dph",
     "bias_span_dph",
 }
@@ -67,6 +72,10 @@ class Verification:
     before: Figures | None
     verdict: Verdict
     judged: Mapping[str, Any]
+    done: Completeness
+    """What of the run is there."""
+    done_before: Completeness | None = None
+    """What of the calibration run is there."""
 
     @property
     def over_floor(self) -> float:
@@ -94,17 +103,28 @@ class Verification:
             "floor_dph": finite(self.floor.floor_dph),
             "over_floor": finite(self.over_floor),
             "unit_identity": manifest.unit_identity.content() if manifest.unit_identity else None,
+            "data": self.done.counts(),
+            "calibration_data": self.done_before.counts() if self.done_before else None,
             **self.judged,
         }
 
 
 def refuse_same_profile(profile: Document, calibration: Path | None) -> None:
-    """InputError where the profile is the one that the calibration was fitted to."""
-    known = None if calibration is None else calibration / "profile.yaml"
-    if known is not None and known.is_file() and read_text(known) == profile.text:
+    """InputError where the profile is the one that the calibration was fitted to, whatever it is called there."""
+    if calibration is None:
+        return
+    known = calibration / "profile.yaml"
+    use(calibration, known.name)
+    if known.is_file() and _steps(read_yaml(known)) == _steps(profile):
         raise InputError(
             f"is the profile of the calibration run {known.parent.name}; verify with another one", profile.file
         )
+
+
+def _steps(profile: Document) -> Any:
+    """What a profile does: without comments, name and description."""
+    content = profile.content
+    return {k: v for k, v in content.items() if k not in _NAMING} if isinstance(content, dict) else content
 
 
 def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, serials: Mapping[str, Any]) -> Verification:
@@ -116,13 +136,14 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
     manifest = run.manifest()
     if manifest.purpose != "verification":
         raise InputError("is not a verification: its unit sent the raw rate; make one with `bench verify`", run.path)
-    interval_s, before = _before(calibration)
-    data = load(run.path, interval_s)
+    interval_s, before, done_before = _before(calibration)
+    seconds = seconds_of(run.path)
+    data, done = averaged(seconds, interval_s), completeness(run, manifest, averaged(seconds, 1.0, whole=True))
     after = Figures.of(data)
     error = error_of("verification", (data,), (data.bias,))
-    floor = noise_floor([load(run.path, 1.0)], interval_s)
-    refusals = () if manifest.state == "done" else (f"the run is '{manifest.state}': {manifest.cause}",)
-    quantities = tuple(_quantities(manifest, error, after, floor))
+    floor = noise_floor([averaged(seconds, 1.0)], interval_s)
+    refusals = tuple(_refusals(done, done_before, () if limits is None else limits.quantities))
+    quantities = tuple(_quantities(done, error, after, floor))
     if limits is None:
         verdict, judged = _by_floor(error, floor, refusals)
     else:
@@ -135,17 +156,29 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
         verdict, judged = judgement.verdict, {"limits": judgement.to_json()}
     content = {**judged, "in_unit": dict(serials), "calibration_run": None if calibration is None else str(calibration)}
     content["quantities"] = [quantity.to_json() for quantity in quantities]
-    verification = Verification(run, after, error, floor, before, verdict, content)
+    verification = Verification(run, after, error, floor, before, verdict, content, done, done_before)
     VerificationRecord.model_validate(verification.to_json()).write(run.path)
     return verification
 
 
-def _before(calibration: Path | None) -> tuple[float, Figures | None]:
-    """Averaging time [s] of the calibration, and the raw figures of its run."""
+def _refusals(done: Completeness, before: Completeness | None, limited: Collection[str]) -> Iterator[str]:
+    """Why the run must not be judged: it or the calibration run has not ended, or lacks too much."""
+    if not done.ended:
+        failed = "".join(f", segment '{segment.name}' failed" for segment in done.failed)
+        yield f"the run is '{done.state}': {done.cause}{failed}"
+    yield from done.lacking(limited)
+    if before is not None:
+        yield from (f"calibration run: {reason}" for reason in before.lacking(limited))
+
+
+def _before(calibration: Path | None) -> tuple[float, Figures | None, Completeness | None]:
+    """Averaging time [s] of the calibration, the raw figures of its run, and what of that is there."""
     stored = None if calibration is None else CalibrationRecord.find(calibration)
     if calibration is None or stored is None:
-        return 30.0, None
-    return stored.averaging_s, Figures.of(load(calibration, stored.averaging_s))
+        return 30.0, None, None
+    run, seconds = RunFolder(calibration), seconds_of(calibration)
+    done = completeness(run, run.manifest(), averaged(seconds, 1.0, whole=True))
+    return stored.averaging_s, Figures.of(averaged(seconds, stored.averaging_s)), done
 
 
 def _by_floor(error: HeldOut, floor: Floor, refusals: tuple[str, ...]) -> tuple[Verdict, dict[str, Any]]:
@@ -163,11 +196,10 @@ def _by_floor(error: HeldOut, floor: Floor, refusals: tuple[str, ...]) -> tuple[
     return (Verdict.MARGINAL if low <= most else Verdict.FAIL), judged
 
 
-def _quantities(manifest: Manifest, error: HeldOut, after: Figures, floor: Floor) -> list[Quantity]:
+def _quantities(done: Completeness, error: HeldOut, after: Figures, floor: Floor) -> list[Quantity]:
     low, high = error.interval_dph
     noise = floor.noise
     white_dph = float(np.sqrt(noise.white_variance(after.interval_s))) if noise else floor.floor_dph
-    lost = manifest.losses.get("lost")
     level = floor.floor_dph
     return [
         Quantity("residual_rms_dph", error.rms_dph, low, high),
@@ -175,5 +207,5 @@ def _quantities(manifest: Manifest, error: HeldOut, after: Figures, floor: Floor
         Quantity("residual_over_floor", error.rms_dph / level, low / level, high / level, floor.reason),
         Quantity.expanded("bias_span_dph", after.span_dph, np.sqrt(2.0) * white_dph),
         Quantity.positive("bias_max_dph", after.peak_dph, white_dph),
-        Quantity("samples_lost", reason="not counted") if lost is None else Quantity.exact("samples_lost", float(lost)),
+        *(quantity for quantity in of_data(done) if quantity.name in _MEASURED),
     ]

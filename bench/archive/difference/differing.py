@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from bench.archive.difference import results, setting
-from bench.record import CalibrationRecord, Manifest, RunFolder, open_run
+from bench.record import CalibrationRecord, Manifest, RunFolder, listed, open_run, use
 
 
 def difference_of(a: Path, b: Path) -> dict[str, Any]:
     """All differences; InputError where a path is not a run folder."""
     runs = open_run(a), open_run(b)
+    for run in runs:
+        use(run.path, *(path.name for path in (run.means, run.data) if path.name in listed(run.path)))
     manifests = [run.manifest() for run in runs]
     known = [CalibrationRecord.find(run.path) or CalibrationRecord() for run in runs]
     floors = [side.noise.floor_dph for side in known]

@@ -7,7 +7,7 @@ from difflib import SequenceMatcher
 from typing import Any
 
 from bench.base import read_yaml
-from bench.record import ExecutedSegment, Manifest, RunFolder
+from bench.record import ExecutedSegment, Manifest, RunFolder, use
 
 LEAST_S = 2.0
 """Durations that differ by less [s], or by less than `LEAST_SHARE`, count as equal."""
@@ -86,4 +86,5 @@ def losses(a: Manifest, b: Manifest) -> list[Entry]:
 
 def _yaml(run: RunFolder, name: str) -> Any:
     path = run.path / name
+    use(run.path, name)
     return read_yaml(path).content if path.is_file() else None

@@ -145,7 +145,7 @@ def writes(root: Path, serial: str) -> list[Found]:
     """Writes of this bench into the unit's memory, newest first, with failed attempts."""
     keys = ("utc", "operator", "protocol", "model", "form", "calibration_id", "bank", "coefficient_set", "crc",
             "state", "error")  # fmt: skip
-    records = [_written(path) for path in sorted((root / slug(serial) / "flash").glob("*.json"), reverse=True)]
+    records = [_written(path) for path in sorted((root / slug(serial) / "flash").glob("*T*Z*.json"), reverse=True)]
     return [
         {**{key: getattr(record, key) for key in keys}, "run": Path(record.run).name if record.run else None,
          "before": record.old.calibration_id if record.old else None, "words": record.new.words if record.new else None}

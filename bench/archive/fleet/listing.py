@@ -30,7 +30,7 @@ def listing(registry: Registry) -> list[Found]:
         )
         .join_from(run, calibration, isouter=True)
         .join(certificate, certificate.c.run == run.c.id, isouter=True)
-        .order_by(run.c.created, run.c.id)
+        .order_by(run.c.seen.asc().nulls_first(), run.c.created, run.c.id)
     )  # fmt: skip
     with registry.reading() as connection:
         units = {row.serial: _empty(row.serial, row.lot) for row in connection.execute(select(unit))}

@@ -90,7 +90,7 @@ def _rows(registry: Registry) -> tuple[list[dict[str, str]], dict[str, dict[str,
         .join(certificate, certificate.c.run == run.c.id, isouter=True)
         .join(unit, unit.c.serial == run.c.unit)
         .where(run.c.created.is_not(None))
-        .order_by(run.c.created, run.c.id)
+        .order_by(run.c.seen.asc().nulls_first(), run.c.created, run.c.id)
     )
     values: dict[str, dict[str, float]] = {}
     units: dict[str, str] = {}

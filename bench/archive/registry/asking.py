@@ -17,15 +17,23 @@ Found = list[dict[str, Any]]
 
 
 def runs(registry: Registry, unit: str | None = None, most: int | None = None) -> Found:
-    """Runs with the verdicts of their calibrations, the newest first."""
+    """Runs with the verdicts of their calibrations, the one that was seen last first."""
     run, calibration = TABLES["runs"], TABLES["calibrations"]
     chosen = (
         select(run, calibration.c.verdict, calibration.c.model, calibration.c.judged)
         .join_from(run, calibration, isouter=True)
-        .order_by(run.c.created.desc(), run.c.id)
+        .order_by(run.c.seen.desc().nulls_last(), run.c.created.desc(), run.c.id)
         .limit(most)
     )
     return _found(registry, chosen if unit is None else chosen.where(run.c.unit == unit))
+
+
+def known_runs(registry: Registry, archive: str) -> tuple[bool, frozenset[str]]:
+    """Whether the registry knows an archive, and the paths of its runs."""
+    table, run = TABLES["archives"], TABLES["runs"]
+    here = bool(_found(registry, select(table.c.id).where(table.c.id == archive)))
+    paths = _found(registry, select(run.c.path).where(run.c.archive == archive))
+    return here, frozenset(row["path"] for row in paths)
 
 
 def equipment(registry: Registry) -> Found:

@@ -1,21 +1,25 @@
-"""The ledger of an archive: the entries that people made in the registry, one JSON line each, beside the run folders.
+"""The ledger of an archive: what people entered and which runs were seen, one JSON line each, beside the run folders.
 
-`ledger.jsonl` begins with the id of the archive; later lines add instruments, operators and lots, and the last line
-about one of them counts. The registry can be made again from the ledger and the run folders alone.
+`ledger.jsonl` begins with the id of the archive; later lines add instruments, operators, lots and runs, and the last
+line about one of them counts. `previous` of a line is the SHA-256 of everything before it, and the archive's chain.seal
+holds that of the whole file. The registry can be made again from the ledger and the run folders alone; the order of
+runs is the one in which they stand here, whatever the clocks of the stations said.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-import os
 import secrets
 import socket
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from bench.base import InputError
+from bench.record import CHAIN, chain_of, check, extend
 
 FILE = "ledger.jsonl"
 
@@ -39,20 +43,51 @@ class Ledger:
         """host:folder, the location of the archive."""
         return f"{socket.gethostname()}:{self.root.resolve()}"
 
-    def append(self, entry: Entry) -> None:
-        """Add a line; two programs may do so at the same time."""
-        line = json.dumps({**entry}, allow_nan=False) + "\n"
-        handle = os.open(self.path, os.O_WRONLY | os.O_APPEND)
-        try:
-            os.write(handle, line.encode())
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+    def append(self, *entries: Entry) -> None:
+        """Add lines; two programs may do so at the same time. InputError where the file was altered."""
+        extend(self.root, FILE, lambda old: _with(_whole(old), entries))
 
     def entries(self) -> list[Entry]:
         """Every line after the first; InputError with the line number where one is broken."""
-        lines = self.path.read_text(encoding="utf-8").splitlines()
+        lines = self._lines()
         return [_entry(line, self.path, number) for number, line in enumerate(lines[1:], 2) if line.strip()]
+
+    def saw(self, path: str, manifest_sha256: str) -> None:
+        """Note a run, by its path in the archive, where the ledger does not know it with this manifest."""
+        known = next((line for line in reversed(self._lines()) if f'"run": {json.dumps(path)}' in line), "{}")
+        if _entry(known, self.path, 0).get("manifest") != manifest_sha256:
+            self.append(_run(path, manifest_sha256))
+
+    def saw_all(self, runs: Sequence[tuple[str, str]]) -> None:
+        """Note runs, each a path and the hash of its manifest, that the ledger does not know at all."""
+        known = self.seen()
+        if news := [_run(path, digest) for path, digest in runs if path not in known]:
+            self.append(*news)
+
+    def seen(self) -> dict[str, tuple[int, str]]:
+        """Runs by path: the number of the line in which each was first seen, and the last hash of its manifest."""
+        found: dict[str, tuple[int, str]] = {}
+        for number, entry in enumerate(self.entries(), 2):
+            if entry.get("kind") == "run":
+                path = str(entry.get("run"))
+                found[path] = found.get(path, (number, ""))[0], str(entry.get("manifest"))
+        return found
+
+    def broken(self) -> Iterator[str]:
+        """Lines that do not continue what stands before them; those of older benches continue nothing."""
+        before, chained = hashlib.sha256(), False
+        for number, line in enumerate(self.path.read_bytes().splitlines(keepends=True), 1):
+            previous = _entry(line.decode(errors="replace"), self.path, number).get("previous")
+            if previous is None and chained:
+                yield f"{self.path}:{number}: does not say what stands before it, as every line before it does"
+            if previous is not None and previous != before.hexdigest():
+                yield f"{self.path}:{number}: continues a file with the SHA-256 {previous}, not {before.hexdigest()}"
+            chained = chained or previous is not None
+            before.update(line)
+
+    def _lines(self) -> list[str]:
+        data = _read(self.root)
+        return _whole(data).decode(errors="replace").splitlines()
 
 
 def is_archive(root: Path) -> bool:
@@ -65,35 +100,50 @@ def archive(root: Path) -> Ledger:
     path = root / FILE
     try:
         if not path.exists():
-            _begin(root)
-        with path.open(encoding="utf-8") as file:
-            first = _entry(file.readline(), path, 1)
+            root.mkdir(parents=True, exist_ok=True)
+            first = json.dumps({"kind": "archive", "id": secrets.token_hex(6)}) + "\n"
+            extend(root, FILE, lambda old: old or first.encode())
+        lines = _read(root).decode(errors="replace").splitlines() or [""]
     except OSError as error:
         raise InputError(f"cannot be read or made: {error.strerror}", path) from None
-    if first.get("kind") != "archive" or not isinstance(first.get("id"), str):
+    begin = _entry(lines[0], path, 1)
+    if begin.get("kind") != "archive" or not isinstance(begin.get("id"), str):
         raise InputError("does not begin with the id of an archive; restore the file", path, 1)
-    return Ledger(root, first["id"])
+    return Ledger(root, begin["id"])
 
 
-def _begin(root: Path) -> None:
-    root.mkdir(parents=True, exist_ok=True)
-    partial = root / f".{FILE}.{secrets.token_hex(4)}"
-    partial.write_text(json.dumps({"kind": "archive", "id": secrets.token_hex(6)}) + "\n", encoding="utf-8")
+def _read(root: Path) -> bytes:
+    """The content of the file; InputError where it is not what the chain lists."""
     try:
-        (root / FILE).hardlink_to(partial)  # if two programs make it at once, the first one counts
-    except FileExistsError:
-        pass
-    except OSError:  # no hard links here
-        if not (root / FILE).exists():
-            partial.replace(root / FILE)
-    finally:
-        partial.unlink(missing_ok=True)
+        data = (root / FILE).read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", root / FILE) from None
+    check(root, FILE, data)
+    if b'"previous": ' in data and chain_of(root) is None:
+        raise InputError(f"{CHAIN} beside it, which proves it, is missing; restore it from a backup", root / FILE)
+    return data
+
+
+def _whole(data: bytes) -> bytes:
+    """Without a last line that a kill or a full disk cut off: nobody was told that it was written."""
+    return data[: data.rfind(b"\n") + 1]
+
+
+def _with(data: bytes, entries: Sequence[Entry]) -> bytes:
+    for entry in entries:
+        chained = {**entry, "previous": hashlib.sha256(data).hexdigest()}
+        data += json.dumps(chained, allow_nan=False).encode() + b"\n"
+    return data
+
+
+def _run(path: str, digest: str) -> Entry:
+    return {"kind": "run", "run": path, "manifest": digest, "utc": datetime.now(UTC).isoformat(timespec="seconds")}
 
 
 def _entry(line: str, path: Path, number: int) -> Entry:
     try:
         entry = json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"not a line of JSON ({error}); restore it", path, number) from None
     if not isinstance(entry, dict):
         raise InputError("not a JSON object; restore it", path, number)

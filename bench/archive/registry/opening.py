@@ -15,7 +15,7 @@ from bench.base import InputError
 FILE = "registry.sqlite"
 """File name of the registry beside the run folders."""
 
-SCHEMA = "0001"
+SCHEMA = "0002"
 """Newest migration in `migrations/versions`."""
 
 WAIT_S = 60.0
@@ -63,8 +63,10 @@ class Registry:
         self.close()
 
 
-def open_registry(where: str | Path) -> Registry:
+def open_registry(where: str | Path, *, checked: bool = False) -> Registry:
     """The registry at a file or URL, made if missing and updated to the schema of this bench.
+
+    `checked`: the structure of an SQLite file is checked first, in some ten milliseconds for ten thousand runs.
 
     Raises InputError: not reachable, driver missing, not a registry, or a schema newer than this bench.
     """
@@ -76,6 +78,8 @@ def open_registry(where: str | Path) -> Registry:
         raise InputError(f"registry: {_first_line(error)}{hint}", url.render_as_string()) from None
     registry = Registry(engine)
     try:
+        if checked and url.get_backend_name() == "sqlite":
+            _refuse_damaged(registry)
         _bring_up_to_date(registry)
     except BaseException:
         registry.close()
@@ -121,6 +125,14 @@ def _engine(url: URL) -> Engine:
         connection.exec_driver_sql("BEGIN" if reads else "BEGIN IMMEDIATE")
 
     return engine
+
+
+def _refuse_damaged(registry: Registry) -> None:
+    """InputError where the file's structure is broken."""
+    with registry.reading() as connection:
+        said = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar()
+    if said != "ok":
+        raise InputError(f"registry: is damaged ({said}); make it again with `bench registry rebuild`", registry.url)
 
 
 def _bring_up_to_date(registry: Registry) -> None:

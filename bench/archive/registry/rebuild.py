@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 
 from sqlalchemy import Connection, select
@@ -34,6 +35,11 @@ def rebuild(registry: Registry, ledger: Ledger, *, only_compare: bool = False) -
     Runs that another program registers meanwhile are kept. InputError where rows still differ afterwards.
     """
     wanted, unreadable = of_archive(ledger)
+    if not only_compare:
+        runs = sorted(wanted["runs"].values(), key=lambda row: (str(row["created"]), str(row["path"])))
+        if any(row["seen"] is None for row in runs):
+            ledger.saw_all([(str(row["path"]), str(row["manifest_sha256"])) for row in runs])
+            wanted, unreadable = of_archive(ledger)
     with registry.reading() if only_compare else registry.writing() as connection:
         before = stored(connection, ledger.id)
         _read_again(wanted, before, ledger)
@@ -88,7 +94,8 @@ def _read_again(wanted: Rows, before: Rows, ledger: Ledger) -> None:
         if (path / MANIFEST).is_file():
             for name in ("runs", *OF_RUNS):
                 wanted[name] = {key: row for key, row in wanted[name].items() if key[0] != run}
-            update(wanted, of_run(RunFolder(path), ledger))
+            with suppress(InputError):  # it stands among the unreadable ones
+                update(wanted, of_run(RunFolder(path), ledger))
 
 
 def _lend(connection: Connection, wanted: Rows, before: Rows, ledger: Ledger) -> None:

@@ -49,10 +49,10 @@ def update(rows: Rows, more: Rows) -> None:
 
 def of_archive(ledger: Ledger) -> tuple[Rows, list[str]]:
     """Rows of every run folder and of the ledger, and an error line for each folder that cannot be read."""
-    rows, unreadable = of_ledger(ledger), []
+    rows, unreadable, seen = of_ledger(ledger), [], ledger.seen()
     for manifest in sorted(ledger.root.glob(f"*/*/{MANIFEST}")):
         try:
-            update(rows, of_run(RunFolder(manifest.parent), ledger))
+            update(rows, of_run(RunFolder(manifest.parent), ledger, seen))
         except (InputError, OSError) as error:
             unreadable.append(str(error))
     return rows, unreadable
@@ -91,11 +91,17 @@ def _date(text: str | None) -> date | None:
     return None if text is None else date.fromisoformat(text)
 
 
-def of_run(folder: RunFolder, ledger: Ledger) -> Rows:
-    """The rows of one run folder; InputError where its manifest cannot be read."""
+def place_of(folder: RunFolder, ledger: Ledger) -> str:
+    """Path of a run folder in its archive."""
+    return folder.path.resolve().relative_to(ledger.root.resolve()).as_posix()
+
+
+def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int, str]] | None = None) -> Rows:
+    """The rows of one run folder; InputError where its manifest cannot be read. `seen` saves a look at the ledger."""
     rows = empty()
     manifest = folder.manifest()
-    path = folder.path.resolve().relative_to(ledger.root.resolve()).as_posix()
+    path = place_of(folder, ledger)
+    known = ledger.seen() if seen is None else seen
     unit, run = manifest.unit or "unknown", f"{ledger.id}/{path}"
     certificate = CertificateRecord.find(folder.path)
     operator = manifest.operator
@@ -110,7 +116,7 @@ def of_run(folder: RunFolder, ledger: Ledger) -> Rows:
         "cause": manifest.cause, "simulated": manifest.simulated, "samples": manifest.rows,
         "lost": manifest.losses.get("lost"), "duration_s": manifest.duration_s,
         "software": manifest.versions.get("bench"),
-        "manifest_sha256": sha256(folder.path / MANIFEST),
+        "manifest_sha256": sha256(folder.path / MANIFEST), "seen": known[path][0] if path in known else None,
     })  # fmt: skip
     calibration, judged = CalibrationRecord.find(folder.path), LimitsRecord.find(folder.path) or LimitsRecord()
     if calibration is not None:

@@ -84,6 +84,8 @@ class Run(Table):
     duration_s: Mapped[float | None]
     software: Mapped[str | None]
     manifest_sha256: Mapped[str] = mapped_column(String(64))
+    seen: Mapped[int | None]
+    """Line of the ledger in which the run was first seen: the order of runs, whatever clocks said."""
 
 
 class Calibration(Table):

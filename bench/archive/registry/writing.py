@@ -11,9 +11,9 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from bench.archive.registry.ledger import Entry, Ledger
 from bench.archive.registry.opening import Registry
-from bench.archive.registry.rows import OF_RUNS, PRIMARY, Key, Row, Rows, empty, of_run, update_by
+from bench.archive.registry.rows import OF_RUNS, PRIMARY, Key, Row, Rows, empty, of_run, place_of, update_by
 from bench.archive.registry.tables import IN_ORDER
-from bench.record import RunFolder
+from bench.record import MANIFEST, RunFolder, sha256
 
 TABLES: dict[str, SqlTable] = {table.__tablename__: cast(SqlTable, table.__table__) for table in IN_ORDER}
 SHARED = ("units", "operators")
@@ -21,7 +21,8 @@ SHARED = ("units", "operators")
 
 
 def register(registry: Registry, folder: RunFolder, ledger: Ledger) -> None:
-    """Write the rows of a run folder in one transaction, replacing all earlier rows of this run."""
+    """Write the rows of a run folder in one transaction, replacing all earlier rows of this run; the ledger saw it."""
+    ledger.saw(place_of(folder, ledger), sha256(folder.path / MANIFEST))
     rows = of_run(folder, ledger)
     with registry.writing() as connection:
         write_runs(connection, rows)

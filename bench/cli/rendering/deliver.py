@@ -132,10 +132,14 @@ def _(result: Verified) -> Iterator[str | Table]:
         rows.append((name, number(old), number(getattr(after, f"{name}_dph")), ""))
     rows.append(("noise floor", "", number(verification.floor.floor_dph), ""))
     yield table(("", ">before", ">after", f"[deg/h, {after.interval_s:g} s means]"), rows)
-    yield from (f"refused: {text}" for text in verification.judged.get("refusals") or ())
+    limited = verification.judged.get("limits") or {}
+    yield from (f"refused: {text}" for text in verification.judged.get("refusals") or limited.get("refusals") or ())
     yield ""
+    yield f"data    {verification.done.counted}"
+    if verification.done_before is not None:
+        yield f"        calibration run: {verification.done_before.counted}"
     yield f"run     {verification.run.path}"
-    for one in (verification.judged.get("limits") or {}).get("results", ()):
+    for one in limited.get("results", ()):
         yield f"{one['verdict'] or '-':<9} {one['name']} = {number(one['value'])} {one['unit']}"
 
 

@@ -16,6 +16,7 @@ from bench.commands import (
     RegisteredRuns,
     RegistryEntry,
     RegistryRebuilt,
+    Scrubbed,
 )
 
 if TYPE_CHECKING:
@@ -92,6 +93,14 @@ def _(result: RegistryRebuilt) -> dict[str, Any]:
     return {"registry": result.registry, "archive": done.archive, "rows": done.counts,
             "differences": list(done.differences), "unreadable": list(done.unreadable),
             "digest": done.digest}  # fmt: skip
+
+
+@lines.register(Scrubbed)
+def _(result: Scrubbed) -> Iterator[str]:
+    yield from result.faults
+    keys = ", ".join(f"{key[:16]}…" for key in result.keys) or "no key"
+    outcome = f"{len(result.faults)} faults" if result.faults else "every file is what the bench wrote"
+    yield f"{result.archive}: {result.folders} folders, signed by {keys}: {outcome}"
 
 
 @lines.register(Noted)

@@ -25,7 +25,7 @@ from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.recording import recorded
 from bench.deliver import load_instruments, load_laboratory, refuse_overdue
-from bench.record import CalibrationRecord, DiagnosisRecord, RunFolder, write_atomically
+from bench.record import CalibrationRecord, DiagnosisRecord, Manifest, RunFolder, prove, put
 
 IMPROVED = "model-improved.yaml"
 """The model that the walk of `improve` ended with, in the run folder."""
@@ -140,7 +140,7 @@ class Fit:
             improved, steps = _walk(folder, models[0])
             if improved is not None:
                 models.append(improved)
-                write_atomically(folder / IMPROVED, improved.to_yaml().encode())
+                put(folder, {IMPROVED: improved.to_yaml().encode()}, [Manifest.FILE])
         reported = analysis.report_on(RunFolder(folder), models, None, limits=limits)
         if not reported.analysis.admissible:
             raise AgainError("run", "the parts of the run do not fit together, or too much of it was left out")
@@ -229,6 +229,7 @@ class Verify:
         inside = _in_unit(order)
         if inside["calibration_id"] != job.facts("flash")["calibration_id"]:
             raise AgainError("flash", f"the unit holds calibration {inside['calibration_id']}")
+        prove(run_of(job))
         run, _ = recorded(order, job, self.name, order.plan.verification, "on", texts(order))
         found = verify(run, run_of(job), load_limits(order.document(order.plan.limits)), inside)
         content, word = found.to_json(), found.verdict.value

@@ -45,6 +45,21 @@ class RegistryRebuilt(Result):
 
 
 @dataclass(frozen=True)
+class Scrubbed(Result):
+    """An archive of which every file was read: its folders, the keys that signed, and every fault."""
+
+    archive: Path
+    folders: int
+    keys: Sequence[str]
+    faults: Sequence[str]
+
+    @property
+    def exit_code(self) -> int:
+        """1 where there is a fault."""
+        return int(bool(self.faults))
+
+
+@dataclass(frozen=True)
 class Noted(Result):
     """What a person said, as it stands in the ledger now."""
 

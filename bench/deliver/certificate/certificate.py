@@ -62,6 +62,10 @@ def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, iss
         "conformity": {**judgement.to_json(), "verdict": verdict} if judgement else None,
         "calibration": _calibration(evidence),
         "chain": _chain(evidence),
+        "data": {
+            "calibration": evidence.done.counts(),
+            "verification": evidence.verification.done.counts() if evidence.verification else None,
+        },
         "software": _software(evidence),
         "statements": list(STATEMENTS),
     }
@@ -148,8 +152,12 @@ def _conditions(evidence: Evidence) -> list[dict[str, str]]:
     texts = {name: f"{low:.4g} to {high:.4g} {unit}" for name, low, high, unit in rows}
     shown = [{"name": name, "value": text.replace("-", "−")} for name, text in texts.items()]
     turned = "compensated by the encoder of the rate table" if "applied_rate" in data.channels else "unit at rest"
+    runs = [("calibration run", evidence.done)]
+    if evidence.verification is not None:
+        runs.append(("verification run", evidence.verification.done))
     return [
         *shown,
+        *({"name": f"Data of the {role}", "value": done.counted} for role, done in runs),
         {"name": "Applied rate", "value": turned},
         {"name": "Earth rate", "value": "part of the bias, not removed"},
     ]

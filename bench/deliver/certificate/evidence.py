@@ -6,7 +6,7 @@ that the data were not altered.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
@@ -16,20 +16,34 @@ import numpy as np
 from bench.analysis import (
     MOST_EXTRAPOLATED,
     WIDEST_HOLE,
+    Completeness,
     HeldOut,
     Judgement,
     Limits,
     Quantity,
     Source,
     Verdict,
+    completeness,
     error_of,
     judge_limits,
+    of_data,
     source_of,
 )
 from bench.base import FloatArray, InputError
 from bench.deliver.certificate.laboratory import Instrument, refuse_overdue
 from bench.deliver.export.delivering import calibration_id
-from bench.record import CalibrationRecord, Dataset, FlashRecord, Manifest, RunFolder, VerificationRecord, load, sha256
+from bench.record import (
+    CalibrationRecord,
+    Dataset,
+    FlashRecord,
+    Manifest,
+    RunFolder,
+    VerificationRecord,
+    averaged,
+    load,
+    prove,
+    seconds_of,
+)
 
 LEAST_COVERED = 0.5
 """Share of the fitted range of temperature that the verification must cover."""
@@ -60,6 +74,8 @@ class Verification:
     covered: Coverage
     verdict: Verdict | None
     """Verdict of `bench verify`; None where it has not judged the run."""
+    done: Completeness
+    """What of the run is there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +89,8 @@ class Evidence:
     verification: Verification | None
     judgement: Judgement | None
     instruments: tuple[Instrument, ...]
+    done: Completeness
+    """What of the calibration run is there."""
     flashed: FlashRecord | None = None
     """The record that `bench flash` wrote when it put the coefficients into the unit."""
 
@@ -92,8 +110,10 @@ class Evidence:
     def quantities(self) -> tuple[Quantity, ...]:
         """Quantities of the run; where there is a verification, the error on unseen data comes from it."""
         known = {entry.name: Quantity.of(entry) for entry in self.stored.quantities or ()}
+        known |= {quantity.name: quantity for quantity in of_data(self.done)}
         if self.verification is not None:
             known |= {quantity.name: quantity for quantity in _verified(self.verification, known)}
+            known |= {quantity.name: quantity for quantity in _of_both(self.done, self.verification.done)}
         return tuple(known.values())
 
 
@@ -103,18 +123,20 @@ def gather(
     """The evidence for a certificate; InputError, one line, where no certificate may be made."""
     run = RunFolder(folder)
     manifest = run.manifest()
+    prove(folder)
     source = source_of(folder)
     stored = CalibrationRecord.read(folder)
     if stored.quantities is None:
         raise InputError(f"an older bench wrote this file; {stored.ADVICE}", folder / stored.FILE)
     _refuse(folder, (*stored.refusals, *source.objections))
     _refuse_lost(run, manifest)
-    _refuse_altered(run, manifest)
+    _refuse_unlisted(run, manifest)
+    done = _complete(run, manifest, limits)
     refuse_overdue(instruments, day(manifest), folder)
-    verified = None if verification is None else _verify(RunFolder(verification), manifest, source)
+    verified = None if verification is None else _verify(RunFolder(verification), manifest, source, limits)
     if verified is not None:
         refuse_overdue(instruments, day(verified.manifest), verified.run.path)
-    found = Evidence(run, manifest, stored, source, verified, None, instruments, _flashed(run))
+    found = Evidence(run, manifest, stored, source, verified, None, instruments, done, _flashed(run))
     if verified is not None and verified.in_unit:
         _refuse(folder, _other_coefficients(found, verified))
     if limits is None:
@@ -169,18 +191,19 @@ def _refuse_lost(run: RunFolder, manifest: Manifest) -> None:
         _refuse(run.path, [f"the run is '{manifest.state}'; a certificate needs one that the bench completed"])
 
 
-def _refuse_altered(run: RunFolder, manifest: Manifest) -> None:
+def _refuse_unlisted(run: RunFolder, manifest: Manifest) -> None:
     if not manifest.files:
         _refuse(run.path, ["the manifest names no files: nothing proves what was recorded"])
-    altered = [
-        name
-        for name, digest in manifest.files.items()
-        if not (run.path / name).is_file() or sha256(run.path / name) != digest
-    ]
-    _refuse(run.path, [f"{name} is not the file that was recorded" for name in altered])
 
 
-def _verify(run: RunFolder, manifest: Manifest, source: Source) -> Verification:
+def _complete(run: RunFolder, manifest: Manifest, limits: Limits | None) -> Completeness:
+    """What of a run is there; refused where too much is missing."""
+    done = completeness(run, manifest, averaged(seconds_of(run.path), 1.0, whole=True))
+    _refuse(run.path, tuple(done.lacking(() if limits is None else limits.quantities)))
+    return done
+
+
+def _verify(run: RunFolder, manifest: Manifest, source: Source, limits: Limits | None) -> Verification:
     """The verification run judged; refused where it is not independent, not whole, or of another unit."""
     theirs = run.manifest()
     if theirs.unit != manifest.unit:
@@ -190,11 +213,13 @@ def _verify(run: RunFolder, manifest: Manifest, source: Source) -> Verification:
     if data or theirs.run in source.fit.runs:
         what = f" ({', '.join(data)})" if data else ""
         _refuse(run.path, [f"the verification shares data with the fit{what}: run another profile"])
+    prove(run.path)
     _refuse_lost(run, theirs)
-    _refuse_altered(run, theirs)
+    _refuse_unlisted(run, theirs)
     failed = [segment.name for segment in theirs.segments if segment.outcome == "timeout"]
     _refuse(run.path, [f"segment '{name}' of the verification failed" for name in failed])
     verdict = _verdict_of(run.path)
+    done = _complete(run, theirs, limits)
     record = load(run.path, source.dataset.interval_s)
     outside = float(source.fit.out_of_range(record).mean())
     if outside > MOST_EXTRAPOLATED:
@@ -208,7 +233,7 @@ def _verify(run: RunFolder, manifest: Manifest, source: Source) -> Verification:
     in_unit = record.corrected
     left = record.bias if in_unit else record.bias - source.fit.predict(record).bias
     error = error_of("verification", (record,), (left,), outside)
-    return Verification(run, theirs, record, left, error, in_unit, covered, verdict)
+    return Verification(run, theirs, record, left, error, in_unit, covered, verdict, done)
 
 
 def _verdict_of(folder: Path) -> Verdict | None:
@@ -236,6 +261,16 @@ def _coverage(record: Dataset, source: Source) -> Coverage:
     steps = np.diff(inside)
     share = float(steps[steps <= WIDEST_HOLE * (high - low)].sum()) / (high - low)
     return Coverage(share, (float(np.nanmin(values)), float(np.nanmax(values))), (low, high))
+
+
+def _of_both(calibration: Completeness, verification: Completeness) -> Iterator[Quantity]:
+    """What is missing in both runs together: samples are added, of shares and gaps the worse one counts."""
+    for one, other in zip(of_data(calibration), of_data(verification), strict=False):
+        if one.name == "samples_lost":
+            uncounted = next((side for side in (one, other) if np.isnan(side.value)), None)
+            yield uncounted or Quantity.exact(one.name, one.value + other.value)
+        elif one.name in {"samples_missing_ppm", "longest_gap_s"}:
+            yield other if other.value > one.value else one
 
 
 def _verified(verification: Verification, known: Mapping[str, Quantity]) -> tuple[Quantity, ...]:

@@ -20,7 +20,7 @@ from bench.deliver.export.forms import FORMS
 from bench.deliver.export.image import read, words_of
 from bench.deliver.export.measure import best_form, raw_id, worst_errors
 from bench.deliver.export.signals import to_counts
-from bench.record import Dataset, Manifest
+from bench.record import Dataset, Manifest, prove
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,14 @@ class Delivered:
 def prepare(folder: Path, options: ExportOptions) -> Delivered:
     """The calibration of a run, ready for any format.
 
-    Raises InputError, one line, if it must not be delivered and `force` is not set, or if the form does not exist.
+    Raises InputError, one line, if it must not be delivered or its files are not proven and `force` is not set, or if
+    the form does not exist.
     """
     if options.form is not None and options.form not in FORMS:
         raise InputError(f"form is {options.form!r}, allowed are {', '.join(FORMS)}")
     source = source_of(folder, options.model)
+    if not options.force:
+        prove(folder)
     if source.objections and not options.force:
         more = f" (and {len(source.objections) - 1} more)" if len(source.objections) > 1 else ""
         raise InputError(f"not delivered: {source.objections[0]}{more}; --force delivers it anyway", folder)

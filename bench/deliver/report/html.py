@@ -17,7 +17,7 @@ from bench.analysis import Analysis
 from bench.base import __version__, clock, moment, number
 from bench.deliver.report import sections_diagnosis, sections_limits, sections_model, sections_run, sections_surface
 from bench.deliver.report.markup import Section
-from bench.record import write_atomically
+from bench.record import CalibrationRecord, Manifest, put
 
 _ASSETS = files("bench.deliver.report") / "assets"
 
@@ -83,7 +83,7 @@ def html_page(sections: Sequence[Section], **content: Any) -> str:
 def write_report(analysis: Analysis) -> Path:
     """Write report.html into the run folder, atomically; returns its path."""
     path = analysis.run.report
-    write_atomically(path, render(analysis).encode())
+    put(path.parent, {path.name: render(analysis).encode()}, [Manifest.FILE, CalibrationRecord.FILE])
     return path
 
 

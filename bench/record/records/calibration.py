@@ -144,6 +144,7 @@ class CalibrationRecord(Record):
 
     FILE: ClassVar[str] = "calibration.json"
     TITLE: ClassVar[str] = "calibration"
+    MADE_FROM: ClassVar[tuple[str, ...]] = ("manifest.json",)
 
     unit: str = ""
     run: str = ""

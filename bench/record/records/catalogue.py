@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bench.record.records.calibration import CalibrationRecord
 from bench.record.records.certificate import CertificateRecord
+from bench.record.records.chain import ChainRecord
 from bench.record.records.comparison import ComparisonRecord
 from bench.record.records.diagnosis import DiagnosisRecord
 from bench.record.records.flash import FlashRecord
@@ -14,6 +15,7 @@ from bench.record.records.start import StartRecord
 from bench.record.records.stored import Record
 
 RECORDS: tuple[type[Record], ...] = (
+    ChainRecord,
     Manifest,
     ComparisonRecord,
     DiagnosisRecord,

@@ -13,6 +13,7 @@ class CertificateRecord(Record):
 
     FILE: ClassVar[str] = "certificate.json"
     TITLE: ClassVar[str] = "certificate"
+    MADE_FROM: ClassVar[tuple[str, ...]] = ("manifest.json", "calibration.json")
     ADVICE: ClassVar[str] = "make it again with `bench certificate`"
 
     number: str

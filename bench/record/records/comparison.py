@@ -46,6 +46,7 @@ class ComparisonRecord(Record):
 
     FILE: ClassVar[str] = "compare.json"
     TITLE: ClassVar[str] = "comparison"
+    MADE_FROM: ClassVar[tuple[str, ...]] = ("manifest.json",)
 
     runs: tuple[str, ...] = ()
     check: tuple[str, ...] = ()

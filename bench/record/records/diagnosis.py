@@ -44,6 +44,7 @@ class DiagnosisRecord(Record):
 
     FILE: ClassVar[str] = "diagnosis.json"
     TITLE: ClassVar[str] = "diagnosis"
+    MADE_FROM: ClassVar[tuple[str, ...]] = ("manifest.json",)
     ADVICE: ClassVar[str] = "make it again with `bench report` or `bench diagnose`"
     BEFORE: ClassVar[str] = "diagnosis-before.json"
     """Where one is kept that knew more runs than its successor."""

@@ -25,6 +25,7 @@ class FlashRecord(Record):
 
     FILE: ClassVar[str] = "flash.json"
     TITLE: ClassVar[str] = "flash"
+    MADE_FROM: ClassVar[tuple[str, ...]] = ("manifest.json", "calibration.json")
     ADVICE: ClassVar[str] = "restore it from a backup, or flash again"
 
     unit: str = ""

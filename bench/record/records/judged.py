@@ -43,6 +43,7 @@ class LimitsRecord(Judged, Record):
 
     FILE: ClassVar[str] = "limits.json"
     TITLE: ClassVar[str] = "judgement"
+    MADE_FROM: ClassVar[tuple[str, ...]] = ("manifest.json", "calibration.json", "limits.yaml")
     ADVICE: ClassVar[str] = "make it again with `bench report --limits`"
 
 
@@ -51,6 +52,7 @@ class VerificationRecord(Record):
 
     FILE: ClassVar[str] = "verification.json"
     TITLE: ClassVar[str] = "verification"
+    MADE_FROM: ClassVar[tuple[str, ...]] = ("manifest.json",)
     ADVICE: ClassVar[str] = "make it again with `bench verify`"
 
     unit: str = ""
@@ -71,6 +73,10 @@ class VerificationRecord(Record):
     """Without limits: the rule that took their place."""
     refusals: tuple[str, ...] = ()
     limits: Judged | None = None
+    data: dict[str, Any] | None = None
+    """Samples of the run that are there, lost, missing and left out …"""
+    calibration_data: dict[str, Any] | None = None
+    """… and of the calibration run."""
     in_unit: dict[str, Any] = Field(default_factory=dict)
     """What was in the unit."""
     calibration_run: str | None = None

@@ -154,6 +154,7 @@ class Manifest(Begun, Record):
 
     FILE: ClassVar[str] = "manifest.json"
     TITLE: ClassVar[str] = "manifest"
+    ROOT: ClassVar[bool] = True
     ADVICE: ClassVar[str] = "restore it or name another run"
     MISSING: ClassVar[str] = (
         "not a run folder: manifest.json is missing; name a folder made by `bench run` or `bench import`"

@@ -14,6 +14,7 @@ class StartRecord(Record):
 
     FILE: ClassVar[str] = "start.json"
     TITLE: ClassVar[str] = "start"
+    CHAINED: ClassVar[bool] = False
     ADVICE: ClassVar[str] = "remove its folder: the runs themselves are not in it"
 
     start: str

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -42,6 +44,12 @@ class Record(Stored):
     """What to do where the file is missing or damaged."""
     MISSING: ClassVar[str] = ""
     """Said of a missing file in place of the usual words."""
+    CHAINED: ClassVar[bool] = True
+    """Whether the folder's chain lists it."""
+    ROOT: ClassVar[bool] = False
+    """Whether it says of which unit and run its folder is."""
+    MADE_FROM: ClassVar[tuple[str, ...]] = ()
+    """Files of its folder that it is made from."""
 
     format: int = 1
     """Version of this kind of file; absent in files older than the number."""
@@ -67,10 +75,13 @@ class Record(Stored):
             with open(path, "rb") as file:  # noqa: PTH123 - a Path costs more than the reading of a short file
                 data = file.read()
         except (FileNotFoundError, NotADirectoryError):
-            return None
+            data = None
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror}", path) from None
-        return cls.parse(data, path)
+        record = None if data is None else cls.parse(data, path)
+        if cls.CHAINED:
+            _chain().check(folder, name or cls.FILE, data, cls.ADVICE)
+        return record
 
     @classmethod
     def parse(cls, data: bytes, path: Path | str) -> Self:
@@ -124,11 +135,26 @@ class Record(Stored):
         """The text of the file; ValueError where a number is not finite."""
         return json.dumps(self.content(), indent=1, allow_nan=False) + "\n"
 
-    def write(self, folder: Path, name: str | None = None) -> Path:
-        """Replace the file in a folder atomically; its path. ValueError where a number is not finite, OSError."""
+    def write(self, folder: Path, name: str | None = None, others: Mapping[str, str] | None = None) -> Path:
+        """Replace the file in a folder atomically; its path. `others`: hashes of files elsewhere that it is made from.
+
+        ValueError where a number is not finite, OSError, InputError where the folder's chain was altered.
+        """
         path = folder / (name or self.FILE)
-        write_atomically(path, self.text().encode())
+        data = self.text().encode()
+        if self.CHAINED:
+            known = {key: getattr(self, key) for key in ("unit", "run")} if self.ROOT else {}
+            _chain().put(folder, {path.name: data}, self.MADE_FROM, others=others, **known)
+        else:
+            write_atomically(path, data)
         return path
+
+
+def _chain() -> ModuleType:
+    """The module of the chain, which itself is a record."""
+    from bench.record import chain
+
+    return chain
 
 
 def _wrong(error: ValidationError) -> str:
