@@ -50,6 +50,19 @@ def compare(
 
 
 @click.command()
+@runs_argument
+@answers
+def noise(runs: tuple[Path, ...]) -> Result:
+    """The noise of RUN where its temperature stands still: Allan deviation, N, B, K, Q and R with 95 % intervals.
+
+    A record of some hours at one temperature (profiles/static_25.yaml) tells B and K; the soaks of a ramp mostly N.
+    """
+    from bench import commands
+
+    return commands.noise(runs)
+
+
+@click.command()
 @run_argument
 @model_option
 @effect_option

@@ -11,12 +11,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from bench.analysis.noise.allan import FLICKER_FLOOR
 from bench.analysis.noise.components import COMPONENTS, Squares, Stretch, floor_unit, squares_of
 from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Record, Surface, gls
-from bench.analysis.noise.variances import interval, may_vanish, most_likely
-from bench.analysis.noise.whitening import Ratios
+from bench.analysis.noise.variances import interval, may_vanish, most_likely, standard_errors
+from bench.analysis.noise.whitening import Ratios, Whitener
 from bench.base import BoolArray, FloatArray, InputError
 
+_MOST_RAMP_ROWS = 600
 _NAMES = COMPONENTS[:3]
 _ASKED = np.array([True, True, True, False])
 _CONTRADICTED = 10.83  # of the likelihood ratio with one degree of freedom, passed by chance once in a thousand runs
@@ -53,6 +55,13 @@ class Noise:
     def variances(self) -> FloatArray:
         """N^2, B^2, K^2 and Q^2 (4,)."""
         return np.array([self.white, self.flicker, self.walk, self.quantisation]) ** 2
+
+    def allan_deviation(self, tau_s: FloatArray) -> FloatArray:
+        """Allan deviation (m,) [deg/h] of this noise over averaging times (m,) [s], by IEEE 952."""
+        tau_h = tau_s / 3600.0
+        white, flicker, walk, steps = self.variances()
+        square = white / tau_h + (FLICKER_FLOOR**2) * flicker + walk * tau_h / 3.0 + 3.0 * steps / tau_h**2
+        return np.asarray(np.sqrt(square))
 
     def std_of_means(self, interval_s: float, duration_s: float) -> float:
         """The floor [deg/h]: expected RMS of the means over `interval_s` of a run of `duration_s` about their own mean.
@@ -122,6 +131,8 @@ class Estimate:
     """Most likely variances (4,); `noise` has none that the data do not tell from zero."""
     white_samples: bool
     """Whether samples within a row scatter as white noise that was seen between rows; N is then known from them."""
+    stretches: tuple[Stretch, ...]
+    interval_s: float
 
     def with_intervals(self) -> Noise:
         """The noise with its 95 % intervals."""
@@ -136,6 +147,33 @@ class Estimate:
         """95 % interval of `Noise.std_of_means`: N, B and K as far as the data leave them open."""
         value = self.noise.std_of_means(interval_s, duration_s)
         return self._around(value, floor_unit(rows_of(interval_s, duration_s), interval_s))
+
+    def quantisation(self) -> tuple[float, float, float]:
+        """Q [deg] and its 95 % interval; zero where the data do not tell it from zero."""
+        best = _fitted(self.squares, np.ones(4, dtype=bool))[0]
+        best = np.maximum(best, 1e-6 * standard_errors(self.squares, best))
+        weights = np.eye(4)[3]
+        low, high = interval(self.squares, best, weights)
+        return (float(np.sqrt(best[3])) if low > 0.0 else 0.0), low, high
+
+    def ramp(self) -> tuple[float, float, float]:
+        """R [deg/h/h], the slope over the longest stretch, and its 95 % interval.
+
+        Flicker and walk move the output as well: the interval counts both as large as the data allow.
+        """
+        rate = max((stretch.rate for stretch in self.stretches), key=len)
+        group = max(1, -(-len(rate) // _MOST_RAMP_ROWS))
+        grouped = rate[: len(rate) // group * group].reshape(-1, group)
+        whole = np.isfinite(grouped).all(axis=1)
+        interval_s, noise = group * self.interval_s, self.noise
+        time_s: FloatArray = (np.flatnonzero(whole).astype(np.float64) + 0.5) * interval_s
+        highest = noise.intervals or self.with_intervals().intervals
+        ratios = replace(noise, flicker=highest["flicker"][1], walk=highest["walk"][1]).ratios(interval_s)
+        columns = np.column_stack([np.ones(len(time_s)), time_s / 3600.0])
+        way = Whitener.of(ratios, time_s, interval_s)
+        found = gls(columns, grouped[whole].mean(axis=1), way, noise.white_variance(interval_s))
+        half = 1.96 * float(np.sqrt(found.covariance[1, 1]))
+        return float(found.beta[1]), float(found.beta[1]) - half, float(found.beta[1]) + half
 
     def _around(self, value: float, weights: FloatArray, simulated: bool = True) -> tuple[float, float]:
         low, high = interval(self.squares, self.best, weights, simulated)
@@ -167,7 +205,8 @@ def estimate_noise(stretches: Sequence[Stretch], interval_s: float, trend: int =
     found = np.sqrt(_told(squares, best))
     undetermined = tuple(name for name, value in zip(_NAMES, found[:3], strict=True) if value == 0.0)
     white, flicker, walk, steps = found.tolist()
-    return Estimate(Noise(white, flicker, walk, steps, undetermined=undetermined), squares, best, tied)
+    noise = Noise(white, flicker, walk, steps, undetermined=undetermined)
+    return Estimate(noise, squares, best, tied, tuple(stretches), interval_s)
 
 
 def _told(squares: Squares, best: FloatArray) -> FloatArray:

@@ -52,7 +52,7 @@ def noise_floor(
         empty = not any(len(source) for source in sources)
         return Floor(reason="nothing was captured" if empty else f"no {still}", static=of)
     pieces = [_on_grid(source, rows) for source, _, rows in stretches]
-    base_s, duration_s = stretches[0][0].interval_s, float(np.ptp(runs[0].time))
+    base_s, duration_s = _step_s(stretches[0][0]), float(np.ptp(runs[0].time))
     try:
         estimate = estimate_noise(pieces, base_s)
         pairs = zip(stretches, pieces, strict=True)
@@ -97,9 +97,14 @@ def _settled(base: Dataset, rows: IntArray) -> IntArray:
     return rows[min(begin, rows.size // 2) :]
 
 
+def _step_s(base: Dataset) -> float:
+    """Distance of the rows [s]: a slow table of somebody else has less than one a second."""
+    return max(base.interval_s, round(float(np.median(np.diff(base.time))), 3))
+
+
 def _on_grid(base: Dataset, rows: IntArray) -> Stretch:
     """Bias of the rows on an even grid of time, NaN in gaps, and how the samples behind each row scatter."""
-    index = np.rint((base.time[rows] - base.time[rows[0]]) / base.interval_s).astype(np.int64)
+    index = np.rint((base.time[rows] - base.time[rows[0]]) / _step_s(base)).astype(np.int64)
 
     def grid(values: FloatArray) -> FloatArray:
         column = np.full(int(index[-1]) + 1, np.nan)
