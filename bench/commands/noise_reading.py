@@ -8,14 +8,14 @@ from pathlib import Path
 from bench.base import InputError
 from bench.commands.analysis import recovered
 from bench.commands.results.analyse import NoiseCoefficient, NoiseFound
-from bench.record import DEFAULT_INTERVAL_S, refuse_mixed
+from bench.record import DEFAULT_INTERVAL_S, averaged, refuse_mixed
 
 
 def noise(runs: Sequence[Path]) -> NoiseFound:
     """`bench noise`: Allan deviation and the coefficients of IEEE 952 from where the temperature stands still."""
     from bench.analysis import noise_floor
 
-    datasets = recovered(runs, 1.0)
+    datasets = [averaged(run, 1.0) for run in recovered(runs)]
     refuse_mixed(datasets)
     floor = noise_floor(datasets, DEFAULT_INTERVAL_S)
     if floor.noise is None or floor.estimate is None:

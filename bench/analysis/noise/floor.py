@@ -15,6 +15,8 @@ from bench.base import FloatArray, InputError, IntArray
 from bench.record import Dataset
 
 _AHEAD_S = 60.0
+_LEAST_SHARE = 0.25
+"""Of the longest stretch: a short one beside a long one tells little of slow noise, and thermal tails pass for it."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ def noise_floor(
         still = f"isothermal stretch of at least {LEAST_STRETCH_S / 60:g} minutes to read the noise from"
         empty = not any(len(source) for source in sources)
         return Floor(reason="nothing was captured" if empty else f"no {still}", static=of)
+    longest = max(rows.size for _, _, rows in stretches)
+    stretches = [one for one in stretches if one[2].size >= _LEAST_SHARE * longest]
     pieces = [_on_grid(source, rows) for source, _, rows in stretches]
     base_s, duration_s = _step_s(stretches[0][0]), float(np.ptp(runs[0].time))
     try:
