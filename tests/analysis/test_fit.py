@@ -468,3 +468,10 @@ def test_a_fine_sensor_is_not_called_coarse():
             ).warnings
             == ()
         )
+
+
+@pytest.mark.parametrize(("ends", "zero"), [("natural", "piece1.a2"), ("parabolic", "piece1.a3")])
+def test_what_an_end_condition_makes_zero_is_exactly_zero(ends, zero):
+    found = by_key(fit_model(model("spline", intervals=6, ends=ends), noisy()))
+    assert (found[f"spline.{zero}"].value, found[f"spline.{zero}"].std) == (0.0, 0.0)
+    assert found["spline.piece2.a2"].std > 0.0
