@@ -104,14 +104,21 @@ class Comparison:
         return [*refused, *warned]
 
 
-def compare(runs: Runs, models: Sequence[ModelLike] = (), *, check: Runs = (), static: Run | None = None) -> Comparison:
+def compare(
+    runs: Runs,
+    models: Sequence[ModelLike] = (),
+    *,
+    check: Runs = (),
+    static: Run | None = None,
+    lot: bool = False,
+) -> Comparison:
     """Models side by side on one run or several of one unit: in-sample and held-out, beside the noise floor.
 
     Without `models` polynomial, regression and spline are compared, and one that lacks a channel is left out. With
     `check` runs the held-out error is that on them, without that on 20 blocks left out in turn. `static` is a run at
-    constant temperature that tells the noise floor.
+    constant temperature that tells the noise floor. `lot` allows runs of several units, for one fit to all of them.
 
-    Raises InputError: no run, an unknown model, or a model that these runs do not determine.
+    Raises InputError: no run, runs of several units, an unknown model, or a model that these runs do not determine.
     """
     from bench.analysis import compare as scored
     from bench.commands import DEFAULT_MODELS
@@ -122,7 +129,7 @@ def compare(runs: Runs, models: Sequence[ModelLike] = (), *, check: Runs = (), s
     floor = floor_of(chosen, static)
     wanted = [fitted_model(model) for model in (models or DEFAULT_MODELS)]
     datasets, unseen = [run.dataset for run in chosen], [run.dataset for run in checks]
-    scores = scored(datasets, wanted, floor.floor_dph, unseen or None, strict=bool(models))
+    scores = scored(datasets, wanted, floor.floor_dph, unseen or None, strict=bool(models), lot=lot)
     if not scores.scores:
         raise InputError(scores.refused[0][1])
     return Comparison(scores, chosen, checks, static, floor)

@@ -16,8 +16,8 @@ from bench.analysis import Fit as Estimate
 from bench.api.models import ModelLike, add, fitted_model
 from bench.api.runs import Over, Run, Runs, floor_of, several
 from bench.api.words import errors_text, figure, html, text_table
-from bench.base import CHANNELS, InputError, finite, in_print, number, with_uncertainty
-from bench.record import Dataset
+from bench.base import CHANNELS, InputError, ends, finite, in_print, with_uncertainty
+from bench.record import Dataset, refuse_mixed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -187,7 +187,7 @@ class Fit:
         return [*rows, (f"and {left_out} more in .coefficients", "", "", "")] if left_out else rows
 
     def _notes(self) -> list[str]:
-        ranges = [f"{n} {number(a)} to {number(b)} {CHANNELS[n].unit}" for n, (a, b) in self.validity.items()]
+        ranges = [f"{n} {' to '.join(ends(*span))} {CHANNELS[n].unit}" for n, span in self.validity.items()]
         return [*([f"valid for {', '.join(ranges)}"] if ranges else []), *(f"warning: {w}" for w in self.warnings)]
 
 
@@ -207,7 +207,9 @@ def fit(runs: Runs, model: ModelLike, *, check: Runs = (), static: Run | None = 
     chosen = several(runs)
     if not chosen:
         raise InputError("no run to fit a model to")
-    estimate = fit_model(fitted_model(model), [run.dataset for run in chosen])
+    datasets = [run.dataset for run in chosen]
+    refuse_mixed(datasets)
+    estimate = fit_model(fitted_model(model), datasets)
     return Fit(estimate, chosen, several(check), static)
 
 

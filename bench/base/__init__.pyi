@@ -10,6 +10,7 @@ from .config import PlacedError as PlacedError
 from .config import export_schema as export_schema
 from .config import load_config as load_config
 from .digits import clock as clock
+from .digits import ends as ends
 from .digits import finite as finite
 from .digits import in_print as in_print
 from .digits import listed as listed

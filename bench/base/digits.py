@@ -26,8 +26,18 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{max(0, digits - 1 - exponent)}f}"
 
 
+def ends(low: float, high: float, digits: int = 3) -> tuple[str, str]:
+    """Both ends of a range to as many significant digits as tell them apart."""
+    span, largest = abs(high - low), max(abs(low), abs(high))
+    if isfinite(span) and span > 0:
+        digits = max(digits, min(15, floor(log10(largest)) - floor(log10(span)) + 2))
+    return number(low, digits), number(high, digits)
+
+
 def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     """Value and standard uncertainty [same unit], both to the last of two significant digits of the uncertainty."""
+    if value == 0 and uncertainty == 0:
+        return "0 (by constraint)", "–"
     if not (isfinite(value) and isfinite(uncertainty) and uncertainty > 0):
         return number(value, 6), number(uncertainty, 2)
     last = floor(log10(uncertainty)) - 1

@@ -18,7 +18,7 @@ SECTIONS: dict[str, Sequence[click.Command]] = {
     "Measure": (measure.run, measure.check, measure.doctor, measure.sim, measure.init),
     "Live runs": (measure.status, measure.hold, measure.pause, measure.resume, measure.abort),
     "Understand": (
-        analyse.report, analyse.compare, analyse.diagnose, analyse.add, analyse.improve, analyse.effects,
+        analyse.report, analyse.compare, analyse.noise, analyse.diagnose, analyse.add, analyse.improve, analyse.effects,
         analyse.import_, analyse.replay, analyse.diff, analyse.mystery, analyse.reveal,
     ),
     "Deliver": (deliver.calibrate, deliver.export, deliver.flash, deliver.verify, deliver.certificate),

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 @effect_option
 @unseen_options
 @click.option("--every-sample", is_flag=True, help="Fit every sample, in one pass over the run, instead of its means.")
+@click.option("--lot", is_flag=True, help="One fit to runs of several units, which are refused otherwise.")
 @answers
 def compare(
     runs: tuple[Path, ...],
@@ -39,12 +40,26 @@ def compare(
     check_runs: tuple[Path, ...],
     static: Path | None,
     every_sample: bool,
+    lot: bool,
 ) -> Result:
     """Compare models with the measurement: in-sample and held-out error of each, and the noise floor."""
     from bench import commands
 
     compare = commands.compare_every_sample if every_sample else commands.compare
-    return compare(runs, models, check_runs, static)
+    return compare(runs, models, check_runs, static, lot)
+
+
+@click.command()
+@runs_argument
+@answers
+def noise(runs: tuple[Path, ...]) -> Result:
+    """The noise of RUN where its temperature stands still: Allan deviation, N, B, K, Q and R with 95 % intervals.
+
+    A record of some hours at one temperature (profiles/static_25.yaml) tells B and K; the soaks of a ramp mostly N.
+    """
+    from bench import commands
+
+    return commands.noise(runs)
 
 
 @click.command()

@@ -39,6 +39,7 @@ from .server_client import server_status as server_status
 from .analysis import DEFAULT_MODELS as DEFAULT_MODELS
 from .analysis import compare as compare
 from .analysis import compare_every_sample as compare_every_sample
+from .noise_reading import noise as noise
 from .analysis import import_table as import_table
 from .analysis import recover as recover
 from .analysis import report as report
@@ -62,6 +63,8 @@ from .results.analyse import EffectShown as EffectShown
 from .results.analyse import Imported as Imported
 from .results.analyse import Improved as Improved
 from .results.analyse import MysteryMade as MysteryMade
+from .results.analyse import NoiseCoefficient as NoiseCoefficient
+from .results.analyse import NoiseFound as NoiseFound
 from .results.analyse import NotAnalysed as NotAnalysed
 from .results.analyse import Replayed as Replayed
 from .results.analyse import Reported as Reported

@@ -119,24 +119,37 @@ def report_on(
     return Reported(analysis, error)
 
 
-def compare(runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], static: Path | None = None) -> Compared:
+def compare(
+    runs: Sequence[Path],
+    models: Sequence[str],
+    check: Sequence[Path],
+    static: Path | None = None,
+    lot: bool = False,
+) -> Compared:
     """`bench compare`: models side by side, in-sample and held-out, beside the noise floor."""
     from bench.analysis import compare as compare_models
     from bench.analysis import load_model
+    from bench.record import refuse_mixed
 
     chosen = [load_model(model) for model in models or DEFAULT_MODELS]
     seconds, still = recovered(runs), recovered([static] if static else [])
     datasets, checks = usual_means(seconds), usual_means(recovered(check))
+    if not lot:
+        refuse_mixed((*datasets, *checks, *still))
     floor_dph = floor_of(seconds, datasets[0].interval_s, still)
     # A model that nobody asked for may lack its channels; one that was asked for is an error without them.
-    comparison = compare_models(datasets, chosen, floor_dph, checks or None, strict=bool(models))
+    comparison = compare_models(datasets, chosen, floor_dph, checks or None, strict=bool(models), lot=lot)
     if not comparison.scores:
         raise InputError(comparison.refused[0][1], runs[0])
     return Compared(comparison)
 
 
 def compare_every_sample(
-    runs: Sequence[Path], models: Sequence[str], check: Sequence[Path], static: Path | None = None
+    runs: Sequence[Path],
+    models: Sequence[str],
+    check: Sequence[Path],
+    static: Path | None = None,
+    lot: bool = False,
 ) -> ComparedSamples:
     """`bench compare --every-sample`: the same fitted to all samples of the runs in one pass over each."""
     from bench.analysis import SampledRun, Samples, load_model, of_seconds
@@ -151,7 +164,7 @@ def compare_every_sample(
     samples = [Samples(open_run(path).data) for path in runs]
     records = [SampledRun(*one) for one in zip(samples, fine, usual_means(seconds), strict=True)]
     floor_dph = floor_of(seconds, 1.0, still)
-    comparison = compare_models(records, chosen, floor_dph, strict=bool(models))
+    comparison = compare_models(records, chosen, floor_dph, strict=bool(models), lot=lot)
     if not comparison.scores:
         raise InputError(comparison.refused[0][1], runs[0])
     means = {
@@ -169,7 +182,7 @@ def floor_of(seconds: Sequence[Dataset], interval_s: float, static: Sequence[Dat
     from bench.record import averaged
 
     runs, still = ([averaged(run, 1.0) for run in some] for some in (seconds, static))
-    return noise_floor(runs, interval_s, still[0] if still else None).floor_dph
+    return noise_floor(runs, interval_s, still[0] if still else None, intervals=False).floor_dph
 
 
 HOUR_S = 3600

@@ -15,6 +15,7 @@ from .dataset import Dataset as Dataset
 from .dataset import Segment as Segment
 from .dataset import averaged as averaged
 from .dataset import load as load
+from .dataset import refuse_mixed as refuse_mixed
 from .dataset import seconds_of as seconds_of
 from .events import EVENTS as EVENTS
 from .events import Events as Events

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +21,8 @@ __all__ = ["Dataset", "Segment", "load", "write_means"]
 DEFAULT_INTERVAL_S = 30.0
 STILL_DEGC_PER_MIN = 0.05
 """Slower than this the temperature counts as constant [degC/min]."""
+UNKNOWN_UNIT = "unknown"
+"""What an imported table calls its unit where nobody said which."""
 _SLOPE_WINDOW_S = 60.0
 _STEADY_DPS = 0.1
 """A rate table whose rate differs by more than this from one second to the next accelerates [deg/s]."""
@@ -79,6 +81,8 @@ class Dataset:
     """Whether the unit corrected its rate itself while this was recorded: nothing may be fitted to it."""
     finer_step: float | None = None
     """`temperature_step` of the finer record that this one averages."""
+    unit: str = ""
+    """Serial number of the unit; empty where it is not known."""
 
     def __post_init__(self) -> None:
         columns = {**self.channels, "segment": self.segment}
@@ -216,6 +220,16 @@ class Dataset:
             return mean, total, np.where(total > 1, square / (total - 1), np.nan)
 
 
+def refuse_mixed(records: Iterable[Dataset]) -> None:
+    """InputError where records are of different units: a fit to several is a fit of none."""
+    units = sorted({record.unit for record in records} - {""})
+    if len(units) > 1:
+        raise InputError(
+            f"the runs are of {len(units)} units ({', '.join(units)}), which one fit does not describe: give runs of "
+            "one unit, compare two with `bench diff A B`, or ask for one fit to the whole lot with --lot"
+        )
+
+
 def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
     """Dataset of a finished or recovered run, `averaged` to `interval_s` [s]; InputError as `seconds_of`."""
     return averaged(seconds_of(run_folder), interval_s)
@@ -289,6 +303,7 @@ def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
         corrected=_is_corrected(manifest),
         counts={name: columns[f"{name}_count"] for name in names if f"{name}_count" in columns},
         variances={name: columns[f"{name}_var"] for name in names if f"{name}_var" in columns},
+        unit="" if manifest.unit == UNKNOWN_UNIT else manifest.unit,
     )
 
 

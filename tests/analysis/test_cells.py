@@ -65,7 +65,7 @@ def test_end_conditions_are_those_of_a_constrained_fit_in_many_digits(ends):
     conditions = {
         "natural": basis.derivative(2)(edges),
         "parabolic": basis.derivative(3)(np.array([0.5, m - 0.5])),
-        "periodic": np.array([np.diff(basis.derivative(j)(edges), axis=0)[0] for j in range(3)]),
+        "periodic": np.array([np.diff(basis.derivative(j)(edges), axis=0)[0] for j in (1, 2)]),
     }[ends]
     columns = basis(v)
     k = len(conditions)

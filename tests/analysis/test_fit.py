@@ -6,8 +6,9 @@ import mpmath
 import numpy as np
 import pytest
 import statsmodels.api as sm
-from scipy.interpolate import make_lsq_spline
+from scipy.interpolate import BSpline, CubicSpline, make_lsq_spline
 from scipy.optimize import curve_fit
+from scipy.stats import binned_statistic
 
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect, Parameter
@@ -137,20 +138,49 @@ def test_constrained_splines_agree_with_the_constrained_optimum(ends):
         block = np.zeros((3, 4 * m))
         block[:, 4 * i : 4 * i + 4], block[:, 4 * i + 4 : 4 * i + 8] = at_end, -at_start
         rows.append(block)
-    last = np.zeros((3, 4 * m))
+    last = np.zeros((2, 4 * m))
     if ends == "periodic":
-        last[:, -4:], last[:, :4] = at_end, -at_start
+        last[:, -4:], last[:, :4] = at_end[1:], -at_start[1:]
     elif ends == "natural":
         last[0, 2], last[1, -4:] = 1.0, at_end[2]
     else:
         last[0, 3], last[1, -1] = 1.0, 1.0
-    rows.append(last if ends == "periodic" else last[:2])
+    rows.append(last)
     constraints = np.vstack(rows)
     c = len(constraints)
     kkt = np.block([[design.T @ design, constraints.T], [constraints, np.zeros((c, c))]])
     solution = np.linalg.solve(kkt, np.concatenate([design.T @ record.bias, np.zeros(c)]))[: 4 * m]
     ours = np.array([coefficient.value for coefficient in found.coefficients]).reshape(m, 4) * width ** np.arange(4)
     np.testing.assert_allclose(ours, solution.reshape(m, 4), rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("ends", ["natural", "parabolic", "periodic"])
+def test_a_spline_of_bins_goes_through_their_means(ends):
+    """S(x_i) = f(x_i) and two conditions at the ends; against scipy, and for the others solved by hand."""
+    record, m = noisy(), 8
+    found = fit_model(Model("through means", model("spline", intervals=m, ends=ends).effects, "bins"), record)
+    temperature = record.channels["temperature"]
+    edges = np.linspace(temperature.min(), temperature.max(), m + 2)
+    knots = 0.5 * (edges[1:] + edges[:-1])
+    means = binned_statistic(temperature, record.bias, "mean", edges).statistic
+    at = np.linspace(knots[0], knots[-1], 301)
+    if ends == "natural":
+        truth = CubicSpline(knots, means, bc_type="natural")(at)
+    else:
+        clamped = np.concatenate([[knots[0]] * 3, knots, [knots[-1]] * 3])
+        basis = BSpline(clamped, np.eye(m + 3), 3)
+        inner = np.array([knots[0] + 1e-3, knots[-1] - 1e-3])
+        turned = np.array([np.diff(basis.derivative(j)(knots[[0, -1]]), axis=0)[0] for j in (1, 2)])
+        two = basis.derivative(3)(inner) if ends == "parabolic" else turned
+        truth = basis(at) @ np.linalg.solve(np.vstack([basis(knots), two]), np.append(means, [0.0, 0.0]))
+    there = Dataset("t", np.arange(301.0), {"rate": at, "temperature": at}, np.zeros(301, dtype=np.int64))
+    np.testing.assert_allclose(found.predict(there).bias, truth, atol=1e-9)
+
+
+def test_a_spline_of_bins_needs_a_number_of_intervals_and_its_ends():
+    for options in ({"intervals": "auto"}, {"intervals": 8, "ends": "free"}):
+        with pytest.raises(InputError, match="needs a number of intervals"):
+            fit_model(Model("m", model("spline", **options).effects, "bins"), noisy())
 
 
 # --- behaviour ------------------------------------------------------------------------------------
@@ -438,3 +468,10 @@ def test_a_fine_sensor_is_not_called_coarse():
             ).warnings
             == ()
         )
+
+
+@pytest.mark.parametrize(("ends", "zero"), [("natural", "piece1.a2"), ("parabolic", "piece1.a3")])
+def test_what_an_end_condition_makes_zero_is_exactly_zero(ends, zero):
+    found = by_key(fit_model(model("spline", intervals=6, ends=ends), noisy()))
+    assert (found[f"spline.{zero}"].value, found[f"spline.{zero}"].std) == (0.0, 0.0)
+    assert found["spline.piece2.a2"].std > 0.0

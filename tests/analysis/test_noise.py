@@ -7,7 +7,8 @@ from scipy.stats import norm
 
 from bench.analysis.noise import likelihood
 from bench.analysis.noise.allan import allan_deviation, allan_pyramid
-from bench.analysis.noise.estimate import Noise, estimate_noise, expected_rms, profile_noise
+from bench.analysis.noise.components import Stretch
+from bench.analysis.noise.estimate import Noise, estimate_noise, profile_noise
 from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface, gls
 from bench.analysis.noise.whitening import Ratios, Whitener, covariance
 from bench.base.errors import InputError
@@ -119,16 +120,16 @@ class TestGls:
 
 class TestNoise:
     def test_estimate_finds_all_three_in_a_long_record(self, rng):
-        noise = estimate_noise([gyro_noise(rng, 1200, 60.0, (0.01, 0.05, 0.4))], 60.0)
+        noise = estimate_noise([Stretch(gyro_noise(rng, 1200, 60.0, (0.01, 0.05, 0.4)))], 60.0).with_intervals()
         assert_allclose(noise.white, 0.01, rtol=0.25)
         assert_allclose(noise.walk, 0.4, rtol=0.25)
         for name, truth in zip(("white", "flicker", "walk"), (0.01, 0.05, 0.4), strict=True):
             low, high = noise.intervals[name]
-            assert 0.97 * low <= truth <= 1.03 * high  # the lattice's step
+            assert low <= truth <= high
 
     def test_short_soaks_with_thermal_tails_give_the_white_noise_and_say_what_they_cannot(self, rng):
         tail = 0.3 * np.exp(-np.arange(1500) / 400.0)
-        noise = estimate_noise([gyro_noise(rng, 1500, 1.0) + tail for _ in range(5)], 1.0)
+        noise = estimate_noise([Stretch(gyro_noise(rng, 1500, 1.0) + tail) for _ in range(5)], 1.0).with_intervals()
         assert_allclose(noise.white, 0.01, rtol=0.06)
         assert noise.undetermined in (("flicker", "walk"), ("walk",))
         assert noise.intervals["walk"][1] > 0.03
@@ -136,22 +137,44 @@ class TestNoise:
     def test_gaps_do_not_matter(self, rng):
         rate = gyro_noise(rng, 600, 30.0, (0.01, 0.0, 0.0))
         rate[rng.random(600) < 0.2] = np.nan
-        assert_allclose(estimate_noise([rate], 30.0).white, 0.01, rtol=0.1)
+        assert_allclose(estimate_noise([Stretch(rate)], 30.0).noise.white, 0.01, rtol=0.1)
 
     def test_too_short_is_refused(self):
         with pytest.raises(InputError, match="isothermal"):
-            estimate_noise([np.zeros(4), np.full(100, np.nan)], 30.0)
+            estimate_noise([Stretch(np.zeros(4)), Stretch(np.full(100, np.nan))], 30.0)
+
+    def test_a_constant_output_has_no_noise_to_read(self):
+        with pytest.raises(InputError, match="constant"):
+            estimate_noise([Stretch(np.full(600, 5.0))], 1.0)
+
+    def test_samples_that_scatter_less_than_the_rows_say_are_not_believed(self, rng):
+        """A unit with a narrow band: its samples are not white, and N is what the rows show."""
+        rate = gyro_noise(rng, 7200, 1.0, (0.01, 0.0, 0.0))
+        half = np.full(7200, 0.5 * (0.01 * 60.0) ** 2 * 500)
+        found = estimate_noise([Stretch(rate, np.full(7200, 500.0), half)], 1.0)
+        assert not found.white_samples
+        low, high = found.with_intervals().intervals["white"]
+        assert low <= 0.01 <= high
+
+    def test_quantisation_is_found_where_the_rows_cannot_be_explained_without(self, rng):
+        error = rng.uniform(-0.5e-4, 0.5e-4, 7201)
+        rate = gyro_noise(rng, 7200, 1.0, (0.001, 0.0, 0.0)) + 3600.0 * np.diff(error)
+        noise = estimate_noise([Stretch(rate)], 1.0).with_intervals()
+        low, high = noise.intervals["quantisation"]
+        assert low <= 1e-4 / np.sqrt(12.0) <= high
+        assert_allclose(noise.quantisation, 1e-4 / np.sqrt(12.0), rtol=0.05)
 
     def test_floor_is_the_rms_that_a_constant_leaves(self):
         runs = [gyro_noise(np.random.default_rng(seed), 1050, 30.0) for seed in range(200)]
         expected = np.sqrt(np.mean([np.var(run) for run in runs]))
         assert_allclose(Noise(0.01, 0.03, 0.03).std_of_means(30.0, 1050 * 30.0), expected, rtol=0.02)
 
-    def test_floor_of_many_rows_is_the_same_as_without_thinning(self):
+    def test_floor_is_that_of_the_covariance(self):
         noise = Noise(0.01, 0.03, 0.1)
-        time_s = (np.arange(2400) + 0.5) * 10.0
-        dense = expected_rms(noise, np.ones((2400, 1)), time_s, 10.0)
-        assert_allclose(noise.std_of_means(10.0, 24000.0), dense, rtol=1e-3)
+        time_s = (np.arange(1200) + 0.5) * 10.0
+        dense = covariance(time_s, 10.0, noise.ratios(10.0)) * noise.white_variance(10.0)
+        expected = np.sqrt(np.trace(dense) / 1200 - dense.sum() / 1200**2)
+        assert_allclose(noise.std_of_means(10.0, 12000.0), expected, rtol=1e-9)
 
     def test_an_isothermal_record_sharpens_the_profile(self, rng):
         """The ratios found with three more hours of isothermal data are the maximum of the joint likelihood."""

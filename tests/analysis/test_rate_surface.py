@@ -95,12 +95,12 @@ def test_outside_the_box_the_surface_is_clamped_and_flagged():
     np.testing.assert_array_equal(beyond, [at_edge[0], at_edge[0]])
 
 
-def test_bins_are_of_equal_width_and_equal_count():
+def test_bins_are_of_equal_width_and_use_all_their_rows():
     """A soak of 1000 rows weighs no more than a passage of 4; what has too few rows is left out and counted."""
-    celsius = np.concatenate([np.full(1000, 20.5), [23.1, 23.2, 23.3, 23.4], [24.7]])
+    celsius = np.concatenate([np.linspace(20.5, 21.5, 1001), [23.1, 23.2, 23.3, 23.3], [24.7]])
     reference = np.full(celsius.size, 10.0)
     found = binned(celsius * 2.0, celsius, reference, bin_degc=2.0, samples=4)
-    np.testing.assert_allclose(found.temperature, [20.5, 23.25])
+    np.testing.assert_allclose(found.temperature, [21.0, 23.225])
     assert found.left_out == 1
     np.testing.assert_allclose(found.raw, 2.0 * found.temperature)
 
@@ -194,11 +194,11 @@ def test_the_model_of_the_paper_is_the_surface_of_the_paper():
     assert found.rms_dph == pytest.approx(3600.0 * wanted.rms, rel=1e-9)
 
 
-def test_bins_are_for_a_surface_alone():
+def test_bins_are_for_a_surface_or_a_spline_alone():
     from bench.analysis.effects.model import Model
     from bench.analysis.effects.registry import make
     from bench.analysis.fit.fitting import fit_model
 
     model = Model("mixed", (make("surface", {"over": "rate"}), make("thermal_lag")), "bins")
-    with pytest.raises(InputError, match="rows: bins is for a surface alone, not for thermal_lag"):
+    with pytest.raises(InputError, match="rows: bins is for a surface or a spline alone, not for thermal_lag"):
         fit_model(model, turned())

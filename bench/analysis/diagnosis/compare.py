@@ -17,7 +17,7 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_corrected
 from bench.analysis.fit.solve import one_blas_thread
 from bench.base import BoolArray, FloatArray, InputError, IntArray, finite
-from bench.record import Dataset
+from bench.record import Dataset, refuse_mixed
 
 BLOCKS = 20
 _RESAMPLES = 2000
@@ -108,8 +108,9 @@ def compare(
     check: Dataset | Sequence[Dataset] | None = None,
     *,
     strict: bool = True,
+    lot: bool = False,
 ) -> Comparison:
-    """Score models on runs of one unit. `floor_dph` is the noise floor of these means (NaN where it is not known).
+    """Score models on runs of one unit, or of a `lot` of units; `floor_dph` is the noise floor of these means or NaN.
 
     With `check` runs the held-out error is that of a fit to all `datasets` on them; without, that on 20 contiguous
     blocks left out in turn. A model that cannot be fitted raises its InputError, or is refused where not `strict`.
@@ -117,6 +118,8 @@ def compare(
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
     checks = () if check is None else (check,) if isinstance(check, Dataset) else tuple(check)
     refuse_corrected(checks)
+    if not lot:
+        refuse_mixed((*records, *checks))
     scores, refused = [], []
     with one_blas_thread():
         for model in models:

@@ -31,7 +31,7 @@ from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice
 from bench.base import FloatArray, InputError
-from bench.record import Dataset
+from bench.record import Dataset, refuse_mixed
 
 _LEAST_INTERVALS = 12
 """Automatic splines get at least these: with fewer, the misfit of the curve looks like an effect."""
@@ -55,8 +55,9 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     `check` are runs that no fit sees; `static` is a run at constant temperature that tells the noise. `floor_dph` is
     the noise floor of these means, read from finer rows (NaN: not known); None reads it from these rows.
     `workers` processes share the work, by default those of `crew.usual_workers`; the answer is the same for any number.
-    Raises InputError: no run, or the model cannot be fitted.
+    Raises InputError: no run, runs of several units, or the model cannot be fitted.
     """
+    refuse_mixed((*runs, *check, *([] if static is None else [static])))
     with one_blas_thread():
         return _Case.of(tuple(runs), model, static, candidates, floor_dph).diagnosis(
             tuple(check), seed, usual_workers() if workers is None else workers

@@ -17,17 +17,19 @@ from bench.analysis.fit.fitting import refuse_corrected
 from bench.analysis.fit.normal import left_out
 from bench.analysis.fit.solve import one_blas_thread
 from bench.base import BoolArray, FloatArray, InputError, IntArray
-from bench.record import Dataset
+from bench.record import Dataset, refuse_mixed
 
 
 def compare_every_sample(
-    records: Sequence[SampledRun], models: Sequence[Model], floor_dph: float, *, strict: bool = True
+    records: Sequence[SampledRun], models: Sequence[Model], floor_dph: float, *, strict: bool = True, lot: bool = False
 ) -> Comparison:
     """Score models on all samples of runs of one unit; `floor_dph` is the floor of their 1 s means [deg/h].
 
     A model that cannot be fitted raises its InputError, or is refused where not `strict`.
     """
     refuse_corrected(record.means for record in records)
+    if not lot:
+        refuse_mixed(record.means for record in records)
     floor = sample_floor([record.seconds for record in records], floor_dph)
     scores, refused = [], []
     with one_blas_thread():

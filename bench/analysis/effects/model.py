@@ -21,8 +21,8 @@ from bench.analysis.effects.base import Effect, options_of
 from bench.base import Document, InputError, dump, library, nearest_or_all, read_yaml
 
 ROWS = ("all", "heating", "cooling", "soaks_2", "soaks_3", "bins")
-"""Rows that a model is fitted to: all, one branch only, the means of 2 or 3 soaks (fixed-temperature method), or, of a
-surface, bins of equal width and equal count at each rate.
+"""Rows that a model is fitted to: all, one branch only, the means of 2 or 3 soaks (fixed-temperature method), or
+bins of equal width: a surface's at each rate, a spline's about each knot, through whose means it then goes.
 """
 
 _KEYS = ("name", "rows", "effects")

@@ -1,10 +1,11 @@
 """Bias as a cubic spline of the unit's own temperature, fitted by least squares.
 
 Equation: on each of m equal intervals S_i(T) = a0 + a1 (T - T_i) + a2 (T - T_i)^2 + a3 (T - T_i)^3, with S, S' and S''
-continuous at every knot (eq. 5-6 of the first source paper) and two or three conditions at the ends: `natural` S'' = 0,
-`parabolic` S''' = 0 on the first and last interval (parabolic run-out), `periodic` S, S', S'' equal at both ends,
-`free` none. `intervals: auto` chooses m by leaving contiguous blocks out; ordinary cross-validation overfits
-autocorrelated residuals.
+continuous at every knot (eq. 5-6 of the first source paper) and two conditions at the ends: `natural` S'' = 0,
+`parabolic` S''' = 0 on the first and last interval (parabolic run-out), `periodic` S' and S'' equal at both ends,
+`free` none. A model with `rows: bins` has the interpolating spline of the paper: S(x_i) = f(x_i), the mean bias of the
+bin about knot x_i, of m + 1 bins of equal width. `intervals: auto` chooses m by leaving contiguous blocks out; ordinary
+cross-validation overfits autocorrelated residuals.
 Units: S [deg/h], T [degC], aj [deg/h/degC^j].
 Source: first source paper, eq. 5-6; de Boor, A Practical Guide to Splines (1978), ch. XIV for the B-spline basis.
 When left out: the residual over temperature has knees that a cubic cannot follow, equal for heating and cooling.
@@ -51,21 +52,20 @@ class Spline(StaticEffect):
     intervals: int | str = "auto"
     ends: str = "natural"
     scale: Scale | None = field(default=None, repr=False, metadata={"fitted": True})
+    interpolating: bool = field(default=False, repr=False, metadata={"fitted": True})
+    """Whether the rows are means at the knots, one each."""
 
     def __post_init__(self) -> None:
         if self.intervals != "auto":
             check_whole(self.name, "intervals", self.intervals, 1, 200)
         if self.ends not in ENDS:
             raise InputError(f"spline: ends is {self.ends!r}, allowed are {', '.join(ENDS)}")
-        if self.ends == "periodic" and self.intervals in {1, 2}:
-            raise InputError(f"spline: periodic ends need at least 3 intervals, not {self.intervals}")
 
     def choices(self) -> tuple[Effect, ...]:
         """Splines with 2 to 48 intervals where the number is left open."""
         if self.intervals != "auto":
             return ()
-        least = 3 if self.ends == "periodic" else 2
-        return tuple(replace(self, intervals=m) for m in CANDIDATES if m >= least)
+        return tuple(replace(self, intervals=m) for m in CANDIDATES)
 
     def scaled(self, scales: Mapping[str, Scale]) -> Spline:
         """Equal intervals over the range."""
@@ -73,6 +73,8 @@ class Spline(StaticEffect):
 
     def demand(self, records: Sequence[Dataset]) -> None:
         """InputError where an interval has too few rows, or none."""
+        if self.interpolating:
+            return
         temperature = np.concatenate([record.channel("temperature") for record in records])
         ends = self._scale.low, self._scale.high
         refuse_unvisited(np.histogram(temperature[np.isfinite(temperature)], np.linspace(*ends, self._m + 1))[0], ends)
@@ -139,7 +141,7 @@ def _basis(m: int, ends: str) -> FloatArray:
     conditions = {
         "natural": spline.derivative(2)(both),
         "parabolic": spline.derivative(3)(np.array([0.5, m - 0.5])),
-        "periodic": np.array([np.diff(spline.derivative(j)(both), axis=0)[0] for j in range(3)]),
+        "periodic": np.array([np.diff(spline.derivative(j)(both), axis=0)[0] for j in (1, 2)]),
         "free": np.zeros((0, m + 3)),
     }[ends]
     # All coefficients equal make the constant (it meets every condition); its complement is what remains.

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.analysis.effects.base import Effect, Parameter, Theta
 from bench.analysis.effects.model import Model
-from bench.analysis.fit.rate_surface import binned_record
+from bench.analysis.fit.bins import in_bins
 from bench.base import BoolArray, FloatArray, InputError, IntArray
 from bench.record import Dataset
 
@@ -179,7 +179,9 @@ def fit_rows(model: Model, records: tuple[Dataset, ...], rows: Sequence[BoolArra
     if model.rows.startswith("soaks"):
         records, masks = _soak_means(model, records, masks)
     if model.rows == "bins":
-        records, masks = _bins(model, records, masks)
+        chosen = tuple(record.select(mask) for record, mask in zip(records, masks, strict=True) if mask.any())
+        model, records = in_bins(model, chosen)
+        masks = tuple(np.ones(len(record), dtype=bool) for record in records)
     masks = tuple(mask & _usable(model, record) for record, mask in zip(records, masks, strict=True))
     if not any(mask.any() for mask in masks):
         names = ", ".join(record.name for record in records)
@@ -216,17 +218,6 @@ def _soak_means(
     keep = np.isin(np.arange(soaks_degc.size), first)
     ends = np.cumsum([len(point) for point in points])[:-1]
     return points, tuple(np.split(keep, ends))
-
-
-def _bins(
-    model: Model, records: tuple[Dataset, ...], masks: tuple[BoolArray, ...]
-) -> tuple[tuple[Dataset, ...], tuple[BoolArray, ...]]:
-    """One row a bin of rate and temperature; only for a surface: an effect with memory needs rows in time."""
-    others = [effect.name for effect in model.effects if effect.name != "surface"]
-    if others:
-        raise InputError(f"model '{model.name}': rows: bins is for a surface alone, not for {', '.join(others)}")
-    binned = tuple(binned_record(r.select(m)) for r, m in zip(records, masks, strict=True) if m.any())
-    return binned, tuple(np.ones(len(record), dtype=bool) for record in binned)
 
 
 def _tails(record: Dataset, mask: BoolArray) -> Dataset:

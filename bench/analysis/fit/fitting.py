@@ -34,6 +34,8 @@ from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import CHANNELS, BoolArray, FloatArray, InputError, finite
 from bench.record import Dataset
 
+_ROUNDING = 1e-10  # of the largest row: a smaller one is what cancellation left of zero
+
 
 @dataclass(frozen=True)
 class Coefficient:
@@ -97,6 +99,7 @@ class Fit:
     def coefficients(self) -> tuple[Coefficient, ...]:
         """Physical coefficients with units; the one constant is in the first effect that has a place for it."""
         keys, units, matrix = self.bound.physical()
+        matrix = np.where(_is_rounding(matrix, units)[:, None], 0.0, matrix)  # zero by constraint, as a spline's ends
         linear = self.covariance[: self.beta.size, : self.beta.size]
         # (M C M') entry by entry; cancellation can leave a variance a rounding error below zero.
         std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", matrix, linear, matrix), 0.0))
@@ -180,6 +183,15 @@ def fit_model(
         steps = coarse_temperature(bound, solution.beta, result.rms_dph, records, quantisation_limit_dph)
         stuck = (f"{key} = {result.theta[key]:g} is on its bound: not determined" for key in result.on_bound)
         return replace(result, warnings=(*steps, *stuck))
+
+
+def _is_rounding(matrix: FloatArray, units: Sequence[str]) -> BoolArray:
+    """Rows (p,) that are rounding errors beside the others of their unit: no amplitude can move that coefficient."""
+    size = np.linalg.norm(matrix, axis=1)
+    of_unit = np.unique(np.array(units), return_inverse=True)[1]
+    largest = np.zeros(int(of_unit.max(initial=0)) + 1)
+    np.maximum.at(largest, of_unit, size)
+    return np.asarray(size <= _ROUNDING * largest[of_unit])
 
 
 def refuse_corrected(records: Iterable[Dataset]) -> None:

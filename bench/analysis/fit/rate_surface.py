@@ -4,7 +4,8 @@ Equation: Rate(NR, T) = sum_m C_m u^i v^j, i + j <= n, u and v the raw output NR
 [-1, 1]; n = 5 has 21 coefficients, C0 ... C20 by total degree, then falling power of NR: 1, u, v, u^2, u v, v^2, ...
 De-normalised coefficients stand in the same order for NR^i T^j.
 Data: rate steps at fixed temperatures and temperature steps at fixed rates; at each rate the temperature is cut into
-bins of equal width, and each bin is the mean of equally many samples: a long soak counts no more than a quick passage.
+bins of equal width, and each bin is the mean of all its samples and counts as one point: a long soak counts no more
+than a quick passage.
 Units: any; a gyro's in deg/s, an accelerometer's in m/s^2 (gravity along its axis), each axis by itself.
 Two ways to the same coefficients, which must agree: least squares by QR, and discrete orthogonal polynomials (G. E.
 Forsythe, J. SIAM 5 (1957) 74; two variables by repeated orthogonalisation of products).
@@ -12,6 +13,7 @@ Forsythe, J. SIAM 5 (1957) 74; two variables by repeated orthogonalisation of pr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import comb
@@ -27,7 +29,7 @@ from bench.record import Dataset
 
 BIN_DEGC = 2.0
 SAMPLES = 2
-"""Samples behind each bin."""
+"""Least number of samples behind each bin."""
 LEVEL_SHARE = 0.01
 """References closer than this share of their range are one step of the table."""
 AGREEMENT = 1e-9
@@ -36,7 +38,7 @@ AGREEMENT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Means of equally many samples (n,): raw output, temperature [degC], reference; `left_out` bins had too few."""
+    """Means of bins (n,): raw output, temperature [degC], reference; `left_out` bins had too few."""
 
     raw: FloatArray
     temperature: FloatArray
@@ -100,51 +102,61 @@ def binned(
     bin_degc: float = BIN_DEGC,
     samples: int = SAMPLES,
 ) -> Points:
-    """Means over bins of equal width in temperature at each step of the reference, of `samples` rows each.
+    """Means over bins of equal width in temperature at each step of the reference.
 
-    Rows beyond that number are left out evenly over the bin; bins with fewer are left out. Raises InputError where no
-    bin has enough.
+    Bins of fewer than `samples` rows are left out. Raises InputError where no bin has enough.
     """
-    chosen, left_out = bin_rows(raw, temperature, reference, bin_degc, samples)
-    means = [values[chosen].mean(axis=1) for values in (raw, temperature, reference)]
+    groups, left_out = bin_rows(raw, temperature, reference, bin_degc, samples)
+    means = [_means(values, groups) for values in (raw, temperature, reference)]
     return Points(means[0], means[1], means[2], left_out)
 
 
 def binned_record(record: Dataset, bin_degc: float = BIN_DEGC, samples: int = SAMPLES) -> Dataset:
     """The bins of a run as the rows of a record, in the order of their mean times: every bin counts the same."""
     rate, temperature, applied = (record.channel(name) for name in ("rate", "temperature", "applied_rate"))
-    chosen, _ = bin_rows(rate, temperature, applied, bin_degc, samples)
-    chosen = chosen[np.argsort(record.time[chosen].mean(axis=1), kind="stable")]
+    return means_of(record, bin_rows(rate, temperature, applied, bin_degc, samples)[0])
+
+
+def means_of(record: Dataset, groups: Sequence[IntArray]) -> Dataset:
+    """Means over groups of rows as the rows of a record, in the order of their mean times."""
+    time = _means(record.time, groups)
+    order = np.argsort(time, kind="stable")
     # Bins that interleave may have one mean time; a record's rows have each their own.
-    time = record.time[chosen].mean(axis=1) + 1e-6 * np.arange(len(chosen))
-    means = {name: column[chosen].mean(axis=1) for name, column in record.channels.items()}
+    time = time[order] + 1e-6 * np.arange(len(groups))
+    channels = {name: _means(column, groups)[order] for name, column in record.channels.items()}
+    segment = np.array([record.segment[group[0]] for group in groups], dtype=np.int64)[order]
     return Dataset(
         record.name,
         time,
-        means,
-        record.segment[chosen[:, 0]],
+        channels,
+        segment,
         record.segments,
         record.interval_s,
         corrected=record.corrected,
+        unit=record.unit,
     )
+
+
+def _means(values: FloatArray, groups: Sequence[IntArray]) -> FloatArray:
+    return np.array([values[group].mean() for group in groups])
 
 
 def bin_rows(
     raw: FloatArray, temperature: FloatArray, reference: FloatArray, bin_degc: float, samples: int
-) -> tuple[IntArray, int]:
-    """Rows of each bin (bins, samples), and how many bins had too few. InputError where no bin has enough."""
+) -> tuple[list[IntArray], int]:
+    """Rows of each bin, and how many bins had fewer than `samples`. InputError where no bin has enough."""
     rows = np.flatnonzero(np.isfinite(raw) & np.isfinite(temperature) & np.isfinite(reference))
     if rows.size == 0:
         raise InputError("no row with raw output, temperature and reference: the surface needs a run on a table")
     cell = np.floor((temperature[rows] - temperature[rows].min()) / bin_degc).astype(np.int64)
     _, label = np.unique(np.column_stack([_levels(reference[rows]), cell]), axis=0, return_inverse=True)
     groups = np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label.ravel()))[:-1])
-    kept = [g[np.linspace(0, g.size - 1, samples).round().astype(int)] for g in groups if g.size >= samples]
+    kept = [rows[group] for group in groups if group.size >= samples]
     if not kept:
         raise InputError(
             f"no bin of {bin_degc:g} degC has {samples} samples at one rate; record longer, or widen the bins"
         )
-    return rows[np.array(kept)], len(groups) - len(kept)
+    return kept, len(groups) - len(kept)
 
 
 def _levels(reference: FloatArray) -> IntArray:

@@ -18,11 +18,11 @@ from bench.analysis.judging.diagnosed import diagnosed
 from bench.analysis.judging.earlier import set_aside
 from bench.analysis.judging.joints import joints
 from bench.analysis.judging.limits import Limits, judge_limits
-from bench.analysis.judging.quantities import quantities
+from bench.analysis.judging.quantities import quantities, standing
 from bench.analysis.judging.validity import refusals
 from bench.analysis.judging.verdict import RunVerdict, judge, with_diagnosis
 from bench.analysis.noise.floor import Floor, noise_floor
-from bench.base import InputError
+from bench.base import FloatArray, InputError
 from bench.record import (
     DEFAULT_INTERVAL_S,
     CalibrationRecord,
@@ -87,6 +87,12 @@ def analyse(
     return result
 
 
+def _span(*choices: FloatArray) -> float:
+    """Highest less lowest of the first of these with a value: at rest, where a table turns the rest of the time."""
+    known = next((values for values in choices if np.any(np.isfinite(values))), np.array([np.nan]))
+    return float(np.nanmax(known) - np.nanmin(known))
+
+
 def judged_by(analysis: Analysis, limits: Limits) -> Analysis:
     """The analysis with the limits' verdict, written as limits.json beside the data."""
     judged = replace(analysis, judgement=judge_limits(limits, quantities(analysis), refusals(analysis, limits)))
@@ -142,7 +148,7 @@ def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Seq
         verdict=judge(known.done, best, known.floor.floor_dph, reason),
         comparison=comparison,
         best=best,
-        bias_span_dph=float(np.nanmax(data.bias) - np.nanmin(data.bias)),
+        bias_span_dph=_span(standing(data).bias, data.bias),
         uncompensated_dph=float(np.sqrt(np.nansum(weight * (data.bias - mean) ** 2) / np.sum(weight))),
         gaps=gaps,
         warnings=(*cautions(known.done, known.floor, comparison, best, gaps), *known.others),

@@ -19,7 +19,7 @@ from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
 from bench.analysis.judging.completeness import Completeness
-from bench.analysis.judging.limits import COVERAGE, Quantity
+from bench.analysis.judging.limits import Quantity
 from bench.analysis.thresholds import LEAST_COVERED_DEGC, TURNING_DPS
 from bench.base import DPH_PER_DPS, BoolArray, FloatArray, InputError
 from bench.record import Dataset
@@ -78,34 +78,12 @@ def _of_noise(analysis: Analysis) -> Iterator[Quantity]:
         yield from (Quantity(name, reason=floor.reason) for name in names)
     else:
         for name, coefficient in _NOISE:
-            low, high = _noise_interval(analysis, coefficient)
+            low, high = floor.noise.intervals.get(coefficient, (np.nan, np.nan))
             yield Quantity(name, getattr(floor.noise, coefficient), low, high)
     if np.isfinite(floor.floor_dph):
-        low, high = _share(analysis)
-        yield Quantity("noise_floor_dph", floor.floor_dph, low * floor.floor_dph, high * floor.floor_dph)
+        yield Quantity("noise_floor_dph", floor.floor_dph, *floor.interval_dph)
     else:
         yield Quantity("noise_floor_dph", reason=floor.reason)
-
-
-def _noise_interval(analysis: Analysis, coefficient: str) -> tuple[float, float]:
-    """95 % interval: what the likelihood says of the mixture, and how well its scale is known from n means."""
-    floor = analysis.floor
-    if floor.noise is None or coefficient not in floor.noise.intervals:
-        return np.nan, np.nan
-    value = getattr(floor.noise, coefficient)
-    low, high = floor.noise.intervals[coefficient]
-    seconds = sum(to_s - from_s for _, from_s, to_s in floor.stretches)
-    scale = COVERAGE * value / np.sqrt(2.0 * min(max(seconds, 1.0), _ROWS))
-    return max(0.0, value - float(np.hypot(value - low, scale))), value + float(np.hypot(high - value, scale))
-
-
-def _share(analysis: Analysis) -> tuple[float, float]:
-    """The floor's relative interval: that of the white noise, which most of it is."""
-    noise = analysis.floor.noise
-    if noise is None or not noise.white:
-        return np.nan, np.nan
-    low, high = _noise_interval(analysis, "white")
-    return low / noise.white, high / noise.white
 
 
 def _of_model(analysis: Analysis, best: Score, white_dph: float) -> Iterator[Quantity]:

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.effects.model import Model, load_model, model_from
+from bench.analysis.fit.bins import in_bins
 from bench.analysis.fit.design import FitRows, fit_rows
 from bench.analysis.fit.fitting import Fit, fit_model
-from bench.analysis.fit.rate_surface import binned_record
 from bench.analysis.thresholds import LEAST_COVERED_DEGC, MOST_DELIVERED_CONDITION, WIDEST_HOLE
 from bench.base import CHANNELS, FloatArray, InputError
 from bench.record import CalibrationRecord, Dataset, Manifest, Scaled, StoredFit, load
@@ -66,7 +66,8 @@ def _rows(dataset: Dataset, model: Model) -> tuple[Dataset, Model]:
     """The rows of a model fitted to bins are the bins: from here on they are the record."""
     if model.rows != "bins":
         return dataset, model
-    return binned_record(dataset), replace(model, rows="all")
+    binned, records = in_bins(model, (dataset,))
+    return records[0], replace(binned, rows="all")
 
 
 def _stored(content: StoredFit, dataset: Dataset, path: Path) -> tuple[Fit, Dataset]:

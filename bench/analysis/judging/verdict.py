@@ -79,6 +79,13 @@ def with_diagnosis(verdict: RunVerdict, diagnosed: Diagnosed, floor_dph: float) 
         return verdict
     missing = tuple(suspect.effect for suspect in answer.found)
     name = answer.model.name
+    steps = [rung.held_out_dph for rung in diagnosed.rungs if not rung.rival]
+    if missing and len(steps) > 1 and steps[-1] >= steps[0]:  # false where either is not known
+        finding = (
+            f"{name} may lack {listed(missing)}, which unseen data do not bear out: the error there goes from "
+            f"{number(steps[0])} to {number(steps[-1])} deg/h"
+        )
+        return replace(verdict, sentence=f"{verdict.sentence.removesuffix('.')}; {finding}.")
     if answer.verdict == "adequate":
         finding = f"{name} lacks no effect that this run could show"
     elif answer.verdict == "unknown_effect":

@@ -7,25 +7,28 @@ not make the noise look smaller. Models are compared by the full likelihood, as 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Record, Surface, gls, zeros
-from bench.analysis.noise.probability import chi2_quantile
-from bench.analysis.noise.whitening import Ratios, covariance
-from bench.base import FloatArray, InputError
+from bench.analysis.noise.allan import FLICKER_FLOOR
+from bench.analysis.noise.components import COMPONENTS, Squares, Stretch, floor_unit, squares_of
+from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Record, Surface, gls
+from bench.analysis.noise.variances import interval, may_vanish, most_likely, standard_errors
+from bench.analysis.noise.whitening import Ratios, Whitener
+from bench.base import BoolArray, FloatArray, InputError
 
-_NAMES = ("white", "flicker", "walk")
-_MOST_ROWS = 1200  # of an estimate from isothermal stretches
-_MOST_DENSE = 2000
+_MOST_RAMP_ROWS = 600
+_NAMES = COMPONENTS[:3]
+_ASKED = np.array([True, True, True, False])
+_CONTRADICTED = 10.83  # of the likelihood ratio with one degree of freedom, passed by chance once in a thousand runs
 
 
 @dataclass(frozen=True)
 class Noise:
     """Coefficients of IEEE 952: angle random walk N, bias instability B, rate random walk K.
 
-    Each comes with its 95 % likelihood interval. `undetermined` names those that the data cannot tell from zero: their
+    Each comes with its 95 % interval. `undetermined` names those that the data cannot tell from zero: their
     value is zero, their interval's upper end is what they could be.
     """
 
@@ -35,6 +38,8 @@ class Noise:
     """B [deg/h]"""
     walk: float
     """K [deg/h/sqrt(h)]"""
+    quantisation: float = 0.0
+    """Q [deg]; zero unless the rows cannot be explained without"""
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
     undetermined: tuple[str, ...] = ()
 
@@ -47,26 +52,28 @@ class Noise:
         """Variance of the white part of one mean [(deg/h)^2]."""
         return self.white**2 / (interval_s / 3600.0)
 
+    def variances(self) -> FloatArray:
+        """N^2, B^2, K^2 and Q^2 (4,)."""
+        return np.array([self.white, self.flicker, self.walk, self.quantisation]) ** 2
+
+    def allan_deviation(self, tau_s: FloatArray) -> FloatArray:
+        """Allan deviation (m,) [deg/h] of this noise over averaging times (m,) [s], by IEEE 952."""
+        tau_h = tau_s / 3600.0
+        white, flicker, walk, steps = self.variances()
+        square = white / tau_h + (FLICKER_FLOOR**2) * flicker + walk * tau_h / 3.0 + 3.0 * steps / tau_h**2
+        return np.asarray(np.sqrt(square))
+
     def std_of_means(self, interval_s: float, duration_s: float) -> float:
         """The floor [deg/h]: expected RMS of the means over `interval_s` of a run of `duration_s` about their own mean.
 
-        That is what remains when a constant is fitted to a gyro with this noise and no other error. A static curve with
-        p coefficients takes a little more, about the share p / n of the white part; `expected_rms` gives it exactly.
+        That is what remains when a constant is fitted to a gyro with this noise and no other error.
         """
-        rows = max(2, round(duration_s / interval_s))
-        thinning = -(-rows // _MOST_DENSE)
-        time_s = (np.arange(rows // thinning, dtype=np.float64) + 0.5) * interval_s * thinning
-        coarse = expected_rms(self, np.ones((len(time_s), 1)), time_s, interval_s * thinning)
-        # Analysis of variance: the scatter within the groups of neighbours is added to the scatter of their means.
-        fast = self._inner_variance(interval_s, thinning)
-        return float(np.sqrt(coarse**2 + fast))
+        return float(np.sqrt(floor_unit(rows_of(interval_s, duration_s), interval_s) @ self.variances()))
 
-    def _inner_variance(self, interval_s: float, thinning: int) -> float:
-        """Mean square of means over `interval_s` about the mean of `thinning` neighbours [(deg/h)^2]."""
-        if thinning == 1:
-            return 0.0
-        time_s = (np.arange(thinning, dtype=np.float64) + 0.5) * interval_s
-        return expected_rms(self, np.ones((thinning, 1)), time_s, interval_s) ** 2
+
+def rows_of(interval_s: float, duration_s: float) -> int:
+    """Means over `interval_s` in a run of `duration_s`, at least two."""
+    return max(2, round(duration_s / interval_s))
 
 
 @dataclass(frozen=True)
@@ -80,21 +87,6 @@ class NoiseFit:
     sigma2: float
     noise: Noise
     fit: Gls
-
-
-def expected_rms(noise: Noise, X: FloatArray, time_s: FloatArray, interval_s: float) -> float:
-    """RMS [deg/h] that least squares of means on X (n, p) leaves of this noise: sqrt(tr((I - H) sigma^2 C) / n)."""
-    dense = _physical_covariance(noise, time_s, interval_s)
-    basis = np.linalg.qr(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300))[0]
-    left = np.trace(dense) - np.sum(basis * (dense @ basis))
-    return float(np.sqrt(max(0.0, left) / len(time_s)))
-
-
-def _physical_covariance(noise: Noise, time_s: FloatArray, interval_s: float) -> FloatArray:
-    """Covariance (n, n) of means [(deg/h)^2]; a gyro without white noise is allowed."""
-    slow = covariance(time_s, interval_s, Ratios(noise.flicker**2, noise.walk**2), np.zeros(len(time_s)))
-    slow[np.diag_indices_from(slow)] += noise.white_variance(interval_s)
-    return slow
 
 
 def profile_noise(
@@ -128,49 +120,114 @@ def _coefficients(surface: Surface, point: Point) -> tuple[float, float, float]:
     return float(white), float(flicker), float(walk)
 
 
-def estimate_noise(blocks: Sequence[FloatArray], interval_s: float, trend: int = 2) -> Noise:
-    """The noise of isothermal stretches, each a 1-D array [deg/h] of means over `interval_s` (NaN = missing).
+@dataclass(frozen=True)
+class Estimate:
+    """The noise of isothermal stretches, and the sums of squares that it was found from."""
 
-    Every stretch has a polynomial in time of order `trend` of its own (thermal tails), removed inside the restricted
-    likelihood. Long records are averaged first to about 1200 rows. A coefficient that the data do not tell from zero at
-    the 5 % level is zero and named. Raises InputError when no stretch is long enough.
+    noise: Noise
+    """Without intervals, which take longer."""
+    squares: Squares
+    best: FloatArray
+    """Most likely variances (4,); `noise` has none that the data do not tell from zero."""
+    white_samples: bool
+    """Whether samples within a row scatter as white noise that was seen between rows; N is then known from them."""
+    stretches: tuple[Stretch, ...]
+    interval_s: float
+
+    def with_intervals(self) -> Noise:
+        """The noise with its 95 % intervals."""
+        ends = {
+            name: self._around(getattr(self.noise, name), np.eye(4)[order], simulated=name != "white")
+            for order, name in enumerate(COMPONENTS)
+            if self.best[order] > 0.0
+        }
+        return replace(self.noise, intervals=ends)
+
+    def floor_interval(self, interval_s: float, duration_s: float) -> tuple[float, float]:
+        """95 % interval of `Noise.std_of_means`: N, B and K as far as the data leave them open."""
+        value = self.noise.std_of_means(interval_s, duration_s)
+        return self._around(value, floor_unit(rows_of(interval_s, duration_s), interval_s))
+
+    def quantisation(self) -> tuple[float, float, float]:
+        """Q [deg] and its 95 % interval; zero where the data do not tell it from zero."""
+        best = _fitted(self.squares, np.ones(4, dtype=bool))[0]
+        best = np.maximum(best, 1e-6 * standard_errors(self.squares, best))
+        weights = np.eye(4)[3]
+        low, high = interval(self.squares, best, weights)
+        return (float(np.sqrt(best[3])) if low > 0.0 else 0.0), low, high
+
+    def ramp(self) -> tuple[float, float, float]:
+        """R [deg/h/h], the slope over the longest stretch, and its 95 % interval.
+
+        Flicker and walk move the output as well: the interval counts both as large as the data allow.
+        """
+        rate = max((stretch.rate for stretch in self.stretches), key=len)
+        group = max(1, -(-len(rate) // _MOST_RAMP_ROWS))
+        grouped = rate[: len(rate) // group * group].reshape(-1, group)
+        whole = np.isfinite(grouped).all(axis=1)
+        interval_s, noise = group * self.interval_s, self.noise
+        time_s: FloatArray = (np.flatnonzero(whole).astype(np.float64) + 0.5) * interval_s
+        highest = noise.intervals or self.with_intervals().intervals
+        ratios = replace(noise, flicker=highest["flicker"][1], walk=highest["walk"][1]).ratios(interval_s)
+        columns = np.column_stack([np.ones(len(time_s)), time_s / 3600.0])
+        way = Whitener.of(ratios, time_s, interval_s)
+        found = gls(columns, grouped[whole].mean(axis=1), way, noise.white_variance(interval_s))
+        half = 1.96 * float(np.sqrt(found.covariance[1, 1]))
+        return float(found.beta[1]), float(found.beta[1]) - half, float(found.beta[1]) + half
+
+    def _around(self, value: float, weights: FloatArray, simulated: bool = True) -> tuple[float, float]:
+        low, high = interval(self.squares, self.best, weights, simulated)
+        return min(low, value), max(high, value)
+
+
+def estimate_noise(stretches: Sequence[Stretch], interval_s: float, trend: int = 2) -> Estimate:
+    """The noise of isothermal stretches of rows of `interval_s`.
+
+    Every stretch has a polynomial in time of order `trend` of its own (thermal tails). The scatter of the samples
+    within a row tells N, unless it contradicts what rows show. Quantisation is part of the noise where it is needed to
+    explain the rows. A coefficient that the data do not tell from zero at the 5 % level is zero and named. Raises
+    InputError when no stretch is long enough, or nothing scatters.
     """
-    records, interval = _isothermal_records(blocks, interval_s, trend)
-    surface = Surface.of(records, NoiseLattice(records, interval), restricted=True)
-    best = surface.search()
-    chosen = best
-    # 5 % points with one or both ratios on the boundary: S. G. Self, K.-Y. Liang, JASA 82 (1987) 605.
-    for held, price in (((True, True), 4.23), ((True, False), 2.71), ((False, True), 2.71)):
-        start = min((p for p in surface.known if zeros(p) == held), key=surface.height)
-        simple = surface.descend(start, zeros_held=True)
-        if surface.height(simple) <= surface.height(best) + price:
-            chosen = simple
-            break
-    inside = [*surface.region(best, float(chi2_quantile(0.95, 1))), chosen]
-    values = np.array([_coefficients(surface, p) for p in inside])
-    ends = zip(values.min(axis=0).tolist(), values.max(axis=0).tolist(), strict=True)
-    value = _coefficients(surface, chosen)
-    undetermined = tuple(name for name, v in zip(_NAMES, value, strict=True) if v == 0.0)
-    return Noise(*value, intervals=dict(zip(_NAMES, ends, strict=True)), undetermined=undetermined)
+    fast, slow = squares_of(stretches, interval_s, trend)
+    if not np.any(slow.total > 0.0):
+        raise InputError("the output of the isothermal stretches is constant: there is no noise to read")
+    active, squares = _ASKED, slow if fast is None else slow.and_(fast)
+    best, lowest = _fitted(squares, active)
+    with_steps = _fitted(squares, np.ones(4, dtype=bool))
+    if with_steps[1] < lowest - _CONTRADICTED:
+        active, (best, lowest) = np.ones(4, dtype=bool), with_steps
+    tied = fast is not None
+    if fast is not None:
+        alone = _fitted(slow, active)
+        apart = alone[1] + _fitted(fast, np.array([True, False, False, False]))[1]
+        if lowest - apart > _CONTRADICTED:
+            tied, squares, (best, lowest) = False, slow, alone
+    found = np.sqrt(_told(squares, best))
+    undetermined = tuple(name for name, value in zip(_NAMES, found[:3], strict=True) if value == 0.0)
+    white, flicker, walk, steps = found.tolist()
+    noise = Noise(white, flicker, walk, steps, undetermined=undetermined)
+    return Estimate(noise, squares, best, tied, tuple(stretches), interval_s)
 
 
-def _isothermal_records(blocks: Sequence[FloatArray], interval_s: float, trend: int) -> tuple[list[Record], float]:
-    longest = sum(len(block) for block in blocks)
-    group = max(1, -(-longest // _MOST_ROWS))
-    interval = interval_s * group
-    records = []
-    for block in blocks:
-        rows = len(block) // group * group
-        grouped = np.asarray(block[:rows], dtype=np.float64).reshape(-1, group)
-        present = np.isfinite(grouped)
-        count = present.sum(axis=1)
-        full = count * 2 >= group
-        if full.sum() < trend + 4:
-            continue
-        mean = np.where(present, grouped, 0.0).sum(axis=1)[full] / count[full]
-        time_s = (np.flatnonzero(full).astype(np.float64) + 0.5) * interval
-        at = (time_s - time_s.mean()) / np.ptp(time_s)
-        records.append(Record(time_s, mean, np.vander(at, trend + 1), group / count[full]))
-    if not records:
-        raise InputError(f"no isothermal stretch has the {trend + 4} means over {interval:g} s that the noise needs")
-    return records, interval
+def _told(squares: Squares, best: FloatArray) -> FloatArray:
+    """Variances (4,) without flicker and walk where the data do not tell them from zero."""
+    flicker, walk = np.eye(4)[1], np.eye(4)[2]
+    needed = [name for name in (flicker, walk) if not may_vanish(squares, best, name)]
+    if len(needed) == 2:
+        return best
+    if not needed and may_vanish(squares, best, flicker + walk):
+        return _fitted(squares, (best > 0.0) & (flicker + walk == 0.0))[0]
+    kept = [name for name in (flicker, walk) if not needed or np.array_equal(name, needed[0])]
+    simple = [_fitted(squares, (best > 0.0) & (flicker + walk - name == 0.0)) for name in kept]
+    return min(simple, key=lambda found: found[1])[0]
+
+
+def _fitted(squares: Squares, active: BoolArray) -> tuple[FloatArray, float]:
+    """Most likely variances (4,), those that are not `active` zero, and -2 ln L."""
+    unit = squares.unit[:, active]
+    part = Squares(squares.total, squares.freedom, unit)
+    start = squares.total.sum() / (squares.freedom @ unit) / unit.shape[1]
+    found, at = most_likely(part, start)
+    variances = np.zeros(len(active))
+    variances[active] = found[0]
+    return variances, float(at[0])

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bench.analysis.noise.allan import AllanCurve, allan_deviation
-from bench.analysis.noise.estimate import Noise, estimate_noise
+from bench.analysis.noise.components import Stretch
+from bench.analysis.noise.estimate import Estimate, Noise, estimate_noise
 from bench.analysis.thresholds import LEAST_STRETCH_S, SETTLED_DEGC_PER_MIN, TURNING_DPS
 from bench.base import FloatArray, InputError, IntArray
 from bench.record import Dataset
 
 _AHEAD_S = 60.0
+_LEAST_SHARE = 0.25
+"""Of the longest stretch: a short one beside a long one tells little of slow noise, and thermal tails pass for it."""
 
 
 @dataclass(frozen=True)
 class Floor:
-    """Noise of the soaks; `floor_dph` [deg/h] is NaN and `reason` says why where there is no usable soak."""
+    """Noise of the soaks; `floor_dph` [deg/h] is NaN and `reason` says why where there is no usable soak.
+
+    The floor is the expected RMS about their mean of means over `interval_s` of a run of `duration_s`, from the noise
+    that the soaks determine; its 95 % interval also has what they leave open of flicker and random walk.
+    """
 
     floor_dph: float = np.nan
     noise: Noise | None = None
@@ -28,13 +35,16 @@ class Floor:
     reason: str = ""
     static: str = ""
     """Name of the isothermal run that it was read from; empty where it was read from the runs themselves."""
+    interval_dph: tuple[float, float] = (np.nan, np.nan)
+    estimate: Estimate | None = None
 
 
-def noise_floor(runs: Sequence[Dataset], interval_s: float, static: Dataset | None = None) -> Floor:
+def noise_floor(
+    runs: Sequence[Dataset], interval_s: float, static: Dataset | None = None, *, intervals: bool = True
+) -> Floor:
     """Floor of means over `interval_s` of a run as long as the first, read from the isothermal run if one is given.
 
-    All are given in rows as fine as there are (1 s means). The floor is the expected RMS about their mean of such means
-    under the noise found in the soaks (N, B, K).
+    All are given in rows as fine as there are (1 s means). `intervals` takes half a second more.
     """
     sources = tuple(runs) if static is None else (static,)
     stretches = [(source, name, rows) for source in sources for name, rows in _stretches(source)]
@@ -43,17 +53,22 @@ def noise_floor(runs: Sequence[Dataset], interval_s: float, static: Dataset | No
         still = f"isothermal stretch of at least {LEAST_STRETCH_S / 60:g} minutes to read the noise from"
         empty = not any(len(source) for source in sources)
         return Floor(reason="nothing was captured" if empty else f"no {still}", static=of)
-    blocks = [_on_grid(source, rows) for source, _, rows in stretches]
-    base_s = stretches[0][0].interval_s
+    longest = max(rows.size for _, _, rows in stretches)
+    stretches = [one for one in stretches if one[2].size >= _LEAST_SHARE * longest]
+    pieces = [_on_grid(source, rows) for source, _, rows in stretches]
+    base_s, duration_s = _step_s(stretches[0][0]), float(np.ptp(runs[0].time))
     try:
-        noise = estimate_noise(blocks, base_s)
-        floor_dph = noise.std_of_means(interval_s, float(np.ptp(runs[0].time)))
-        pairs = zip(stretches, blocks, strict=True)
-        curves = tuple((name, allan_deviation(block, base_s)) for (_, name, _), block in pairs)
+        estimate = estimate_noise(pieces, base_s)
+        pairs = zip(stretches, pieces, strict=True)
+        curves = tuple((name, allan_deviation(piece.rate, base_s)) for (_, name, _), piece in pairs)
     except InputError as error:
         return Floor(reason=str(error), static=of)
     spans = tuple((name, float(source.time[rows[0]]), float(source.time[rows[-1]])) for source, name, rows in stretches)
-    return Floor(floor_dph, noise, curves, spans, static=of)
+    floor_dph = estimate.noise.std_of_means(interval_s, duration_s)
+    found = Floor(floor_dph, estimate.noise, curves, spans, static=of, estimate=estimate)
+    if not intervals:
+        return found
+    return replace(found, noise=estimate.with_intervals(), interval_dph=estimate.floor_interval(interval_s, duration_s))
 
 
 def _stretches(base: Dataset) -> list[tuple[str, IntArray]]:
@@ -86,9 +101,20 @@ def _settled(base: Dataset, rows: IntArray) -> IntArray:
     return rows[min(begin, rows.size // 2) :]
 
 
-def _on_grid(base: Dataset, rows: IntArray) -> FloatArray:
-    """Bias of the rows on an even grid of time, NaN in gaps."""
-    index = np.rint((base.time[rows] - base.time[rows[0]]) / base.interval_s).astype(np.int64)
-    grid = np.full(int(index[-1]) + 1, np.nan)
-    grid[index] = base.bias[rows]
-    return grid
+def _step_s(base: Dataset) -> float:
+    """Distance of the rows [s]: a slow table of somebody else has less than one a second."""
+    return max(base.interval_s, round(float(np.median(np.diff(base.time))), 3))
+
+
+def _on_grid(base: Dataset, rows: IntArray) -> Stretch:
+    """Bias of the rows on an even grid of time, NaN in gaps, and how the samples behind each row scatter."""
+    index = np.rint((base.time[rows] - base.time[rows[0]]) / _step_s(base)).astype(np.int64)
+
+    def grid(values: FloatArray) -> FloatArray:
+        column = np.full(int(index[-1]) + 1, np.nan)
+        column[index] = values[rows]
+        return column
+
+    variances = base.variances.get("rate")
+    counts = None if variances is None else grid(base.count("rate"))
+    return Stretch(grid(base.bias), counts, None if variances is None else grid(variances))

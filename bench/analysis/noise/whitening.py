@@ -71,6 +71,17 @@ def covariance(time_s: FloatArray, interval_s: float, ratios: Ratios, white: Flo
     return dense
 
 
+def flicker_by_lag(rows: int, interval_s: float) -> FloatArray:
+    """Covariance (rows,) of means that are 0, 1, 2 … intervals apart, of flicker of B = 1 deg/h [(deg/h)^2]."""
+    shape = _Shape.of(interval_s)
+    lag_s = np.arange(rows, dtype=np.float64) * interval_s
+    lags = np.zeros(rows)
+    for tau, gain in zip(shape.tau_s, shape.gain, strict=True):
+        lags += gain * np.exp(-lag_s / tau)
+    lags[0] = shape.diagonal
+    return lags
+
+
 @dataclass(frozen=True)
 class Whitener:
     """W with W C W' = I for one record, C as above; `log_det` is ln |C|."""

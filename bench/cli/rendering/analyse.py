@@ -6,8 +6,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from bench.base import finite
 from bench.cli.rendering.difference import difference
+from bench.cli.rendering.drawing import plot
 from bench.cli.rendering.printing import bound, content, lines, number, table
 from bench.commands import (
     Compared,
@@ -20,6 +23,7 @@ from bench.commands import (
     Imported,
     Improved,
     MysteryMade,
+    NoiseFound,
     NotAnalysed,
     Replayed,
     Reported,
@@ -162,6 +166,61 @@ def _(result: Imported) -> Iterator[str]:
 @content.register(Imported)
 def _(result: Imported) -> dict[str, Any]:
     return {"run": None if result.run is None else str(result.run), **result.plan.to_json()}
+
+
+_MEANINGS = {
+    "angle_random_walk": "N  angle random walk",
+    "bias_instability": "B  bias instability",
+    "rate_random_walk": "K  rate random walk",
+    "quantisation": "Q  quantisation",
+    "rate_ramp": "R  rate ramp",
+}
+
+
+@lines.register(NoiseFound)
+def _(result: NoiseFound) -> Iterator[str | Table]:
+    floor = result.floor
+    longest = max((curve for _, curve in floor.curves), key=lambda curve: float(curve.tau_s[-1]))
+    if floor.noise is not None:
+        tau_s = np.geomspace(longest.tau_s[0], longest.tau_s[-1], 120)
+        fitted = floor.noise.allan_deviation(tau_s)
+        both = np.concatenate([longest.tau_s, tau_s]), np.concatenate([longest.deviation_dph, fitted])
+        yield "Allan deviation of the longest stretch (dots) and of the noise that was found (line)"
+        yield plot(*both, "s", "deg/h", height=12, logarithmic=True)
+        yield ""
+    rows = []
+    for key, found in result.coefficients.items():
+        below = key != "rate_ramp" and found.value == 0.0
+        value = f"below {found.high:.2g}" if below else f"{found.value:.4g}"
+        rows.append((_MEANINGS[key], value, f"{found.low:.4g} to {found.high:.4g}", found.unit))
+    yield table(("coefficient (IEEE 952)", ">value", ">95 % interval", "unit"), rows)
+    yield ""
+    low, high = floor.interval_dph
+    yield f"noise floor of 30 s means {number(floor.floor_dph)} deg/h RMS ({number(low)} to {number(high)})"
+    spans = ", ".join(f"{name} ({(to_s - from_s) / 60:.0f} min)" for name, from_s, to_s in floor.stretches)
+    yield f"read from {spans}"
+    if floor.estimate is not None and not floor.estimate.white_samples:
+        yield "note: N is from means over rows: samples within a row are not there or do not scatter as white noise"
+
+
+@content.register(NoiseFound)
+def _(result: NoiseFound) -> dict[str, Any]:
+    floor = result.floor
+    curves = [
+        {"name": name, "tau_s": curve.tau_s.tolist(), "deviation_dph": curve.deviation_dph.tolist(),
+         "low_dph": curve.low_dph.tolist(), "high_dph": curve.high_dph.tolist()}
+        for name, curve in floor.curves
+    ]  # fmt: skip
+    stretches = [{"name": name, "from_s": a, "to_s": b} for name, a, b in floor.stretches]
+    low, high = map(finite, floor.interval_dph)
+    coefficients = {
+        key: {"value": finite(c.value), "low": finite(c.low), "high": finite(c.high), "unit": c.unit}
+        for key, c in result.coefficients.items()
+    }
+    return {
+        "runs": list(result.names), **coefficients, "floor_dph": finite(floor.floor_dph),
+        "floor_interval_dph": [low, high], "stretches": stretches, "allan": curves,
+    }  # fmt: skip
 
 
 @lines.register(Diagnosed)

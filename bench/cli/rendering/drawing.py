@@ -6,15 +6,18 @@ import numpy as np
 
 from bench.base import FloatArray
 
+_WIDTH = 60
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 
 
-def plot(x: FloatArray, y: FloatArray, x_unit: str, y_unit: str, width: int = 60, height: int = 8) -> str:
-    """Points (n,) as text of `width` by `height` characters, with the ranges of both axes."""
+def plot(x: FloatArray, y: FloatArray, x_unit: str, y_unit: str, *, height: int = 8, logarithmic: bool = False) -> str:
+    """Points (n,) as text of 60 by `height` characters, with the ranges of both axes."""
+    width = _WIDTH
     known = np.isfinite(x) & np.isfinite(y)
     x, y = x[known], y[known]
-    column = np.round(_share(x) * (2 * width - 1)).astype(int)
-    row = np.round((1 - _share(y)) * (4 * height - 1)).astype(int)
+    across, up = (np.log10(x), np.log10(y)) if logarithmic else (x, y)
+    column = np.round(_share(across) * (2 * width - 1)).astype(int)
+    row = np.round((1 - _share(up)) * (4 * height - 1)).astype(int)
     cells = np.zeros((height, width), dtype=int)
     np.bitwise_or.at(cells, (row // 4, column // 2), _DOTS[row % 4, column % 2])
     labels = [f"{y.max():>8.3g} ", *[" " * 9] * (height - 2), f"{y.min():>8.3g} "]

@@ -11,7 +11,7 @@ from bench.commands.results.result import Result
 
 if TYPE_CHECKING:
     from bench.acquisition import ImportPlan
-    from bench.analysis import Analysis, CatalogueEntry, Comparison, Diagnosis, Improvement, Signature
+    from bench.analysis import Analysis, CatalogueEntry, Comparison, Diagnosis, Floor, Improvement, Signature
     from bench.base import BenchError
     from bench.commands.replay.replaying import Replay
     from bench.mystery import Score
@@ -124,6 +124,25 @@ class ComparedSamples(Compared):
     """Noise floor of 1 s means [deg/h]."""
     seconds: Mapping[str, tuple[float, float]]
     """In-sample and held-out RMS of 1 s means, by model [deg/h]."""
+
+
+@dataclass(frozen=True)
+class NoiseCoefficient:
+    """A coefficient of IEEE 952 with its 95 % interval; zero where the data do not tell it from zero."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class NoiseFound(Result):
+    """Noise of isothermal stretches: the floor with its Allan curves, and the coefficients by name."""
+
+    names: tuple[str, ...]
+    floor: Floor
+    coefficients: Mapping[str, NoiseCoefficient]
 
 
 @dataclass(frozen=True)

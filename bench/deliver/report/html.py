@@ -13,7 +13,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from bench.analysis import Analysis
+from bench.analysis import Analysis, standing
 from bench.base import __version__, clock, moment, number
 from bench.deliver.report import sections_diagnosis, sections_limits, sections_model, sections_run, sections_surface
 from bench.deliver.report.markup import Section
@@ -102,8 +102,11 @@ def headlines(analysis: Analysis) -> tuple[Headline, ...]:
     known = bool(np.isfinite(floor_dph))
     more = f"of {analysis.interval_s:g} s means, from the soaks of the run" if known else "unknown: no usable soak"
     numbers.append(Headline("noise floor", number(floor_dph), "deg/h", more))
+    turned = len(standing(analysis.dataset)) < len(analysis.dataset)
     more = f"highest minus lowest; {number(analysis.uncompensated_dph)} deg/h RMS uncompensated"
-    if np.isfinite(analysis.improvement):
+    if turned:  # while a table turns, the error of the scale factor is no bias
+        more = "highest minus lowest, while the rate table stands still"
+    elif np.isfinite(analysis.improvement):
         more += f", {number(analysis.improvement, 2)} × the error after compensation"
     numbers.append(Headline("bias over the run", number(analysis.bias_span_dph), "deg/h", more))
     return tuple(numbers)

@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bench.analysis import Analysis, Fit, Score, refused_models
-from bench.base import CHANNELS, FloatArray, finite, in_print, number, with_uncertainty
+from bench.base import CHANNELS, FloatArray, ends, finite, in_print, number, with_uncertainty
 from bench.deliver.report import figures_model
 from bench.deliver.report.markup import Row, Section, figure, glossary, heading, paragraph, table
 
@@ -179,7 +179,7 @@ def coefficients(analysis: Analysis) -> Section | None:
     )
     head = ("coefficient", "value", "standard uncertainty", "unit")
     html = paragraph(words) + table(f"Coefficients of {best.model.name}", head, rows, (1, 2))
-    ranges = ((name, *(number(end, 5) for end in ends), _unit(name)) for name, ends in fit.validity.items())
+    ranges = ((name, *ends(*span, 5), _unit(name)) for name, span in fit.validity.items())
     html += heading("Range of validity")
     html += table("Range of each channel in the fitted data", ("channel", "from", "to", "unit"), ranges, (1, 2))
     return Section("coefficients", "Coefficients", html)

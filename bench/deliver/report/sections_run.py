@@ -86,13 +86,16 @@ def noise(analysis: Analysis) -> Section | None:
         rows.append((letter, meaning, value, f"{number(low)} to {number(high)}", unit))
     spans = f"{len(floor.stretches)} isothermal spans{f' of the run {floor.static}' if floor.static else ''}"
     words = (
-        f"Means over {analysis.interval_s:g} s of a run this long scatter by {number(floor.floor_dph)} deg/h from "
-        f"noise alone. No model can have a smaller error. This noise floor was estimated from {spans}."
+        f"Means over {analysis.interval_s:g} s of a run this long scatter by {number(floor.floor_dph)} deg/h "
+        f"({number(floor.interval_dph[0])} to {number(floor.interval_dph[1])}) about their own mean from noise alone: "
+        "N, and B and K where the data tell them from zero; the interval (95 %) also has what they could be otherwise. "
+        f"This noise floor was estimated from {spans}. A model that follows slow noise of this run can leave less."
     )
     alt = "Allan deviation over averaging time. " + "; ".join(f"{row[0]}: {row[2]} {row[4]}" for row in rows)
     caption = (
         "Overlapping Allan deviation of each soak; dashed: the noise estimated from all soaks together by maximum "
-        "likelihood, slow thermal tails removed (they still show in the curves at long times)."
+        "likelihood (N also from the samples within each second), slow thermal tails removed (they still show in the "
+        "curves at long times)."
     )
     head = ("coefficient", "", "value", "95 % interval", "unit")
     html = paragraph(words) + table("Noise coefficients (IEEE Std 952)", head, rows, (2, 3))

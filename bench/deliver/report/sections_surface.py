@@ -54,8 +54,8 @@ def surface(analysis: Analysis) -> Section | None:
 def _words(points: Points, found: RateSurface) -> str:
     """Description of a fitted surface."""
     return (
-        f"Order {found.order}, {found.normalised.size} coefficients from {points.raw.size} bins of equal width and "
-        f"equal counts ({points.left_out} omitted, with too few samples). Residual "
+        f"Order {found.order}, {found.normalised.size} coefficients from {points.raw.size} bins of equal width "
+        f"({points.left_out} omitted, with too few samples). Residual "
         f"{number(found.rms * DPH_PER_DPS)} deg/h RMS, condition {number(found.condition, 2)}; least squares and "
         f"orthogonal polynomials differ by {found.disagreement:.1g} of the full rate. Valid from "
         f"{number(found.raw.low, 4)} to {number(found.raw.high, 4)} deg/s and {number(found.temperature.low, 3)} to "

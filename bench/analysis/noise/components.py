@@ -1,0 +1,173 @@
+"""What isothermal stretches say of white noise, flicker, random walk and quantisation: sums of squares.
+
+The angle random walk acts fastest, so most of it is seen inside the rows: how samples scatter within one row, and rows
+within a group of neighbours. The means of these groups, the stretch's own trend removed, are turned into combinations
+(cosines, nearly) that none of the noises correlates. Each square then has an expected value that is linear in N^2,
+B^2, K^2 and Q^2, and the likelihood of all of them is a sum over a few dozen numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from bench.analysis.noise.whitening import Ratios, covariance, flicker_by_lag
+from bench.base import FloatArray, InputError, IntArray
+
+COMPONENTS = ("white", "flicker", "walk", "quantisation")
+_MOST_ROWS = 200  # group means of one stretch
+_SINGLE = 12  # slowest combinations that stand for themselves; the others are joined with their neighbours
+_SAME = 0.15  # logarithm up to which shares of the noises count as the same
+_JOINED = 1.15  # ratio of the frequencies that are joined
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Sums of squares (m,) [(deg/h)^2] of `freedom` (m,) terms; a term's variance is `unit` (m, 4) times N^2 to Q^2."""
+
+    total: FloatArray
+    freedom: FloatArray
+    unit: FloatArray
+
+    def and_(self, *others: Squares) -> Squares:
+        """These and others."""
+        parts = (self, *others)
+        return Squares(
+            np.concatenate([part.total for part in parts]),
+            np.concatenate([part.freedom for part in parts]),
+            np.concatenate([part.unit for part in parts]),
+        )
+
+    def joined(self) -> Squares:
+        """Those of several stretches whose variances are made of the same shares, summed."""
+        share = np.log(self.unit[:, 1:3] / self.unit[:, :1])
+        _, group = np.unique(np.rint(share / _SAME), axis=0, return_inverse=True)
+        together = np.eye(int(group.max()) + 1)[group].T
+        freedom = together @ self.freedom
+        unit = together @ (self.freedom[:, None] * self.unit) / freedom[:, None]
+        return Squares(together @ self.total, freedom, unit)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """One isothermal stretch on an even grid.
+
+    `rate` (n,) [deg/h], NaN in gaps; samples behind each row and their variance, where known.
+    """
+
+    rate: FloatArray
+    counts: FloatArray | None = None
+    variances: FloatArray | None = None
+
+
+def squares_of(stretches: Sequence[Stretch], interval_s: float, trend: int) -> tuple[Squares | None, Squares]:
+    """Squares of the samples within rows of `interval_s` (None where they are not known), and all slower ones.
+
+    A polynomial in time of order `trend` is removed from each stretch (thermal tails). Raises InputError when no
+    stretch is long enough.
+    """
+    slow = [found for stretch in stretches for found in _slower(stretch.rate, interval_s, trend)]
+    if not slow:
+        raise InputError(f"no isothermal stretch has the {trend + 4} means over {interval_s:g} s that the noise needs")
+    fast = [found for stretch in stretches for found in _within_rows(stretch, interval_s)]
+    return (fast[0].and_(*fast[1:]) if fast else None), slow[0].and_(*slow[1:]).joined()
+
+
+def _within_rows(stretch: Stretch, interval_s: float) -> list[Squares]:
+    if stretch.counts is None or stretch.variances is None:
+        return []
+    known = np.isfinite(stretch.variances) & np.isfinite(stretch.rate) & (stretch.counts > 1)
+    if not known.any():
+        return []
+    counts = stretch.counts[known]
+    total = float(np.sum(stretch.variances[known] * (counts - 1)))
+    samples = max(2, round(float(np.median(counts))))
+    unit = _scatter_unit(samples, interval_s / samples)
+    return [Squares(np.array([total]), np.array([float(np.sum(counts - 1))]), unit[None, :])] if total > 0 else []
+
+
+def _slower(rate: FloatArray, interval_s: float, trend: int) -> list[Squares]:
+    group = max(1, -(-len(rate) // _MOST_ROWS))
+    grouped = rate[: len(rate) // group * group].reshape(-1, group)
+    present = np.isfinite(grouped)
+    count = present.sum(axis=1)
+    full = count * 2 >= group
+    if full.sum() < trend + 4:
+        return []
+    count, present, grouped = count[full], present[full], grouped[full]
+    mean = np.where(present, grouped, 0.0).sum(axis=1) / count
+    found = [_combined(mean, np.flatnonzero(full), group, group / count, interval_s, trend)]
+    inner = float(np.sum(np.where(present, grouped - mean[:, None], 0.0) ** 2))
+    if group > 1 and inner > 0.0:
+        unit = _scatter_unit(group, interval_s)
+        found.append(Squares(np.array([inner]), np.array([float(np.sum(count - 1))]), unit[None, :]))
+    return found
+
+
+def _combined(
+    mean: FloatArray, index: IntArray, group: int, white: FloatArray, interval_s: float, trend: int
+) -> Squares:
+    """Squares of combinations of group means at these places of the grid (n,)."""
+    places = tuple((index - index[0]).tolist())
+    basis, unit = _basis(places, tuple(white.tolist()), group * interval_s, trend)
+    value = (basis.T @ (mean - mean.mean())) ** 2
+    edges, at = list(range(min(_SINGLE, len(value)))), float(_SINGLE)
+    while at < len(value):
+        edges.append(int(at))
+        at = max(at + 1.0, at * _JOINED)
+    freedom = np.diff(np.append(edges, len(value))).astype(np.float64)
+    return Squares(np.add.reduceat(value, edges), freedom, np.add.reduceat(unit, edges) / freedom[:, None])
+
+
+@lru_cache(maxsize=16)
+def _basis(
+    places: tuple[int, ...], white: tuple[float, ...], interval_s: float, trend: int
+) -> tuple[FloatArray, FloatArray]:
+    """Combinations (n, n - trend - 1) without the trend, the slowest first, and their variance in units (…, 4)."""
+    time_s: FloatArray = (np.array(places, dtype=np.float64) + 0.5) * interval_s
+    at = (time_s - time_s.mean()) / np.ptp(time_s)
+    rest = np.linalg.qr(np.vander(at, trend + 1), mode="complete")[0][:, trend + 1 :]
+    parts = _parts(time_s, interval_s, np.array(white))
+    basis = rest @ np.linalg.eigh(rest.T @ parts[2] @ rest)[1][:, ::-1]
+    return basis, np.column_stack([np.sum(basis * (part @ basis), axis=0) for part in parts])
+
+
+@lru_cache(maxsize=16)
+def _scatter_unit(rows: int, interval_s: float) -> FloatArray:
+    """Variance (4,) of neighbouring rows about their own mean, of N, B, K and Q of one."""
+    time_s: FloatArray = (np.arange(rows, dtype=np.float64) + 0.5) * interval_s
+    parts = _parts(time_s, interval_s, np.ones(rows))
+    return np.array([(np.trace(part) - part.sum() / rows) / (rows - 1) for part in parts])
+
+
+def _parts(time_s: FloatArray, interval_s: float, white: FloatArray) -> tuple[FloatArray, ...]:
+    """Covariance (n, n) of means for N, B, K and Q of one [(deg/h)^2]."""
+    none, hours = np.zeros(len(time_s)), interval_s / 3600.0
+    neighbours = np.abs(np.abs(time_s[:, None] - time_s[None, :]) - interval_s) < 1e-6 * interval_s
+    # The angle is off by q at both ends of a row, and neighbours share one of them.
+    steps = (2.0 * np.eye(len(time_s)) - neighbours) / hours**2
+    return (
+        np.diag(white) / hours,
+        covariance(time_s, interval_s, Ratios(1.0, 0.0), none),
+        covariance(time_s, interval_s, Ratios(0.0, 1.0), none),
+        steps,
+    )
+
+
+def floor_unit(rows: int, interval_s: float) -> FloatArray:
+    """Mean square (4,) of `rows` means about their own mean, of N, B, K and Q of one: the floor's square is linear.
+
+    By sums over lags, since the noises' increments are stationary.
+    """
+    hours, span = interval_s / 3600.0, np.arange(rows, dtype=np.float64)
+    flicker = flicker_by_lag(rows, interval_s)
+    pairs = np.where(span == 0.0, rows, 2.0 * (rows - span))
+    of_flicker = flicker[0] - float(pairs @ flicker) / rows**2
+    # Walk: variance grows with time, and neighbours share it up to the earlier one.
+    middle = (span + 0.5) * hours
+    of_walk = float(middle.mean() - (2.0 * (rows - 1 - span) + 1.0) @ middle / rows**2) - hours / 6.0 * (1 - 1 / rows)
+    of_quantisation = (2.0 - 2.0 / rows**2) / hours**2
+    return np.array([(1.0 - 1.0 / rows) / hours, of_flicker, of_walk, of_quantisation])

@@ -1,0 +1,44 @@
+"""What a report says at its head: only what unseen data bear out; and numbers that can be read."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from bench.analysis.judging.diagnosed import Diagnosed, Rung
+from bench.analysis.judging.verdict import RunVerdict, with_diagnosis
+from bench.base import ends, with_uncertainty
+
+FOUND = SimpleNamespace(effect="resonance_frequency")
+OWN = RunVerdict("adequate", "Complete, no frame lost; spline leaves 1.1 × the noise floor on unseen data.")
+
+
+def headline(before, after):
+    answer = SimpleNamespace(verdict="missing_effect", found=(FOUND,), model=SimpleNamespace(name="spline"))
+    rungs = (
+        Rung("spline", 1.0, before),
+        Rung("+ resonance_frequency", 0.9, after),
+        Rung("rival", np.nan, 0.1, rival=True),
+    )
+    return with_diagnosis(OWN, Diagnosed(answer, rungs), 0.1)
+
+
+def test_an_effect_that_makes_unseen_data_worse_is_no_headline():
+    found = headline(0.2, 0.3)
+    assert found.word == "adequate"
+    assert not found.missing
+    assert "unseen data do not bear out: the error there goes from 0.200 to 0.300 deg/h" in found.sentence
+
+
+def test_an_effect_that_pays_or_cannot_be_tried_is_named():
+    for after in (0.1, np.nan):
+        assert headline(0.2, after).headline == "Missing: resonance_frequency"
+
+
+def test_ends_of_a_range_are_told_apart():
+    assert ends(13999.62, 14000.31, 5) == ("13999.62", "14000.31")
+    assert ends(-39.9, 85.2) == ("-39.9", "85.2")
+    assert ends(5.0, 5.0) == ("5.00", "5.00")
+
+
+def test_zero_by_constraint_says_so():
+    assert with_uncertainty(0.0, 0.0) == ("0 (by constraint)", "–")
