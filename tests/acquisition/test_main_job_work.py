@@ -99,7 +99,7 @@ def test_blocks_that_look_alike_are_sorted_once(counted):
     looks: list[Any] = []
 
     def found(station: Station) -> None:
-        looks.append(station.units[0].decoder._found["GYRO_RATE"][1])
+        looks.append(station.units[0].decoder._rows["GYRO_RATE"][1])
 
     counted(found, found)
     assert looks[0] is looks[1]
