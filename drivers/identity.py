@@ -108,9 +108,8 @@ class Impostors:
         if first != last:
             seconds, numbers = np.unique(t_ns // 1_000_000_000, return_counts=True)
             counts = dict(zip(seconds.tolist(), numbers.tolist(), strict=True))
-            if (
-                int(numbers.max()) <= self.FLOOD * self._per_s
-            ):  # of a long block, the window before the next one is enough
+            if int(numbers.max()) <= self.FLOOD * self._per_s:
+                # Without a flood, the window before the next block is enough.
                 counts = dict([*counts.items()][:2] + [*counts.items()][2:][-self.BEFORE_S - 1 :])
         for second, count in counts.items():
             if self._seconds and self._seconds[-1][0] >= second:

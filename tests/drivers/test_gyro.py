@@ -334,9 +334,8 @@ def test_wherever_a_unit_resets_its_samples_follow_host_time_again(ran, silent_m
     index = np.concatenate([block.index for block in blocks])
     assert np.all(np.diff(index) > 0)
     off = index[-1] - (blocks[-1].t_ns[-1] / (2 * MS) if len(blocks[-1].t_ns) else index[-1])
-    assert abs(off) <= (
-        1 if announced else (52 + 210e-6 * silent_ms) / 2 + 4
-    )  # whole samples at both ends, and lost ones
+    whole = 4  # samples at both ends, and lost ones
+    assert abs(off) <= (1 if announced else (52 + 210e-6 * silent_ms) / 2 + whole)
     assert decoder.losses.resets == 1 or not announced
     assert decoder.losses.resets <= 1
 
