@@ -31,8 +31,9 @@ from bench.record import (
     put,
     slug,
 )
-from drivers.coefficients import Programmed, program
+from drivers.coefficients import CoefficientStore, Programmed, program
 from drivers.errors import DriverError
+from drivers.flash_objects import Memory
 
 _REFUSED = {"FAIL", "INVALID"}
 
@@ -152,10 +153,16 @@ def flash(
         for name, content in (("old", old), ("new", calibration.content)):
             if content:
                 put(folder, {f"{stem}_{name}.bin": content})
+        new = _described(calibration.content, f"{stem}_new.bin")
+        record.model_copy(update={**_old(before), "new": new}).write(folder, f"{stem}.json")
 
     try:
         with open_alone(settings.remembering(out), unit) as store:
-            done = program(store, calibration.content, archive, onlooker)
+            try:
+                done = program(store, calibration.content, archive, onlooker)
+            except AlreadyThereError:
+                _complete(store, folder, calibration)
+                raise
     except DriverError as error:
         failed = {**_old(before), "state": "failed", "error": str(error)}
         record.model_copy(update=failed).write(folder, f"{stem}.json")
@@ -171,6 +178,26 @@ def flash(
     if calibration.run is not None:
         record.write(calibration.run)
     return record
+
+
+def _complete(store: CoefficientStore, folder: Path, calibration: Calibration) -> None:
+    """Complete the record of an attempt that wrote this image and was killed before it could record its end."""
+    for path in sorted(folder.glob("*.json"), reverse=True):
+        record = FlashRecord.read(folder, path.name)
+        if record.state == "done":
+            return
+        if record.state == "begun" and record.new and record.new.sha256 == _sha256(calibration.content):
+            record = record.model_copy(update={
+                "state": "done",
+                "bank": store.active(),
+                "coefficient_set": store.number(Memory.SET),
+                "read_back": "all words equal, read after an interruption",
+                "record": str(path),
+            })  # fmt: skip
+            record.write(folder, path.name)
+            if record.run is not None and Path(record.run).is_dir():
+                record.write(Path(record.run))
+            return
 
 
 def newest_record(out: Path, unit: str) -> FlashRecord | None:
@@ -229,7 +256,7 @@ def _described(content: bytes, file: str) -> StoredImage:
     held = _held(content)
     return StoredImage(
         file=file,
-        sha256=hashlib.sha256(content).hexdigest(),
+        sha256=_sha256(content),
         words=len(content) // 4,
         calibration_id=None if held is None else held.label,
         created=None if held is None else _date(held.created),
@@ -253,6 +280,10 @@ def _operator() -> str:
 
 def _date(seconds: int) -> str:
     return datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds")
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _free(folder: Path, stem: str) -> str:

@@ -79,6 +79,28 @@ def test_a_flash_leaves_a_record_and_a_unit_that_a_later_process_finds(tmp_path,
         assert store.number(Memory.SET) == 2
 
 
+def test_a_flash_that_was_killed_before_its_record_is_recorded_when_it_is_given_again(tmp_path, monkeypatch):
+    class Killed(BaseException):
+        """SIGKILL: nothing after it runs."""
+
+    settings = station()
+
+    def killed(*_):
+        raise Killed
+
+    with monkeypatch.context() as patched:
+        patched.setattr("bench.commands.flash_record._outcome", killed)  # the unit is written, its record is not
+        with pytest.raises(Killed):
+            flash(settings, settings.units[0], calibration(), tmp_path)
+    assert newest_record(tmp_path, "SIM-0001") is None
+    with pytest.raises(AlreadyThereError):
+        flash(settings, settings.units[0], calibration(), tmp_path)
+    record = newest_record(tmp_path, "SIM-0001")
+    assert (record.state, record.bank, record.coefficient_set) == ("done", 1, 1)
+    assert record.calibration_id == calibration().image.label
+    assert len(list((tmp_path / "SIM-0001" / "flash").glob("*.json"))) == 1
+
+
 def test_the_calibration_in_force_is_not_written_again(flashed):
     settings = station()
     with pytest.raises(AlreadyThereError):

@@ -43,7 +43,7 @@ class FlashRecord(Record):
     software: str | None = None
     old: StoredImage | None = None
     state: str
-    """done or failed."""
+    """begun (the unit is being written, or the bench was killed), done or failed."""
     error: str | None = None
     new: StoredImage | None = None
     bank: int | None = None
