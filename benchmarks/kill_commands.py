@@ -49,23 +49,19 @@ class Command:
     name: str
     words: Callable[[Path], Sequence[object]]
     """Arguments of `bench` in the folder of the trial."""
-    needs: str = "calibrated"
-    """State that it begins with: empty or calibrated."""
-    again: Callable[[Path], Sequence[object]] | None = None
-    """Arguments after a kill, where a user would not give the same command."""
+    again: Callable[[Path], Sequence[Sequence[object]]] | None = None
+    """Arguments after a kill, where a user would not give the same command: one after the other, until one is taken."""
 
 
 def _run(folder: Path) -> Path:
     return next((folder / "reports" / UNIT).glob("*_quick_calibration"))
 
 
-def _unfinished(folder: Path) -> Sequence[object]:
-    """What a user gives after `bench run` was killed: resume, where a run has begun."""
-    begun = [path.parent for path in (folder / "reports").glob("*/*/journal")]
-    whole = [path for path in begun if (path / "report.html").exists()]
-    if not begun:
-        return _brief(folder)
-    return ("report", whole[0], "--model", "polynomial") if whole else ("resume", begun[0], "--quiet")
+def _unfinished(folder: Path) -> Sequence[Sequence[object]]:
+    """What a user gives after `bench run` was killed: what each refusal advises."""
+    begun = [*(folder / "reports").glob("*/*_brief")]
+    known = [words for run in begun for words in (("resume", run, "--quiet"), ("report", run, "--model", "polynomial"))]
+    return [*known, _brief(folder)]
 
 
 def _brief(folder: Path) -> Sequence[object]:
@@ -75,7 +71,7 @@ def _brief(folder: Path) -> Sequence[object]:
 COMMANDS = {
     command.name: command
     for command in (
-        Command("run", _brief, "empty", _unfinished),
+        Command("run", _brief, _unfinished),
         Command("report", lambda at: ("report", _run(at), "--model", "polynomial")),
         Command("diagnose", lambda at: ("diagnose", _run(at), "--model", "polynomial")),
         Command("export", lambda at: ("export", _run(at), "--format", "json", "--out", at / "exported")),
@@ -154,20 +150,18 @@ def copied(source: Path, target: Path) -> None:
     shutil.copytree(source, target, copy_function=take)
 
 
-def made(folder: Path, place: Path) -> dict[str, Path]:
-    """The states that commands begin with, made in `place`, where every trial will stand: records name their folder."""
-    empty, calibrated = folder / "empty", place
-    empty.mkdir(parents=True)
-    (empty / "brief.yaml").write_text(BRIEF, encoding="utf-8")
+def made(folder: Path, place: Path) -> Path:
+    """The state that commands begin with, made in `place`, where every trial will stand: records name their folder."""
+    place.mkdir()
+    (place / "brief.yaml").write_text(BRIEF, encoding="utf-8")
     rows = (f"{t},{3.0 + 0.01 * t % 7:.4f},{20.0 + 0.002 * t:.4f}\n" for t in range(3600))
-    (empty / "log.csv").write_text(LOG + "".join(rows), encoding="utf-8")
-    shutil.copytree(empty, calibrated)
+    (place / "log.csv").write_text(LOG + "".join(rows), encoding="utf-8")
     limits = PROFILES / "limits" / "quick.yaml"
     words = ("run", PROFILES / "quick_calibration.yaml", "--limits", limits, "--model", "polynomial", "--quiet")
-    code, _, said = in_a_copy((*words, "--out", calibrated / "reports"), calibrated)
+    code, _, said = in_a_copy((*words, "--out", place / "reports"), place)
     if code not in {0, 1}:
         raise RuntimeError(f"the run to begin with failed: {said}")
-    return {"empty": empty, "calibrated": calibrated.rename(folder / "calibrated")}
+    return place.rename(folder)
 
 
 def wrong(root: Path, reference: dict[str, int]) -> Iterator[str]:
@@ -179,6 +173,9 @@ def wrong(root: Path, reference: dict[str, int]) -> Iterator[str]:
     code, _, said = in_a_copy(("registry", "rebuild", "--check", "--out", root / "reports"), root)
     if code != 0:
         yield f"unregistered: {said}"
+    code, _, said = in_a_copy(("verify-archive", "--out", root / "reports"), root)
+    if code != 0:
+        yield f"not proved: {said}"
     counted = counts(root)
     for what, number in reference.items():
         if counted.get(what, 0) < number:
@@ -199,7 +196,7 @@ def _unreadable(kind: type[Stored], path: Path) -> str:
 
 def counts(root: Path) -> dict[str, int]:
     """How many there are of everything that a command leaves; attempts that are recorded as failed are not counted."""
-    patterns = {kind.FILE: kind.FILE for kind in RECORDS if "*" not in kind.FILE}
+    patterns = {kind.FILE: kind.FILE for kind in RECORDS if "*" not in kind.FILE and kind.FILE != "chain.seal"}
     patterns |= {"reports": "report.html", "data": "data.parquet", "means": "means.parquet", "events": "events.jsonl"}
     found = {what: sum(1 for _ in root.rglob(pattern)) for what, pattern in patterns.items()}
     flashes = root.glob("reports/*/flash/*.json")
@@ -223,7 +220,10 @@ def trial(command: Command, state: Path, folder: Path, at: int, whole: tuple[int
     copied(state, folder)
     try:
         in_a_copy(command.words(folder), folder, at)
-        code, _, said = in_a_copy((command.again or command.words)(folder), folder)
+        for words in command.again(folder) if command.again else [command.words(folder)]:
+            code, _, said = in_a_copy(words, folder)
+            if code in {0, 1}:
+                break
         faults = list(wrong(folder, reference))
         if code not in {0, 1}:
             faults.append(f"given again, it ends with exit code {code}: {said}")
@@ -241,9 +241,9 @@ def campaign(kills: int, seed: int, out: Path | None = None, only: Sequence[str]
     results = []
     with tempfile.TemporaryDirectory(prefix="bench-kills-") as base:
         place = Path(base) / "trial"
-        states = made(Path(base) / "states", place)
+        state = made(Path(base) / "state", place)
         for command in chosen:
-            copied(states[command.needs], place)
+            copied(state, place)
             code, changes, said = in_a_copy(command.words(place), place)
             if code not in {0, 1}:
                 raise RuntimeError(f"{command.name} failed without a kill: {said}")
@@ -253,7 +253,7 @@ def campaign(kills: int, seed: int, out: Path | None = None, only: Sequence[str]
             for at in sorted(draw.sample(range(1, changes + 1), share)):
                 found = known.get((command.name, at))
                 if found is None:
-                    found = trial(command, states[command.needs], place, at, (changes, reference))
+                    found = trial(command, state, place, at, (changes, reference))
                     if out is not None:
                         with out.open("a", encoding="utf-8") as file:
                             file.write(json.dumps(asdict(found)) + "\n")

@@ -76,6 +76,8 @@ def recover(path: Path) -> RunFolder:
         if live is None or live.condition() == "gone":
             (path / LIVE).unlink(missing_ok=True)
             clear_partial(path)
+    elif folder.journal.is_dir() and not (path / MANIFEST).exists():
+        raise InputError("nothing was recorded before the bench was killed; start the run anew", path)
     run = open_run(path)
     tell_unproven(path)
     return run
