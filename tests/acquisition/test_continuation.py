@@ -218,7 +218,6 @@ def test_the_command_recovers_goes_on_and_reports(tmp_path):
     (path / remote.LIVE).write_text(json.dumps(
         {"pid": 1, "port": 1, "start": "", "journals": [], "token": "t"}  # what a killed bench leaves behind
     ))  # fmt: skip
-    (path / "model.yaml").write_text("name: line\neffects:\n  - polynomial: {order: 1}\n")
     answer = CliRunner().invoke(main, ["resume", str(path), "--json", "--quiet"], catch_exceptions=False)
     assert answer.exit_code in {0, 1}, answer.stderr
     content = json.loads(answer.stdout)

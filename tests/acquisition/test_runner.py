@@ -79,7 +79,7 @@ def test_a_run_leaves_a_complete_folder(short_run):
     assert manifest.seeds["station"] == 1
     assert manifest.versions["pymodbus"].startswith("3.16")
     files = {str(p.relative_to(short_run.path)) for p in short_run.path.rglob("*") if p.is_file()}
-    assert files == {*manifest.files, "manifest.json"}
+    assert files == {*manifest.files, "manifest.json", "chain.seal"}
     assert {name: sha256(short_run.path / name) for name in manifest.files} == manifest.files
     assert (short_run.path / "profile.yaml").read_text() == acquisition.SHORT
 

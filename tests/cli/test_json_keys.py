@@ -83,6 +83,7 @@ def places(tmp_path_factory):
     table.write_text(f"time,rate,temperature\n{rows}\n")
     run = make_run(root / "reports" / "U-1" / "r1", **ramp_run(), unit="U-1", run="r1")
     (root / "out").mkdir()
+    CliRunner().invoke(main, ["report", str(run), "--model", "polynomial"])
     CliRunner().invoke(main, ["registry", "rebuild", "--out", str(root / "reports")])
     return {"PROFILE": profile, "TABLE": table, "RUN": run, "ROOT": root / "reports", "OUT": root / "out"}
 

@@ -307,7 +307,7 @@ def how_to(title):
 @pytest.mark.slow(first=True)
 def test_a_unit_goes_from_the_shelf_to_verified_as_the_how_to_says(tmp_path):
     (tmp_path / "profiles").symlink_to(PROFILES)
-    commands = how_to("Calibrate a unit in one command") + how_to("Make old numbers again")
+    commands = how_to("Calibrate a unit in one command") + how_to("Recompute old numbers")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path}
     done = subprocess.run(

@@ -44,12 +44,17 @@ def station_content(interface: str | None = None, **changes: Any) -> dict[str, A
     return content
 
 
+MODEL = """\
+name: line
+effects:
+  - polynomial: {order: 1}
+"""
+
+
 def job(out: Path, text: str = SHORT, settings: StationSettings | None = None) -> Job:
     """A job whose run folder goes below `out`."""
     profile: Profile = profile_from_text(text)
-    return Job(
-        profile, text, settings or station(), json.dumps(station_content()), {"model.yaml": "name: m\n"}, out=out
-    )
+    return Job(profile, text, settings or station(), json.dumps(station_content()), {"model.yaml": MODEL}, out=out)
 
 
 def at(t_s: float, action: Callable[[Station], Any]) -> Callable[[Station, Status], None]:

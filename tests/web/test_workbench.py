@@ -78,7 +78,7 @@ def test_the_hidden_effect_is_found_added_and_taken_back(client: httpx.Client, s
     assert again["state"] == "done"  # Undo: there already
     assert client.get(f"{API}/jobs/{again['job']}").json()["result"] == before
     assert sorted(path.name for path in (store / RUN).iterdir()) == [
-        "data.parquet", "events.jsonl", "manifest.json", "means.parquet",
+        "chain.seal", "data.parquet", "events.jsonl", "manifest.json", "means.parquet",
     ]  # fmt: skip
 
 
