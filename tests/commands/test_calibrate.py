@@ -316,7 +316,7 @@ def test_a_unit_goes_from_the_shelf_to_verified_as_the_how_to_says(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     assert done.stdout.count("PASS: unit SIM-0001") == 2
-    assert "identical; tables and results made again from its raw frames" in done.stdout
+    assert "identical; tables and results recomputed from its raw frames" in done.stdout
     report = fromstring((tmp_path / "calibrate.xml").read_bytes())
     assert (report.get("failures"), report.get("errors")) == ("0", "0")
     (file,) = tmp_path.glob("reports/SIM-0001/*/job.json")
