@@ -44,7 +44,6 @@ from .run.remote import live_among as live_among
 from .run.remote import live_at as live_at
 from .run.remote import live_below as live_below
 from .run.remote import only_live_run as only_live_run
-from .run.remote import process_alive as process_alive
 from .run.remote import wait_until as wait_until
 from .run.remote import whoami as whoami
 from .run.runner import Job as Job

@@ -21,6 +21,7 @@ from .errors import BenchError as BenchError
 from .errors import EquipmentError as EquipmentError
 from .errors import InputError as InputError
 from .errors import RunAborted as RunAborted
+from .processes import process_alive as process_alive
 from .shipped import library as library
 from .spelling import closest as closest
 from .spelling import nearest as nearest

@@ -25,6 +25,7 @@ from .files import clear_partial as clear_partial
 from .files import copy_whole as copy_whole
 from .files import sha256 as sha256
 from .files import share as share
+from .files import staged as staged
 from .files import write_atomically as write_atomically
 from .folder import HASHED_PATTERNS as HASHED_PATTERNS
 from .folder import MANIFEST as MANIFEST

@@ -7,8 +7,13 @@ import os
 import re
 import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+from bench.base import process_alive
+
+_STAGED = ".staged-"
 _PARTIAL = re.compile(r"\..+\.(?:json|jsonl|yaml|html|parquet|gtbj|pdf)\.(?:part|[a-z0-9_]{8})")
 """Names of files that are not whole yet, as `write_atomically` and `copy_whole` give them."""
 
@@ -44,6 +49,29 @@ def clear_partial(folder: Path) -> None:
     for file in folder.iterdir():
         if _PARTIAL.fullmatch(file.name):
             file.unlink(missing_ok=True)
+
+
+@contextmanager
+def staged(root: Path) -> Iterator[Path]:
+    """A folder in `root` for what is moved to its place when it is complete; gone afterwards.
+
+    Those that killed processes of this computer left are removed first.
+    """
+    root.mkdir(parents=True, exist_ok=True)
+    for left in root.glob(f"{_STAGED}*"):
+        if not process_alive(_maker(left)):
+            shutil.rmtree(left, ignore_errors=True)
+    place = Path(tempfile.mkdtemp(dir=root, prefix=f"{_STAGED}{os.getpid()}-"))
+    try:
+        yield place
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def _maker(staged_folder: Path) -> int:
+    """Number of the process that made a folder of `staged`; 0 where the name is of something else."""
+    digits = staged_folder.name.removeprefix(_STAGED).partition("-")[0]
+    return int(digits) if digits.isdecimal() else 0
 
 
 def share(source: Path, target: Path) -> bool:

@@ -1,5 +1,7 @@
 """Foreign tables: read exactly, converted by pint's units, cut into branches, or refused with file and line."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import can
@@ -300,6 +302,25 @@ def test_the_column_map_in_the_run_folder_repeats_the_import(tmp_path):
     first = write_import(plan_import(path), tmp_path / "a")
     second = write_import(plan_import(path, load_columns(first.path / "columns.yaml")), tmp_path / "b")
     assert pq.read_table(first.data).equals(pq.read_table(second.data))
+
+
+def test_the_same_import_again_is_the_run_that_is_there(tmp_path):
+    path = table_of_loop(tmp_path)
+    first = write_import(plan_import(path, serial="G 7"), tmp_path / "reports")
+    assert write_import(plan_import(path, serial="G 7"), tmp_path / "reports") == first
+    assert write_import(plan_import(path, serial="G 8"), tmp_path / "reports") != first
+
+
+def test_an_import_that_is_interrupted_leaves_nothing_and_what_a_kill_left_goes(tmp_path, monkeypatch):
+    killed = subprocess.Popen([sys.executable, "-c", ""])
+    killed.wait()
+    left = tmp_path / "reports" / f".staged-{killed.pid}-x" / "G 7"
+    left.mkdir(parents=True)
+    with monkeypatch.context() as patched:
+        patched.setattr("bench.acquisition.importer.plan.write_means", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            write_import(plan_import(table_of_loop(tmp_path)), tmp_path / "reports")
+    assert list((tmp_path / "reports").iterdir()) == []
 
 
 def test_a_place_that_cannot_be_written_is_refused(tmp_path):

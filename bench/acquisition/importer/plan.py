@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,19 @@ from bench.acquisition.importer.table import Table
 from bench.acquisition.importer.tables import read_table
 from bench.acquisition.importer.units import Conversion
 from bench.base import CHANNELS, FloatArray, InputError, __version__, dump, load_config
-from bench.record import EVENTS, Dataset, Manifest, RunFolder, Segment, create_run, sha256, write_events, write_means
+from bench.record import (
+    EVENTS,
+    Dataset,
+    Manifest,
+    RunFolder,
+    Segment,
+    create_run,
+    sha256,
+    slug,
+    staged,
+    write_events,
+    write_means,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,20 +133,44 @@ def write_import(
 ) -> RunFolder:
     """Make the run folder of a plan under `out`: data, means, events, column map and manifest; InputError if it cannot.
 
+    The folder appears when it is complete. The same file with the same columns again is the run that is there already.
     `created` is the calendar time of the import, for a folder with a known name; `operator` is who asked for it.
     """
+    known = _imported_before(plan, out)
+    if known is not None:
+        return known
     created = created or datetime.now(UTC)
-    run = create_run(out, plan.serial, f"import_{plan.table.path.stem}", created)
-    run.journal.rmdir()  # there is no raw journal: the source file is named with its hash instead
+    name = f"import_{plan.table.path.stem}"
+    while list((out / slug(plan.serial)).glob(f"{created:%Y%m%dT%H%M%SZ}_{slug(name)}*")):
+        created += timedelta(seconds=1)
     try:
-        _write_data(plan, run.data)
-        write_means(run.data, run.means)
-        (run.path / "columns.yaml").write_text(_column_map(plan), encoding="utf-8")
-        notes = [{"t_s": 0.0, "kind": "import", "text": warning} for warning in plan.warnings]
-        write_events(run.path / EVENTS, notes)
-        _manifest(plan, run, created, operator).write(run.path)
+        with staged(out) as place:
+            run = _write(plan, create_run(place, plan.serial, name, created), created, operator)
+            final = out / slug(plan.serial) / run.path.name
+            final.parent.mkdir(parents=True, exist_ok=True)
+            return RunFolder(run.path.rename(final))
     except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}; choose another place with --out", run.path) from None
+        raise InputError(f"cannot be written: {error.strerror}; choose another place with --out", out) from None
+
+
+def _imported_before(plan: ImportPlan, out: Path) -> RunFolder | None:
+    """The run that this very import made before, if its folder is complete."""
+    digest, columns = sha256(plan.table.path), _column_map(plan)
+    for path in sorted((out / slug(plan.serial)).glob(f"*_{slug(f'import_{plan.table.path.stem}')}*/{Manifest.FILE}")):
+        with contextlib.suppress(InputError, OSError):  # a damaged folder is not this run
+            source = Manifest.read(path.parent).source or {}
+            if source.get("sha256") == digest and (path.parent / "columns.yaml").read_text(encoding="utf-8") == columns:
+                return RunFolder(path.parent)
+    return None
+
+
+def _write(plan: ImportPlan, run: RunFolder, created: datetime, operator: str | None) -> RunFolder:
+    run.journal.rmdir()  # there is no raw journal: the source file is named with its hash instead
+    _write_data(plan, run.data)
+    write_means(run.data, run.means)
+    (run.path / "columns.yaml").write_text(_column_map(plan), encoding="utf-8")
+    write_events(run.path / EVENTS, [{"t_s": 0.0, "kind": "import", "text": warning} for warning in plan.warnings])
+    _manifest(plan, run, created, operator).write(run.path)
     return run
 
 

@@ -85,17 +85,6 @@ def live_at(folder: Path | str) -> LiveRun | None:
     return LiveRun((Path(folder),), file) if sound and 0 < file.port < 1 << 16 else None
 
 
-def process_alive(pid: int) -> bool:
-    """Whether there is such a process, ours or somebody else's."""
-    try:
-        os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:  # it is somebody else's
-        return True
-    return pid > 0
-
-
 def live_below(root: Path) -> list[LiveRun]:
     """All runs with a `live.json` in `root/<unit>/<run>`, oldest first, whatever their condition."""
     return live_among(file.parent for file in root.glob(f"*/*/{LIVE}"))

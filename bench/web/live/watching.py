@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from bench.acquisition import ANSWER_S, LIVE, LiveRun, ask_run, process_alive
-from bench.base import EquipmentError, InputError
+from bench.acquisition import ANSWER_S, LIVE, LiveRun, ask_run
+from bench.base import EquipmentError, InputError, process_alive
 from bench.web.live import story
 from bench.web.live.finding import Finder, ids
 from bench.web.live.mirror import Mirror

@@ -20,8 +20,8 @@ from typing import Any
 
 from fastapi import Request
 
-from bench.acquisition import live_at, process_alive
-from bench.base import InputError
+from bench.acquisition import live_at
+from bench.base import InputError, process_alive
 from bench.record import ComparisonRecord, LimitsRecord, Manifest, VerificationRecord, write_atomically
 from bench.web.ground.problems import NotFoundError
 from bench.web.live.finding import inside
