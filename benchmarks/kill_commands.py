@@ -240,6 +240,7 @@ def campaign(kills: int, seed: int, out: Path | None = None, only: Sequence[str]
     draw = random.Random(seed)
     results = []
     with tempfile.TemporaryDirectory(prefix="bench-kills-") as base:
+        os.environ.setdefault("BENCH_KEYS", f"{base}/keys")  # not the keys of whoever runs this
         place = Path(base) / "trial"
         state = made(Path(base) / "state", place)
         for command in chosen:
