@@ -197,7 +197,9 @@ class GyroDecoder:
         """The heartbeats of this block among its samples, which came at these positions."""
         at, faults = self._beats
         known = np.concatenate(([self._newest], index))
-        why = [", ".join(text for text, rows in faults.items() if rows[row]) for row in range(len(at))]
+        why = [""] * len(at)
+        if faults:
+            why = [", ".join(text for text, rows in faults.items() if rows[row]) for row in range(len(at))]
         return Beats(known[np.searchsorted(rate_at, at)], why)
 
     def _boot_rows(self, at: IntArray, boot: IntArray) -> IntArray:

@@ -104,19 +104,21 @@ class Impostors:
         if not len(t_ns):
             return
         first, last = int(t_ns[0]) // 1_000_000_000, int(t_ns[-1]) // 1_000_000_000
-        counts = {first: len(t_ns)}
+        counts, most = deque([(first, len(t_ns))]), len(t_ns)
         if first != last:
             seconds, numbers = np.unique(t_ns // 1_000_000_000, return_counts=True)
-            counts = dict(zip(seconds.tolist(), numbers.tolist(), strict=True))
-            if int(numbers.max()) <= self.FLOOD * self._per_s:
-                # Without a flood, the window before the next block is enough.
-                counts = dict([*counts.items()][:2] + [*counts.items()][2:][-self.BEFORE_S - 1 :])
-        for second, count in counts.items():
+            counts, most = deque(zip(seconds.tolist(), numbers.tolist(), strict=True)), int(numbers.max())
+        calm = most <= self.FLOOD * self._per_s
+        while counts:
+            second, count = counts.popleft()
             if self._seconds and self._seconds[-1][0] >= second:
                 self._seconds[-1][1] += count
                 continue
             self._judge(second)
             self._seconds.append([second, count])
+            if calm:  # only the second before this block can have been a flood
+                self._seconds.extend(map(list, counts))
+                return
 
     def _judge(self, now: int) -> None:
         """The seconds before `now` are complete."""
