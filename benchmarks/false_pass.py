@@ -17,7 +17,6 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -28,6 +27,7 @@ import numpy as np
 from bench.analysis.judging.verification import verify
 from bench.base import BenchError
 from bench.record import CHAIN, RunFolder
+from benchmarks import campaigns
 from benchmarks.damaged_archive import CHECK, OTHER, RUN, UNIT, Archive
 from benchmarks.damaged_files import invoke
 from tests.support.run_folders import CYCLE, make_run, ramp_run
@@ -262,27 +262,14 @@ def names(seed: int) -> list[str]:
 
 def campaign(todo: Sequence[str], archive: Archive, out: Path) -> list[Outcome]:
     """Try what is not in the file yet, and append it; all outcomes that the file then holds."""
-    known = read(out)
-    done = {outcome.name for outcome in known}
-    with closing(out.open("a", encoding="utf-8")) as file, tempfile.TemporaryDirectory() as scratch:
-        for name in todo:
-            if name not in done:
-                known.append(attempt(name, archive, Path(scratch)))
-                file.write(f"{json.dumps(asdict(known[-1]))}\n")
-                file.flush()
-    return known
+    with tempfile.TemporaryDirectory() as scratch:
+        return campaigns.resumed(
+            todo, lambda name: attempt(name, archive, Path(scratch)), out, lambda outcome: outcome.name, asdict, _made
+        )
 
 
-def read(path: Path) -> list[Outcome]:
-    """Outcomes of an earlier, perhaps interrupted, campaign; its last line may be torn."""
-    found = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        try:
-            content = json.loads(line)
-        except ValueError:
-            continue
-        found.append(Outcome(**{**content, "passed": tuple(content["passed"])}))
-    return found
+def _made(content: dict[str, Any]) -> Outcome:
+    return Outcome(**{**content, "passed": tuple(content["passed"])})
 
 
 def main() -> int:

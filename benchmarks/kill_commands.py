@@ -25,6 +25,7 @@ from pathlib import Path
 from bench.base import InputError
 from bench.record import RECORDS, LimitsRecord
 from bench.record import Record as Stored
+from benchmarks import campaigns
 
 PROFILES = Path(__file__).parent.parent / "profiles"
 UNIT = "SIM-0001"
@@ -118,7 +119,7 @@ def _child(words: Sequence[object], root: Path, kill_at: int | None, counter: Pa
             changes = changes or (isinstance(mode, str) and any(letter in mode for letter in "wax+"))
         else:
             path, changes = facts[0] if facts else None, event in _CHANGES or event == "sqlite3.connect"
-        if not changes or not isinstance(path, str | os.PathLike) or not os.fspath(path).startswith(inside):  # type: ignore[union-attr]
+        if not changes or not isinstance(path, str | os.PathLike) or not os.fspath(path).startswith(inside):
             return
         done += 1
         os.write(marks, b".")
@@ -234,8 +235,8 @@ def trial(command: Command, state: Path, folder: Path, at: int, whole: tuple[int
 
 def campaign(kills: int, seed: int, out: Path | None = None, only: Sequence[str] = ()) -> list[Trial]:
     """Kills spread evenly over the commands, at places drawn at random; `out` holds those of earlier."""
-    done = [] if out is None or not out.exists() else [json.loads(line) for line in out.read_text().splitlines()]
-    known = {(one["command"], one["at"]): Trial(**{**one, "wrong": tuple(one["wrong"])}) for one in done}
+    done = [] if out is None else campaigns.read(out, lambda one: Trial(**{**one, "wrong": tuple(one["wrong"])}))
+    known = {(one.command, one.at): one for one in done}
     chosen = [COMMANDS[name] for name in only or COMMANDS]
     draw = random.Random(seed)
     results = []

@@ -17,7 +17,6 @@ import json
 import sys
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -29,6 +28,7 @@ from scipy.stats import binomtest
 from bench.analysis.noise.floor import noise_floor
 from bench.base.channels import FloatArray
 from bench.record.dataset import Dataset, Segment
+from benchmarks import campaigns
 
 SAMPLES_HZ = 500
 MEANS_S = 30.0
@@ -146,29 +146,14 @@ def _flicker_square(means: int) -> float:
 
 def campaign(todo: Sequence[Case], seed: int, out: Path) -> list[tuple[Case, dict[str, Any]]]:
     """Run what is not in the file yet, and append it; all results that the file then holds."""
-    known = read(out)
-    done = {case for case, _ in known}
-    with closing(out.open("a", encoding="utf-8")) as file:
-        for case in todo:
-            if case in done:
-                continue
-            known.append((case, run_case(case, seed)))
-            file.write(f"{json.dumps({**asdict(case), 'found': known[-1][1]})}\n")
-            file.flush()
-    return known
+    return campaigns.resumed(
+        todo, lambda case: (case, run_case(case, seed)), out, lambda result: result[0],
+        lambda result: {**asdict(result[0]), "found": result[1]}, _made,
+    )  # fmt: skip
 
 
-def read(path: Path) -> list[tuple[Case, dict[str, Any]]]:
-    """Results of an earlier, perhaps interrupted, campaign; its last line may be torn."""
-    found = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        try:
-            content = json.loads(line)
-        except ValueError:
-            continue
-        result = content.pop("found")
-        found.append((Case(**content), result))
-    return found
+def _made(content: dict[str, Any]) -> tuple[Case, dict[str, Any]]:
+    return Case(**{key: value for key, value in content.items() if key != "found"}), content["found"]
 
 
 def table(results: Sequence[tuple[Case, dict[str, Any]]]) -> list[dict[str, Any]]:

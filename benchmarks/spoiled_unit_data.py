@@ -19,7 +19,7 @@ import random
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, redirect_stderr
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import asdict, dataclass
 from io import StringIO
 from pathlib import Path
@@ -38,6 +38,7 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.analysis.judging.judge import analyse
 from bench.base import config
 from bench.record import RunFolder
+from benchmarks import campaigns
 from drivers.sim.station import SimulatedStation
 
 STATION = Path(__file__).parent.parent / "profiles" / "stations" / "simulated.yaml"
@@ -306,31 +307,21 @@ def _same_again(run: RunFolder) -> bool:
 
 def campaign(todo: Sequence[Case], seed: int, out: Path) -> list[Outcome]:
     """Run what is not in the file yet, and append it; all outcomes that the file then holds."""
-    known = read(out)
-    done = {outcome.case for outcome in known}
-    if known:
-        out.write_text("".join(f"{json.dumps(asdict(outcome))}\n" for outcome in known), encoding="utf-8")
-    with closing(out.open("a", encoding="utf-8")) as file:
-        for case in todo:
-            if case in done:
-                continue
-            with tempfile.TemporaryDirectory() as scratch:
-                known.append(run_case(case, seed, Path(scratch)))
-            file.write(f"{json.dumps(asdict(known[-1]))}\n")
-            file.flush()
-    return known
+
+    def run(case: Case) -> Outcome:
+        with tempfile.TemporaryDirectory() as scratch:
+            return run_case(case, seed, Path(scratch))
+
+    return campaigns.resumed(todo, run, out, lambda outcome: outcome.case, asdict, _made)
 
 
 def read(path: Path) -> list[Outcome]:
     """Outcomes of an earlier, perhaps interrupted, campaign; its last line may be torn."""
-    found = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
-        try:
-            content = json.loads(line)
-        except ValueError:
-            continue
-        found.append(Outcome(**{**content, "case": Case(**content["case"])}))
-    return found
+    return campaigns.read(path, _made)
+
+
+def _made(content: dict[str, Any]) -> Outcome:
+    return Outcome(**{**content, "case": Case(**content["case"])})
 
 
 def main() -> int:

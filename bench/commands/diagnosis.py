@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.base import InputError
 from bench.commands.analysis import floor_of, recovered, usual_means
@@ -20,6 +21,9 @@ from bench.commands.results.analyse import (
     Revealed,
 )
 from bench.record import DiagnosisRecord
+
+if TYPE_CHECKING:
+    from bench.record import Dataset
 
 
 def effects() -> Effects:
@@ -47,13 +51,7 @@ def diagnose(
     from bench.analysis import diagnose as find
     from bench.analysis import load_model, next_experiment
 
-    seconds, still = recovered(runs), recovered([static] if static else [])
-    datasets, checks, isothermal = (
-        usual_means(seconds),
-        usual_means(recovered(check)),
-        next(iter(usual_means(still)), None),
-    )
-    floor_dph = floor_of(seconds, datasets[0].interval_s, still)
+    datasets, checks, isothermal, floor_dph = _data(runs, check, static)
     found = find(datasets, load_model(model), check=checks, static=isothermal, floor_dph=floor_dph)
     proposal = next_experiment(found, datasets, static=isothermal)
     if proposal is not None:
@@ -62,6 +60,16 @@ def diagnose(
         found = replace(found, next_experiment=proposal.to_json(str(profile)))
     write(runs[0] / DiagnosisRecord.FILE, DiagnosisRecord.model_validate(found.to_json()).text())
     return Diagnosed(found)
+
+
+def _data(
+    runs: Sequence[Path], check: Sequence[Path], static: Path | None
+) -> tuple[list[Dataset], list[Dataset], Dataset | None, float]:
+    """Means of runs, check runs and isothermal run, and the noise floor [deg/h]; each run is read once."""
+    seconds, still = recovered(runs), recovered([static] if static else [])
+    datasets = usual_means(seconds)
+    floor_dph = floor_of(seconds, datasets[0].interval_s, still)
+    return datasets, usual_means(recovered(check)), next(iter(usual_means(still)), None), floor_dph
 
 
 def add(effect: str, model: str, out: Path) -> EffectAdded:
@@ -86,13 +94,7 @@ def improve(
     from bench.analysis import improve as walk
     from bench.analysis import load_model
 
-    seconds, still = recovered(runs), recovered([static] if static else [])
-    datasets, checks, isothermal = (
-        usual_means(seconds),
-        usual_means(recovered(check)),
-        next(iter(usual_means(still)), None),
-    )
-    floor_dph = floor_of(seconds, datasets[0].interval_s, still)
+    datasets, checks, isothermal, floor_dph = _data(runs, check, static)
     found = walk(datasets, checks, load_model(model), static=isothermal, floor_dph=floor_dph)
     if out is not None:
         write(out, found.model.to_yaml())

@@ -21,7 +21,7 @@ from bench.base import InputError, __version__
 from bench.record.files import sha256, write_atomically
 from bench.record.records.chain import ChainRecord, Link
 from bench.record.records.manifest import Manifest
-from bench.record.signing import keys_folder, sign, signed, trusted
+from bench.record.signing import keys_folder, public_key, sign, signed, trusted
 
 CHAIN = ChainRecord.FILE
 STAMPED = ("*.parquet",)
@@ -244,12 +244,12 @@ def _extended(folder: Path) -> ChainRecord:
 
 
 def _write(folder: Path, known: ChainRecord, *, sync: bool = True) -> None:
-    public = sign(b"")[0]
+    public = public_key()
     keys = (
         known.keys if known.keys[-1:] == (public,) or not public else (*(k for k in known.keys if k != public), public)
     )
     unsigned = known.model_copy(update={"keys": keys, "signature": ""})
-    made = unsigned.model_copy(update={"signature": sign(unsigned.signable())[1]})
+    made = unsigned.model_copy(update={"signature": sign(unsigned.signable())})
     write_atomically(folder / CHAIN, made.text().encode(), sync=sync)
 
 

@@ -13,7 +13,8 @@ from pathlib import Path
 
 from bench.base import process_alive
 
-_STAGED = ".staged-"
+_STAGED = re.compile(r"\.staged-(\d+)-.+")
+"""Names of folders of `staged`, with the number of the process that made them."""
 _PARTIAL = re.compile(r"\..+\.(?:json|jsonl|yaml|html|parquet|gtbj|pdf)\.(?:part|[a-z0-9_]{8})")
 """Names of files that are not whole yet, as `write_atomically` and `copy_whole` give them."""
 
@@ -58,20 +59,15 @@ def staged(root: Path) -> Iterator[Path]:
     Those that killed processes of this computer left are removed first.
     """
     root.mkdir(parents=True, exist_ok=True)
-    for left in root.glob(f"{_STAGED}*"):
-        if not process_alive(_maker(left)):
+    for left in root.glob(".staged-*"):
+        maker = _STAGED.fullmatch(left.name)
+        if maker is not None and not process_alive(int(maker[1])):
             shutil.rmtree(left, ignore_errors=True)
-    place = Path(tempfile.mkdtemp(dir=root, prefix=f"{_STAGED}{os.getpid()}-"))
+    place = Path(tempfile.mkdtemp(dir=root, prefix=f".staged-{os.getpid()}-"))
     try:
         yield place
     finally:
         shutil.rmtree(place, ignore_errors=True)
-
-
-def _maker(staged_folder: Path) -> int:
-    """Number of the process that made a folder of `staged`; 0 where the name is of something else."""
-    digits = staged_folder.name.removeprefix(_STAGED).partition("-")[0]
-    return int(digits) if digits.isdecimal() else 0
 
 
 def share(source: Path, target: Path) -> bool:

@@ -26,12 +26,18 @@ def keys_folder() -> Path:
     return Path(config) / "gyro-thermal-bench"
 
 
-def sign(content: bytes) -> tuple[str, str]:
-    """Public key and signature of this bench, hexadecimal; both empty where it can neither find nor make its key."""
+def public_key() -> str:
+    """Public key of this bench, hexadecimal; empty where it can neither find nor make its key."""
     with contextlib.suppress(OSError, ValueError, RuntimeError):
-        key, public = _own(str(keys_folder()))
-        return public, key.sign(content).hex()
-    return "", ""
+        return _own(str(keys_folder()))[1]
+    return ""
+
+
+def sign(content: bytes) -> str:
+    """Signature of this bench, hexadecimal; empty where it can neither find nor make its key."""
+    with contextlib.suppress(OSError, ValueError, RuntimeError):
+        return _own(str(keys_folder()))[0].sign(content).hex()
+    return ""
 
 
 def signed(content: bytes, public: str, signature: str) -> bool:
