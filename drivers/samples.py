@@ -20,6 +20,7 @@ FloatArray = npt.NDArray[np.float64]
 
 REORDER = 16
 """Largest number of samples by which a frame may be out of order."""
+COUNTS = ("lost", "repeated", "rogue", "late", "out_of_order", "resets")
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,12 @@ class Unwrapped:
     late: int = 0
     out_of_order: int = 0
     resets: int = 0
+
+    def then(self, later: Unwrapped) -> Unwrapped:
+        """Both as one block."""
+        counts = {name: getattr(self, name) + getattr(later, name) for name in COUNTS}
+        take = np.concatenate((self.take, later.take + len(self.index)))
+        return Unwrapped(np.concatenate((self.index, later.index)), take, **counts)
 
 
 class CounterTrack:
@@ -68,6 +75,10 @@ class CounterTrack:
         if self._last is None:
             self._last = (int(counter[0]) - 1, int(counter[0]) - 1, int(t_ns[0]) - self._interval_ns)
             self._delivered, boot = self._last[0], boot[boot > 0]
+        proven = int(np.searchsorted(t_ns, self._behind.since_ns + PROOF_NS)) if self._behind else 0
+        if 0 < proven < len(t_ns):  # what follows the proof of a restart may have another place than what precedes it
+            first = self.unwrap(counter[:proven], t_ns[:proven], boot[boot < proven])
+            return first.then(self.unwrap(counter[proven:], t_ns[proven:], boot[boot >= proven] - proven))
         late_reset = self._catch_up(int(t_ns[0]))
         index, rows, resets = self._count(counter, t_ns, boot)
         resets += late_reset
