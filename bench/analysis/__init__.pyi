@@ -59,6 +59,9 @@ from .judging.analysis import LIMITS_YAML as LIMITS_YAML
 from .judging.analysis import Analysis as Analysis
 from .judging.branches import branch_gap as branch_gap
 from .judging.cautions import refused_models as refused_models
+from .judging.change import Change as Change
+from .judging.change import Figures as Figures
+from .judging.change import State as State
 from .judging.completeness import LOST as LOST
 from .judging.completeness import Completeness as Completeness
 from .judging.completeness import completeness as completeness

@@ -13,8 +13,9 @@ from bench.acquisition.station.memory import open_alone
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.registry import make
 from bench.analysis.fit.fitting import fit_model
+from bench.analysis.judging.change import Figures
 from bench.analysis.judging.limits import Verdict
-from bench.analysis.judging.verification import Figures, refuse_same_profile, verify
+from bench.analysis.judging.verification import refuse_same_profile, verify
 from bench.base import EquipmentError, InputError, read_yaml
 from bench.commands.flash_record import (
     AlreadyThereError,
@@ -201,7 +202,7 @@ def test_a_verification_run_records_the_corrected_rate_and_nothing_is_fitted_to_
     found = verify(result.run, None, None, {"bank": 1})
     assert found.verdict is Verdict.INVALID  # no soak of five minutes to read the noise from
     stored = json.loads((result.run.path / "verification.json").read_text())
-    assert stored["after"]["rms_dph"] == pytest.approx(found.after.rms_dph)
+    assert stored["after"]["rms_dph"] == pytest.approx(found.change.after.rest.rms_dph)
     assert stored["in_unit"] == {"bank": 1}
     with pytest.raises(InputError, match="is not a verification"):
         verify(short_run, None, None, {})

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.diagnosis.compare import HeldOut, error_of
+from bench.analysis.judging.change import Change, Figures
 from bench.analysis.judging.completeness import Completeness, completeness
 from bench.analysis.judging.limits import Limits, Quantity, Verdict, judge_limits
 from bench.analysis.judging.quantities import of_data
@@ -36,40 +37,13 @@ _MEASURED = {
 
 
 @dataclass(frozen=True)
-class Figures:
-    """Rate of a unit that stands still, over temperature [deg/h]: means over `interval_s`."""
-
-    rms_dph: float
-    mean_dph: float
-    scatter_dph: float
-    """RMS about the mean."""
-    peak_dph: float
-    span_dph: float
-    interval_s: float
-
-    @classmethod
-    def of(cls, data: Dataset) -> Figures:
-        """Of a record; InputError where it has no value."""
-        bias = data.bias[np.isfinite(data.bias)]
-        if not bias.size:
-            raise InputError(f"{data.name}: holds no rate")
-        rms, peak = float(np.sqrt(np.mean(bias**2))), float(np.abs(bias).max())
-        return cls(rms, float(bias.mean()), float(bias.std()), peak, float(np.ptp(bias)), data.interval_s)
-
-    def to_json(self) -> dict[str, float]:
-        """By name."""
-        return dict(vars(self))
-
-
-@dataclass(frozen=True)
 class Verification:
-    """What a verification found; `before` are the raw figures of the calibration run, where it is known."""
+    """What a verification found; its change is from the raw output of the calibration run, where that is known."""
 
     run: RunFolder
-    after: Figures
+    change: Change
     error: HeldOut
     floor: Floor
-    before: Figures | None
     verdict: Verdict
     judged: Mapping[str, Any]
     done: Completeness
@@ -82,11 +56,6 @@ class Verification:
         """Error over noise floor; NaN where that is not known."""
         return self.error.rms_dph / self.floor.floor_dph
 
-    @property
-    def factor(self) -> float:
-        """By how much the RMS fell; NaN without a run of the raw rate."""
-        return np.nan if self.before is None else self.before.rms_dph / self.after.rms_dph
-
     def to_json(self) -> dict[str, Any]:
         """What stands in verification.json."""
         manifest = self.run.manifest()
@@ -96,10 +65,9 @@ class Verification:
             "profile": manifest.profile,
             "created": manifest.created,
             "verdict": self.verdict.value,
-            "before": None if self.before is None else self.before.to_json(),
-            "after": self.after.to_json(),
+            **self.change.to_json(),
+            "rms_dph": self.error.rms_dph,
             "rms_interval_dph": [finite(end) for end in self.error.interval_dph],
-            "factor": finite(self.factor),
             "floor_dph": finite(self.floor.floor_dph),
             "over_floor": finite(self.over_floor),
             "unit_identity": manifest.unit_identity.content() if manifest.unit_identity else None,
@@ -136,14 +104,14 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
     manifest = run.manifest()
     if manifest.purpose != "verification":
         raise InputError("is not a verification: its unit sent the raw rate; make one with `bench verify`", run.path)
-    interval_s, before, done_before = _before(calibration)
+    interval_s, raw, done_before = _before(calibration)
     seconds = seconds_of(run.path)
     data, done = averaged(seconds, interval_s), completeness(run, manifest, averaged(seconds, 1.0, whole=True))
-    after = Figures.of(data)
+    change = Change.between(raw, data)
     error = error_of("verification", (data,), (data.bias,))
     floor = noise_floor([averaged(seconds, 1.0)], interval_s)
     refusals = tuple(_refusals(done, done_before, () if limits is None else limits.quantities))
-    quantities = tuple(_quantities(done, error, after, floor))
+    quantities = tuple(_quantities(done, error, Figures.of(data), floor))
     if limits is None:
         verdict, judged = _by_floor(error, floor, refusals)
     else:
@@ -156,7 +124,7 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
         verdict, judged = judgement.verdict, {"limits": judgement.to_json()}
     content = {**judged, "in_unit": dict(serials), "calibration_run": None if calibration is None else str(calibration)}
     content["quantities"] = [quantity.to_json() for quantity in quantities]
-    verification = Verification(run, after, error, floor, before, verdict, content, done, done_before)
+    verification = Verification(run, change, error, floor, verdict, content, done, done_before)
     VerificationRecord.model_validate(verification.to_json()).write(run.path)
     return verification
 
@@ -171,14 +139,14 @@ def _refusals(done: Completeness, before: Completeness | None, limited: Collecti
         yield from (f"calibration run: {reason}" for reason in before.lacking(limited))
 
 
-def _before(calibration: Path | None) -> tuple[float, Figures | None, Completeness | None]:
-    """Averaging time [s] of the calibration, the raw figures of its run, and what of that is there."""
+def _before(calibration: Path | None) -> tuple[float, Dataset | None, Completeness | None]:
+    """Averaging time [s] of the calibration, the raw output of its run, and what of that is there."""
     stored = None if calibration is None else CalibrationRecord.find(calibration)
     if calibration is None or stored is None:
         return 30.0, None, None
     run, seconds = RunFolder(calibration), seconds_of(calibration)
     done = completeness(run, run.manifest(), averaged(seconds, 1.0, whole=True))
-    return stored.averaging_s, Figures.of(averaged(seconds, stored.averaging_s)), done
+    return stored.averaging_s, averaged(seconds, stored.averaging_s), done
 
 
 def _by_floor(error: HeldOut, floor: Floor, refusals: tuple[str, ...]) -> tuple[Verdict, dict[str, Any]]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from bench.analysis import State
 from bench.cli.rendering.printing import content, lines, number, table
 from bench.commands import Calibrated, Certified, Exported, Flashed, Verified
 
@@ -121,17 +122,23 @@ def _(result: Verified) -> Iterator[str | Table]:
         yield f"bench: {result.error}"
         return
     verification = result.verification
-    after, before = verification.after, verification.before
-    gain = "" if before is None else f", {verification.factor:.1f} times less than before"
+    change = verification.change
+    before, after = change.before or State(None, None), change.after
+    interval_s = next(one.interval_s for one in (after.rest, after.turning) if one)
+    gain = f", {change.words}" if change.words else ""
     ratio = f"the output of the unit is {verification.over_floor:.2f} times its noise floor"
     yield f"{verification.verdict.value}: {ratio}{gain}"
     yield ""
-    rows = []
-    for name in ("rms", "mean", "scatter", "peak", "span"):
-        old = None if before is None else getattr(before, f"{name}_dph")
-        rows.append((name, number(old), number(getattr(after, f"{name}_dph")), ""))
-    rows.append(("noise floor", "", number(verification.floor.floor_dph), ""))
-    yield table(("", ">before", ">after", f"[deg/h, {after.interval_s:g} s means]"), rows)
+    low, high = change.within_degc
+    rows = [
+        (where if name == "rms" else "", name, *(number(getattr(one, f"{name}_dph", None)) for one in pair))
+        for where, *pair in (("at rest", before.rest, after.rest), ("turning", before.turning, after.turning))
+        for name in ("rms", "mean", "scatter", "peak", "span")
+        if any(pair)
+    ]
+    rows.append(("", "noise floor", "", number(verification.floor.floor_dph)))
+    yield table((f"[deg/h, {interval_s:g} s means]", "", ">before", ">after"), rows)
+    yield f"both between {low:.1f} and {high:.1f} degC"
     limited = verification.judged.get("limits") or {}
     yield from (f"refused: {text}" for text in verification.judged.get("refusals") or limited.get("refusals") or ())
     yield ""

@@ -16,6 +16,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from bench.acquisition import load_profile
 from bench.analysis import Model, load_limits
 from bench.base import InputError
@@ -234,12 +236,11 @@ class Verify:
         found = verify(run, run_of(job), load_limits(order.document(order.plan.limits)), inside)
         content, word = found.to_json(), found.verdict.value
         hold, stop = verdict_of(word, order.plan.policy, "the verification")
-        facts = {"run": run.path.name, "rms_dph": content["after"]["rms_dph"],
-                 **{key: content[key] for key in ("factor", "floor_dph", "over_floor")}}  # fmt: skip
+        known = ("rms_dph", "factor", "turning_factor", "floor_dph", "over_floor")
+        facts = {"run": run.path.name, **{key: content[key] for key in known}}
         cases, sentence = judged(content["limits"]), f"{word}: {facts['rms_dph']:.4f} deg/h RMS of its own output"
-        for key, text in (("over_floor", "{:.2f} x its noise floor"), ("factor", "{:.1f} times less than before")):
-            if facts[key] is not None:
-                sentence += f", {text.format(facts[key])}"
+        ratio = f"{found.over_floor:.2f} x its noise floor" if np.isfinite(found.over_floor) else ""
+        sentence = ", ".join(filter(None, (sentence, ratio, found.change.words)))
         return Done(sentence, facts, cases, word, hold, stop)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import COVERAGE, MEANING, PROBABILITY, standing
+from bench.analysis import COVERAGE, MEANING, PROBABILITY, Change, State, turning
 from bench.base import FloatArray, __version__, finite
 from bench.deliver.certificate.budget import Budget
 from bench.deliver.certificate.evidence import LEAST_COVERED, Evidence
@@ -39,7 +39,7 @@ STATEMENTS = (
 def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, issued: date) -> dict[str, Any]:
     """All facts of the certificate; its number is computed from the others."""
     judgement, verdict = evidence.judgement, evidence.verdict
-    known = evidence.manifest
+    known, change = evidence.manifest, _change(evidence)
     content: dict[str, Any] = {
         "format": FORMAT,
         "title": "Calibration certificate",
@@ -54,8 +54,8 @@ def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, iss
         "method": _method(evidence),
         "conditions": _conditions(evidence),
         "equipment": [tool.model_dump(mode="json") for tool in evidence.instruments],
-        "as_found": _as_found(evidence),
-        "as_left": _as_left(evidence, budget),
+        "as_found": _as_found(evidence, change),
+        "as_left": _as_left(evidence, change, budget),
         "over_temperature": _over_temperature(evidence),
         "results": [q.to_json() for q in evidence.quantities() if q.name in MEANING and q.name not in QUALITY],
         "uncertainty": budget.to_json(),
@@ -167,55 +167,51 @@ def _range(values: FloatArray) -> tuple[float, float]:
     return float(np.nanmin(values)), float(np.nanmax(values))
 
 
-def _as_found(evidence: Evidence) -> dict[str, Any]:
+def _as_found(evidence: Evidence, change: Change) -> dict[str, Any]:
     identity = evidence.manifest.unit_identity
     state = identity.coefficient_set if identity else None
-    still = standing(evidence.source.dataset)
-    data = still if np.any(np.isfinite(still.bias)) else evidence.source.dataset
-    return {**_figures(data.bias), "what": (
-        f"output with coefficient set {state} in force" if state else "output without correction"
-    )}  # fmt: skip
+    what = f"output with coefficient set {state} in force" if state else "output without correction"
+    return {**_state(change.before), "what": what, "within_degc": list(change.within_degc)}
 
 
-def _as_left(evidence: Evidence, budget: Budget) -> dict[str, Any]:
+def _as_left(evidence: Evidence, change: Change, budget: Budget) -> dict[str, Any]:
     verification = evidence.verification
     expanded = {"expanded_dph": budget.expanded_dph, "coverage_factor": COVERAGE, "coverage_probability": PROBABILITY}
-    if verification is not None:
-        what = (
-            "output as the unit corrects it, measured in an independent run"
-            if verification.in_unit
-            else "calibration applied to an independent run of the uncorrected output"
-        )
-        error = {"rms_dph": verification.error.rms_dph}
-        low, high = _range(verification.data.channel("temperature"))
-        what = f"{what}, {low:.0f} to {high:.0f} °C".replace("-", "−")
-        return {**_figures(verification.left), **error, **expanded, "what": what, "verified": verification.in_unit}
-    known = {quantity.name: quantity.value for quantity in evidence.quantities()}
-    data = evidence.source.dataset
-    left = data.bias - evidence.source.fit.predict(data).bias
-    return {
-        **_figures(left),
-        "rms_dph": known["residual_rms_dph"],
-        "peak_dph": finite(known["residual_peak_dph"]),
-        **expanded,
-        "what": "calculated: error on data held out of the fit; not yet verified in the unit",
-        "verified": False,
-    }
+    if verification is None:
+        known = {quantity.name: quantity.value for quantity in evidence.quantities()}
+        what = "calculated: error on data held out of the fit; not yet verified in the unit"
+        figures = {**_state(None), "rms_dph": known["residual_rms_dph"], "peak_dph": finite(known["residual_peak_dph"])}
+        return {**figures, **expanded, "what": what, "verified": False, "within_degc": list(change.within_degc)}
+    what = (
+        "output as the unit corrects it, measured in an independent run"
+        if verification.in_unit
+        else "calibration applied to an independent run of the uncorrected output"
+    )
+    low, high = change.within_degc
+    what = f"{what}, {low:.0f} to {high:.0f} °C".replace("-", "−")
+    factors = {"factor": finite(change.factor), "turning_factor": finite(change.turning_factor)}
+    left = {**_state(change.after), **factors, **expanded, "what": what, "verified": verification.in_unit}
+    return {**left, "within_degc": list(change.within_degc)}
 
 
-def _figures(bias: FloatArray) -> dict[str, float]:
-    """RMS about the mean, mean, span and greatest absolute value [deg/h]."""
-    present = bias[np.isfinite(bias)]
-    return {
-        "rms_dph": float(present.std()),
-        "mean_dph": float(present.mean()),
-        "span_dph": float(np.ptp(present)),
-        "peak_dph": float(np.abs(present).max()),
-    }
+def _change(evidence: Evidence) -> Change:
+    """From the output as found to the output as left, over the temperatures that both records have."""
+    found = evidence.source.dataset
+    if evidence.verification is None:
+        return Change.between(found, found, found.bias - evidence.source.fit.predict(found).bias)
+    return Change.between(found, evidence.verification.data, evidence.verification.left)
+
+
+def _state(state: State | None) -> dict[str, Any]:
+    """Figures at rest [deg/h], about zero, and under rotation where a table turned the unit."""
+    rest, turned = (None, None) if state is None else (state.rest, state.turning)
+    names = ("rms", "mean", "scatter", "span", "peak")
+    figures = {f"{name}_dph": getattr(rest, f"{name}_dph", None) for name in names}
+    return {**figures, "turning": None if turned is None else turned.to_json()}
 
 
 def _over_temperature(evidence: Evidence) -> list[dict[str, Any]]:
-    """Bias by temperature, heating and cooling, as found and as left: means over bins of 12.5 degC."""
+    """Bias at rest by temperature, heating and cooling, as found and as left: means over bins of 12.5 degC."""
     found = evidence.source.dataset
     left = found.bias - evidence.source.fit.predict(found).bias
     after = (found, left) if evidence.verification is None else (evidence.verification.data, evidence.verification.left)
@@ -233,7 +229,7 @@ def _over_temperature(evidence: Evidence) -> list[dict[str, Any]]:
 
 def _mean(data: Dataset, values: FloatArray, at_degc: float, sign: int) -> float | None:
     near = np.abs(data.channel("temperature") - at_degc) <= _STEP_DEGC / 4
-    chosen = values[near & (data.direction == sign) & np.isfinite(values)]
+    chosen = values[near & ~turning(data) & (data.direction == sign) & np.isfinite(values)]
     return float(chosen.mean()) if chosen.size else None
 
 

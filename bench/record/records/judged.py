@@ -61,9 +61,17 @@ class VerificationRecord(Record):
     created: str = ""
     verdict: str
     before: dict[str, float] | None = None
-    """Figures of the raw rate in the calibration run [deg/h] …"""
-    after: dict[str, float] = Field(default_factory=dict)
+    """Figures at rest of the raw output in the calibration run [deg/h] …"""
+    after: dict[str, float] | None = None
     """… and of the unit's own output."""
+    turning_before: dict[str, float] | None = None
+    turning_after: dict[str, float] | None = None
+    """The same where a rate table turned the unit."""
+    turning_factor: float | None = None
+    within_degc: tuple[float | None, ...] = ()
+    """Temperatures of these figures."""
+    rms_dph: float | None = None
+    """Error of the whole run, which is judged."""
     rms_interval_dph: tuple[float | None, ...] = ()
     factor: float | None = None
     floor_dph: float | None = None
