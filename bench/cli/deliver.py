@@ -58,7 +58,10 @@ def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> 
 
 @click.command()
 @run_argument
-@path_option("--verification", help="Independent run of the calibrated unit.")
+@path_option(
+    "--verification", "verifications", multiple=True,
+    help="Independent run of the calibrated unit; more of them add turn-ons to the uncertainty.",
+)  # fmt: skip
 @limits_option
 @path_option("--equipment", help="Reference equipment with its due dates (YAML).")
 @path_option("--laboratory", help="Laboratory, customer, signatory (YAML).")

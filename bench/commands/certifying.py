@@ -17,7 +17,8 @@ from bench.record import MANIFEST
 class CertificateOptions:
     """What the caller chooses; None: what the run folder holds, or nothing."""
 
-    verification: Path | None = None
+    verifications: tuple[Path, ...] = ()
+    """The first one states the figures; all of them are turn-ons."""
     limits: Path | None = None
     equipment: Path | None = None
     laboratory: Path | None = None
@@ -45,10 +46,10 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
     equipment = () if equipment_file is None else load_instruments(equipment_file)
     limits_file = options.limits or _of_run(folder, "limits.yaml")
     limits = None if limits_file is None else load_limits(limits_file)
-    for run in filter(None, (folder, options.verification)):
+    for run in (folder, *options.verifications):
         if (run / MANIFEST).is_file():
             refuse_foreign(run)
-    evidence = gather(folder, options.verification, limits, equipment)
+    evidence = gather(folder, options.verifications, limits, equipment)
     issued = _issued(options.issued)
     total = budget(evidence)
     content = facts(evidence, laboratory, total, issued)

@@ -10,12 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy import stats
 
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
 from bench.base.errors import InputError
 from bench.cli import main
+from bench.deliver.certificate.budget import budget
 from bench.deliver.certificate.certificate import number_of
+from bench.deliver.certificate.evidence import gather
 from bench.deliver.certificate.laboratory import Instrument, load_instruments, refuse_overdue
 from tests.support.run_folders import CYCLE, keep, make_run, ramp_run
 
@@ -91,7 +94,7 @@ def test_facts_name_all_that_a_certificate_must_name(issued):
     assert facts["method"]["profile"] == "ramp_-40_85"
     assert facts["method"]["verification_profile"] == "check"
     assert [tool["due"] for tool in facts["equipment"]] == ["2027-03-01", None]
-    assert facts["uncertainty"]["coverage_factor"] == 2.0
+    assert "as far as 1 turn-on can tell" in facts["uncertainty"]["scope"]
     assert facts["conformity"]["verdict"] == facts["verdict"] == "PASS"
     assert "guard band" in facts["conformity"]["decision_rule"]
     assert facts["calibration"]["id"].startswith("0x")
@@ -111,11 +114,39 @@ def test_hashes_are_those_of_the_run_folders(made, issued):
         assert "data.parquet" in entry["files"]
 
 
-def test_expanded_uncertainty_is_twice_the_root_of_the_sum_of_squares(issued):
+def test_every_row_of_the_budget_has_a_source_a_distribution_and_degrees_of_freedom(issued):
     budget = issued[1]["uncertainty"]
-    parts = [part["standard_dph"] for part in budget["contributions"]]
-    assert budget["expanded_dph"] == pytest.approx(2.0 * np.sqrt(np.sum(np.square(parts))))
-    assert budget["combined_dph"] == pytest.approx(issued[1]["as_left"]["rms_dph"], rel=0.02)
+    for row in budget["contributions"]:
+        assert row["origin"]
+        assert row["distribution"] in {"normal", "rectangular"}
+        assert row["degrees_of_freedom"] is None or row["degrees_of_freedom"] >= 1.0
+
+
+def test_the_budget_combines_as_welch_and_satterthwaite_do(issued):
+    budget = issued[1]["uncertainty"]
+    parts = np.array([row["standard_dph"] for row in budget["contributions"]])
+    freedom = np.array([row["degrees_of_freedom"] or np.inf for row in budget["contributions"]])
+    combined = np.sqrt(np.sum(parts**2))
+    effective = combined**4 / np.sum(parts**4 / freedom)
+    assert budget["combined_dph"] == pytest.approx(combined)
+    assert budget["effective_degrees_of_freedom"] == pytest.approx(effective)
+    assert budget["expanded_dph"] == pytest.approx(stats.t.ppf(0.97725, effective) * combined, rel=1e-3)
+
+
+def test_one_turn_on_widens_u_and_further_ones_add_degrees_of_freedom(made):
+    narrow = [(name, kind, {85.0: 70.0, -40.0: -30.0}.get(target, target), n) for name, kind, target, n in CYCLE]
+    for number in (2, 3):
+        other = ramp_run(narrow, seed=number + 1, loop_dph=0.0)
+        if not (made / f"check{number}").exists():
+            make_run(made / f"check{number}", **other, profile=f"check{number}")
+    runs = [made / name for name in ("check", "check2", "check3")]
+    one, three = (budget(gather(made / "run", some, None, ())) for some in (runs[:1], runs))
+    assert len(three.turn_ons) == 3
+    assert three.at_rest.coverage_factor < one.at_rest.coverage_factor
+    row = next(part for part in three.at_rest.contributions if part.source.startswith("turn-on"))
+    assert row.standard_dph == pytest.approx(np.sqrt(np.mean(np.square(three.turn_ons))))
+    with pytest.raises(InputError, match="is given twice as a verification"):
+        gather(made / "run", [runs[0], runs[0]], None, ())
 
 
 def test_as_found_and_as_left_are_the_figures_of_the_records(made, issued):

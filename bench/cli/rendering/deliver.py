@@ -68,10 +68,12 @@ def _(result: Exported) -> dict[str, Any]:
 @lines.register(Certified)
 def _(result: Certified) -> Iterator[str]:
     facts = result.facts
-    left, expanded = facts["as_left"], facts["uncertainty"]["expanded_dph"]
+    left, spread = facts["as_left"], facts["uncertainty"]
     yield f"Certificate {facts['number']}{' (simulated: not valid as a certificate)' if facts['simulated'] else ''}"
     yield f"as found {facts['as_found']['rms_dph']:.4g} deg/h RMS, as left {left['rms_dph']:.4g} deg/h ({left['what']})"
-    yield f"U = {expanded:.2g} deg/h (k = 2); conformity: {facts['verdict'] or 'no limits given'}"
+    expanded, k = spread["expanded_dph"], spread["coverage_factor"]
+    yield f"U = {expanded:.2g} deg/h (k = {k:.3g}), {spread['scope']}"
+    yield f"conformity: {facts['verdict'] or 'no limits given'}"
     if facts["verification"] is not None:
         yield _covered(facts["verification"])
     if not facts["equipment"]:

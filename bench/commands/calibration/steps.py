@@ -268,7 +268,7 @@ class Certify:
             return Done("not wanted by the plan", {"pdf": None}, [Case("certificate", skipped=True, text="not wanted")])
         plan = order.plan
         options = CertificateOptions(
-            verification=run_of(job, "verify"),
+            verifications=(run_of(job, "verify"),),
             equipment=None if plan.equipment is None else order.file(plan.equipment),
             laboratory=None if plan.laboratory is None else order.file(plan.laboratory),
         )

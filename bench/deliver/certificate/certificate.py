@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import COVERAGE, MEANING, PROBABILITY, Change, State, turning
+from bench.analysis import MEANING, Change, State, turning
 from bench.base import FloatArray, __version__, finite
-from bench.deliver.certificate.budget import Budget
+from bench.deliver.certificate.budget import Uncertainty, compared_thermometers
 from bench.deliver.certificate.evidence import LEAST_COVERED, Evidence
 from bench.deliver.certificate.laboratory import Laboratory
+from bench.deliver.certificate.propagation import PERCENT
 from bench.deliver.certificate.provenance import commit
 from bench.record import MANIFEST, Dataset, Manifest, sha256
 
@@ -36,7 +37,7 @@ STATEMENTS = (
 )
 
 
-def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, issued: date) -> dict[str, Any]:
+def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Uncertainty, issued: date) -> dict[str, Any]:
     """All facts of the certificate; its number is computed from the others."""
     judgement, verdict = evidence.judgement, evidence.verdict
     known, change = evidence.manifest, _change(evidence)
@@ -57,6 +58,7 @@ def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Budget, iss
         "as_found": _as_found(evidence, change),
         "as_left": _as_left(evidence, change, budget),
         "over_temperature": _over_temperature(evidence),
+        "thermometer": compared_thermometers(evidence.source.dataset),
         "results": [q.to_json() for q in evidence.quantities() if q.name in MEANING and q.name not in QUALITY],
         "uncertainty": budget.to_json(),
         "conformity": {**judgement.to_json(), "verdict": verdict} if judgement else None,
@@ -152,9 +154,7 @@ def _conditions(evidence: Evidence) -> list[dict[str, str]]:
     texts = {name: f"{low:.4g} to {high:.4g} {unit}" for name, low, high, unit in rows}
     shown = [{"name": name, "value": text.replace("-", "−")} for name, text in texts.items()]
     turned = "compensated by the encoder of the rate table" if "applied_rate" in data.channels else "unit at rest"
-    runs = [("calibration run", evidence.done)]
-    if evidence.verification is not None:
-        runs.append(("verification run", evidence.verification.done))
+    runs = [("calibration run", evidence.done), *(("verification run", one.done) for one in evidence.verifications)]
     return [
         *shown,
         *({"name": f"Data of the {role}", "value": done.counted} for role, done in runs),
@@ -174,9 +174,10 @@ def _as_found(evidence: Evidence, change: Change) -> dict[str, Any]:
     return {**_state(change.before), "what": what, "within_degc": list(change.within_degc)}
 
 
-def _as_left(evidence: Evidence, change: Change, budget: Budget) -> dict[str, Any]:
+def _as_left(evidence: Evidence, change: Change, budget: Uncertainty) -> dict[str, Any]:
     verification = evidence.verification
-    expanded = {"expanded_dph": budget.expanded_dph, "coverage_factor": COVERAGE, "coverage_probability": PROBABILITY}
+    k = budget.at_rest.coverage_factor
+    expanded = {"expanded_dph": budget.expanded_dph, "coverage_factor": k, "coverage_probability": PERCENT / 100.0}
     if verification is None:
         known = {quantity.name: quantity.value for quantity in evidence.quantities()}
         what = "calculated: error on data held out of the fit; not yet verified in the unit"
@@ -253,8 +254,7 @@ def _calibration(evidence: Evidence) -> dict[str, Any]:
 def _chain(evidence: Evidence) -> dict[str, Any]:
     """SHA-256 of every file that the numbers come from, so that a reader can prove which folder it was."""
     runs = [("calibration run", evidence.run, evidence.manifest)]
-    if evidence.verification is not None:
-        runs.append(("verification run", evidence.verification.run, evidence.verification.manifest))
+    runs += [("verification run", one.run, one.manifest) for one in evidence.verifications]
     return {
         "runs": [
             {

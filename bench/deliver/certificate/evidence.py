@@ -6,7 +6,7 @@ that the data were not altered.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
@@ -93,6 +93,13 @@ class Evidence:
     """What of the calibration run is there."""
     flashed: FlashRecord | None = None
     """The record that `bench flash` wrote when it put the coefficients into the unit."""
+    further: tuple[Verification, ...] = ()
+    """Verification runs besides the first: further turn-ons."""
+
+    @property
+    def verifications(self) -> tuple[Verification, ...]:
+        """All verification runs."""
+        return (() if self.verification is None else (self.verification,)) + self.further
 
     @property
     def calibration_id(self) -> str:
@@ -113,14 +120,19 @@ class Evidence:
         known |= {quantity.name: quantity for quantity in of_data(self.done)}
         if self.verification is not None:
             known |= {quantity.name: quantity for quantity in _verified(self.verification, known)}
-            known |= {quantity.name: quantity for quantity in _of_both(self.done, self.verification.done)}
+            known |= {
+                quantity.name: quantity for quantity in _of_all([self.done, *(v.done for v in self.verifications)])
+            }
         return tuple(known.values())
 
 
 def gather(
-    folder: Path, verification: Path | None, limits: Limits | None, instruments: tuple[Instrument, ...]
+    folder: Path, verifications: Sequence[Path], limits: Limits | None, instruments: tuple[Instrument, ...]
 ) -> Evidence:
-    """The evidence for a certificate; InputError, one line, where no certificate may be made."""
+    """The evidence for a certificate; InputError, one line, where no certificate may be made.
+
+    The first verification is the one whose figures the certificate states; the others are further turn-ons.
+    """
     run = RunFolder(folder)
     manifest = run.manifest()
     prove(folder)
@@ -133,12 +145,15 @@ def gather(
     _refuse_unlisted(run, manifest)
     done = _complete(run, manifest, limits)
     refuse_overdue(instruments, day(manifest), folder)
-    verified = None if verification is None else _verify(RunFolder(verification), manifest, source, limits)
-    if verified is not None:
-        refuse_overdue(instruments, day(verified.manifest), verified.run.path)
-    found = Evidence(run, manifest, stored, source, verified, None, instruments, done, _flashed(run))
-    if verified is not None and verified.in_unit:
-        _refuse(folder, _other_coefficients(found, verified))
+    if twice := [path for path in verifications if [p.resolve() for p in verifications].count(path.resolve()) > 1]:
+        raise InputError("is given twice as a verification: each turn-on counts once", twice[0])
+    verified = tuple(_verify(RunFolder(path), manifest, source, limits) for path in verifications)
+    first, further = (verified[0] if verified else None), verified[1:]
+    found = Evidence(run, manifest, stored, source, first, None, instruments, done, _flashed(run), further)
+    for one in verified:
+        refuse_overdue(instruments, day(one.manifest), one.run.path)
+        if one.in_unit:
+            _refuse(folder, _other_coefficients(found, one))
     if limits is None:
         return found
     judgement = judge_limits(limits, found.quantities())
@@ -263,14 +278,15 @@ def _coverage(record: Dataset, source: Source) -> Coverage:
     return Coverage(share, (float(np.nanmin(values)), float(np.nanmax(values))), (low, high))
 
 
-def _of_both(calibration: Completeness, verification: Completeness) -> Iterator[Quantity]:
-    """What is missing in both runs together: samples are added, of shares and gaps the worse one counts."""
-    for one, other in zip(of_data(calibration), of_data(verification), strict=False):
-        if one.name == "samples_lost":
-            uncounted = next((side for side in (one, other) if np.isnan(side.value)), None)
-            yield uncounted or Quantity.exact(one.name, one.value + other.value)
-        elif one.name in {"samples_missing_ppm", "longest_gap_s"}:
-            yield other if other.value > one.value else one
+def _of_all(runs: Sequence[Completeness]) -> Iterator[Quantity]:
+    """What is missing in all runs together: samples are added, of shares and gaps the worst one counts."""
+    for same in zip(*(tuple(of_data(run)) for run in runs), strict=False):
+        name = same[0].name
+        if name == "samples_lost":
+            uncounted = next((one for one in same if np.isnan(one.value)), None)
+            yield uncounted or Quantity.exact(name, sum(one.value for one in same))
+        elif name in {"samples_missing_ppm", "longest_gap_s"}:
+            yield max(same, key=lambda one: one.value)
 
 
 def _verified(verification: Verification, known: Mapping[str, Quantity]) -> tuple[Quantity, ...]:

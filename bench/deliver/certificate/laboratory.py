@@ -10,12 +10,11 @@ from typing import Any
 from pydantic import BaseModel, Field, model_validator
 
 from bench.base import STRICT, Document, InputError, dump, load_config
+from bench.deliver.certificate.stated import Uncertain
 
 
-class Instrument(BaseModel):
+class Instrument(Uncertain):
     """One piece of reference equipment with its own calibration."""
-
-    model_config = STRICT
 
     name: str
     """Kind of instrument: `chamber sensor`, `rate table`, `time base`."""
