@@ -3,12 +3,14 @@ from .diagnosis.answer import Diagnosis as Diagnosis
 from .diagnosis.answer import Place as Place
 from .diagnosis.answer import SuspectedEffect as SuspectedEffect
 from .diagnosis.answer import Value as Value
+from .diagnosis.compare import ROTATION as ROTATION
 from .diagnosis.compare import Comparison as Comparison
 from .diagnosis.compare import HeldOut as HeldOut
 from .diagnosis.compare import Score as Score
 from .diagnosis.compare import compare as compare
 from .diagnosis.compare import error_of as error_of
 from .diagnosis.compare import ladder as ladder
+from .diagnosis.compare import plain_name as plain_name
 from .diagnosis.diagnose import diagnose as diagnose
 from .diagnosis.every_sample import compare_every_sample as compare_every_sample
 from .diagnosis.every_sample import of_seconds as of_seconds

@@ -16,6 +16,8 @@ TURNING_DPS = 0.1
 # What a fit needs
 LEAST_RANGE_DEGC = 1.0
 """A temperature that moves by less carries no temperature effect."""
+LEAST_RATES = 3
+"""Rates, rest among them, that a scale factor needs."""
 LEAST_INTERVAL_ROWS = 3
 """Rows in every interval of a spline."""
 MOST_CONDITION = 1e12

@@ -16,10 +16,13 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_corrected
 from bench.analysis.fit.solve import one_blas_thread
+from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES
 from bench.base import BoolArray, FloatArray, InputError, IntArray, finite
 from bench.record import Dataset, refuse_mixed
 
 BLOCKS = 20
+ROTATION = "scale factor"
+"""Name of what is fitted beside the bias where a rate table turned the unit."""
 _RESAMPLES = 2000
 
 
@@ -99,6 +102,39 @@ def ladder() -> tuple[Model, ...]:
         Model("regression", (effects.make("regression"),)),
         Model("spline", (effects.make("spline", {"intervals": 24}),)),
     )
+
+
+def beside_rotation(models: Sequence[Model], record: Dataset) -> tuple[Model, ...]:
+    """The models as they can be judged on a record: where a rate table turned the unit, beside a scale factor.
+
+    Without one a model of the bias would be judged by the scale factor's error. Models that have one stay as they are;
+    soaks or one branch do not determine one. At one temperature the scale factor over the rate takes their place.
+    """
+    rates = rates_of(record)
+    if rates.size < LEAST_RATES:
+        return tuple(models)
+    sizes = np.unique(np.abs(rates[rates != 0.0]))
+    over_rate = effects.make("scale_factor_nonlinearity", {"order": 3 if sizes.size > 1 else 2})
+    own = [model for model in models if "applied_rate" in model.needs]
+    if np.ptp(record.channel("temperature")[np.isfinite(record.bias)]) < LEAST_RANGE_DEGC:
+        return (Model(ROTATION, (over_rate,)), *own)
+    over_temperature = effects.make("scale_factor_temperature")
+    return tuple(
+        model if model in own else model.adding(over_temperature).adding(over_rate, f"{model.name} + {ROTATION}")
+        for model in models
+        if model in own or model.rows == "all"
+    )
+
+
+def plain_name(name: str) -> str:
+    """Name of a model without the scale factor that `beside_rotation` gave it."""
+    return name.removesuffix(f" + {ROTATION}")
+
+
+def rates_of(record: Dataset) -> FloatArray:
+    """Distinct rates [deg/s] at which a table turned the unit, 0 for rest."""
+    applied = record.channels.get("applied_rate", np.zeros(0))
+    return np.unique(np.round(applied[np.isfinite(applied)]))
 
 
 def compare(

@@ -130,6 +130,10 @@ class Effect:
         """Variants of an automatic option, which the fit settles by leaving contiguous blocks out; () where none is."""
         return ()
 
+    def beside(self, others: Sequence[Effect]) -> Effect:
+        """The same effect without terms that one of the others has already: twice, no data could tell them apart."""
+        return self
+
     def suited(self, records: Sequence[Dataset]) -> Effect:
         """The same effect, before any fit, with its parameters searched within what the runs visit."""
         return self

@@ -55,8 +55,9 @@ class Model:
         return tuple(dict.fromkeys(channel for effect in self.effects for channel in effect.needs))
 
     def adding(self, effect: Effect, name: str | None = None) -> Model:
-        """The model with one more effect."""
-        return replace(self, name=name or f"{self.name} + {effect.name}", effects=(*self.effects, effect))
+        """The model with one more effect, without the terms that both have."""
+        more = effect.beside(self.effects)
+        return replace(self, name=name or f"{self.name} + {effect.name}", effects=(*self.effects, more))
 
     def to_yaml(self) -> str:
         """The file's text; `load_model` reads it back to an equal model."""

@@ -11,7 +11,7 @@ Separated by: several rates of both signs at one temperature.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,10 @@ class ScaleFactorNonlinearity(Effect):
         """Checks that the table turned."""
         Scale.of(records, "applied_rate")
         return self
+
+    def beside(self, others: Sequence[Effect]) -> Effect:
+        """Without the constant scale factor where another effect has it."""
+        return replace(self, constant=False) if any(getattr(other, "constant", False) for other in others) else self
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Bias per coefficient (n, k) [deg/h]."""

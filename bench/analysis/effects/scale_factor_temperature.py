@@ -11,7 +11,7 @@ Separated by: plus and minus the same rate at each temperature: the odd part is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,10 @@ class ScaleFactorTemperature(Effect):
         """Checks that the table turned."""
         Scale.of(records, "applied_rate")
         return self
+
+    def beside(self, others: Sequence[Effect]) -> Effect:
+        """Without the constant scale factor where another effect has it."""
+        return replace(self, constant=False) if any(getattr(other, "constant", False) for other in others) else self
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Bias per ppm (n, k) [deg/h]."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Comparison, Score, ladder
+from bench.analysis.diagnosis.compare import Comparison, Score, ladder, plain_name
 from bench.analysis.judging.completeness import DAMAGED_BYTES, LOST, Completeness
 from bench.analysis.judging.joints import Joint
 from bench.analysis.noise.floor import Floor
@@ -84,7 +84,7 @@ def _of_floor(floor: Floor | None) -> Iterator[str]:
 def _of_models(comparison: Comparison | None, best: Score | None) -> Iterator[str]:
     if comparison is not None:
         for model, reason in refused_models(comparison):
-            if model not in _COMMON:
+            if plain_name(model) not in _COMMON:
                 yield f"model '{model}' was refused: {reason}"
     if best is None:
         return

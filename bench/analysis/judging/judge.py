@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Score, compare, ladder
+from bench.analysis.diagnosis.compare import Score, beside_rotation, compare, ladder
 from bench.analysis.effects.model import Model
 from bench.analysis.judging.analysis import NEXT_PROFILE, Analysis
 from bench.analysis.judging.calibration import calibration
@@ -136,7 +136,7 @@ def _means(run: RunFolder, interval_s: float) -> tuple[Dataset | None, Dataset |
 
 
 def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Sequence[Dataset]) -> Analysis:
-    rungs = [*ladder()[:BASELINES], *(models or ladder()[BASELINES:])]
+    rungs = beside_rotation([*ladder()[:BASELINES], *(models or ladder()[BASELINES:])], data)
     comparison = compare(data, rungs, known.floor.floor_dph, checks or None, strict=False)
     best = _best(comparison.scores)
     reason = comparison.refused[-1][1] if comparison.refused else ""

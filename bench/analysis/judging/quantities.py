@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Score
+from bench.analysis.diagnosis.compare import Score, rates_of
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import fit_model
@@ -20,7 +20,7 @@ from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
 from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.limits import Quantity
-from bench.analysis.thresholds import LEAST_COVERED_DEGC, TURNING_DPS
+from bench.analysis.thresholds import LEAST_COVERED_DEGC, LEAST_RATES, TURNING_DPS
 from bench.base import DPH_PER_DPS, BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
@@ -130,8 +130,8 @@ def _of_scale(data: Dataset, white_dph: float) -> Iterator[Quantity]:
         "scale_factor_temperature_ppm_per_degc",
         "scale_factor_nonlinearity_ppm",
     )
-    turned = None if applied is None else np.round(applied)
-    if applied is None or turned is None or np.unique(turned[np.isfinite(turned)]).size < 3:
+    rates = rates_of(data)
+    if applied is None or rates.size < LEAST_RATES:
         yield from (Quantity(name, reason="the unit was not turned at three rates or more") for name in names)
         return
     try:
@@ -143,7 +143,7 @@ def _of_scale(data: Dataset, white_dph: float) -> Iterator[Quantity]:
         return
     yield from line
     full_dph = DPH_PER_DPS * float(np.nanmax(np.abs(applied)))
-    groups = [left[(turned == rate) & np.isfinite(left)] for rate in np.unique(turned[np.isfinite(turned)])]
+    groups = [left[(np.round(applied) == rate) & np.isfinite(left)] for rate in rates.tolist()]
     off = max((abs(float(group.mean())), group.size) for group in groups if group.size)
     yield Quantity.positive(names[2], 1e6 * off[0] / full_dph, 1e6 * white_dph / np.sqrt(off[1]) / full_dph)
 

@@ -11,6 +11,7 @@ from bench.analysis import (
     BASELINES,
     BEFORE,
     LIMITS_YAML,
+    ROTATION,
     Model,
     analyse,
     diagnose,
@@ -19,6 +20,7 @@ from bench.analysis import (
     load_limits,
     load_model,
     model_from,
+    plain_name,
 )
 from bench.base import InputError
 from bench.commands.replay.changes import Change, trees
@@ -111,13 +113,14 @@ def _models(
     run: RunFolder, compared: ComparisonRecord, calibration: StoredFit | None, wanted: Sequence[str]
 ) -> Iterator[Model]:
     """The models of the comparison: those given, those that the run keeps, that of the calibration, or by name."""
-    listed = [*(model.name for model in compared.models), *(model.name for model in compared.refused)]
-    baselines = {model.name for model in ladder()[:BASELINES]}
+    named = [*(model.name for model in compared.models), *(model.name for model in compared.refused)]
+    listed = dict.fromkeys(map(plain_name, named))
+    baselines = {model.name for model in ladder()[:BASELINES]} | {ROTATION}
     files = sorted(run.path.glob("model*.yaml"), key=lambda file: (len(file.name), file.name))
     kept = [*map(load_model, files), *map(load_model, wanted)]
     known = {model.name: model for model in kept}
     if calibration is not None:
-        known.setdefault(calibration.model.name, model_from(calibration.model.description()))
+        known.setdefault(plain_name(calibration.model.name), model_from(calibration.model.description()))
     order = {name: i for i, name in enumerate(known)}
     for name in sorted(filter(lambda name: name not in baselines, listed), key=lambda name: order.get(name, 99)):
         yield known[name] if name in known else _named(run, name)
