@@ -39,6 +39,7 @@ def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
     assert re.search(r"^right +aging$", said, re.MULTILINE)
     assert list(tmp_path.glob("reports/SIM-0001/*/report.html"))
     assert list(tmp_path.glob("reports/MINE/*/data.parquet"))
+    assert list(tmp_path.glob("reports/SIM-0001/*_calibrate_quick/certificate.pdf"))
 
 
 @pytest.mark.slow

@@ -63,10 +63,11 @@ def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> 
     help="Independent run of the calibrated unit; more of them add turn-ons to the uncertainty.",
 )  # fmt: skip
 @limits_option
-@path_option("--equipment", help="Reference equipment with its due dates (YAML).")
-@path_option("--laboratory", help="Laboratory, customer, signatory (YAML).")
+@path_option("--equipment", help="Reference equipment with due dates (YAML); default: that of the run folder.")
+@path_option("--laboratory", help="Laboratory, customer, signatory (YAML); default: that of the run folder.")
 @click.option("--issued", help="Day of issue, YYYY-MM-DD; default: today (UTC).")
-@path_option("--out", help="The PDF; default: certificate.pdf in the run folder.")
+@click.option("--draft", is_flag=True, help="Print it although something is missing, which stands across each page.")
+@path_option("--out", help="The PDF; default: certificate.pdf, or draft.pdf, in the run folder.")
 @answers
 @registers(begin=False)
 def certificate(run_folder: Path, out: Path | None, **options: Any) -> Result:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from bench.base import Document, InputError, library, load_config, read_yaml
 from bench.commands.files import write
+from bench.commands.papers import Papers
 from bench.commands.results.measure import Checked, Copied, StationServed
 
 if TYPE_CHECKING:
@@ -97,12 +98,13 @@ def job_of(profile: Path | Document, station: Path | Document | None, task: Task
     place = station_file(station)
     loaded, settings = load_profile(own), station_of(place).remembering(task.out)
     refuse_errors(check_profile(loaded, settings.limits()))
+    texts = Papers.of_station(settings).texts() | dict(task.texts)
     return Job(
         profile=loaded,
         profile_text=own.text,
         station=settings,
         station_text=place.text,
-        model_texts=task.texts,
+        model_texts=texts,
         serials=task.serials,
         out=task.out,
         compensation=task.compensation,

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.base import InputError
 from bench.commands.files import write
+from bench.commands.papers import Papers
 from bench.commands.registering import refuse_foreign
 from bench.commands.results.deliver import Certified
-from bench.record import MANIFEST
+from bench.record import MANIFEST, CertificateRecord
+
+if TYPE_CHECKING:
+    from bench.deliver import Lack
 
 
 @dataclass(frozen=True)
@@ -23,10 +29,15 @@ class CertificateOptions:
     equipment: Path | None = None
     laboratory: Path | None = None
     issued: str | None = None
+    draft: bool = False
+    """Print it even where laboratory, signatory, equipment or a due date is missing, with that across each page."""
 
 
 def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> Certified:
-    """Write the PDF (default: into the run folder), its facts as JSON beside it and in the run folder."""
+    """Write the PDF (default: into the run folder), its facts as JSON beside it and in the run folder.
+
+    A draft is written beside the run's certificate and never takes its place.
+    """
     from bench.analysis import load_limits
     from bench.deliver import (
         budget,
@@ -34,6 +45,7 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
         facts_text,
         figures,
         gather,
+        lacking,
         load_instruments,
         load_laboratory,
         require_typst,
@@ -41,24 +53,34 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
     )
 
     require_typst()
-    laboratory = None if options.laboratory is None else load_laboratory(options.laboratory)
-    equipment_file = options.equipment or _of_run(folder, "equipment.yaml")
-    equipment = () if equipment_file is None else load_instruments(equipment_file)
+    papers = Papers.of_files(options.laboratory, options.equipment).over(Papers.of_run(folder))
+    laboratory = None if papers.laboratory is None else load_laboratory(papers.laboratory)
+    equipment = () if papers.equipment is None else load_instruments(papers.equipment)
     limits_file = options.limits or _of_run(folder, "limits.yaml")
     limits = None if limits_file is None else load_limits(limits_file)
     for run in (folder, *options.verifications):
         if (run / MANIFEST).is_file():
             refuse_foreign(run)
     evidence = gather(folder, options.verifications, limits, equipment)
+    lacks = lacking(papers.laboratory, papers.equipment, folder)
+    if lacks and not options.draft:
+        raise lacks[0].error()
     issued = _issued(options.issued)
     total = budget(evidence)
-    content = facts(evidence, laboratory, total, issued)
-    pdf = out or folder / "certificate.pdf"
+    content = facts(evidence, laboratory, total, issued, draft=_across(lacks) if options.draft else None)
+    pdf = out or folder / ("draft.pdf" if options.draft else "certificate.pdf")
     beside = pdf.with_suffix(".json")
+    kept = folder / CertificateRecord.FILE
+    if options.draft and beside.resolve() == kept.resolve():
+        raise InputError("a draft must not take the place of the certificate; choose another file with --out", pdf)
     write(pdf, typeset_pdf(content, figures(evidence, total.expanded_dph), issued))
-    for path in dict.fromkeys((beside, folder / "certificate.json")):
+    for path in dict.fromkeys((beside,) if options.draft else (beside, kept)):
         write(path, facts_text(content))
     return Certified(folder, pdf, beside, content, evidence.verdict is None or evidence.verdict.within)
+
+
+def _across(lacks: Sequence[Lack]) -> tuple[str, ...]:
+    return tuple(lack.what for lack in lacks) or ("not issued",)
 
 
 def _of_run(folder: Path, name: str) -> Path | None:

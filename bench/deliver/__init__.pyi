@@ -2,6 +2,8 @@ from .certificate.budget import budget as budget
 from .certificate.certificate import facts as facts
 from .certificate.evidence import gather as gather
 from .certificate.figures import figures as figures
+from .certificate.formalities import Lack as Lack
+from .certificate.formalities import lacking as lacking
 from .certificate.laboratory import InstrumentsFile as InstrumentsFile
 from .certificate.laboratory import Laboratory as Laboratory
 from .certificate.laboratory import instrument_of_registry as instrument_of_registry

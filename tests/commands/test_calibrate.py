@@ -245,6 +245,32 @@ def test_a_wrong_plan_is_refused_before_anything_moves(tmp_path, old, new, said)
     assert said in answer.output
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("equipment: simulated\n", "", "quick.yaml: no certificate: no equipment; give a file"),
+        ("laboratory: simulated ", "laboratory: mine.yaml ", "stations/mine.yaml:3: no certificate: no signatory"),
+        ("laboratory: simulated ", "laboratory: simulatd ", "did you mean 'simulated'?"),
+    ],
+)
+def test_what_the_certificate_would_lack_is_said_before_anything_moves(tmp_path, old, new, said):
+    folder = shutil.copytree(PROFILES, tmp_path / "profiles")
+    station = folder / "stations" / "simulated.yaml"
+    station.write_text(station.read_text().replace(old, new))
+    (folder / "stations" / "mine.yaml").write_text("# mine\nlaboratory: {name: My laboratory}\n")
+    plan = folder / "plans" / "quick.yaml"
+    options = ("--unit", "SIM-0001", "--station", station, "--out", tmp_path / "reports", "--quiet")
+    answer = bench("calibrate", "--plan", plan, *options)
+    assert answer.exit_code == 2
+    assert said in answer.output
+    assert not list(tmp_path.glob("reports/*/*/data.parquet"))
+    text = plan.read_text()
+    plan.write_text(f"{text}certificate: false\n")
+    order = Order.load(plan, station, "SIM-0001", tmp_path / "reports", quiet=True)
+    if "simulatd" not in new:
+        assert calibrate(order, steps=STEPS[:1], anew=True).step("check")["state"] == "done"
+
+
 TINY = """\
 name: {name}
 segments:

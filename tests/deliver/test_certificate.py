@@ -20,6 +20,7 @@ from bench.deliver.certificate.budget import budget
 from bench.deliver.certificate.certificate import number_of
 from bench.deliver.certificate.evidence import gather
 from bench.deliver.certificate.laboratory import Instrument, load_instruments, refuse_overdue
+from bench.record.chain import drop
 from tests.support.run_folders import CYCLE, keep, make_run, ramp_run
 
 typst = pytest.importorskip("typst")
@@ -32,7 +33,7 @@ limits:
 EQUIPMENT = """\
 equipment:
   - {name: chamber sensor, serial: PT-1, calibrated: 2026-03-01, due: DUE}
-  - {name: time base, serial: TB-2}
+  - {name: time base, serial: TB-2, calibrated: 2026-03-02, due: 2028-03-01}
 """
 LABORATORY = """\
 laboratory: {name: "Lab #1 *bold* $x$ <b>", address: Somewhere 1}
@@ -62,7 +63,16 @@ def made(tmp_path_factory):
 
 
 def certificate(folder, *options, run="run"):
-    command = ["certificate", folder / run, "--issued", "2026-11-21", *options]
+    """With laboratory and equipment, unless the options or the run folder have others."""
+    given = [*options]
+    for name in ("laboratory", "equipment"):
+        if f"--{name}" not in given and (path := folder / f"{name}.yaml").is_file():
+            given += [f"--{name}", path]
+    return bare(folder / run, *given)
+
+
+def bare(run, *options):
+    command = ["certificate", run, "--issued", "2026-11-21", *options]
     return CliRunner().invoke(main, [str(word) for word in command], catch_exceptions=False)
 
 
@@ -93,7 +103,7 @@ def test_facts_name_all_that_a_certificate_must_name(issued):
     assert facts["item"]["serial"] == "SIM-0001"
     assert facts["method"]["profile"] == "ramp_-40_85"
     assert facts["method"]["verification_profile"] == "check"
-    assert [tool["due"] for tool in facts["equipment"]] == ["2027-03-01", None]
+    assert [tool["due"] for tool in facts["equipment"]] == ["2027-03-01", "2028-03-01"]
     assert "as far as 1 turn-on can tell" in facts["uncertainty"]["scope"]
     assert facts["conformity"]["verdict"] == facts["verdict"] == "PASS"
     assert "guard band" in facts["conformity"]["decision_rule"]
@@ -156,9 +166,15 @@ def test_as_found_and_as_left_are_the_figures_of_the_records(made, issued):
     assert not facts["as_left"]["verified"]
 
 
+def papers(made, tmp_path):
+    for name in ("laboratory.yaml", "equipment.yaml"):
+        shutil.copy(made / name, tmp_path)
+
+
 def flashed(made, tmp_path, **changes):
     """A copy of the run whose calibration was written to the unit."""
     shutil.copytree(made / "run", tmp_path / "run")
+    papers(made, tmp_path)
     own = json.loads(certificate(made, "--out", tmp_path / "first.pdf", "--json").stdout)["json"]
     calibration = json.loads(Path(own).read_text())["calibration"]["id"]
     record = {"state": "done", "calibration_id": calibration, "coefficient_set": 7, "crc": "0x12345678", "bank": 1}
@@ -195,7 +211,6 @@ def test_without_a_verification_it_says_that_the_figures_are_calculated(made, tm
     done = certificate(made, "--out", tmp_path / "c.pdf")
     assert done.exit_code == 0
     assert "not yet verified in the unit" in done.stdout
-    assert "not metrologically traceable" in done.stdout
 
 
 def test_outside_the_limits_is_a_certificate_that_says_so(made, tmp_path):
@@ -211,6 +226,7 @@ def changed(made, tmp_path, file="manifest.json", **changes):
     shutil.copytree(made / "run", run)
     content = json.loads((run / file).read_text())
     keep(run, file, {**content, **changes})
+    papers(made, tmp_path)
     return tmp_path
 
 
@@ -339,6 +355,63 @@ def test_a_required_number_that_is_missing_makes_no_certificate(made, tmp_path):
     done = certificate(made, "--limits", tmp_path / "limits.yaml")
     assert done.exit_code == 2
     assert "scale_factor_error_ppm is required by the limits" in done.stderr
+
+
+FILES = {
+    "laboratory.yaml": LABORATORY,
+    "equipment.yaml": EQUIPMENT.replace("DUE", "2027-03-01"),
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "line", "said"),
+    [
+        (
+            ("laboratory.yaml", None, None),
+            None,
+            "no laboratory and no signatory; give a file with `laboratory: {name: ",
+        ),
+        (("laboratory.yaml", '"Lab #1 *bold* $x$ <b>"', '" "'), 1, "no laboratory; fill in its name"),
+        (("laboratory.yaml", LABORATORY.splitlines()[2], ""), 5, "no signatory; add `authorised_by: {name: "),
+        (("laboratory.yaml", "A. Person", '""'), 3, "no signatory; fill in the name"),
+        (("equipment.yaml", None, None), None, "no equipment; give a file with every instrument"),
+        (("equipment.yaml", ", due: 2028-03-01", ""), 3, "no due date of time base TB-2; add `due: YYYY-MM-DD`"),
+    ],
+)
+@pytest.mark.parametrize("sealed", [False, True], ids=["given", "of the run"])
+def test_what_is_missing_is_named_with_the_line_to_fill_in_or_stands_on_a_draft(
+    made, tmp_path, change, line, said, sealed
+):  # fmt: skip
+    file, old, new = change
+    run = tmp_path / "run"
+    shutil.copytree(made / "run", run)
+    drop(run, "certificate.json")
+    options = []
+    for name, text in FILES.items():
+        if name == file and old is None:
+            continue
+        path = (run if sealed else tmp_path) / name
+        path.write_text(text.replace(old, new) if name == file else text)
+        options += [] if sealed else [f"--{name.partition('.')[0]}", path]
+    done = bare(run, *options)
+    where = str(run) if old is None else f"{run if sealed else tmp_path}/{file}:{line}"
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert done.stderr.startswith(f"bench: {where}: no certificate: {said}"), done.stderr
+    assert "--draft" in done.stderr
+    assert not (run / "certificate.json").exists()
+    done = bare(run, *options, "--draft", "--json")
+    assert done.exit_code == 0, done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["draft"] == [said.partition(";")[0]]
+    assert facts["number"].startswith("DRAFT-SIM-0001-")
+    assert not (run / "certificate.json").exists()
+    if shutil.which("pdftotext"):
+        shown = subprocess.run(["pdftotext", facts["pdf"], "-"], capture_output=True, text=True, check=True).stdout
+        pages = shown.rstrip("\f").split("\f")
+        assert all(" ".join(f"DRAFT: {facts['draft'][0]}".split()) in " ".join(page.split()) for page in pages)
+    done = bare(run, *options, "--draft", "--out", run / "certificate.pdf")
+    assert done.exit_code == 2
+    assert "must not take the place" in done.stderr
 
 
 def test_without_typst_it_says_what_to_install(made, monkeypatch):

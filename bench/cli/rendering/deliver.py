@@ -76,10 +76,8 @@ def _(result: Certified) -> Iterator[str]:
     yield f"conformity: {facts['verdict'] or 'no limits given'}"
     if facts["verification"] is not None:
         yield _covered(facts["verification"])
-    if not facts["equipment"]:
-        yield "warning: no equipment was stated: the results are not metrologically traceable"
-    if facts["laboratory"] is None:
-        yield "warning: no laboratory was stated"
+    if facts["draft"] is not None:
+        yield f"DRAFT: {'; '.join(facts['draft'])}"
     yield ""
     yield f"pdf   {result.pdf}"
     yield f"json  {result.json}"
@@ -93,7 +91,7 @@ def _covered(known: Mapping[str, Any]) -> str:
 
 @content.register(Certified)
 def _(result: Certified) -> dict[str, Any]:
-    keys = ("number", "verdict", "issued", "as_found", "as_left", "simulated")
+    keys = ("number", "verdict", "issued", "as_found", "as_left", "simulated", "draft")
     known = {key: result.facts[key] for key in keys}
     return {"run": str(result.run), "pdf": str(result.pdf), "json": str(result.json), **known}
 

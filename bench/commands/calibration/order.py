@@ -11,6 +11,7 @@ from bench.analysis import Model, load_model
 from bench.base import Document, InputError, load_config, read_yaml
 from bench.commands.acquisition import station_file
 from bench.commands.calibration.plan import Plan
+from bench.commands.papers import Papers
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,12 @@ class Order:
     def document(self, name: str) -> Document:
         """A file that the plan names, as it was read."""
         return self.documents[self.file(name)]
+
+    def papers(self) -> Papers:
+        """Laboratory and equipment that the plan names."""
+        plan = self.plan
+        named = (plan.laboratory, plan.equipment)
+        return Papers(*(None if name is None else self.document(name) for name in named))
 
     def station_file(self) -> Document:
         """The station, as it was read."""

@@ -51,9 +51,9 @@ class Plan(BaseModel):
     form: Literal["float32", "fixed", "split", "split_fixed"] | None = None
     """Embedded form; left out: the one with the least error."""
     laboratory: Text | None = None
-    """Laboratory file of the certificate."""
+    """Laboratory file of the certificate; left out: that of the station."""
     equipment: Text | None = None
-    """Reference equipment; overdue equipment blocks the job. Left out: nothing is traceable, and the check says so."""
+    """Reference equipment; overdue equipment blocks the job. Left out: that of the station."""
     certificate: bool = True
     """Make a certificate at the end."""
     interrupted: Literal["resume", "repeat"] = "resume"

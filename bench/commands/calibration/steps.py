@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -26,8 +26,12 @@ from bench.commands.calibration.doubts import decided, doubts, judged, verdict_o
 from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.recording import recorded
-from bench.deliver import load_instruments, load_laboratory, refuse_overdue
+from bench.commands.papers import Papers
+from bench.deliver import lacking, load_instruments, refuse_overdue
 from bench.record import CalibrationRecord, DiagnosisRecord, Manifest, RunFolder, prove, put
+
+if TYPE_CHECKING:
+    from bench.acquisition import StationSettings
 
 IMPROVED = "model-improved.yaml"
 """The model that the walk of `improve` ended with, in the run folder."""
@@ -69,7 +73,7 @@ class Check:
         unit = station.chosen([order.serial])[0]
         if unit.identity is None and not any(map(str.isdigit, order.serial)):
             raise InputError(f"unit '{order.serial}' has no number for its image; give its `identity`", order.station)
-        warnings = self._equipment(order)
+        warnings = self._papers(order, station)
         late: list[str] = []
         for name in (plan.profile, plan.verification):
             checked = acquisition.check_on(load_profile(order.document(name)), station)
@@ -81,18 +85,18 @@ class Check:
         return Done(f"plan, station and equipment agree, {len(warnings)} warnings", {"warnings": warnings}, cases)
 
     @staticmethod
-    def _equipment(order: Order) -> list[str]:
-        plan = order.plan
-        if plan.certificate:
+    def _papers(order: Order, station: StationSettings) -> list[str]:
+        """Refuse now what would make the certificate impossible after a day of measurement."""
+        papers = order.papers().over(Papers.of_station(station))
+        if order.plan.certificate:
             from bench.deliver import require_typst
 
             require_typst()
-        if plan.laboratory is not None:
-            load_laboratory(order.document(plan.laboratory))
-        if plan.equipment is None:
+            for lack in lacking(papers.laboratory, papers.equipment, order.path):
+                raise lack.error()
+        if papers.equipment is None:
             return ["no equipment in the plan: the results are not metrologically traceable"]
-        tools = load_instruments(order.document(plan.equipment))
-        refuse_overdue(tools, datetime.now(UTC).date(), order.file(plan.equipment))
+        refuse_overdue(load_instruments(papers.equipment), datetime.now(UTC).date(), papers.equipment.file)
         return []
 
 
@@ -115,8 +119,7 @@ def texts(order: Order) -> dict[str, str]:
     """Files of the plan that its run folders keep."""
     plan = order.plan
     kept = {"limits.yaml": order.document(plan.limits).text, "plan.yaml": order.documents[order.path].text}
-    if plan.equipment is not None:
-        kept["equipment.yaml"] = order.document(plan.equipment).text
+    kept |= order.papers().texts()
     models = {analysis.model_file(i): order.load_model(name).to_yaml() for i, name in enumerate(plan.models)}
     return kept | models
 
@@ -266,12 +269,7 @@ class Certify:
 
         if not order.plan.certificate:
             return Done("not wanted by the plan", {"pdf": None}, [Case("certificate", skipped=True, text="not wanted")])
-        plan = order.plan
-        options = CertificateOptions(
-            verifications=(run_of(job, "verify"),),
-            equipment=None if plan.equipment is None else order.file(plan.equipment),
-            laboratory=None if plan.laboratory is None else order.file(plan.laboratory),
-        )
+        plan, options = order.plan, CertificateOptions(verifications=(run_of(job, "verify"),))
         facts = certificate(run_of(job), options, job.folder / "certificate.pdf").facts
         word = facts["verdict"]
         hold, stop = verdict_of(word or "PASS", plan.policy, "the certificate")

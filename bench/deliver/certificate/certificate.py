@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import date
 from typing import Any
 
@@ -37,13 +37,20 @@ STATEMENTS = (
 )
 
 
-def facts(evidence: Evidence, laboratory: Laboratory | None, budget: Uncertainty, issued: date) -> dict[str, Any]:
-    """All facts of the certificate; its number is computed from the others."""
+def facts(
+    evidence: Evidence,
+    laboratory: Laboratory | None,
+    budget: Uncertainty,
+    issued: date,
+    draft: Sequence[str] | None = None,
+) -> dict[str, Any]:
+    """All facts of the certificate; its number is computed from the others. `draft`: what it lacks; None: nothing."""
     judgement, verdict = evidence.judgement, evidence.verdict
     known, change = evidence.manifest, _change(evidence)
     content: dict[str, Any] = {
         "format": FORMAT,
         "title": "Calibration certificate",
+        "draft": None if draft is None else list(draft),
         "simulated": bool(known.simulated),
         "issued": issued.isoformat(),
         "verdict": verdict,
@@ -78,7 +85,8 @@ def number_of(content: Mapping[str, Any]) -> str:
     """Unit, day of issue and the first digits of the SHA-256 of all facts: the same facts, the same number."""
     text = json.dumps({key: value for key, value in content.items() if key != "number"}, sort_keys=True)
     digest = hashlib.sha256(text.encode()).hexdigest()[:8].upper()
-    return f"{content['item']['serial']}-{str(content['issued']).replace('-', '')}-{digest}"
+    draft = "DRAFT-" if content.get("draft") else ""
+    return f"{draft}{content['item']['serial']}-{str(content['issued']).replace('-', '')}-{digest}"
 
 
 def _people(laboratory: Laboratory | None) -> dict[str, Any]:

@@ -61,6 +61,10 @@ class StationSettings(BaseModel):
     """What goes wrong in a simulated station, and when: for rehearsals."""
     eeproms: Text | None = None
     """Folder where simulated units keep their calibration memory; left out: `.units` beside the run folders."""
+    laboratory: Text | None = None
+    """Laboratory file of certificates, beside the station file, or the name of a shipped one; each run keeps a copy."""
+    equipment: Text | None = None
+    """Equipment file, beside the station file, or the name of a shipped one; each run keeps a copy."""
     unit_silent_s: Annotated[float, Field(gt=0, le=3600)] = 5.0
     """A unit that sends nothing sound for this long leaves a run of several units [s]."""
 
@@ -139,6 +143,9 @@ class StationSettings(BaseModel):
             found["chamber"] = self.chamber.model_copy(update={"map": str(folder / self.chamber.map)})
         if self.eeproms is not None:
             found["eeproms"] = str(folder / self.eeproms)
+        for name in ("laboratory", "equipment"):
+            if (given := getattr(self, name)) is not None and is_map_file(given):
+                found[name] = str(folder / given)
         return self.model_copy(update=found)
 
     def remembering(self, out: Path) -> StationSettings:

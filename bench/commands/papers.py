@@ -1,0 +1,69 @@
+"""Laboratory and equipment of a certificate: given, kept in the run folder, or named by the station file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bench.base import Document, InputError, library, nearest_or_all, read_yaml
+
+if TYPE_CHECKING:
+    from bench.acquisition import StationSettings
+
+LABORATORY, EQUIPMENT = "laboratory.yaml", "equipment.yaml"
+"""As a run folder keeps them."""
+
+
+@dataclass(frozen=True)
+class Papers:
+    """Both files as they were read; None where there is none."""
+
+    laboratory: Document | None = None
+    equipment: Document | None = None
+
+    @classmethod
+    def of_files(cls, laboratory: Path | None, equipment: Path | None) -> Papers:
+        """Read from files; InputError where one cannot be read."""
+        read = [None if path is None else read_yaml(path) for path in (laboratory, equipment)]
+        return cls(*read)
+
+    @classmethod
+    def of_run(cls, folder: Path) -> Papers:
+        """The copies that a run folder keeps."""
+        kept = [path if (path := folder / name).is_file() else None for name in (LABORATORY, EQUIPMENT)]
+        return cls.of_files(*kept)
+
+    @classmethod
+    def of_station(cls, station: StationSettings) -> Papers:
+        """Those that a station names; InputError where one does not exist or is wrong."""
+        from bench.deliver import load_instruments, load_laboratory
+
+        found = cls.of_files(*(_named(kind, getattr(station, kind)) for kind in ("laboratory", "equipment")))
+        if found.laboratory is not None:
+            load_laboratory(found.laboratory)
+        if found.equipment is not None:
+            load_instruments(found.equipment)
+        return found
+
+    def over(self, other: Papers) -> Papers:
+        """These, and those of `other` where there are none."""
+        return Papers(self.laboratory or other.laboratory, self.equipment or other.equipment)
+
+    def texts(self) -> dict[str, str]:
+        """The files of a run folder."""
+        known = {LABORATORY: self.laboratory, EQUIPMENT: self.equipment}
+        return {name: document.text for name, document in known.items() if document is not None}
+
+
+def _named(kind: str, given: str | None) -> Path | None:
+    """A file, or the name of one of the user's own (`bench init`) or a shipped one."""
+    if given is None or Path(given).suffix in {".yaml", ".yml"}:
+        return None if given is None else Path(given)
+    folders = (Path("profiles") / kind, library() / kind)
+    for folder in folders:
+        if (folder / f"{given}.yaml").is_file():
+            return folder / f"{given}.yaml"
+    known = sorted({path.stem for folder in folders for path in folder.glob("*.yaml")})
+    said = f"no {kind} file is called '{given}'{nearest_or_all(given, known)}"
+    raise InputError(f"{said}; the name of a file beside the station file ends in .yaml")
