@@ -89,6 +89,7 @@ from .judging.limits import load_limits as load_limits
 from .judging.quantities import of_data as of_data
 from .judging.quantities import standing as standing
 from .judging.quantities import turning as turning
+from .judging.quantities import zero_rate as zero_rate
 from .judging.stored import Source as Source
 from .judging.stored import source_of as source_of
 from .judging.verification import Verification as Verification

@@ -12,6 +12,7 @@ from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.diagnosed import Diagnosed
 from bench.analysis.judging.joints import Joint
 from bench.analysis.judging.limits import Judgement
+from bench.analysis.judging.quantities import turning
 from bench.analysis.judging.verdict import RunVerdict
 from bench.analysis.noise.floor import Floor
 from bench.analysis.thresholds import MOST_LEFT_OUT
@@ -54,6 +55,12 @@ class Analysis:
     def held_out_ratio(self) -> float:
         """Held-out error of the best model over the noise floor."""
         return self.best.held_out.rms_dph / self.floor.floor_dph if self.best else np.nan
+
+    @property
+    def uncompensated(self) -> str:
+        """What `uncompensated_dph` is of."""
+        turned = self.dataset is not None and bool(np.any(turning(self.dataset)))
+        return "no compensation, at rest" if turned else "no compensation"
 
     @property
     def improvement(self) -> float:

@@ -13,6 +13,7 @@ from bench.analysis.effects.model import Model
 from bench.analysis.judging.analysis import NEXT_PROFILE, Analysis
 from bench.analysis.judging.calibration import calibration
 from bench.analysis.judging.cautions import cautions
+from bench.analysis.judging.change import Figures
 from bench.analysis.judging.completeness import completeness
 from bench.analysis.judging.diagnosed import diagnosed
 from bench.analysis.judging.earlier import set_aside
@@ -22,7 +23,7 @@ from bench.analysis.judging.quantities import quantities, standing
 from bench.analysis.judging.validity import refusals
 from bench.analysis.judging.verdict import RunVerdict, judge, with_diagnosis
 from bench.analysis.noise.floor import Floor, noise_floor
-from bench.base import FloatArray, InputError
+from bench.base import InputError
 from bench.record import (
     DEFAULT_INTERVAL_S,
     CalibrationRecord,
@@ -87,12 +88,6 @@ def analyse(
     return result
 
 
-def _span(*choices: FloatArray) -> float:
-    """Highest less lowest of the first of these with a value: at rest, where a table turns the rest of the time."""
-    known = next((values for values in choices if np.any(np.isfinite(values))), np.array([np.nan]))
-    return float(np.nanmax(known) - np.nanmin(known))
-
-
 def judged_by(analysis: Analysis, limits: Limits) -> Analysis:
     """The analysis with the limits' verdict, written as limits.json beside the data."""
     judged = replace(analysis, judgement=judge_limits(limits, quantities(analysis), refusals(analysis, limits)))
@@ -141,15 +136,14 @@ def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Seq
     best = _best(comparison.scores)
     reason = comparison.refused[-1][1] if comparison.refused else ""
     gaps = joints(known.manifest, data, known.floor.floor_dph)
-    weight = data.count("rate")
-    mean = np.nansum(weight * data.bias) / np.sum(weight)
+    still = standing(data) if np.any(np.isfinite(standing(data).bias)) else data
     return replace(
         known,
         verdict=judge(known.done, best, known.floor.floor_dph, reason),
         comparison=comparison,
         best=best,
-        bias_span_dph=_span(standing(data).bias, data.bias),
-        uncompensated_dph=float(np.sqrt(np.nansum(weight * (data.bias - mean) ** 2) / np.sum(weight))),
+        bias_span_dph=float(np.nanmax(still.bias) - np.nanmin(still.bias)),
+        uncompensated_dph=Figures.of(still).scatter_dph,
         gaps=gaps,
         warnings=(*cautions(known.done, known.floor, comparison, best, gaps), *known.others),
     )

@@ -180,6 +180,12 @@ def standing(data: Dataset) -> Dataset:
     return data if "applied_rate" not in data.channels else data.select(~turning(data))
 
 
+def zero_rate(data: Dataset) -> FloatArray:
+    """Zero-rate output (n,) [deg/h]: NaN in gaps and where a rate table turns."""
+    output: FloatArray = np.where(turning(data), np.nan, data.bias)
+    return output
+
+
 def turning(data: Dataset) -> BoolArray:
     """Rows (n,) in which a rate table turns."""
     applied = data.channels.get("applied_rate", np.zeros(len(data)))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import FLICKER_FLOOR, SECONDS_PER_HOUR, AllanCurve, allan_deviation, turning
+from bench.analysis import FLICKER_FLOOR, SECONDS_PER_HOUR, AllanCurve, allan_deviation, zero_rate
 from bench.base import FloatArray, InputError, number
 from bench.deliver.certificate.drawing import Axis, band, dots, figure, line
 from bench.deliver.certificate.evidence import Evidence
@@ -31,7 +31,7 @@ def figures(evidence: Evidence, expanded_dph: float) -> dict[str, Any]:
 def _bias(data: Dataset, left: FloatArray) -> dict[str, Any]:
     x, y = (
         data.channel("temperature"),
-        np.where(turning(data), np.nan, data.bias),
+        zero_rate(data),
     )  # while the unit turns, the scale factor adds to it
     axes = Axis.around(TEMPERATURE, x), Axis.around("bias [deg/h]", y)
     series = [dots(*_branch(data, sign, y), axes, colour, name) for sign, colour, name in BRANCHES]

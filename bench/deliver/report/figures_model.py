@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from bench.analysis import zero_rate
 from bench.base import FloatArray
 from bench.deliver.report import plotting
 from bench.deliver.report.figures_run import BIAS, HOUR_S, TEMPERATURE
@@ -20,7 +21,9 @@ _PIECE_POINTS = 25
 
 def spline_pieces(dataset: Dataset, knots: FloatArray, pieces: FloatArray) -> Plot:
     """Each cubic a0 + a1 (T - T_i) + ... of `pieces` (m, 4) on its own interval of `knots` (m + 1,), over the data."""
-    traces = [plotting.dot_trace(dataset.channel("temperature"), dataset.bias, "measured", GREY, size=4, opacity=0.45)]
+    traces = [
+        plotting.dot_trace(dataset.channel("temperature"), zero_rate(dataset), "measured", GREY, size=4, opacity=0.45)
+    ]
     for i, coefficients in enumerate(pieces):
         x = np.linspace(0.0, knots[i + 1] - knots[i], _PIECE_POINTS)
         y = np.polynomial.polynomial.polyval(x, coefficients)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from bench.analysis import FLICKER_FLOOR, AllanCurve, Noise
+from bench.analysis import FLICKER_FLOOR, AllanCurve, Noise, zero_rate
 from bench.base import CHANNELS, FloatArray
 from bench.deliver.report import plotting
 from bench.deliver.report.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, Plot, axis
@@ -41,7 +41,7 @@ def profile_figure(dataset: Dataset, failed: Sequence[tuple[float, float]]) -> P
 
 def loop_figure(dataset: Dataset) -> Plot:
     """Bias over temperature, coloured by time, with arrows in the direction of travel."""
-    temperature, bias, hours = dataset.channel("temperature"), dataset.bias, dataset.time / HOUR_S
+    temperature, bias, hours = dataset.channel("temperature"), zero_rate(dataset), dataset.time / HOUR_S
     rows = plotting.thin(bias)
     marker = {
         "color": plotting.plain(hours[rows]),
@@ -60,7 +60,7 @@ def loop_figure(dataset: Dataset) -> Plot:
 
 def _arrows(dataset: Dataset) -> go.Scatter:
     """Arrow heads along the loop: each at the end of a step of a few degC, pointing away from its beginning."""
-    smooth = _smooth(dataset.bias), _smooth(dataset.channel("temperature"))
+    smooth = _smooth(zero_rate(dataset)), _smooth(dataset.channel("temperature"))
     bias, temperature = smooth
     moving = np.flatnonzero((dataset.direction != 0) & np.isfinite(bias) & np.isfinite(temperature))
     x: list[float] = []

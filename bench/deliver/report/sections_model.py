@@ -46,12 +46,12 @@ def ladder(analysis: Analysis) -> Section | None:
     if best is None:
         return Section("ladder", "Ladder of models", paragraph("No model could be fitted.") + lost)
     scores, floor_dph = comparison.scores, finite(comparison.floor_dph)
-    names = ["no compensation", *(score.model.name for score in scores)]
+    names = [analysis.uncompensated, *(score.model.name for score in scores)]
     in_sample = np.array([analysis.uncompensated_dph, *(score.rms_dph for score in scores)])
     held_out = np.array([np.nan, *(score.held_out.rms_dph for score in scores)])
     band = np.array([(np.nan, np.nan), *(score.held_out.interval_dph for score in scores)])
     plot = figures_model.model_ladder(names, in_sample, held_out, band, floor_dph)
-    rows = [Row(("no compensation", "constant", number(in_sample[0]), "–", "–", _ratio(in_sample[0], floor_dph), ""))]
+    rows = [Row((names[0], "constant", number(in_sample[0]), "–", "–", _ratio(in_sample[0], floor_dph), ""))]
     rows += [_rung(score, floor_dph, score is best) for score in scores]
     head = (
         "model",
@@ -96,8 +96,8 @@ def compensation(analysis: Analysis) -> Section | None:
     model = data.bias - analysis.residual()
     plot = figures_model.compensation(data, model, best.model.name, finite(analysis.floor.floor_dph))
     words = (
-        f"{best.model.name}: {number(analysis.uncompensated_dph)} deg/h RMS before, {number(best.rms_dph)} deg/h after "
-        "compensation, on the data it was fitted to."
+        f"{best.model.name}: {number(best.rms_dph)} deg/h RMS after compensation, on the data it was fitted to; "
+        f"{analysis.uncompensated}: {number(analysis.uncompensated_dph)} deg/h."
     )
     caption = f"{words} Green band: noise floor."
     figure_html = figure("fig-compensation", plot, caption, f"Bias, model and compensated bias over time. {words}")
