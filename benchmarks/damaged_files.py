@@ -35,7 +35,7 @@ COMMANDS = {
     "every sample": "compare RUN --model polynomial --every-sample",
     "diagnose": "diagnose RUN --model polynomial",
     "export": "export RUN --format csv --out OUT",
-    "certificate": "certificate RUN --verification CHECK --issued 2026-11-21 --out OUT/c.pdf",
+    "certificate": "certificate RUN --draft --verification CHECK --issued 2026-11-21 --out OUT/c.pdf",
     "compare with": "compare RUN --check CHECK --model polynomial",
     "export C": "export RUN --format c --out OUT",
     "diff": "diff RUN CHECK",
