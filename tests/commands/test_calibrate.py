@@ -1,5 +1,6 @@
 """A calibration job: every step once, whatever is killed when; doubt is never shipped in silence; CI sees all of it."""
 
+import json
 import os
 import re
 import shutil
@@ -304,9 +305,8 @@ def test_a_run_that_was_killed_in_the_middle_goes_on_or_is_repeated(tmp_path, po
     (folder / "a.yaml").write_text(TINY.format(name="a", to=27, min=1))
     (folder / "b.yaml").write_text(TINY.format(name="b", to=26, min=2))
     plan = folder / "plans" / "quick.yaml"
-    text = (
-        plan.read_text().replace("../quick_calibration.yaml", "../a.yaml").replace("../quick_check.yaml", "../b.yaml")
-    )
+    text = plan.read_text().replace("static: ../quick_static.yaml\n", "")
+    text = text.replace("../quick_calibration.yaml", "../a.yaml").replace("../quick_check.yaml", "../b.yaml")
     plan.write_text(f"{text}interrupted: {policy}\n")
     out = tmp_path / "reports"
     command = [sys.executable, "-c", KILLED, str(plan), str(out), "60"]
@@ -316,7 +316,7 @@ def test_a_run_that_was_killed_in_the_middle_goes_on_or_is_repeated(tmp_path, po
     assert done.returncode == 9, done.stderr
     (cut,) = (path.parent for path in out.glob(f"*/*/{MARK}"))
     order = Order.load(plan, None, "SIM-0001", out, quiet=True)
-    job = calibrate(order, steps=STEPS[:2])
+    job = calibrate(order, steps=STEPS[:3])
     assert job.step("run")["state"] == "done", job.content
     assert (job.facts("run")["run"] == cut.name) == (policy == "resume")
     assert (cut / "journal-2").is_dir() == (policy == "resume")
@@ -349,4 +349,7 @@ def test_a_unit_goes_from_the_shelf_to_verified_as_the_how_to_says(tmp_path):
     job = JobFile(file.parent, JobRecord.read(file.parent).content())
     assert {step["attempts"] for step in job.content["steps"].values()} == {1}
     assert job.facts("verify")["factor"] > 10
+    static = job.facts("static")["run"]
+    diagnosis = json.loads((file.parent.parent / job.facts("run")["run"] / "diagnosis.json").read_text())
+    assert diagnosis["static"] == static
     assert list(tmp_path.glob("reports/*.sqlite*"))

@@ -8,6 +8,7 @@ likelihood; counts, temperatures and durations are what the record says.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +37,8 @@ _NOISE = (
     ("bias_instability_dph", "flicker"),
     ("rate_random_walk_dphrh", "walk"),
 )
+_SLOPES = ("quantisation_deg", "rate_ramp_dphh")
+"""Coefficients of IEEE 952 that the floor does not contain."""
 
 
 def quantities(analysis: Analysis) -> tuple[Quantity, ...]:
@@ -73,13 +76,16 @@ def _loop(name: str, data: Dataset, white_dph: float, values: FloatArray | None 
 
 def _of_noise(analysis: Analysis) -> Iterator[Quantity]:
     floor = analysis.floor
-    if floor.noise is None:
-        names = [name for name, _ in _NOISE]
+    if floor.noise is None or floor.estimate is None:
+        names = [*(name for name, _ in _NOISE), *_SLOPES]
         yield from (Quantity(name, reason=floor.reason) for name in names)
     else:
         for name, coefficient in _NOISE:
             low, high = floor.noise.intervals.get(coefficient, (np.nan, np.nan))
             yield Quantity(name, getattr(floor.noise, coefficient), low, high)
+        estimate = replace(floor.estimate, noise=floor.noise)
+        yield Quantity(_SLOPES[0], *estimate.quantisation())
+        yield Quantity(_SLOPES[1], *estimate.ramp())
     if np.isfinite(floor.floor_dph):
         yield Quantity("noise_floor_dph", floor.floor_dph, *floor.interval_dph)
     else:

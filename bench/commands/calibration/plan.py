@@ -42,6 +42,8 @@ class Plan(BaseModel):
     """Profile of the calibration run."""
     verification: Text
     """Profile of the verification run, with the unit's own correction on; another one than `profile`."""
+    static: Text | None = None
+    """Profile of an isothermal run before the calibration: the noise is read from it. Left out: from the soaks."""
     models: Annotated[tuple[Text, ...], Field(min_length=1)]
     """Models, by name or file; what has the least error on unseen data is delivered."""
     improve: bool = False

@@ -1,6 +1,7 @@
 """The steps from a unit on the shelf to a certificate: each does one thing, and may be done again after any kill.
 
 check       everything that can be known before anything moves
+static      the isothermal run that the noise is read from, where the plan has one
 run         the calibration run, raw rate
 fit         the models, the effects that held-out data prove, the verdict against the limits
 diagnose    what is left in doubt
@@ -75,7 +76,7 @@ class Check:
             raise InputError(f"unit '{order.serial}' has no number for its image; give its `identity`", order.station)
         warnings = self._papers(order, station)
         late: list[str] = []
-        for name in (plan.profile, plan.verification):
+        for name in filter(None, (plan.static, plan.profile, plan.verification)):
             checked = acquisition.check_on(load_profile(order.document(name)), station)
             late += [segment.name for segment in checked.late]
             warnings += [f"{name}: {finding.text}" for finding in checked.findings if finding.level == "warning"]
@@ -98,6 +99,20 @@ class Check:
             return ["no equipment in the plan: the results are not metrologically traceable"]
         refuse_overdue(load_instruments(papers.equipment), datetime.now(UTC).date(), papers.equipment.file)
         return []
+
+
+@dataclass(frozen=True)
+class Static:
+    """The isothermal run that the noise is read from, where the plan wants one."""
+
+    name: str = "static"
+
+    def do(self, order: Order, job: JobFile) -> Done:
+        """See the protocol."""
+        if order.plan.static is None:
+            return Done("not in the plan", {"run": None}, [Case("static", skipped=True, text="not in the plan")])
+        run, _ = recorded(order, job, self.name, order.plan.static, "off", texts(order))
+        return Done(f"{run.manifest().duration_s / 3600:.2f} h at one temperature", {"run": run.path.name})
 
 
 @dataclass(frozen=True)
@@ -129,6 +144,11 @@ def run_of(job: JobFile, step: str = "run") -> Path:
     return job.folder.parent / str(job.facts(step)["run"])
 
 
+def static_of(job: JobFile) -> Path | None:
+    """Run folder of the isothermal run; None for a plan without one."""
+    return run_of(job, "static") if job.facts("static").get("run") else None
+
+
 @dataclass(frozen=True)
 class Fit:
     """Models, effects proven on held-out data, verdict against the limits."""
@@ -142,11 +162,11 @@ class Fit:
         limits = load_limits(order.document(order.plan.limits))
         steps: list[dict[str, Any]] = []
         if order.plan.improve:
-            improved, steps = _walk(folder, models[0])
+            improved, steps = _walk(folder, models[0], static_of(job))
             if improved is not None:
                 models.append(improved)
                 put(folder, {IMPROVED: improved.to_yaml().encode()}, [Manifest.FILE])
-        reported = analysis.report_on(RunFolder(folder), models, None, limits=limits)
+        reported = analysis.report_on(RunFolder(folder), models, None, static=static_of(job), limits=limits)
         if not reported.analysis.admissible:
             raise AgainError("run", "the parts of the run do not fit together, or too much of it was left out")
         content = reported.analysis.to_json()
@@ -159,13 +179,14 @@ class Fit:
         return Done(sentence, facts, judged(content["limits"]), word, hold, stop)
 
 
-def _walk(folder: Path, model: Model) -> tuple[Model | None, list[dict[str, Any]]]:
+def _walk(folder: Path, model: Model, static: Path | None) -> tuple[Model | None, list[dict[str, Any]]]:
     """The model with what it lacked (None: nothing was added), and the decisions on the way."""
     from bench.analysis import improve
 
-    seconds = analysis.recovered([folder])
-    (data,) = analysis.usual_means(seconds)
-    found = improve([data], (), model, floor_dph=analysis.floor_of(seconds, data.interval_s))
+    seconds, still = analysis.recovered([folder]), analysis.recovered([static] if static else [])
+    (data,), calm = analysis.usual_means(seconds), analysis.usual_means(still)
+    floor_dph = analysis.floor_of(seconds, data.interval_s, still)
+    found = improve([data], (), model, static=calm[0] if calm else None, floor_dph=floor_dph)
     steps = []
     for step in found.steps:
         suspects = {s.effect: s for s in step.diagnosis.suspects}
@@ -277,5 +298,5 @@ class Certify:
         return Done(f"{facts['number']}: {word}", kept, (), word, hold, stop)
 
 
-STEPS: tuple[Step, ...] = (Check(), Run(), Fit(), Diagnose(), Flash(), Verify(), Certify())
+STEPS: tuple[Step, ...] = (Check(), Static(), Run(), Fit(), Diagnose(), Flash(), Verify(), Certify())
 NAMES = tuple(step.name for step in STEPS)
