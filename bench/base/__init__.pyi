@@ -14,6 +14,7 @@ from .digits import ends as ends
 from .digits import finite as finite
 from .digits import in_print as in_print
 from .digits import listed as listed
+from .digits import measured as measured
 from .digits import moment as moment
 from .digits import number as number
 from .digits import with_uncertainty as with_uncertainty

@@ -26,6 +26,12 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{max(0, digits - 1 - exponent)}f}"
 
 
+def measured(value: float | None, high: float | None) -> str:
+    """A measured value that cannot be negative; where the data do not tell it from zero, what it is below (95 %)."""
+    undetermined = value == 0 and high is not None and isfinite(high) and high > 0
+    return f"below {number(high, 2)}" if undetermined else number(value)
+
+
 def ends(low: float, high: float, digits: int = 3) -> tuple[str, str]:
     """Both ends of a range to as many significant digits as tell them apart."""
     span, largest = abs(high - low), max(abs(low), abs(high))

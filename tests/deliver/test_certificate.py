@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -14,6 +15,7 @@ from scipy import stats
 
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
+from bench.base.digits import measured
 from bench.base.errors import InputError
 from bench.cli import main
 from bench.deliver.certificate.budget import budget
@@ -337,6 +339,30 @@ def test_it_says_how_much_of_the_range_was_verified(issued):
     assert verification["covered_percent"] == pytest.approx(80.0, abs=2.0)  # -30 to 70 of -40 to 85 degC
     assert verification["covered_degc"] == pytest.approx([-30.0, 70.0], abs=1.0)
     assert verification["validity_degc"] == pytest.approx([-40.0, 85.0], abs=1.0)
+
+
+def test_what_was_verified_is_certified_and_named_as_such(issued):
+    facts = issued[1]
+    assert facts["validity"]["certified_degc"] == facts["verification"]["covered_degc"]
+    fitted = facts["validity"]["fitted"]["temperature"]
+    assert [fitted["from"], fitted["to"]] == facts["verification"]["validity_degc"]
+    meanings = {one["name"]: one["meaning"] for one in (*facts["results"], *facts["conformity"]["results"])}
+    assert meanings["residual_rms_dph"] == "error in the verification run, RMS"
+    assert not [words for words in meanings.values() if "held-out" in words]
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler is not installed")
+def test_a_value_is_printed_as_the_report_prints_it(issued):
+    shown = subprocess.run(["pdftotext", "-layout", issued[0], "-"], capture_output=True, text=True, check=True).stdout
+    facts = issued[1]
+    undetermined = [one for one in facts["results"] if one["value"] == 0 and (one["high"] or 0) > 0]
+    assert undetermined
+    for one in undetermined:
+        assert re.search(rf"{one['meaning']} +below {measured(0, one['high']).split()[1]}", shown)
+    assert shown.count("(by constraint)") == sum(
+        c["value"] == 0 == c["std"] for c in facts["calibration"]["coefficients"]
+    )
+    assert "Certified for" in shown
 
 
 @pytest.mark.parametrize(("low", "high", "share"), [(10.0, 40.0, "24%"), (20.0, 28.0, "6%")])

@@ -313,3 +313,10 @@ def test_a_browser_draws_every_figure_offline(whole: Analysis, tmp_path: Path) -
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     assert done.stdout.count('class="main-svg"') >= len(FIGURES)
     assert done.stdout.count('class="plot js-plotly-plot"') == len(FIGURES)
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_report_of_a_simulated_run_says_so_above_everything(tmp_path, simulated):
+    run = make_run(tmp_path / "run", **ramp_run(loop_dph=0.0), simulated=simulated)
+    html = render(quick(run, "polynomial"))
+    assert ("<strong>Simulated.</strong>" in html.split("Verdict")[0]) == simulated

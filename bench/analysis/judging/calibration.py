@@ -2,9 +2,9 @@
 
 The bias at a point is the sum over `coefficients` of value times its power, each channel in its unit: `a2` of a
 polynomial multiplies T^2, `piece3.a2` of a spline multiplies (T - knots[2])^2 between knots[2] and knots[3],
-`frequency^1` multiplies the frequency. Outside `validity` follow the tangent and flag the value. Covariances: `scaled`
-holds the amplitudes that were solved for (and the nonlinear parameters), their joint covariance, and the matrix that
-turns amplitudes into coefficients, so that cov(coefficients) = M C M' in full.
+`frequency^1` multiplies the frequency. Outside `validity` hold each channel at the end of its range and flag the value,
+as a unit does. Covariances: `scaled` holds the amplitudes that were solved for (and the nonlinear parameters), their
+joint covariance, and the matrix that turns amplitudes into coefficients, so that cov(coefficients) = M C M' in full.
 """
 
 from __future__ import annotations

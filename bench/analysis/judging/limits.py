@@ -98,6 +98,16 @@ MEANING: Mapping[str, tuple[str, str]] = MappingProxyType(
 )
 """Unit and meaning of each quantity, in the terms of IEEE 528 and 952."""
 
+_IN_VERIFICATION: Mapping[str, str] = MappingProxyType(
+    {
+        "residual_rms_dph": "error in the verification run, RMS",
+        "residual_peak_dph": "error in the verification run, peak",
+        "residual_over_floor": "error in the verification run over the noise floor",
+        "extrapolated_percent": "verification data outside the fitted range",
+    }
+)
+"""Meanings where a verification run, not data held out of the fit, gave the number."""
+
 
 class Verdict(StrEnum):
     """The words, best first."""
@@ -125,6 +135,8 @@ class Quantity:
     low: float = np.nan
     high: float = np.nan
     reason: str = ""
+    in_verification: bool = False
+    """An independent run gave it, not data held out of the fit."""
 
     @classmethod
     def expanded(cls, name: str, value: float, standard_uncertainty: float) -> Quantity:
@@ -153,11 +165,17 @@ class Quantity:
         """Unit of the number."""
         return MEANING[self.name][0]
 
+    @property
+    def meaning(self) -> str:
+        """What it is, in words."""
+        usual = MEANING[self.name][1]
+        return _IN_VERIFICATION.get(self.name, usual) if self.in_verification else usual
+
     def to_json(self) -> dict[str, Any]:
         """All of it; null where there is no number."""
         numbers = {"value": self.value, "low": self.low, "high": self.high}
         known = {key: finite(value) for key, value in numbers.items()}
-        return {"name": self.name, "unit": self.unit, "meaning": MEANING[self.name][1], **known, "reason": self.reason}
+        return {"name": self.name, "unit": self.unit, "meaning": self.meaning, **known, "reason": self.reason}
 
 
 class Limit(BaseModel):

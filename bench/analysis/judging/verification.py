@@ -7,7 +7,7 @@ sent: this is the error that its user will see.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +111,7 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
     error = error_of("verification", (data,), (data.bias,))
     floor = noise_floor([averaged(seconds, 1.0)], interval_s)
     refusals = tuple(_refusals(done, done_before, () if limits is None else limits.quantities))
-    quantities = tuple(_quantities(done, error, Figures.of(data), floor))
+    quantities = tuple(replace(one, in_verification=True) for one in _quantities(done, error, Figures.of(data), floor))
     if limits is None:
         verdict, judged = _by_floor(error, floor, refusals)
     else:

@@ -59,6 +59,7 @@ def facts(
         "calibrated": known.created,
         "verified": evidence.verification.manifest.created if evidence.verification else None,
         "verification": _verification(evidence),
+        "validity": _validity(evidence),
         "method": _method(evidence),
         "conditions": _conditions(evidence),
         "equipment": [tool.model_dump(mode="json") for tool in evidence.instruments],
@@ -149,6 +150,16 @@ def _verification(evidence: Evidence) -> dict[str, Any] | None:
         "validity_degc": list(covered.valid_degc),
         "least_percent": 100.0 * LEAST_COVERED,
     }
+
+
+def _validity(evidence: Evidence) -> dict[str, Any]:
+    """The range in temperature that is certified, which is the one that was verified, and the one that was fitted."""
+    stored = evidence.stored.content()["calibration"]["validity"]
+    fitted = stored.get("temperature")
+    if evidence.verification is None or fitted is None:
+        return {"certified_degc": None, "fitted": stored}
+    low, high = evidence.verification.covered.verified_degc
+    return {"certified_degc": [max(low, fitted["from"]), min(high, fitted["to"])], "fitted": stored}
 
 
 def _conditions(evidence: Evidence) -> list[dict[str, str]]:

@@ -119,7 +119,7 @@ class Evidence:
         known = {entry.name: Quantity.of(entry) for entry in self.stored.quantities or ()}
         known |= {quantity.name: quantity for quantity in of_data(self.done)}
         if self.verification is not None:
-            known |= {quantity.name: quantity for quantity in _verified(self.verification, known)}
+            known |= {one.name: replace(one, in_verification=True) for one in _verified(self.verification, known)}
             known |= {
                 quantity.name: quantity for quantity in _of_all([self.done, *(v.done for v in self.verifications)])
             }

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from bench.analysis import FLICKER_FLOOR, SECONDS_PER_HOUR, AllanCurve, allan_deviation, zero_rate
-from bench.base import FloatArray, InputError, number
+from bench.base import FloatArray, InputError, in_print, number, with_uncertainty
 from bench.deliver.certificate.drawing import Axis, band, dots, figure, line
 from bench.deliver.certificate.evidence import Evidence
 from bench.record import ComparisonRecord, Dataset, load
@@ -17,15 +18,32 @@ BRANCHES = ((1, "warm", "heating"), (-1, "accent", "cooling"))
 
 
 def figures(evidence: Evidence, expanded_dph: float) -> dict[str, Any]:
-    """All figures as data; one that cannot be drawn is left out."""
+    """All figures as data, and the terms of the model as text; a figure that cannot be drawn is left out."""
     source = evidence.source
     left = source.dataset.bias - source.fit.predict(source.dataset).bias
-    made = {"bias": _bias(source.dataset, left), "residual": _residual(evidence, left, expanded_dph)}
+    made: dict[str, Any] = {"bias": _bias(source.dataset, left), "residual": _residual(evidence, left, expanded_dph)}
+    made["terms"] = _terms(evidence)
     if (ladder := _ladder(evidence)) is not None:
         made["ladder"] = ladder
     if (allan := _allan(evidence)) is not None:
         made["allan"] = allan
     return made
+
+
+def _terms(evidence: Evidence) -> list[list[str]]:
+    """Key, value, standard uncertainty and unit of each term, in the digits of the report."""
+    content = evidence.stored.content()["calibration"]
+    terms = [(*_key(entry), "") for entry in content["parameters"]]
+    terms += [(*_key(entry), in_print(entry["unit"])) for entry in content["coefficients"]]
+    return [
+        [key, *(text.replace("-", "−") for text in with_uncertainty(value, std)), unit]
+        for key, value, std, unit in terms
+    ]
+
+
+def _key(entry: Mapping[str, Any]) -> tuple[str, float, float]:
+    std = entry["std"]
+    return entry["key"], entry["value"], np.nan if std is None else std
 
 
 def _bias(data: Dataset, left: FloatArray) -> dict[str, Any]:

@@ -39,6 +39,9 @@ SECTIONS: tuple[Callable[[Analysis], Section | None], ...] = (
 )
 """The report from top to bottom; a section without content returns None."""
 
+SIMULATED = "Unit, chamber and sensors of this run are simulated. This report says nothing about a real unit."
+"""Banner of a report about a simulated run."""
+
 
 @dataclass(frozen=True)
 class Headline:
@@ -59,6 +62,7 @@ def render(analysis: Analysis) -> str:
         sections,
         title=f"Thermal calibration of {manifest.unit or 'an unnamed unit'}",
         subtitle=", ".join((*map(str, when), f"{clock(analysis.done.duration_s)} h")),
+        banner=SIMULATED if manifest.simulated else "",
         verdict=analysis.verdict,
         numbers=headlines(analysis),
         warnings=analysis.warnings,
@@ -67,11 +71,14 @@ def render(analysis: Analysis) -> str:
 
 
 def html_page(sections: Sequence[Section], **content: Any) -> str:
-    """One HTML file of sections; `content`: title, subtitle, verdict, numbers, warnings and source of the template."""
+    """One HTML file of sections; `content`: title, subtitle, verdict, numbers, warnings and source of the template.
+
+    A `banner` stands above all of it.
+    """
     drawn = any("data-figure" in section.html for section in sections)
     environment = Environment(undefined=StrictUndefined, autoescape=True)
     return environment.from_string(_asset("report.html.j2")).render(
-        **content,
+        **{"banner": "", **content},
         sections=sections,
         version=__version__,
         css=Markup(_asset("report.css")),

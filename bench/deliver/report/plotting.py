@@ -30,7 +30,7 @@ Plot = dict[str, Any]
 def axis(title: str, **more: Any) -> dict[str, Any]:
     """An axis with its title (quantity and unit), a line and a light grid."""
     return {
-        "title": {"text": title, "font": {"size": 13}},
+        "title": {"text": title, "font": {"size": 13}, "standoff": 8},
         "exponentformat": "none",
         "showline": True,
         "ticks": "outside",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from bench.analysis import DECISION_RULE, Analysis, Result, Verdict
-from bench.base import finite, in_print, number
+from bench.base import finite, in_print, measured, number
 from bench.deliver.report.markup import Row, Section, lead, paragraph, table
 
 _TONES = {Verdict.FAIL: "bad", Verdict.INVALID: "bad"}
@@ -40,7 +40,7 @@ def _row(result: Result) -> Row:
     spread = "–" if low == high else f"{number(low)} to {number(high)}"
     word = result.verdict.value if result.verdict else "not measured"
     cells = (
-        quantity["meaning"], number(quantity["value"]), spread, number(limit.lower), number(limit.upper),
+        quantity["meaning"], measured(quantity["value"], high), spread, number(limit.lower), number(limit.upper),
         number(finite(limit.marginal)), in_print(result.quantity.unit), word, result.quantity.reason or limit.reason,
     )  # fmt: skip
     return Row(cells, _TONES.get(result.verdict, "") if result.verdict else "")

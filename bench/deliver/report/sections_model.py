@@ -32,7 +32,7 @@ _TERMS = (
     ("settled", "air in its band, its slope below the limit, the unit's sensor agrees: all for the required time."),
     ("knot", "temperature at which two pieces of a spline meet, with equal value, slope and curvature."),
     ("standard uncertainty", "one standard deviation, computed for noise with white, flicker and random-walk parts."),
-    ("validity", "range of each channel in the fitted data; outside it the model follows its tangent and sets a flag."),
+    ("validity", "range of each channel in the fitted data; outside it a unit clamps its input and sets a flag."),
 )  # fmt: skip
 
 

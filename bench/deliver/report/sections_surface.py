@@ -106,7 +106,9 @@ def _scene(rate: str) -> dict[str, Any]:
     look = {"gridcolor": GREY, "showbackground": False}
     axes = {name: {"title": {"text": text}, **look} for name, text in titles.items()}
     aspect = {"x": 1.3, "y": 1.3, "z": 0.8}
-    return {**axes, "aspectmode": "manual", "aspectratio": aspect, "camera": {"eye": {"x": 1.5, "y": -1.7, "z": 0.8}}}
+    # From far enough, and looking low enough, that the labels of the nearest corner are inside the frame.
+    camera = {"eye": {"x": 1.7, "y": -1.9, "z": 0.9}, "center": {"x": 0.0, "y": 0.0, "z": -0.2}}
+    return {**axes, "aspectmode": "manual", "aspectratio": aspect, "camera": camera}
 
 
 def _unit(found: RateSurface, i: int, j: int) -> str:
