@@ -6,9 +6,12 @@ then updates the registers and sends the frames.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from drivers.registers import RegisterMap
 from drivers.sim.can_gyro import CanGyro
@@ -16,7 +19,9 @@ from drivers.sim.cia402_table import SimulatedTable
 from drivers.sim.flash_port import FlashPort, serve
 from drivers.sim.modbus_chamber import ModbusChamber
 from drivers.sim.plant import Plant
-from drivers.sim.resonator import Environment, Resonator
+from drivers.sim.power_ons import PowerOns
+from drivers.sim.resonator import DIVIDER, Environment, Resonator
+from drivers.sim.truth.base import FloatArray
 
 SAMPLE_RATE_HZ = 500
 
@@ -28,10 +33,40 @@ class SimulatedUnit:
     physics: Resonator
     wire: CanGyro
     port: FlashPort | None = None
+    power_ons: PowerOns = field(default_factory=PowerOns)
+    _powered: bool = True
+    _due_s: float | None = None
+    _turned: tuple[FloatArray, FloatArray] | None = None
+
+    def follow(self, environment: Environment, t1_s: float) -> None:
+        """Advance as far as its own clock, which is not the station's, has samples up to `t1_s` [s]."""
+        t0_s, sample_s = environment.t0_s, self.wire.sample_s
+        due_s = t0_s if self._due_s is None else self._due_s
+        samples = math.floor((t1_s - due_s) / (sample_s * DIVIDER) + 1e-6) * DIVIDER
+        if samples <= 0:
+            return
+        self._due_s = due_s + samples * sample_s
+        rates = np.asarray(environment.applied_rate_dps, dtype=np.float64)
+        times = np.linspace(t0_s, t1_s, len(rates))
+        before = (times[:1], rates[:1]) if self._turned is None else self._turned
+        self._turned = times, rates
+        known, values = (np.concatenate(pair) for pair in zip(before, (times, rates), strict=True))
+        own = np.linspace(due_s, self._due_s, samples // DIVIDER + 1)
+        self.advance(replace(environment, t0_s=due_s, samples=samples, applied_rate_dps=np.interp(own, known, values)))
 
     def advance(self, environment: Environment) -> None:
-        """Advance by one step and send its signals."""
+        """Advance by one step and send its signals; without power it sends none, and boots when that is back."""
         signals = self.physics.advance(environment)
+        if not environment.powered:
+            self._powered = False
+            return
+        if not self._powered:
+            self._powered = True
+            self.power_ons.next()
+            if self.port is None:
+                self.wire.reboot()
+            else:
+                self.port.power_up()
         if self.port is not None:
             signals, self.wire.status = self.port.memory.correct(signals)
         self.wire.send(environment.t0_s, signals)
@@ -85,7 +120,10 @@ class SimulatedStation:
                 applied_rate_dps=turned,
             )
             for unit in self.units:
-                unit.advance(environment)
+                if unit.wire.sample_s * SAMPLE_RATE_HZ == 1.0:
+                    unit.advance(environment)
+                else:
+                    unit.follow(environment, t1_s)
 
     def _publish(self) -> None:
         state = self.plant.state

@@ -11,6 +11,7 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Literal
 
+from bench.acquisition.station.occasion import Occasion
 from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
@@ -55,7 +56,7 @@ def open_alone(settings: StationSettings, unit: UnitSettings) -> Iterator[Coeffi
             yield store
         return
     with (
-        open_station(settings, [unit], "flash") as station,
+        open_station(settings, [unit], Occasion("flash")) as station,
         open_store(station.buses[unit.bus], station.clock, unit) as store,
     ):
         yield store

@@ -41,6 +41,7 @@ class Served:
         content["buses"] = {
             name: {"interface": "loopcan", "channel": str(port)} for name, port in self.can_ports.items()
         }
+        content.get("rate_table", {}).pop("simulation", None)
         units = [unit.model_dump(mode="json", exclude_defaults=True) for unit in self.settings.units]
         content["units"] = [{key: value for key, value in unit.items() if key != "simulation"} for unit in units]
         return content

@@ -17,6 +17,7 @@ from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.station.claim import claimed
 from bench.acquisition.station.fault_injection import TIMEOUT_S, FaultInjection
 from bench.acquisition.station.links import Link
+from bench.acquisition.station.occasion import Occasion, eeprom_file, power_ons_file
 from bench.acquisition.station.rate_table import open_table, simulate_table
 from bench.acquisition.station.records import Records
 from bench.acquisition.station.settings.bus import LOCAL_INTERFACES, Bus
@@ -26,7 +27,7 @@ from bench.acquisition.station.settings.unit import UnitSettings
 from bench.acquisition.station.turning import Turntable
 from bench.acquisition.station.unit import LiveUnit, Trouble
 from bench.base import EquipmentError
-from bench.record import share, slug
+from bench.record import share
 from drivers.canbus import Capture, CaptureHealth, InProcessCapture, ProcessCapture, open_bus
 from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
@@ -38,7 +39,8 @@ from drivers.sim.eeprom import Eeprom
 from drivers.sim.flash_port import FlashPort
 from drivers.sim.memory import CalibrationMemory
 from drivers.sim.plant import Plant, PlantParameters
-from drivers.sim.resonator import Resonator, default_unit
+from drivers.sim.power_ons import PowerOns
+from drivers.sim.resonator import PowerOn, Resonator, default_unit
 from drivers.sim.resonator import UnitSettings as GyroPhysics
 from drivers.sim.station import SimulatedStation, SimulatedUnit
 
@@ -238,12 +240,13 @@ class Station:
 
 @contextmanager
 def open_station(
-    settings: StationSettings, units: Sequence[UnitSettings], occasion: str = "", start_s: float = 0.0
+    settings: StationSettings, units: Sequence[UnitSettings], occasion: Occasion | None = None
 ) -> Iterator[Station]:
     """Open what `units` need: the chamber, identified, and the buses; closed again in reverse order.
 
-    `occasion`, the name of what is run, makes the noise of a simulated station its own. Bench time begins at `start_s`.
+    `occasion` is what is run; bench time begins at its start.
     """
+    occasion = occasion or Occasion()
     registers = load_map(settings.chamber.map)
     injection: FaultInjection | None = None
     claim: int | None = None
@@ -251,7 +254,7 @@ def open_station(
     with ExitStack() as stack:
         clock: Clock
         if settings.simulated:
-            clock = SimClock(start_s=start_s)
+            clock = SimClock(start_s=occasion.start_s)
             buses = _private_buses(settings)
             simulation = stack.enter_context(closing(simulate(settings, units, buses, stack, occasion)))
             connection = Connection(url=f"tcp://127.0.0.1:{simulation.modbus_port}")
@@ -263,7 +266,7 @@ def open_station(
             else:
                 clock.attach(simulation.advance)
         else:
-            clock, buses = WallClock(start_s), settings.buses
+            clock, buses = WallClock(occasion.start_s), settings.buses
             assert settings.chamber.connection is not None  # checked with the file
             connection = settings.chamber.connection
             claim = stack.enter_context(claimed(connection))
@@ -290,11 +293,12 @@ def simulate(
     units: Sequence[UnitSettings],
     buses: Mapping[str, Bus],
     stack: ExitStack,
-    occasion: str = "",
+    occasion: Occasion | None = None,
     modbus_port: int = 0,
 ) -> SimulatedStation:
     """The simulated chamber and units of a station file, on these buses; `stack` closes the buses."""
-    seed = settings.seeds(occasion)["run"]
+    occasion = occasion or Occasion()
+    seed, lasting = (settings.seeds(name)["run"] for name in (occasion.noise, occasion.name))
     plant = Plant(PlantParameters(ambient_degc=settings.ambient_degc), seed=seed)
     simulated = []
     wires: dict[str, can.BusABC] = {}  # one connection a bus: one that only sends would collect what the others send
@@ -305,9 +309,18 @@ def simulate(
             stack.callback(wires[unit.bus].shutdown)
         identity = unit.identity or unit.number + 1
         wire = CanGyro(wires[unit.bus], unit.number, identity, layout=unit.gyro)
-        kept = None if settings.eeproms is None else Path(settings.eeproms) / f"{slug(unit.serial)}.eeprom"
-        port = FlashPort(wire, CalibrationMemory(Eeprom(kept), identity), unit.flash.addresses(unit.number))
-        simulated.append(SimulatedUnit(Resonator(physics, seed=seed + settings.units.index(unit)), wire, port))
+        wire.sample_s *= 1.0 + 1e-6 * physics.clock_ppm
+        port = FlashPort(
+            wire,
+            CalibrationMemory(Eeprom(eeprom_file(settings, unit)), identity),
+            unit.flash.addresses(unit.number),
+        )
+        number, place = occasion.power_ons.get(unit.serial, 1), settings.units.index(unit)
+        if occasion.start_s > 0.0:
+            wire.go_on(round(occasion.start_s / wire.sample_s))
+        power = PowerOn(number, occasion.start_s, lasting + place)
+        counted = PowerOns(power_ons_file(settings, unit), number)
+        simulated.append(SimulatedUnit(Resonator(physics, seed + place, power=power), wire, port, counted))
     table = simulate_table(settings, buses, stack, seed)
     return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table)
 

@@ -145,6 +145,8 @@ class Begun(Stored):
     """… within this lag."""
     seeds: dict[str, int] = Field(default_factory=dict)
     """Of a simulation."""
+    power_on: int | None = None
+    """Which power-on of the unit this run begins with, counted over its life; null where nobody counts."""
     versions: dict[str, str] = Field(default_factory=dict)
     companions: tuple[Companion, ...] = ()
 

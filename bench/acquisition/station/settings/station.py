@@ -107,6 +107,8 @@ class StationSettings(BaseModel):
             return
         if self.simulated and table.driver != "cia402":
             raise PlacedError("a simulated station has a table with driver cia402", ("rate_table", "driver"))
+        if table.simulation is not None and not self.simulated:
+            raise PlacedError("only a simulated table has it; this station is real", ("rate_table", "simulation"))
         if table.bus is not None and table.bus not in self.buses:
             text = f"bus {table.bus!r} is not in this station; known: {', '.join(self.buses)}"
             raise PlacedError(text, ("rate_table", "bus"))
