@@ -21,6 +21,7 @@ from drivers.sim.modbus_chamber import ModbusChamber
 from drivers.sim.plant import Plant
 from drivers.sim.power_ons import PowerOns
 from drivers.sim.resonator import DIVIDER, Environment, Resonator
+from drivers.sim.scpi_supply import ScpiSupply
 from drivers.sim.truth.base import FloatArray
 
 SAMPLE_RATE_HZ = 500
@@ -82,9 +83,10 @@ class SimulatedStation:
         units: Sequence[SimulatedUnit],
         modbus_port: int = 0,
         table: SimulatedTable | None = None,
+        supply: ScpiSupply | None = None,
     ) -> None:
         self.plant = plant
-        self.table = table
+        self.table, self.supply = table, supply
         self.units = list(units)
         self.chamber = ModbusChamber(register_map, port=modbus_port, temperature=plant.state.process_value)
         self.shown: dict[str, Any] = {}
@@ -99,7 +101,8 @@ class SimulatedStation:
 
     def advance(self, t0_s: float, t1_s: float) -> None:
         """Advance the simulation from `t0_s` to `t1_s` [s]."""
-        serve([unit.port for unit in self.units if unit.port is not None], t0_s)
+        powered = self.supply is None or self.supply.on
+        serve([unit.port for unit in self.units if unit.port is not None and powered], t0_s)
         commands = self.chamber.commands()
         before = self.plant.state
         ramp = commands.ramp_rate_degc_per_min
@@ -118,6 +121,7 @@ class SimulatedStation:
                 air_temperature=(before.air, after.air),
                 compressor=float(after.compressor),
                 applied_rate_dps=turned,
+                powered=powered,
             )
             for unit in self.units:
                 if unit.wire.sample_s * SAMPLE_RATE_HZ == 1.0:
@@ -141,3 +145,5 @@ class SimulatedStation:
         self.chamber.close()
         if self.table is not None:
             self.table.close()
+        if self.supply is not None:
+            self.supply.close()

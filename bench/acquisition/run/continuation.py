@@ -121,12 +121,14 @@ def plan(run: RunFolder, profile: Profile, station: StationSettings) -> Continua
     readings = [journal.readings for journal in journals if len(journal.readings)]
     here = station.ambient_degc if not readings else float(readings[-1]["temperature"][-1])
     low, high = station.chamber.lowest_degc, station.chamber.highest_degc
-    legs = remaining(profile, parts.segments(journals), round(min(max(here, low), high), 1))
+    done = parts.segments(journals)
+    legs = remaining(profile, done, round(min(max(here, low), high), 1))
     if not legs:
         raise InputError(
             "all segments of its profile are done: nothing to resume; `bench report` analyses it", run.path
         )
     metas = [_journals(folder)[0].meta for folder in folders]
+    cycles = sum(segment.kind == "power_cycle" for segment in done)
     known = {meta.unit: _recovered(folder) for meta, folder in zip(metas, folders, strict=True)}
     chamber = _chamber_of(readings[-1]) if readings else {}
     return Continuation(
@@ -137,7 +139,7 @@ def plan(run: RunFolder, profile: Profile, station: StationSettings) -> Continua
         zero=_zero(journals[0], run.path),
         ended_s=ended_s,
         before={**chamber, "units_degc": {serial: unit.degc for serial, unit in known.items()}},
-        power_ons={meta.unit: meta.power_on for meta in metas if meta.power_on is not None},
+        power_ons={meta.unit: meta.power_on + cycles for meta in metas if meta.power_on is not None},
     )
 
 

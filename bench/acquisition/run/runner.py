@@ -136,16 +136,17 @@ def run_job(
 def _occasion(job: Job) -> Occasion:
     """Each run powers its simulated units once more; a run that goes on finds them still powered."""
     settings, continuation = job.station, job.continuation
+    switches = any(leg.kind == "power_cycle" for leg in job.profile.legs())
     if continuation is not None:
         start_s = continuation.start_s(settings.simulated)
-        return Occasion(job.profile.name, continuation.runs[0].part, start_s, continuation.power_ons)
+        return Occasion(job.profile.name, continuation.runs[0].part, start_s, continuation.power_ons, switches)
     units = settings.chosen(job.serials) if settings.simulated else ()
     try:
         power_ons = {unit.serial: PowerOns(power_ons_file(settings, unit)).next() for unit in units}
     except OSError as error:
         text = f"cannot keep how often its unit was powered: {error.strerror}; nothing was moved"
         raise InputError(text, settings.eeproms) from None
-    return Occasion(job.profile.name, power_ons=power_ons)
+    return Occasion(job.profile.name, power_ons=power_ons, switches_power=switches)
 
 
 def _open_recorder(job: Job, station: Station, occasion: Occasion) -> Recorder:
@@ -233,14 +234,20 @@ def _conduct(
     desk, watched = others.desk, others.desk.watched(others.onlooker)
     output = Output(station, job.compensation, recorder.event)
 
+    power = station.power
+    if power is not None:
+        power.restored = output.establish
+
     def look(status: Status) -> None:
         watched(station, status)
-        output.check()
+        if power is None or not power.cycling:
+            output.check()
 
     watch = Watch(station, recorder)
     wiring = Wiring(
         onlooker=look,
         table=station.turntable,
+        power=power,
         heart=watch,
         surroundings=lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)},
         plausible=Plausible(job.station.limits(), job.station.protection.unit_lag_min),

@@ -71,6 +71,10 @@ class Output:
         self._silenced: list[LiveUnit] = []
         self._established = False
 
+    @property
+    def _trouble(self) -> str:
+        return "its power came back, but the run cannot go on" if self._established else "not started"
+
     def establish(self) -> None:
         """Raw or corrected rate from all units, proved by their heartbeats.
 
@@ -114,9 +118,10 @@ class Output:
         except DriverError as error:
             text = f"unit {unit.serial} corrects its rate (coefficient set {number}) and cannot be told to stop"
             raise EquipmentError(
-                f"not started: {text}: {error}; see `flash` of the unit in the station file"
+                f"{self._trouble}: {text}: {error}; see `flash` of the unit in the station file"
             ) from error
-        self._silenced.append(unit)
+        if unit not in self._silenced:
+            self._silenced.append(unit)
         self._wait(lambda: not _set_of(unit), f"unit {unit.serial} still corrects its rate")
         text = f"unit {unit.serial} sends its raw rate for this run (coefficient set {number} is off)"
         self._report("compensation", text, unit=unit.serial, coefficient_set=number)
@@ -126,7 +131,7 @@ class Output:
         until_s = clock.now() + HEARD_S
         while not condition():
             if clock.now() >= until_s:
-                raise EquipmentError(f"not started: {trouble} within {HEARD_S:g} s")
+                raise EquipmentError(f"{self._trouble}: {trouble} within {HEARD_S:g} s")
             clock.sleep_until(clock.now() + 0.1)
             self._station.poll()
 

@@ -24,6 +24,9 @@ class Occasion:
     power_ons: Mapping[str, int] = field(default_factory=dict)
     """How often each unit was powered, by serial number: each power-on is a new draw of the turn-on bias."""
 
+    switches_power: bool = False
+    """Whether the supply of the units is needed."""
+
     @property
     def noise(self) -> str:
         """What the noise is named after."""

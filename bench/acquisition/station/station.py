@@ -18,6 +18,7 @@ from bench.acquisition.station.claim import claimed
 from bench.acquisition.station.fault_injection import TIMEOUT_S, FaultInjection
 from bench.acquisition.station.links import Link
 from bench.acquisition.station.occasion import Occasion, eeprom_file, power_ons_file
+from bench.acquisition.station.powering import UnitPower, open_power
 from bench.acquisition.station.rate_table import open_table, simulate_table
 from bench.acquisition.station.records import Records
 from bench.acquisition.station.settings.bus import LOCAL_INTERFACES, Bus
@@ -42,6 +43,7 @@ from drivers.sim.plant import Plant, PlantParameters
 from drivers.sim.power_ons import PowerOns
 from drivers.sim.resonator import PowerOn, Resonator, default_unit
 from drivers.sim.resonator import UnitSettings as GyroPhysics
+from drivers.sim.scpi_supply import ScpiSupply
 from drivers.sim.station import SimulatedStation, SimulatedUnit
 
 __all__ = ["Bus", "Dropped", "LiveUnit", "Station", "StationSettings", "open_station", "simulate"]
@@ -67,6 +69,8 @@ class Opened:
     """Those that live inside this process."""
     turntable: Turntable | None = None
     """The rate table that the units are on, where there is one."""
+    power: UnitPower | None = None
+    """What switches the units' power, where the occasion needs it."""
     claim: int | None = None
     """Descriptor of the claim on the chamber of a real station."""
     injection: FaultInjection | None = None
@@ -102,7 +106,9 @@ class Station:
         self.units = list(self.everyone)
         self.dropped: list[Dropped] = []
         self.injection, self.claim = opened.injection, opened.claim
-        self.turntable = opened.turntable
+        self.turntable, self.power = opened.turntable, opened.power
+        if self.power is not None:
+            self.power.units = self.units
         self.buses = opened.buses
         self.local_buses, self._records = opened.local_buses, opened.records
         self._recorder: Recorder | None = None
@@ -147,7 +153,7 @@ class Station:
         for unit in self.units:
             for text in unit.news():
                 self._records.event("unit", text, unit=unit.serial)
-        if self._complete:
+        if self._complete and not (self.power is not None and self.power.cycling):
             self._drop(lost)
         if left := {unit.settings.bus for unit in self.units} & lost.keys():
             raise EquipmentError("; ".join(lost[name] for name in sorted(left)))
@@ -249,6 +255,7 @@ def open_station(
     occasion = occasion or Occasion()
     registers = load_map(settings.chamber.map)
     injection: FaultInjection | None = None
+    simulation: SimulatedStation | None = None
     claim: int | None = None
     records = Records()
     with ExitStack() as stack:
@@ -272,20 +279,46 @@ def open_station(
             claim = stack.enter_context(claimed(connection))
         link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
         stack.enter_context(closing(link))
-        local_buses: dict[str, can.BusABC] = {}
-        for name, unit in {unit.bus: unit for unit in units}.items():
-            if buses[name].interface in LOCAL_INTERFACES:
-                bus = open_bus(buses[name].to_driver())
-                stack.callback(bus.shutdown)
-                if injection is not None and name in injection.where:
-                    bus = injection.around(name, bus, unit)
-                local_buses[name] = bus
+        local_buses = _local_buses(units, buses, injection, stack)
         turntable = open_table(settings, clock, buses, stack, records)
-        opened = Opened(buses, local_buses, turntable, claim, injection, records)
+        power = _power(settings, occasion, simulation, (clock, records), stack)
+        opened = Opened(buses, local_buses, turntable, power, claim, injection, records)
         station = Station(settings, clock, link, registers, units, opened)
         station.chamber.identify()
         stack.callback(station.stop_capture)
         yield station
+
+
+def _local_buses(
+    units: Sequence[UnitSettings], buses: Mapping[str, Bus], injection: FaultInjection | None, stack: ExitStack
+) -> dict[str, can.BusABC]:
+    """Buses of the units that live inside this process; `stack` closes them."""
+    found: dict[str, can.BusABC] = {}
+    for name, unit in {unit.bus: unit for unit in units}.items():
+        if buses[name].interface in LOCAL_INTERFACES:
+            bus = open_bus(buses[name].to_driver())
+            stack.callback(bus.shutdown)
+            if injection is not None and name in injection.where:
+                bus = injection.around(name, bus, unit)
+            found[name] = bus
+    return found
+
+
+def _power(
+    settings: StationSettings,
+    occasion: Occasion,
+    simulation: SimulatedStation | None,
+    equipment: tuple[Clock, Records],
+    stack: ExitStack,
+) -> UnitPower | None:
+    """What switches the units' power, where the occasion needs it."""
+    supply = settings.supply
+    if supply is None or not occasion.switches_power:
+        return None
+    if simulation is not None and simulation.supply is not None:
+        supply = supply.model_copy(update={"port": f"socket://127.0.0.1:{simulation.supply.port}"})
+    clock, records = equipment
+    return open_power(supply, clock, stack, records)
 
 
 def simulate(
@@ -322,7 +355,8 @@ def simulate(
         counted = PowerOns(power_ons_file(settings, unit), number)
         simulated.append(SimulatedUnit(Resonator(physics, seed + place, power=power), wire, port, counted))
     table = simulate_table(settings, buses, stack, seed)
-    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table)
+    supply = ScpiSupply() if settings.supply is not None and occasion.switches_power else None
+    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table, supply)
 
 
 def _private_buses(settings: StationSettings) -> dict[str, Bus]:

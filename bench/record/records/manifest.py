@@ -42,6 +42,8 @@ class ExecutedSegment(Stored):
     reason: str = ""
     """Why it did not end as planned."""
     settled: bool = True
+    turn_on: int = 1
+    """Which turn-on of the run it belongs to; a power cycle belongs to the one that it ends with."""
 
 
 class UnitClock(Stored):
