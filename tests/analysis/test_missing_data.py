@@ -118,7 +118,17 @@ def test_the_certificate_counts_the_samples_of_both_runs_and_refuses_a_verificat
         check = make_run(
             tmp_path / f"check-{losses}", **narrow, profile="check", losses={"received": 9, "lost": losses}
         )
-        command = ["certificate", run, "--draft", "--verification", check, "--limits", limits, "--out", tmp_path / "c.pdf"]
+        command = [
+            "certificate",
+            run,
+            "--draft",
+            "--verification",
+            check,
+            "--limits",
+            limits,
+            "--out",
+            tmp_path / "c.pdf",
+        ]
         return CliRunner().invoke(main, [str(word) for word in command], catch_exceptions=False)
 
     assert certificate(3).exit_code == 0
