@@ -118,6 +118,17 @@ class GyroDecoder:
             self.twins_at = max(self._newest - len(index), 0)
         return GyroBlock(index, t_ns[rows], rate_dph, valid, slow, faults, corrected, beats)
 
+    def power_on(self) -> None:
+        """The unit is switched on again after it was switched off on purpose; call it between two blocks."""
+        self._track.power_on()
+        for slow in self._slow:
+            slow.power_on()
+
+    @property
+    def restarts(self) -> int:
+        """How often the unit started anew, planned or not."""
+        return self.losses.resets + self._track.planned_resets
+
     @property
     def losses(self) -> Losses:
         """Counts since the start."""

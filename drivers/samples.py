@@ -67,6 +67,15 @@ class CounterTrack:
         self._recent = np.zeros(0, dtype=np.int64)
         self._delays: deque[tuple[int, int]] = deque()  # host time, least delay [ns] of each recent block
         self._behind: Behind | None = None
+        self._planned = False
+        self.planned_resets = 0
+        """Restarts that were planned; no `resets` count them."""
+
+    def power_on(self) -> None:
+        """The unit is switched on again after it was switched off on purpose: what is missing before was not lost."""
+        self._planned = True
+        self._behind = None
+        self._delays.clear()
 
     def unwrap(self, counter: IntArray, t_ns: IntArray, boot: IntArray) -> Unwrapped:
         """Place frames (n,) in the order of arrival; `boot` are the rows before which the unit announced a restart."""
@@ -87,6 +96,9 @@ class CounterTrack:
         last = rows[-1]
         self._last = (int(index[last]), int(counter[last]), int(t_ns[last]))
         late = self._delay_ns(index[rows], t_ns[rows]) > self._late_ns
+        if self._planned:
+            self._planned, self._delivered = False, max(self._delivered, int(index[rows].min()) - 1)
+            self.planned_resets, resets = self.planned_resets + 1, max(resets - 1, 0)
         return self._ordered(index, rows, late, resets)
 
     def _count(self, counter: IntArray, t_ns: IntArray, boot: IntArray) -> tuple[IntArray, IntArray, int]:

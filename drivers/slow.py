@@ -52,6 +52,10 @@ class SlowMessage:
         self.every = round((message.cycle_ms or 0.0) * 1e-3 / interval_s)
         self._last: int | None = None
 
+    def power_on(self) -> None:
+        """The unit is switched on again on purpose: nothing is missing before its first sample."""
+        self._last = None
+
     def place(
         self, data: ByteArray, at: IntArray, t_ns: IntArray, rate_at: IntArray, rate: Reference
     ) -> tuple[IntArray, IntArray, int, int]:

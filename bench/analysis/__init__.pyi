@@ -92,6 +92,9 @@ from .judging.quantities import turning as turning
 from .judging.quantities import zero_rate as zero_rate
 from .judging.stored import Source as Source
 from .judging.stored import source_of as source_of
+from .judging.turn_ons import TurnOn as TurnOn
+from .judging.turn_ons import TurnOns as TurnOns
+from .judging.turn_ons import turn_ons as turn_ons
 from .judging.verification import Verification as Verification
 from .judging.verification import refuse_same_profile as refuse_same_profile
 from .judging.verification import verify as verify

@@ -40,6 +40,8 @@ class Segment:
     direction: str = ""
     target: float | None = None
     rate: float | None = None
+    turn_on: int = 1
+    """Which turn-on of the run it belongs to."""
 
     @property
     def settles(self) -> bool:
@@ -58,6 +60,7 @@ class Segment:
             direction=entry.direction,
             target=entry.target_degc,
             rate=entry.rate_degc_per_min,
+            turn_on=entry.turn_on,
         )
 
 
@@ -119,6 +122,13 @@ class Dataset:
         if applied is None or not np.any(np.isfinite(applied)):
             return rate
         return rate - DPH_PER_DPS * applied
+
+    @cached_property
+    def turn_on(self) -> IntArray:
+        """Which turn-on of the run each row (n,) belongs to, from 1; rows between segments: that of the one before."""
+        numbers = np.maximum.accumulate([1, *(segment.turn_on for segment in self.segments)])
+        last = np.maximum.accumulate(np.maximum(self.segment, -1)) if len(self) else self.segment
+        return np.asarray(numbers[last + 1], dtype=np.int64)
 
     @cached_property
     def dT_dt(self) -> FloatArray:  # noqa: N802 - the symbol of the papers
@@ -238,10 +248,11 @@ def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S) -> Data
 def averaged(seconds: Dataset, interval_s: float, *, whole: bool = False) -> Dataset:
     """The 1 s means of a run averaged to `interval_s` [s].
 
-    Stretches of a segment shorter than half of `interval_s` are left out, and, unless `whole`, seconds in which a rate
-    table accelerates: milliseconds between its clock and the unit's would pass for hundreds of deg/h of bias.
+    Stretches of a segment shorter than half of `interval_s` are left out, and, unless `whole`, power cycles and seconds
+    in which a rate table accelerates: milliseconds between its clock and the unit's would pass for hundreds of deg/h of
+    bias.
     """
-    base = seconds if whole else seconds.select(_steady(seconds))
+    base = seconds if whole else seconds.select(_steady(seconds) & _powered(seconds))
     return base.select(_lasting(base, interval_s / 2)).average(interval_s)
 
 
@@ -279,6 +290,12 @@ def _steady(base: Dataset) -> BoolArray:
     jumps = np.abs(np.diff(applied)) > _STEADY_DPS
     steady: BoolArray = ~(np.append(jumps, False) | np.append(False, jumps))
     return steady if np.mean(steady) > 0.5 else np.ones(len(base), dtype=bool)
+
+
+def _powered(base: Dataset) -> BoolArray:
+    """Rows (n,) outside segments in which the unit's power is switched."""
+    cycles = [segment.index for segment in base.segments if segment.kind == "power_cycle"]
+    return np.isin(base.segment, cycles, invert=True)
 
 
 def _lasting(base: Dataset, least_s: float) -> BoolArray:

@@ -80,6 +80,8 @@ class CanGyro:
         self.bus = bus
         self._messages = load_dbc(layout)
         self._interval_ms = self._messages["GYRO_RATE"].cycle_ms or 2.0
+        self.sample_s = 1e-3 * self._interval_ms
+        """True time between two samples [s]; more than nominal for a unit whose clock is slow."""
         self._counter = 0
         self._booted = False
         self._plans: dict[tuple[int, int], _Plan] = {}
@@ -89,6 +91,10 @@ class CanGyro:
     def reboot(self) -> None:
         """Start the sample counter again at 0, with a boot-up heartbeat before the next sample."""
         self._counter, self._booted = 0, False
+
+    def go_on(self, samples: int) -> None:
+        """Count on after so many samples, as a unit that has kept its power."""
+        self._counter, self._booted = samples, True
 
     def send(self, t0_s: float, signals: Signals) -> None:
         """Send the frames of `signals`, whose first sample is taken at bench time `t0_s` [s].
@@ -162,7 +168,7 @@ class CanGyro:
         start = 0
         for message, at in parts:
             block = frames[start : start + len(at)]
-            block["t_ns"] = at * round(self._interval_ms * 1e6)
+            block["t_ns"] = np.rint(at * (self.sample_s * 1e9)).astype(np.int64)
             block["id"] = message.id + self.number
             block["flags"] = FLAG_EXTENDED * message.extended
             block["len"] = message.length

@@ -35,8 +35,15 @@ class TableSettings:
     wobble_dps: float = 0.0003
     """Standard deviation of the rate about its target."""
     encoder_noise_counts: float = 0.5
+    scale_error_ppm: float = 0.0
+    """How much more than the true angle the encoder counts."""
     velocity_unit: float = 1.0
     """Units of velocity in one count per second; not 1 for a drive with another velocity setting."""
+
+    @property
+    def true_counts_per_degree(self) -> float:
+        """Counts in one true degree of the axis."""
+        return self.counts_per_degree * (1.0 + 1e-6 * self.scale_error_ppm)
 
 
 class SimulatedTable:
@@ -75,7 +82,7 @@ class SimulatedTable:
         step_s = (t1_s - t0_s) / n
         rates = self._rates(n, step_s)
         angles = self.angle_deg + np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) * (0.5 * step_s))])
-        true_counts = angles[1:] * self.settings.counts_per_degree
+        true_counts = angles[1:] * self.settings.true_counts_per_degree
         noise = self.settings.encoder_noise_counts * self._rng.standard_normal(n)
         counts = np.round(true_counts + noise).astype(np.int64)
         velocity = np.round(np.diff(counts, prepend=self._counts) / step_s * self.settings.velocity_unit).astype(
@@ -112,7 +119,8 @@ class SimulatedTable:
     def _rates(self, n: int, step_s: float) -> FloatArray:
         """Rate at the nodes [deg/s]: the profile with its acceleration limit, and the servo's wobble."""
         powered = self.state == cia402.ENABLED or self.state in _QUICK
-        target = self._raw(cia402.TARGET_VELOCITY) / (self.settings.counts_per_degree * self.settings.velocity_unit)
+        per_dps = self.settings.true_counts_per_degree * self.settings.velocity_unit
+        target = self._raw(cia402.TARGET_VELOCITY) / per_dps
         if self.state != cia402.ENABLED or self._raw(cia402.MODE) != cia402.PROFILE_VELOCITY:
             target = 0.0
         change = target - self._profile_dps

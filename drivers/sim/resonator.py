@@ -39,6 +39,7 @@ class UnitSettings(BaseModel):
     truth: tuple[AnyMechanism, ...] = Field((), description="mechanisms that make the zero-rate output")
     noise: NoiseSettings = NoiseSettings()
     channels: ChannelSettings = ChannelSettings()
+    clock_ppm: float = Field(0.0, gt=-1000.0, lt=1000.0, description="how much slower than nominal its clock is [ppm]")
 
     @classmethod
     def parse(cls, entry: Mapping[str, Any]) -> UnitSettings:
@@ -127,6 +128,18 @@ class Signals:
     """V, at the start of the step."""
 
 
+@dataclass(frozen=True, slots=True)
+class PowerOn:
+    """A power-on of a simulated unit, as its record begins."""
+
+    number: int = 1
+    """Counted over the life of the unit."""
+    on_s: float = 0.0
+    """How long it has lasted already [s]."""
+    seed: int | None = None
+    """Of what is drawn once for each power-on; None: the seed of the record."""
+
+
 class _Thermometry:
     """x' = A x + b T_case with the states: thermometer, those of the truth's thermal mechanism, resonator last."""
 
@@ -159,9 +172,13 @@ class _Thermometry:
 class Resonator:
     """One unit; deterministic by seed, independent of the lengths of its steps."""
 
-    def __init__(self, settings: UnitSettings, seed: int, rate_hz: float = 500.0) -> None:
+    def __init__(self, settings: UnitSettings, seed: int, rate_hz: float = 500.0, power: PowerOn | None = None) -> None:
+        """`power`: the power-on that lasts when the record begins; left out: the unit's first, at that moment."""
         self.settings = settings
-        self._seed = seed
+        self._seed, self._first = seed, power or PowerOn()
+        self.power_on = self._first.number
+        """Number of the newest power-on."""
+        self._lost_power = False
         self._rate_hz = rate_hz
         self._node_s = DIVIDER / rate_hz
         self._thermometry = _Thermometry(settings)
@@ -171,9 +188,9 @@ class Resonator:
         self._static = [(k, m.bias) for k, m in self._named("static")]
         self._thermal = [k for k, _ in self._named("thermal")]
         self._dynamic: list[tuple[str, Contribution]] = [
-            (k, m.start(self._node_s, self._rng(k))) for k, m in self._named("bias")
+            (k, m.start(self._node_s, self._rng(k, lifelong=m.lifelong))) for k, m in self._named("bias")
         ]
-        self._on_s = 0.0
+        self._on_s = self._first.on_s
         self._last_step: tuple[Scene, list[FloatArray], list[FloatArray]] | None = None
 
     def advance(self, environment: Environment) -> Signals:
@@ -215,6 +232,9 @@ class Resonator:
         applied = np.interp(share, np.linspace(0.0, 1.0, len(turned)), turned) if turned.any() else np.zeros(n + 1)
         paths = self._thermometry(case, self._node_s)
         on = self._on_s + elapsed if environment.powered else np.zeros(n + 1)
+        if environment.powered and self._lost_power:
+            self.power_on += 1
+        self._lost_power = not environment.powered and (self._lost_power or self._on_s > 0.0)
         self._on_s = float(on[-1])
         return Scene(
             time=environment.t0_s + elapsed,
@@ -230,6 +250,7 @@ class Resonator:
             heater=environment.heater,
             humidity=environment.humidity,
             powered=environment.powered,
+            power_on=self.power_on,
         )
 
     def _parts(self) -> dict[str, FloatArray]:
@@ -249,9 +270,16 @@ class Resonator:
     def _named(self, kind: str) -> list[tuple[str, Any]]:
         return [(k, m) for k, m in zip(self._labels, self.settings.truth, strict=True) if m.kind == kind]
 
-    def _rng(self, purpose: str) -> np.random.Generator:
-        """A separate random stream for each purpose, so that adding a mechanism does not change the others."""
-        return np.random.default_rng([self._seed, zlib.crc32(purpose.encode())])
+    def _rng(self, purpose: str, *, lifelong: bool = False) -> np.random.Generator:
+        """A separate random stream for each purpose, so that adding a mechanism does not change the others.
+
+        A run that begins with a later power-on than the first draws from streams of its own, so that no two runs of a
+        unit share their noise.
+        """
+        name = zlib.crc32(purpose.encode())
+        if lifelong:
+            return np.random.default_rng([self._seed if self._first.seed is None else self._first.seed, name])
+        return np.random.default_rng([self._seed, name, *([self._first.number] * (self._first.number > 1))])
 
 
 @lru_cache(maxsize=16)

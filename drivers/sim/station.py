@@ -6,9 +6,12 @@ then updates the registers and sends the frames.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from drivers.registers import RegisterMap
 from drivers.sim.can_gyro import CanGyro
@@ -16,7 +19,10 @@ from drivers.sim.cia402_table import SimulatedTable
 from drivers.sim.flash_port import FlashPort, serve
 from drivers.sim.modbus_chamber import ModbusChamber
 from drivers.sim.plant import Plant
-from drivers.sim.resonator import Environment, Resonator
+from drivers.sim.power_ons import PowerOns
+from drivers.sim.resonator import DIVIDER, Environment, Resonator
+from drivers.sim.scpi_supply import ScpiSupply
+from drivers.sim.truth.base import FloatArray
 
 SAMPLE_RATE_HZ = 500
 
@@ -28,10 +34,40 @@ class SimulatedUnit:
     physics: Resonator
     wire: CanGyro
     port: FlashPort | None = None
+    power_ons: PowerOns = field(default_factory=PowerOns)
+    _powered: bool = True
+    _due_s: float | None = None
+    _turned: tuple[FloatArray, FloatArray] | None = None
+
+    def follow(self, environment: Environment, t1_s: float) -> None:
+        """Advance as far as its own clock, which is not the station's, has samples up to `t1_s` [s]."""
+        t0_s, sample_s = environment.t0_s, self.wire.sample_s
+        due_s = t0_s if self._due_s is None else self._due_s
+        samples = math.floor((t1_s - due_s) / (sample_s * DIVIDER) + 1e-6) * DIVIDER
+        if samples <= 0:
+            return
+        self._due_s = due_s + samples * sample_s
+        rates = np.asarray(environment.applied_rate_dps, dtype=np.float64)
+        times = np.linspace(t0_s, t1_s, len(rates))
+        before = (times[:1], rates[:1]) if self._turned is None else self._turned
+        self._turned = times, rates
+        known, values = (np.concatenate(pair) for pair in zip(before, (times, rates), strict=True))
+        own = np.linspace(due_s, self._due_s, samples // DIVIDER + 1)
+        self.advance(replace(environment, t0_s=due_s, samples=samples, applied_rate_dps=np.interp(own, known, values)))
 
     def advance(self, environment: Environment) -> None:
-        """Advance by one step and send its signals."""
+        """Advance by one step and send its signals; without power it sends none, and boots when that is back."""
         signals = self.physics.advance(environment)
+        if not environment.powered:
+            self._powered = False
+            return
+        if not self._powered:
+            self._powered = True
+            self.power_ons.next()
+            if self.port is None:
+                self.wire.reboot()
+            else:
+                self.port.power_up()
         if self.port is not None:
             signals, self.wire.status = self.port.memory.correct(signals)
         self.wire.send(environment.t0_s, signals)
@@ -47,9 +83,10 @@ class SimulatedStation:
         units: Sequence[SimulatedUnit],
         modbus_port: int = 0,
         table: SimulatedTable | None = None,
+        supply: ScpiSupply | None = None,
     ) -> None:
         self.plant = plant
-        self.table = table
+        self.table, self.supply = table, supply
         self.units = list(units)
         self.chamber = ModbusChamber(register_map, port=modbus_port, temperature=plant.state.process_value)
         self.shown: dict[str, Any] = {}
@@ -64,7 +101,8 @@ class SimulatedStation:
 
     def advance(self, t0_s: float, t1_s: float) -> None:
         """Advance the simulation from `t0_s` to `t1_s` [s]."""
-        serve([unit.port for unit in self.units if unit.port is not None], t0_s)
+        powered = self.supply is None or self.supply.on
+        serve([unit.port for unit in self.units if unit.port is not None and powered], t0_s)
         commands = self.chamber.commands()
         before = self.plant.state
         ramp = commands.ramp_rate_degc_per_min
@@ -83,9 +121,13 @@ class SimulatedStation:
                 air_temperature=(before.air, after.air),
                 compressor=float(after.compressor),
                 applied_rate_dps=turned,
+                powered=powered,
             )
             for unit in self.units:
-                unit.advance(environment)
+                if unit.wire.sample_s * SAMPLE_RATE_HZ == 1.0:
+                    unit.advance(environment)
+                else:
+                    unit.follow(environment, t1_s)
 
     def _publish(self) -> None:
         state = self.plant.state
@@ -103,3 +145,5 @@ class SimulatedStation:
         self.chamber.close()
         if self.table is not None:
             self.table.close()
+        if self.supply is not None:
+            self.supply.close()

@@ -136,7 +136,7 @@ def test_what_the_gap_did_is_told(cut_ramp):
     assert set(event["after"]["units_degc"]) == {"SIM-0001"}
     first, second = run.manifest().parts
     assert first.cause.startswith("the bench was killed")
-    assert (second.state, second.gap.unit_power) == ("done", "lost")
+    assert (second.state, second.gap.unit_power) == ("done", "kept")
     assert {*run.manifest().files} >= {"journal/can0.gtbj", "journal-2/can0.gtbj", "journal-2/bench.gtbj"}
 
 

@@ -444,3 +444,39 @@ def test_a_table_that_cannot_be_reached_is_said():
 
 def test_a_station_without_a_table_has_nothing_to_halt():
     assert halt(acquisition.station()) == []
+
+
+# ---- what is wrong with a simulated table, and with a unit's clock ---------------------------------------------------
+
+
+SILENT = {"truth": [], "noise": {"angle_random_walk": 0.0, "bias_instability": 0.0, "rate_random_walk": 0.0}}
+
+
+@pytest.mark.slow
+def test_a_table_whose_encoder_counts_too_much_makes_the_unit_look_too_small(tmp_path):
+    """The truth is the ratio of two angles, which no part of the bench computes."""
+    table = {**content()["rate_table"], "simulation": {"scale_error_ppm": 200.0}}
+    run = run_job(job(tmp_path, RATES, station(SILENT, rate_table=table))).run
+    data = pq.read_table(run.means).to_pandas().dropna(subset=["rate", "applied_rate"])
+    steady = data[data["applied_rate"].diff().abs().lt(0.01) & data["applied_rate"].abs().gt(50)]
+    ratio = (steady["rate"] / 3600.0 / steady["applied_rate"]).mean()
+    assert ratio == pytest.approx(1.0 / (1.0 + 200e-6), abs=5e-6)
+
+
+@pytest.mark.slow
+def test_a_unit_whose_clock_is_slow_sends_fewer_samples_and_its_drift_is_found(tmp_path):
+    text = "name: still\nsegments:\n  - {kind: soak, duration_min: 3}\n"
+    run = run_job(job(tmp_path, text, station({**SILENT, "clock_ppm": 400.0}))).run
+    manifest = run.manifest()
+    assert manifest.unit_clock.drift_ppm == pytest.approx(400.0, abs=5.0)
+    assert manifest.losses["lost"] == 0
+    data = pq.read_table(run.data, columns=["time", "rate"]).to_pandas().dropna()
+    assert np.diff(data["time"]).mean() == pytest.approx(0.002 * 1.0004, rel=1e-6)
+
+
+def test_a_real_table_has_no_simulated_error():
+    table = {**content()["rate_table"], "simulation": {"scale_error_ppm": 1.0}}
+    chamber = {"connection": {"url": "tcp://127.0.0.1:1"}, **content()["chamber"]}
+    buses = {name: {"interface": "socketcan", "channel": name} for name in content()["buses"]}
+    with pytest.raises(InputError, match="only a simulated table has it"):
+        station(rate_table=table, simulated=False, chamber=chamber, buses=buses)

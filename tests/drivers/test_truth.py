@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from drivers.errors import ConfigError
-from drivers.sim.resonator import Environment, Resonator, UnitSettings
+from drivers.sim.resonator import Environment, PowerOn, Resonator, UnitSettings
 from drivers.sim.truth import MECHANISMS
 from drivers.sim.truth.base import Lag, OrnsteinUhlenbeck
 
@@ -227,6 +227,56 @@ def test_turn_on_is_constant_until_the_next_power_on():
     assert bench.hold(10.0)[0] != first[0]
     draws = [Bench(mechanism("turn_on", sigma_dph=0.3), seed=seed).hold(10.0)[0] for seed in range(200)]
     assert np.std(draws) == pytest.approx(0.3, rel=0.2)
+
+
+def test_a_later_power_on_has_a_later_draw_however_it_came_about():
+    turn_on = mechanism("turn_on", sigma_dph=0.3)
+    bench = Bench(turn_on)
+    draws = [bench.hold(10.0)[0]]
+    for _ in range(3):
+        bench.hold(10.0, powered=False)
+        draws.append(bench.hold(10.0)[0])
+    for number, draw in enumerate(draws, 1):
+        unit = Resonator(UnitSettings.parse({**SILENT, "truth": [turn_on]}), 1, 10.0, PowerOn(number))
+        rate = unit.advance(Environment(0.0, 100, (25.0, 25.0), rate_hz=10.0)).rate_dph
+        assert rate[0] == draw
+    assert len(set(draws)) == 4
+
+
+def test_a_unit_that_was_powered_before_is_already_warm():
+    warm = UnitSettings.parse({**SILENT, "truth": [mechanism("warm_up", amplitude_dph=2.0, fast_share=0.0)]})
+    unit = Resonator(warm, 1, 10.0, PowerOn(1, on_s=600.0))
+    rate = unit.advance(Environment(0.0, 100, (25.0, 25.0), rate_hz=10.0)).rate_dph
+    assert rate[0] == pytest.approx(2.0 * np.exp(-1.0), rel=1e-6)
+
+
+def test_earth_rate_has_the_size_that_latitude_and_axis_give():
+    """Facts: 15.041067 deg/h sidereal; level axis x cos L cos A, vertical x sin L."""
+    for latitude, azimuth, elevation, expected in (
+        (48.0, 0.0, 0.0, 15.041067 * np.cos(np.radians(48.0))),
+        (48.0, 60.0, 0.0, 15.041067 * np.cos(np.radians(48.0)) * 0.5),
+        (48.0, 90.0, 0.0, 0.0),
+        (-33.0, 200.0, 0.0, 15.041067 * np.cos(np.radians(33.0)) * np.cos(np.radians(200.0))),
+        (48.0, 17.0, 90.0, 15.041067 * np.sin(np.radians(48.0))),
+        (48.0, 17.0, -90.0, -15.041067 * np.sin(np.radians(48.0))),
+    ):
+        place = {"latitude_deg": latitude, "azimuth_deg": azimuth, "elevation_deg": elevation}
+        assert Bench(mechanism("earth_rate", **place)).hold(10.0)[0] == pytest.approx(expected, abs=2e-6)
+
+
+def test_a_level_axis_goes_round_with_the_table_and_a_vertical_one_does_not():
+    north = Bench(mechanism("earth_rate", latitude_deg=60.0))
+    turned = np.concatenate([north.hold(10.0, applied_rate_dps=(9.0, 9.0)) - 9.0 * 3600.0 for _ in range(4)])
+    assert turned == pytest.approx(15.041067 * 0.5 * np.cos(np.radians(9.0 * (np.arange(1, 5) * 10.0 - 0.1))), abs=0.01)
+    up = Bench(mechanism("earth_rate", latitude_deg=30.0, elevation_deg=90.0))
+    assert up.hold(10.0, applied_rate_dps=(9.0, 9.0))[0] - 9.0 * 3600.0 == pytest.approx(7.5205, abs=1e-3)
+
+
+def test_an_even_scale_factor_error_is_the_same_in_both_directions_and_zero_at_rest():
+    even = mechanism("scale_factor_even", asymmetry_ppm=10.0, square_ppm=5.0)
+    bench = Bench(even)
+    errors = [bench.hold(10.0, applied_rate_dps=(rate, rate))[0] - 3600.0 * rate for rate in (-50.0, 0.0, 50.0)]
+    assert errors == pytest.approx([0.036 * 50.0 + 0.009 * 50.0, 0.0, 0.036 * 50.0 + 0.009 * 50.0], abs=1e-6)
 
 
 def test_aging_is_a_line_and_a_logarithm_of_powered_time():

@@ -47,6 +47,18 @@ Name = Literal[
     "chamber_silent_s",
     "bus_failed_s",
 ]
+OF_UNITS: frozenset[str] = frozenset(
+    {
+        "unit_temperature",
+        "unit_coldest",
+        "unit_excess",
+        "unit_doubted_s",
+        "sensor_disagreement",
+        "frame_age",
+        "display_degf",
+    }
+)
+"""Signals that come from units: guards on them do not watch while the units' power is off on purpose."""
 OPTIONAL: frozenset[str] = frozenset({"power", "frozen_s", "door", "sensor_break"})
 """Signals that not every controller tells."""
 Seconds = Annotated[float, Field(ge=0)]
@@ -272,9 +284,10 @@ class Guards:
     def __post_init__(self) -> None:
         self._guards = [_Guard(settings) for settings in self.settings]
 
-    def evaluate(self, signals: Mapping[str, Signal], now_s: float) -> list[Trip]:
-        """Trips and releases at `now_s`, in the order of the settings."""
-        trips = [guard.evaluate(signals.get(guard.settings.signal), now_s) for guard in self._guards]
+    def evaluate(self, signals: Mapping[str, Signal], now_s: float, asleep: Collection[str] = ()) -> list[Trip]:
+        """Trips and releases at `now_s`, in the order of the settings; guards on signals `asleep` stay as they are."""
+        awake = [guard for guard in self._guards if guard.settings.signal not in asleep]
+        trips = [guard.evaluate(signals.get(guard.settings.signal), now_s) for guard in awake]
         return [trip for trip in trips if trip is not None]
 
     def in_force(self, action: Action) -> list[str]:

@@ -49,6 +49,8 @@ class Limits:
     ambient_degc: float = 23.0
     turn_dps: float | None = None
     """Fastest rate of the rate table, either way [deg/s]; None: the station has no table."""
+    switches_power: bool = False
+    """Whether the station has a supply that switches the units' power."""
 
     def fastest(self, temperature_degc: FloatArray, heating: bool) -> FloatArray:
         """Fastest rate that the chamber can follow [degC/min], shape of the input."""
@@ -85,6 +87,7 @@ def check_profile(
         _outside(profile, limits),
         _too_fast(profile, limits),
         _turns(profile, limits),
+        _power(profile, limits),
         _ends(profile, limits),
         _repeats(profile),
         _separates(profile),
@@ -136,7 +139,10 @@ def _once_a_line(legs: Sequence[Leg]) -> Iterator[Leg]:
 
 def _outside(profile: Profile, limits: Limits) -> Iterator[Finding]:
     for leg in _once_a_line(profile.legs()):
-        if leg.kind not in {"soak", "rate"} and not limits.low_degc <= leg.target_degc <= limits.high_degc:
+        if (
+            leg.kind not in {"soak", "rate", "power_cycle"}
+            and not limits.low_degc <= leg.target_degc <= limits.high_degc
+        ):
             text = f"{leg.name}: {leg.target_degc:g} degC is outside the station's limits, "
             text += f"{limits.low_degc:g} to {limits.high_degc:g} degC; lower the target or name another station"
             yield _find(profile, "error", text, leg)
@@ -174,6 +180,19 @@ def _turns(profile: Profile, limits: Limits) -> Iterator[Finding]:
         if all(sign * leg.turn_dps >= 0 for leg in turning):
             text = f"turns one way only, no {missing} rates: scale factor and bias cannot be told from each other there"
             yield _find(profile, "warning", text, turning[-1])
+
+
+def _power(profile: Profile, limits: Limits) -> Iterator[Finding]:
+    cycles = [leg for leg in profile.legs() if leg.kind == "power_cycle"]
+    if not cycles:
+        return
+    if not limits.switches_power:
+        text = f"{cycles[0].name}: switches the units' power, but the station has no supply that the bench can switch"
+        yield _find(profile, "error", f"{text}; name a station with `supply`", cycles[0])
+        return
+    off_s = sum(leg.duration_s for leg in cycles)
+    text = f"{len(cycles)} power cycle(s), {_hours(off_s)} without power: {len(cycles) + 1} turn-ons in one run; "
+    yield _find(profile, "info", f"{text}while the power is off, guards on what the units say do not watch", cycles[0])
 
 
 def _ends(profile: Profile, limits: Limits) -> Iterator[Finding]:
@@ -279,6 +298,9 @@ def profile_picture(profile: Profile, width: int = 78, height: int = 12, ascii_o
         cells = (block[:, x * fine : (x + 1) * fine] for x in range(columns))
         lines.append(f"{marked} " + "".join(_cell(cell, ascii_only) for cell in cells).rstrip())
     hours = profile.duration_s / 3600
+    if cycles := [leg.nominal_start_s for leg in profile.legs() if leg.kind == "power_cycle"]:
+        marks = {min(int(start / profile.duration_s * columns), columns - 1) for start in cycles}
+        lines.append(f"{'power':>6} " + "".join("x" if x in marks else " " for x in range(columns)).rstrip())
     axis = f"{'degC':>6} 0 h" + f"{hours / 2:.1f} h".center(columns - 10) + f"{hours:.1f} h"
     return "\n".join([*lines, axis])
 

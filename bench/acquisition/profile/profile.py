@@ -1,8 +1,8 @@
 """Temperature profiles: a YAML file, and the legs that the sequencer executes.
 
 A ramp asks the chamber for a rate and ends when the chamber has arrived; a soak keeps the set point; a step jumps,
-settles and is averaged; a rate turns the rate table at a standing temperature; a repeat repeats. Times are nominal:
-the chamber may need longer and the legs wait for it.
+settles and is averaged; a rate turns the rate table at a standing temperature; a power cycle switches the units off and
+on; a repeat repeats. Times are nominal: the chamber may need longer and the legs wait for it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pydantic import BaseModel, Field, PrivateAttr, model_validator
 from bench.acquisition.profile.guards import GuardSettings
 from bench.acquisition.profile.segments import (
     Name,
+    PowerCycle,
     Ramp,
     Rates,
     RateSteps,
@@ -27,6 +28,7 @@ from bench.acquisition.profile.segments import (
     Segment,
     SettleChange,
     SettleRule,
+    Simple,
     Soak,
     Start,
     Step,
@@ -49,8 +51,11 @@ ACCEL_DPS2 = 20.0
 
 _MAX_LEGS = 2000
 _LATEST_TURN_S = 300.0
+_BOOT_S = 4.0
+"""Nominal time until a unit that was switched on is heard; only predicted durations depend on it."""
+_LATEST_BOOT_S = 120.0
 
-Kind = Literal["ramp", "soak", "step", "rate"]
+Kind = Literal["ramp", "soak", "step", "rate", "power_cycle"]
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,7 @@ class Leg:
     rate_degc_per_min: float | None = None
     """None: the set point jumps or stands."""
     duration_s: float = 0.0
-    """Shortest duration; a step has none, it ends when settled."""
+    """Shortest duration; a step has none, it ends when settled; of a power cycle the time without power."""
     settle: SettleRule | None = None
     """None: need not settle."""
     move_s: float = 0.0
@@ -193,13 +198,15 @@ class _Builder:
                 self._stay("start soak", start.soak_min)
         for place, segment in _walk(self._profile.segments, ("segments",)):
             self._place = place
-            self._turn_dps = 0.0 if isinstance(segment, RateSteps) else segment.turn_dps
+            self._turn_dps = 0.0 if isinstance(segment, RateSteps | PowerCycle) else segment.turn_dps
             if isinstance(segment, Ramp):
                 self._ramp(segment)
             elif isinstance(segment, Soak):
                 self._soak(segment)
             elif isinstance(segment, RateSteps):
                 self._rates(segment)
+            elif isinstance(segment, PowerCycle):
+                self._power(segment)
             else:
                 self._step(segment)
             if len(self._legs) > _MAX_LEGS:
@@ -259,6 +266,14 @@ class _Builder:
                     timeout_s=reach_s + turning.dwell_s + _LATEST_TURN_S,
                 )
 
+    def _power(self, cycle: PowerCycle) -> None:
+        name, off_s = cycle.name or f"power cycle at {self._degc:g}", 60.0 * cycle.off_min
+        nominal_s = off_s + _BOOT_S
+        self._add(
+            name, "power_cycle", self._degc, duration_s=off_s, nominal_s=nominal_s, timeout_s=nominal_s + _LATEST_BOOT_S
+        )
+        self._stay(f"{name}: settle", cycle.on_min, self._rule(cycle.settle))
+
     def _settle(self, name: str, target_degc: float, rule: SettleRule, item: int | None = None) -> None:
         move_s = 60.0 * abs(target_degc - self._degc) / STEP_DEGC_PER_MIN
         place = self._place if item is None else (*self._place, "temperatures_degc", item)
@@ -300,7 +315,7 @@ def _settling_s(move_s: float, rule: SettleRule) -> float:
     return max(rule.dwell_s, tau_s * math.log(max(slope / rule.slope_degc_per_min, 1.0)))
 
 
-def _walk(segments: tuple[Segment, ...], place: Place) -> Iterator[tuple[Place, Ramp | Soak | Step | RateSteps]]:
+def _walk(segments: tuple[Segment, ...], place: Place) -> Iterator[tuple[Place, Simple]]:
     """Every segment with its place in the file, repeats written out."""
     for i, segment in enumerate(segments):
         if isinstance(segment, Repeat):

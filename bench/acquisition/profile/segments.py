@@ -1,4 +1,4 @@
-"""The segments of a profile's file: ramp, soak, step, rate, repeat, and what settled means."""
+"""The segments of a profile's file: ramp, soak, step, rate, power cycle, repeat, and what settled means."""
 
 from __future__ import annotations
 
@@ -143,6 +143,24 @@ class RateSteps(BaseModel):
         return tuple(turn for rate in self.rates_dps for turn in ((rate, -rate) if rate else (0.0,)))
 
 
+class PowerCycle(BaseModel):
+    """Switch the units off for a time and on again where the chamber stands, and wait until they have settled.
+
+    Each power-on draws a new turn-on bias; the station needs a `supply`.
+    """
+
+    model_config = STRICT
+
+    kind: Literal["power_cycle"]
+    name: Name | None = None
+    off_min: Annotated[float, Field(ge=0.05, le=10_000)]
+    """Time without power."""
+    on_min: Minutes = 0.0
+    """Shortest time after the power is back; it also has to be settled."""
+    settle: SettleChange | None = None
+    """Values that differ from the profile's `settle`."""
+
+
 class Repeat(BaseModel):
     """Segments to be repeated."""
 
@@ -155,7 +173,9 @@ class Repeat(BaseModel):
     """What."""
 
 
-Segment = Annotated[Ramp | Soak | Step | RateSteps | Repeat, Field(discriminator="kind")]
+Simple = Ramp | Soak | Step | RateSteps | PowerCycle
+"""A segment that is no repeat."""
+Segment = Annotated[Simple | Repeat, Field(discriminator="kind")]
 Repeat.model_rebuild()
 
 

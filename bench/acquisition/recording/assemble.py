@@ -19,7 +19,7 @@ from bench.acquisition.recording.parts import Counted
 from bench.acquisition.recording.tables import Grid, write_data
 from bench.acquisition.recording.telling import Found, left_out, told
 from bench.acquisition.recording.validity import LAG_MIN, MARGIN_DEGC, Cleaner, Spell, Validity
-from bench.record import EVENTS, ExecutedSegment, GyroKind, Manifest, RunFolder, write_events, write_means
+from bench.record import EVENTS, ExecutedSegment, Manifest, RunFolder, write_events, write_means
 from drivers.frames import joined
 from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
 from drivers.journal import Damage, FrameArray
@@ -47,7 +47,7 @@ class _Part:
         """What `decoder` makes of its frames."""
         source = self.run.journal / f"{self.journal.gyro.bus}.gtbj"
         frames = bus_blocks(source, damage, bus_events, self.journal.sound_until_ns())
-        return (decoder.decode(block) for block in _joined(frames))
+        return _decoded(decoder, _joined(frames), self.journal.power_ons_ns())
 
     def decoder(self) -> GyroDecoder:
         """A decoder that has seen nothing yet."""
@@ -61,7 +61,7 @@ class _Part:
     def counted(self) -> Counted:
         """What it tells of the unit's counter."""
         decoder = self.seen.decoder
-        return Counted(decoder.samples, decoder.losses.resets, self.seen.clock, decoder.counter_bits)
+        return Counted(decoder.samples, decoder.restarts, self.seen.clock, decoder.counter_bits)
 
 
 def assemble(run: RunFolder, live: Decoded | None = None) -> Manifest:
@@ -97,7 +97,7 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> Manifest:
         "unit_identity": asdict(identities[-1]) if identities else None,
         "rows": rows,
         "duration_s": float(readings["t_s"][-1]) if len(readings) else 0.0,
-        "segments": segments,
+        "segments": parted.turn_ons_after(segments, journals, [part.counted() for part in parts]),
         "losses": {
             **{name: sum(loss[name] for loss in losses) for name in losses[0]},
             "invalid": sum(loss["invalid"] for loss in losses) + sum(one.nulled for one in found),
@@ -179,17 +179,31 @@ def _part(run: RunFolder, live: Decoded | None, damage: Damage) -> _Part:
     gyro = bench.gyro
     source = run.journal / f"{gyro.bus}.gtbj"
     fetch(run, bench.meta, source.relative_to(run.path))
-    return _Part(run, bench, live or _decode_all(source, gyro, bench.sound_until_ns()))
+    return _Part(run, bench, live or _decode_all(source, bench))
 
 
-def _decode_all(source: Path, gyro: GyroKind, until_ns: int | None) -> Decoded:
+def _decode_all(source: Path, bench: BenchJournal) -> Decoded:
     """A first pass over the frames: their losses and the unit's clock."""
+    gyro, on_ns = bench.gyro, bench.power_ons_ns()
     decoder = GyroDecoder(gyro.layout, gyro.number)
     clock = SampleClock(decoder.interval_s)
-    for frames in _joined(bus_blocks(source, Damage(), [], until_ns)):
-        decoded = decoder.decode(frames)
+    for decoded in _decoded(decoder, _joined(bus_blocks(source, Damage(), [], bench.sound_until_ns())), on_ns):
         clock.add(decoded.index, decoded.t_ns)
     return Decoded(decoder, clock)
+
+
+def _decoded(decoder: GyroDecoder, blocks: Iterable[FrameArray], power_ons_ns: Sequence[int]) -> Iterator[GyroBlock]:
+    """What `decoder` makes of frames; it is told each time [ns] that the unit was switched on again on purpose."""
+    due = list(power_ons_ns)
+    for block in blocks:
+        rest = block
+        while due and len(rest) and rest["t_ns"][-1] >= due[0]:
+            at = int(np.argmax(rest["t_ns"] >= due.pop(0)))
+            if at:
+                yield decoder.decode(rest[:at])
+            decoder.power_on()
+            rest = rest[at:]
+        yield decoder.decode(rest)
 
 
 def _joined(blocks: Iterable[FrameArray]) -> Iterator[FrameArray]:

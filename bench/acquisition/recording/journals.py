@@ -61,6 +61,11 @@ class BenchJournal:
         until_s = (self.end() or {}).get("sound_until_s")
         return None if until_s is None else round(until_s * 1e9)
 
+    def power_ons_ns(self) -> list[int]:
+        """Bench times [ns] at which the units were switched on again on purpose."""
+        switched = (event for event in self.events if event["kind"] == "power" and event["on"])
+        return [round(event["t_s"] * 1e9) for event in switched]
+
     @property
     def gyro(self) -> GyroKind:
         """How the frames of this part are decoded."""

@@ -97,6 +97,24 @@ def apart(journals: Sequence[BenchJournal]) -> list[BenchJournal]:
 
 
 def segments(journals: Sequence[BenchJournal]) -> list[ExecutedSegment]:
-    """Executed segments of all parts, numbered through."""
+    """Executed segments of all parts, numbered through, each with its turn-on."""
     together = [segment for journal in journals for segment in journal.segments()]
-    return [segment.model_copy(update={"index": index}) for index, segment in enumerate(together)]
+    turn_ons = itertools.accumulate((segment.kind == "power_cycle" for segment in together), initial=1)
+    next(turn_ons)
+    return [
+        segment.model_copy(update={"index": index, "turn_on": number})
+        for index, (segment, number) in enumerate(zip(together, turn_ons, strict=True))
+    ]
+
+
+def turn_ons_after(
+    segments: Sequence[ExecutedSegment], journals: Sequence[BenchJournal], counted: Sequence[Counted]
+) -> list[ExecutedSegment]:
+    """The same segments; where the unit lost its power over the gap between two parts, another turn-on begins."""
+    lost_s = [
+        part["from_s"] or 0.0 for part in describe(journals, counted) if part.get("gap", {}).get("unit_power") == "lost"
+    ]
+    return [
+        segment.model_copy(update={"turn_on": segment.turn_on + sum(segment.to_s > at_s for at_s in lost_s)})
+        for segment in segments
+    ]

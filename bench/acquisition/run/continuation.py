@@ -29,7 +29,7 @@ from drivers.journal import Damage
 
 RESUMED = "(resumed)"
 SIMULATED_GAP_S = 3600.0
-"""A simulated station begins anew, at ambient: as after an hour without power."""
+"""A simulated chamber begins anew, at ambient, as after an hour without power; its units have kept theirs."""
 CLOCK_BEHIND_S = 1.0
 """A gap of this length [s] stands for one of unknown length: the calendar clock is not ahead of the record."""
 WATCHDOG_S = 60.0
@@ -52,6 +52,8 @@ class Continuation:
     """Bench time of the last record before the gap [s]."""
     before: Mapping[str, Any]
     """Chamber and units at that time."""
+    power_ons: Mapping[str, int]
+    """How often each simulated unit had been powered by then, by serial number: it has kept its power since."""
 
     def start_s(self, simulated: bool, now: datetime | None = None) -> float:
         """Bench time at which the new part begins: calendar time since the start of the run [s]."""
@@ -119,12 +121,14 @@ def plan(run: RunFolder, profile: Profile, station: StationSettings) -> Continua
     readings = [journal.readings for journal in journals if len(journal.readings)]
     here = station.ambient_degc if not readings else float(readings[-1]["temperature"][-1])
     low, high = station.chamber.lowest_degc, station.chamber.highest_degc
-    legs = remaining(profile, parts.segments(journals), round(min(max(here, low), high), 1))
+    done = parts.segments(journals)
+    legs = remaining(profile, done, round(min(max(here, low), high), 1))
     if not legs:
         raise InputError(
             "all segments of its profile are done: nothing to resume; `bench report` analyses it", run.path
         )
     metas = [_journals(folder)[0].meta for folder in folders]
+    cycles = sum(segment.kind == "power_cycle" for segment in done)
     known = {meta.unit: _recovered(folder) for meta, folder in zip(metas, folders, strict=True)}
     chamber = _chamber_of(readings[-1]) if readings else {}
     return Continuation(
@@ -135,6 +139,7 @@ def plan(run: RunFolder, profile: Profile, station: StationSettings) -> Continua
         zero=_zero(journals[0], run.path),
         ended_s=ended_s,
         before={**chamber, "units_degc": {serial: unit.degc for serial, unit in known.items()}},
+        power_ons={meta.unit: meta.power_on + cycles for meta in metas if meta.power_on is not None},
     )
 
 

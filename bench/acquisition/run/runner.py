@@ -31,11 +31,13 @@ from bench.acquisition.run.status import Status
 from bench.acquisition.run.watch import Watch
 from bench.acquisition.run.wiring import Decider, Wiring
 from bench.acquisition.station.memory import Compensated, Output
+from bench.acquisition.station.occasion import Occasion, power_ons_file
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import LiveUnit, Station, open_station
 from bench.base import BenchError, EquipmentError, InputError, package_versions
 from bench.record import Begun, Companion, GyroKind, RunFolder, create_run
 from drivers.errors import DriverError
+from drivers.sim.power_ons import PowerOns
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -113,10 +115,10 @@ def run_job(
     after the safe state and with the run folders finished.
     """
     chosen = job.station.chosen(job.serials)
-    start_s = 0.0 if job.continuation is None else job.continuation.start_s(job.station.simulated)
-    with open_station(job.station, chosen, _occasion(job), start_s) as station:
+    occasion = _occasion(job)
+    with open_station(job.station, chosen, occasion) as station:
         guards = _guards(job, station)
-        recorder = _open_recorder(job, station)
+        recorder = _open_recorder(job, station, occasion)
         failures: tuple[BenchError | None, ...] = ()
         try:
             with _control(desk, recorder):
@@ -131,13 +133,23 @@ def run_job(
     )
 
 
-def _occasion(job: Job) -> str:
-    """Each part of a simulated run has noise of its own."""
-    part = 1 if job.continuation is None else job.continuation.runs[0].part
-    return job.profile.name if part == 1 else f"{job.profile.name} {part}"
+def _occasion(job: Job) -> Occasion:
+    """Each run powers its simulated units once more; a run that goes on finds them still powered."""
+    settings, continuation = job.station, job.continuation
+    switches = any(leg.kind == "power_cycle" for leg in job.profile.legs())
+    if continuation is not None:
+        start_s = continuation.start_s(settings.simulated)
+        return Occasion(job.profile.name, continuation.runs[0].part, start_s, continuation.power_ons, switches)
+    units = settings.chosen(job.serials) if settings.simulated else ()
+    try:
+        power_ons = {unit.serial: PowerOns(power_ons_file(settings, unit)).next() for unit in units}
+    except OSError as error:
+        text = f"cannot keep how often its unit was powered: {error.strerror}; nothing was moved"
+        raise InputError(text, settings.eeproms) from None
+    return Occasion(job.profile.name, power_ons=power_ons, switches_power=switches)
 
 
-def _open_recorder(job: Job, station: Station) -> Recorder:
+def _open_recorder(job: Job, station: Station, occasion: Occasion) -> Recorder:
     """A run folder for each unit; each knows where its companions in the chamber have theirs."""
     texts = {"profile.yaml": job.profile_text, "station.yaml": job.station_text, **job.model_texts}
     created = station.clock.utc()
@@ -149,7 +161,8 @@ def _open_recorder(job: Job, station: Station) -> Recorder:
     )
     everyone = dict(zip(serials, folders, strict=True))
     metas = [
-        _begun(job, unit, folder, created, everyone) for unit, folder in zip(station.everyone, folders, strict=True)
+        _begun(job, unit, folder, created, everyone, occasion)
+        for unit, folder in zip(station.everyone, folders, strict=True)
     ]
     try:
         return Recorder(folders[0], station.clock, metas[0], *zip(folders[1:], metas[1:], strict=True))
@@ -157,7 +170,14 @@ def _open_recorder(job: Job, station: Station) -> Recorder:
         raise InputError(cannot_record(error, folders[0].path), folders[0].path) from None
 
 
-def _begun(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime, others: Mapping[str, RunFolder]) -> Begun:
+def _begun(
+    job: Job,
+    unit: LiveUnit,
+    folder: RunFolder,
+    created: datetime,
+    others: Mapping[str, RunFolder],
+    occasion: Occasion,
+) -> Begun:
     settings = unit.settings
     people = {"operator": job.operator} if job.operator else {}
     return Begun(
@@ -172,6 +192,7 @@ def _begun(job: Job, unit: LiveUnit, folder: RunFolder, created: datetime, other
         unit_lag_min=job.station.protection.unit_lag_min,
         gyro=GyroKind(layout=settings.gyro, number=settings.number, bus=settings.bus),
         seeds=job.station.seeds(job.profile.name),
+        power_on=occasion.power_ons.get(unit.serial),
         versions=package_versions(),
         companions=tuple(
             Companion(unit=serial, run=os.path.relpath(other.path, folder.path))
@@ -213,14 +234,20 @@ def _conduct(
     desk, watched = others.desk, others.desk.watched(others.onlooker)
     output = Output(station, job.compensation, recorder.event)
 
+    power = station.power
+    if power is not None:
+        power.restored = output.establish
+
     def look(status: Status) -> None:
         watched(station, status)
-        output.check()
+        if power is None or not power.cycling:
+            output.check()
 
     watch = Watch(station, recorder)
     wiring = Wiring(
         onlooker=look,
         table=station.turntable,
+        power=power,
         heart=watch,
         surroundings=lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)},
         plausible=Plausible(job.station.limits(), job.station.protection.unit_lag_min),

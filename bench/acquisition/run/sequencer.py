@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
-from bench.acquisition.profile.guards import Guards
+from bench.acquisition.profile.guards import OF_UNITS, Guards
 from bench.acquisition.profile.profile import Leg
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.operating import Operating
@@ -136,7 +136,7 @@ class Sequencer:
         """Run a leg to its end, through as many holds as there are; hold after it when that was asked for."""
         part = leg
         while self._run_leg(part) == "held":
-            stays = leg.kind in ("soak", "rate")
+            stays = leg.kind in ("soak", "rate", "power_cycle")
             self._wait_for_release(leg, leg.target_degc if stays else self._here())
             part = replace(leg, name=f"{leg.name} (resumed)")
         self._operating.segment_is_over()
@@ -177,6 +177,8 @@ class Sequencer:
         drive, driven = self._link.way_to(leg.target_degc, rate, self._here()), False
         table = self._wiring.table
         turning, turned = None if table is None else table.begin(leg), True
+        power = self._wiring.power if leg.kind == "power_cycle" else None
+        cycling, powered = None if power is None else power.begin(leg), True
         settling = Settling(leg.settle, leg.target_degc) if leg.settle is not None else None
         settled_s: float | None = None if settling is not None else from_s
         try:
@@ -191,13 +193,18 @@ class Sequencer:
                     self._recorder.event("settled", f"{leg.name}: settled at {leg.target_degc:g} degC")
                 if turning is not None:
                     turned = turning.tick(now_s, settled_s is not None)
-                if settled_s is not None and driven and turned and self._complete(leg, now_s, from_s, settled_s):
+                if cycling is not None:
+                    powered = cycling.tick(now_s)
+                ready = driven and turned and powered
+                if settled_s is not None and ready and self._complete(leg, now_s, from_s, settled_s):
                     return "done", ""
                 if now_s - from_s > leg.timeout_s:
                     text = None if settling is None else settling.reason
                     text = text or f"chamber air is {self._air():.2f} degC, target {leg.target_degc:g}"
                     return "timeout", f"{text} after {now_s - from_s:.0f} s"
         finally:
+            if cycling is not None:
+                cycling.stop()
             if turning is not None:
                 turning.stop()
 
@@ -271,7 +278,8 @@ class Sequencer:
         """Evaluate the guards; RunAborted when one of them ends the run."""
         if not self._guards.settings:
             return  # a rehearsal has none, and its signals need not be collected
-        for trip in self._guards.evaluate(self._signals.collect(), self._clock.now()):
+        asleep = OF_UNITS if self._wiring.power is not None and self._wiring.power.cycling else ()
+        for trip in self._guards.evaluate(self._signals.collect(), self._clock.now(), asleep):
             self._recorder.event("guard", trip.text, tripped=trip.tripped, action=trip.guard.action)
         if not self.moved:
             return

@@ -14,6 +14,7 @@ from bench.acquisition.profile.guards import Signal
 from bench.acquisition.profile.profile import Leg
 from bench.acquisition.run.plausible import Plausible
 from bench.acquisition.run.status import Status
+from bench.acquisition.station.powering import Cycling
 from bench.acquisition.station.turning import Turning
 
 
@@ -55,6 +56,16 @@ class Table(Protocol):
         """A leg starts now."""
 
 
+class Power(Protocol):
+    """What switches the units' power during a leg."""
+
+    cycling: bool
+    """Whether the power is off on purpose, or not all units are heard again."""
+
+    def begin(self, leg: Leg) -> Cycling:
+        """A leg that switches the power starts now."""
+
+
 class Heart(Protocol):
     """Whoever has to know that the bench is alive."""
 
@@ -90,6 +101,7 @@ class Wiring:
     onlooker: Onlooker = _nobody
     decider: Decider = field(default_factory=_GoesOn)
     table: Table | None = None
+    power: Power | None = None
     heart: Heart = field(default_factory=_NoHeart)
     surroundings: Surroundings = dict
     plausible: Plausible | None = None

@@ -11,6 +11,7 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Literal
 
+from bench.acquisition.station.occasion import Occasion
 from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
@@ -55,7 +56,7 @@ def open_alone(settings: StationSettings, unit: UnitSettings) -> Iterator[Coeffi
             yield store
         return
     with (
-        open_station(settings, [unit], "flash") as station,
+        open_station(settings, [unit], Occasion("flash")) as station,
         open_store(station.buses[unit.bus], station.clock, unit) as store,
     ):
         yield store
@@ -69,6 +70,10 @@ class Output:
         self._station, self._wanted, self._report = station, wanted, report
         self._silenced: list[LiveUnit] = []
         self._established = False
+
+    @property
+    def _trouble(self) -> str:
+        return "its power came back, but the run cannot go on" if self._established else "not started"
 
     def establish(self) -> None:
         """Raw or corrected rate from all units, proved by their heartbeats.
@@ -113,9 +118,10 @@ class Output:
         except DriverError as error:
             text = f"unit {unit.serial} corrects its rate (coefficient set {number}) and cannot be told to stop"
             raise EquipmentError(
-                f"not started: {text}: {error}; see `flash` of the unit in the station file"
+                f"{self._trouble}: {text}: {error}; see `flash` of the unit in the station file"
             ) from error
-        self._silenced.append(unit)
+        if unit not in self._silenced:
+            self._silenced.append(unit)
         self._wait(lambda: not _set_of(unit), f"unit {unit.serial} still corrects its rate")
         text = f"unit {unit.serial} sends its raw rate for this run (coefficient set {number} is off)"
         self._report("compensation", text, unit=unit.serial, coefficient_set=number)
@@ -125,7 +131,7 @@ class Output:
         until_s = clock.now() + HEARD_S
         while not condition():
             if clock.now() >= until_s:
-                raise EquipmentError(f"not started: {trouble} within {HEARD_S:g} s")
+                raise EquipmentError(f"{self._trouble}: {trouble} within {HEARD_S:g} s")
             clock.sleep_until(clock.now() + 0.1)
             self._station.poll()
 

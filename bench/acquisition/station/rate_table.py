@@ -60,7 +60,8 @@ def simulate_table(
         return None
     bus = open_bus(buses[chosen.bus].to_driver())
     stack.callback(bus.shutdown)
-    return SimulatedTable(bus, chosen.node, TableSettings(counts_per_degree=chosen.counts_per_degree), seed)
+    truth = {} if chosen.simulation is None else chosen.simulation.model_dump()
+    return SimulatedTable(bus, chosen.node, TableSettings(counts_per_degree=chosen.counts_per_degree, **truth), seed)
 
 
 def _driver(chosen: RateTableSettings, clock: Clock, buses: Mapping[str, Bus], stack: ExitStack) -> RateTable:

@@ -13,6 +13,7 @@ from typing import Any
 
 import yaml
 
+from bench.acquisition.station.occasion import Occasion
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import Bus, simulate
 from bench.base import EquipmentError
@@ -41,6 +42,9 @@ class Served:
         content["buses"] = {
             name: {"interface": "loopcan", "channel": str(port)} for name, port in self.can_ports.items()
         }
+        if self.station.supply is not None:
+            content["supply"] = {"port": f"socket://127.0.0.1:{self.station.supply.port}"}
+        content.get("rate_table", {}).pop("simulation", None)
         units = [unit.model_dump(mode="json", exclude_defaults=True) for unit in self.settings.units]
         content["units"] = [{key: value for key, value in unit.items() if key != "simulation"} for unit in units]
         return content
@@ -62,7 +66,9 @@ def serve_station(settings: StationSettings, modbus_port: int = 0, can_port: int
                 raise EquipmentError(f"cannot serve bus {name} on 127.0.0.1:{can_port}: {error.strerror}") from None
             ports[name] = broker.port
         buses = {name: Bus(interface="loopcan", channel=str(port)) for name, port in ports.items()}
-        simulated = simulate(settings, settings.units, buses, stack, modbus_port=modbus_port)
+        simulated = simulate(
+            settings, settings.units, buses, stack, Occasion(switches_power=True), modbus_port=modbus_port
+        )
         stack.enter_context(closing(simulated))
         yield Served(settings, simulated, ports)
 

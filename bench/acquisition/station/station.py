@@ -17,6 +17,8 @@ from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.station.claim import claimed
 from bench.acquisition.station.fault_injection import TIMEOUT_S, FaultInjection
 from bench.acquisition.station.links import Link
+from bench.acquisition.station.occasion import Occasion, eeprom_file, power_ons_file
+from bench.acquisition.station.powering import UnitPower, open_power
 from bench.acquisition.station.rate_table import open_table, simulate_table
 from bench.acquisition.station.records import Records
 from bench.acquisition.station.settings.bus import LOCAL_INTERFACES, Bus
@@ -26,7 +28,7 @@ from bench.acquisition.station.settings.unit import UnitSettings
 from bench.acquisition.station.turning import Turntable
 from bench.acquisition.station.unit import LiveUnit, Trouble
 from bench.base import EquipmentError
-from bench.record import share, slug
+from bench.record import share
 from drivers.canbus import Capture, CaptureHealth, InProcessCapture, ProcessCapture, open_bus
 from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
@@ -38,8 +40,10 @@ from drivers.sim.eeprom import Eeprom
 from drivers.sim.flash_port import FlashPort
 from drivers.sim.memory import CalibrationMemory
 from drivers.sim.plant import Plant, PlantParameters
-from drivers.sim.resonator import Resonator, default_unit
+from drivers.sim.power_ons import PowerOns
+from drivers.sim.resonator import PowerOn, Resonator, default_unit
 from drivers.sim.resonator import UnitSettings as GyroPhysics
+from drivers.sim.scpi_supply import ScpiSupply
 from drivers.sim.station import SimulatedStation, SimulatedUnit
 
 __all__ = ["Bus", "Dropped", "LiveUnit", "Station", "StationSettings", "open_station", "simulate"]
@@ -65,6 +69,8 @@ class Opened:
     """Those that live inside this process."""
     turntable: Turntable | None = None
     """The rate table that the units are on, where there is one."""
+    power: UnitPower | None = None
+    """What switches the units' power, where the occasion needs it."""
     claim: int | None = None
     """Descriptor of the claim on the chamber of a real station."""
     injection: FaultInjection | None = None
@@ -100,7 +106,9 @@ class Station:
         self.units = list(self.everyone)
         self.dropped: list[Dropped] = []
         self.injection, self.claim = opened.injection, opened.claim
-        self.turntable = opened.turntable
+        self.turntable, self.power = opened.turntable, opened.power
+        if self.power is not None:
+            self.power.units = self.units
         self.buses = opened.buses
         self.local_buses, self._records = opened.local_buses, opened.records
         self._recorder: Recorder | None = None
@@ -145,7 +153,7 @@ class Station:
         for unit in self.units:
             for text in unit.news():
                 self._records.event("unit", text, unit=unit.serial)
-        if self._complete:
+        if self._complete and not (self.power is not None and self.power.cycling):
             self._drop(lost)
         if left := {unit.settings.bus for unit in self.units} & lost.keys():
             raise EquipmentError("; ".join(lost[name] for name in sorted(left)))
@@ -238,20 +246,22 @@ class Station:
 
 @contextmanager
 def open_station(
-    settings: StationSettings, units: Sequence[UnitSettings], occasion: str = "", start_s: float = 0.0
+    settings: StationSettings, units: Sequence[UnitSettings], occasion: Occasion | None = None
 ) -> Iterator[Station]:
     """Open what `units` need: the chamber, identified, and the buses; closed again in reverse order.
 
-    `occasion`, the name of what is run, makes the noise of a simulated station its own. Bench time begins at `start_s`.
+    `occasion` is what is run; bench time begins at its start.
     """
+    occasion = occasion or Occasion()
     registers = load_map(settings.chamber.map)
     injection: FaultInjection | None = None
+    simulation: SimulatedStation | None = None
     claim: int | None = None
     records = Records()
     with ExitStack() as stack:
         clock: Clock
         if settings.simulated:
-            clock = SimClock(start_s=start_s)
+            clock = SimClock(start_s=occasion.start_s)
             buses = _private_buses(settings)
             simulation = stack.enter_context(closing(simulate(settings, units, buses, stack, occasion)))
             connection = Connection(url=f"tcp://127.0.0.1:{simulation.modbus_port}")
@@ -263,26 +273,52 @@ def open_station(
             else:
                 clock.attach(simulation.advance)
         else:
-            clock, buses = WallClock(start_s), settings.buses
+            clock, buses = WallClock(occasion.start_s), settings.buses
             assert settings.chamber.connection is not None  # checked with the file
             connection = settings.chamber.connection
             claim = stack.enter_context(claimed(connection))
         link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s)
         stack.enter_context(closing(link))
-        local_buses: dict[str, can.BusABC] = {}
-        for name, unit in {unit.bus: unit for unit in units}.items():
-            if buses[name].interface in LOCAL_INTERFACES:
-                bus = open_bus(buses[name].to_driver())
-                stack.callback(bus.shutdown)
-                if injection is not None and name in injection.where:
-                    bus = injection.around(name, bus, unit)
-                local_buses[name] = bus
+        local_buses = _local_buses(units, buses, injection, stack)
         turntable = open_table(settings, clock, buses, stack, records)
-        opened = Opened(buses, local_buses, turntable, claim, injection, records)
+        power = _power(settings, occasion, simulation, (clock, records), stack)
+        opened = Opened(buses, local_buses, turntable, power, claim, injection, records)
         station = Station(settings, clock, link, registers, units, opened)
         station.chamber.identify()
         stack.callback(station.stop_capture)
         yield station
+
+
+def _local_buses(
+    units: Sequence[UnitSettings], buses: Mapping[str, Bus], injection: FaultInjection | None, stack: ExitStack
+) -> dict[str, can.BusABC]:
+    """Buses of the units that live inside this process; `stack` closes them."""
+    found: dict[str, can.BusABC] = {}
+    for name, unit in {unit.bus: unit for unit in units}.items():
+        if buses[name].interface in LOCAL_INTERFACES:
+            bus = open_bus(buses[name].to_driver())
+            stack.callback(bus.shutdown)
+            if injection is not None and name in injection.where:
+                bus = injection.around(name, bus, unit)
+            found[name] = bus
+    return found
+
+
+def _power(
+    settings: StationSettings,
+    occasion: Occasion,
+    simulation: SimulatedStation | None,
+    equipment: tuple[Clock, Records],
+    stack: ExitStack,
+) -> UnitPower | None:
+    """What switches the units' power, where the occasion needs it."""
+    supply = settings.supply
+    if supply is None or not occasion.switches_power:
+        return None
+    if simulation is not None and simulation.supply is not None:
+        supply = supply.model_copy(update={"port": f"socket://127.0.0.1:{simulation.supply.port}"})
+    clock, records = equipment
+    return open_power(supply, clock, stack, records)
 
 
 def simulate(
@@ -290,11 +326,12 @@ def simulate(
     units: Sequence[UnitSettings],
     buses: Mapping[str, Bus],
     stack: ExitStack,
-    occasion: str = "",
+    occasion: Occasion | None = None,
     modbus_port: int = 0,
 ) -> SimulatedStation:
     """The simulated chamber and units of a station file, on these buses; `stack` closes the buses."""
-    seed = settings.seeds(occasion)["run"]
+    occasion = occasion or Occasion()
+    seed, lasting = (settings.seeds(name)["run"] for name in (occasion.noise, occasion.name))
     plant = Plant(PlantParameters(ambient_degc=settings.ambient_degc), seed=seed)
     simulated = []
     wires: dict[str, can.BusABC] = {}  # one connection a bus: one that only sends would collect what the others send
@@ -305,11 +342,21 @@ def simulate(
             stack.callback(wires[unit.bus].shutdown)
         identity = unit.identity or unit.number + 1
         wire = CanGyro(wires[unit.bus], unit.number, identity, layout=unit.gyro)
-        kept = None if settings.eeproms is None else Path(settings.eeproms) / f"{slug(unit.serial)}.eeprom"
-        port = FlashPort(wire, CalibrationMemory(Eeprom(kept), identity), unit.flash.addresses(unit.number))
-        simulated.append(SimulatedUnit(Resonator(physics, seed=seed + settings.units.index(unit)), wire, port))
+        wire.sample_s *= 1.0 + 1e-6 * physics.clock_ppm
+        port = FlashPort(
+            wire,
+            CalibrationMemory(Eeprom(eeprom_file(settings, unit)), identity),
+            unit.flash.addresses(unit.number),
+        )
+        number, place = occasion.power_ons.get(unit.serial, 1), settings.units.index(unit)
+        if occasion.start_s > 0.0:
+            wire.go_on(round(occasion.start_s / wire.sample_s))
+        power = PowerOn(number, occasion.start_s, lasting + place)
+        counted = PowerOns(power_ons_file(settings, unit), number)
+        simulated.append(SimulatedUnit(Resonator(physics, seed + place, power=power), wire, port, counted))
     table = simulate_table(settings, buses, stack, seed)
-    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table)
+    supply = ScpiSupply() if settings.supply is not None and occasion.switches_power else None
+    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table, supply)
 
 
 def _private_buses(settings: StationSettings) -> dict[str, Bus]:

@@ -100,6 +100,10 @@ class LiveUnit:
             at_s = self.newest_frame_s if self.newest_frame_s is not None else self._clock.now()
             self.temperature = Signal(float(block.slow["temperature"].value[-1]), at_s)
 
+    def expect_power_on(self) -> None:
+        """Its power, which was switched off on purpose, comes back now."""
+        self.decoder.power_on()
+
     @property
     def doubted_s(self) -> float:
         """How long its temperature has not been believed [s]."""

@@ -201,17 +201,28 @@ def _edge(table: pq.ParquetFile, groups: Iterable[int], end: int) -> float | Non
 
 
 def _gaps(base: Dataset, manifest: Manifest) -> tuple[tuple[float, float], ...]:
-    """Spans [s] without a single rate sample, also before the first and after the last of the segments."""
+    """Spans [s] without a single rate sample, also before the first and after the last of the segments.
+
+    Not those in which the unit's power was off on purpose.
+    """
     edge = 0.5 * base.interval_s
     present = base.time[np.isfinite(base.channel("rate"))].tolist()
     if manifest.segments and present:
         ends = manifest.segments[0].from_s - edge, manifest.segments[-1].to_s + edge
         present = [*(ends[:1] if ends[0] < present[0] else ()), *present, *(ends[1:] if ends[1] > present[-1] else ())]
-    return tuple((a + edge, b - edge) for a, b in pairwise(present) if b - a > _GAP * base.interval_s)
+    spans = ((a + edge, b - edge) for a, b in pairwise(present) if b - a > _GAP * base.interval_s)
+    planned = tuple((from_s - 2 * edge, to_s + 2 * edge) for from_s, to_s in _without_power(manifest))
+    return tuple((a, b) for a, b in spans if not any(from_s <= a and b <= to_s for from_s, to_s in planned))
+
+
+def _without_power(manifest: Manifest) -> Iterator[tuple[float, float]]:
+    """Segments [s] in which the unit's power was off on purpose."""
+    return ((segment.from_s, segment.to_s) for segment in manifest.segments if segment.kind == "power_cycle")
 
 
 def _between(manifest: Manifest) -> Iterator[tuple[float, float]]:
-    """Gaps [s] between parts whose ends are known."""
+    """Gaps [s] that are no loss: between parts whose ends are known, and while the unit's power was off on purpose."""
+    yield from _without_power(manifest)
     for gap in (part.gap for part in manifest.parts):
         if gap is not None and gap.from_s is not None and gap.to_s is not None:
             yield gap.from_s, gap.to_s

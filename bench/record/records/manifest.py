@@ -42,6 +42,8 @@ class ExecutedSegment(Stored):
     reason: str = ""
     """Why it did not end as planned."""
     settled: bool = True
+    turn_on: int = 1
+    """Which turn-on of the run it belongs to; a power cycle belongs to the one that it ends with."""
 
 
 class UnitClock(Stored):
@@ -145,6 +147,8 @@ class Begun(Stored):
     """… within this lag."""
     seeds: dict[str, int] = Field(default_factory=dict)
     """Of a simulation."""
+    power_on: int | None = None
+    """Which power-on of the unit this run begins with, counted over its life; null where nobody counts."""
     versions: dict[str, str] = Field(default_factory=dict)
     companions: tuple[Companion, ...] = ()
 

@@ -17,6 +17,7 @@ from drivers.sim.truth.bouc_wen import BoucWen
 from drivers.sim.truth.compressor import Compressor
 from drivers.sim.truth.creep import Creep
 from drivers.sim.truth.drive_amplitude import DriveAmplitude
+from drivers.sim.truth.earth_rate import EarthRate
 from drivers.sim.truth.emi import Emi
 from drivers.sim.truth.etalon import Etalon
 from drivers.sim.truth.frost import Frost
@@ -26,6 +27,7 @@ from drivers.sim.truth.preisach import Preisach
 from drivers.sim.truth.quadrature_leakage import QuadratureLeakage
 from drivers.sim.truth.rate_squared import RateSquared
 from drivers.sim.truth.resonance_frequency import ResonanceFrequency
+from drivers.sim.truth.scale_factor_even import ScaleFactorEven
 from drivers.sim.truth.scale_factor_nonlinearity import ScaleFactorNonlinearity
 from drivers.sim.truth.scale_factor_temperature import ScaleFactorTemperature
 from drivers.sim.truth.static_bias import StaticBias
@@ -46,6 +48,7 @@ _All = (
     | Compressor
     | Creep
     | DriveAmplitude
+    | EarthRate
     | Emi
     | Etalon
     | Frost
@@ -55,6 +58,7 @@ _All = (
     | QuadratureLeakage
     | RateSquared
     | ResonanceFrequency
+    | ScaleFactorEven
     | ScaleFactorNonlinearity
     | ScaleFactorTemperature
     | StaticBias

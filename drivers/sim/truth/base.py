@@ -49,6 +49,8 @@ class Scene:
     humidity: float
     """Relative humidity of the gas in the chamber at ambient, 0 to 1."""
     powered: bool
+    power_on: int = 1
+    """Which power-on of the unit's life this is, counted from 1."""
     frequency: FloatArray = field(default_factory=lambda: np.empty(0))
     """Resonance frequency [Hz]."""
     drive: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -72,6 +74,8 @@ class Mechanism(BaseModel):
     """The effect of the analysis library that covers it; None when the library does not."""
     kind: ClassVar[Literal["thermal", "static", "bias"]] = "bias"
     """`thermal` sets the resonator's temperature, `static` is a function of only this temperature, `bias` any other."""
+    lifelong: ClassVar[bool] = False
+    """Whether one random stream serves all power-ons of the unit; otherwise each run draws from a new one."""
 
     @classmethod
     def describe(cls) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -20,11 +21,14 @@ class WarmUp(Mechanism):
     fast_share: float = Field(0.15, ge=0.0, le=1.0, description="share that a node six times faster takes")
 
     def start(self, node_s: float, rng: np.random.Generator) -> Contribution:
-        """The bias of this mechanism, cold before its first moment."""
+        """The bias of this mechanism, cold before its power came on."""
         slow, fast = Lag(self.tau_s), Lag(self.tau_s / 6.0)
-        slow.value = fast.value = 0.0
+        slow.value = fast.value = None
 
         def contribute(scene: Scene) -> FloatArray:
+            for node in (slow, fast):
+                if node.value is None:  # a unit that was powered before the record began
+                    node.value = -math.expm1(-float(scene.on[0]) / node.tau_s)
             power = np.full(len(scene.time), float(scene.powered))
             heat = (1.0 - self.fast_share) * slow(scene.node_s, power) + self.fast_share * fast(scene.node_s, power)
             return self.amplitude_dph * (1.0 - heat)

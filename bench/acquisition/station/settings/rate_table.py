@@ -11,6 +11,15 @@ from bench.base import STRICT
 Text = Annotated[str, Field(min_length=1)]
 
 
+class TableTruth(BaseModel):
+    """What is wrong with a simulated rate table."""
+
+    model_config = STRICT
+
+    scale_error_ppm: Annotated[float, Field(gt=-10_000, lt=10_000)] = 0.0
+    """How much more than the true angle its encoder counts [ppm]."""
+
+
 class RateTableSettings(BaseModel):
     """The rate table that the units are mounted on."""
 
@@ -41,6 +50,8 @@ class RateTableSettings(BaseModel):
     """Acceleration [deg/s^2]; what table, fixture and cables bear."""
     tolerance_dps: PositiveFloat = 0.05
     """How far the mean over a second may be off its rate, beside 0.2 % of it."""
+    simulation: TableTruth | None = None
+    """What is wrong with a simulated table; left out: nothing."""
 
     @model_validator(mode="after")
     def _complete(self) -> RateTableSettings:

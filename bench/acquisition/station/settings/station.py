@@ -17,6 +17,7 @@ from bench.acquisition.station.settings.chamber import ChamberSettings, Degc
 from bench.acquisition.station.settings.faults import FaultSettings
 from bench.acquisition.station.settings.rate_table import RateTableSettings
 from bench.acquisition.station.settings.safety import SafeStateSettings, WatchdogSettings
+from bench.acquisition.station.settings.supply import SupplySettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import STRICT, InputError, PlacedError
 from drivers.registers import is_map_file
@@ -47,6 +48,8 @@ class StationSettings(BaseModel):
     """CAN buses by a name of your own."""
     rate_table: RateTableSettings | None = None
     """The rate table, where there is one."""
+    supply: SupplySettings | None = None
+    """The supply that switches the units' power, where there is one."""
     units: Annotated[tuple[UnitSettings, ...], Field(min_length=1)]
     """Gyros that may be tested here."""
     guards: tuple[GuardSettings, ...] = ()
@@ -76,6 +79,8 @@ class StationSettings(BaseModel):
             raise PlacedError(f"{text} {chamber.highest_degc:g} degC: there would be no safe state", ("ambient_degc",))
         if not self.simulated and chamber.connection is None:
             raise PlacedError("a real station needs a `connection`", ("chamber",))
+        if not self.simulated and self.supply is not None and self.supply.port is None:
+            raise PlacedError("a real station needs the `port` of its supply", ("supply",))
         if chamber.connection is not None and self.watchdog.silent_s < MOST_TIMEOUTS * chamber.connection.timeout_s:
             text = f"silent_s is {self.watchdog.silent_s:g}: a bench that waits for a chamber which does not answer is"
             text += f" silent for up to {MOST_TIMEOUTS} times its timeout_s, {chamber.connection.timeout_s:g}; raise it"
@@ -107,6 +112,8 @@ class StationSettings(BaseModel):
             return
         if self.simulated and table.driver != "cia402":
             raise PlacedError("a simulated station has a table with driver cia402", ("rate_table", "driver"))
+        if table.simulation is not None and not self.simulated:
+            raise PlacedError("only a simulated table has it; this station is real", ("rate_table", "simulation"))
         if table.bus is not None and table.bus not in self.buses:
             text = f"bus {table.bus!r} is not in this station; known: {', '.join(self.buses)}"
             raise PlacedError(text, ("rate_table", "bus"))
@@ -164,6 +171,7 @@ class StationSettings(BaseModel):
             chamber.cooling_degc_per_min,
             self.ambient_degc,
             None if self.rate_table is None else self.rate_table.highest_dps,
+            switches_power=self.supply is not None,
         )
 
     def standing_guards(self) -> tuple[Standing, ...]:
