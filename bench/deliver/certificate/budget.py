@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import HeldOut, error_of, turning
-from bench.base import DPH_PER_DPS, BoolArray, FloatArray, number
+from bench.analysis import HeldOut, error_of, turn_ons, turning
+from bench.base import DPH_PER_DPS, BoolArray, number
 from bench.deliver.certificate.evidence import Evidence, Verification, day
 from bench.deliver.certificate.laboratory import Instrument
 from bench.deliver.certificate.propagation import PERCENT, Budget, Contribution
@@ -84,7 +84,9 @@ def _scope(turn_ons: int) -> str:
 def budget(evidence: Evidence) -> Uncertainty:
     """Propagate all sources at rest, at temperatures and at rates; docs/uncertainty.md defines each source."""
     correlations = _correlations(evidence.instruments)
-    means = tuple(mean for run in evidence.verifications for mean in turn_on_means(run)[1].values())
+    runs = evidence.verifications
+    found = turn_ons([run.data for run in runs], [run.left for run in runs])
+    means = tuple(one.mean_dph for one in found.each)
 
     def at(rows: BoolArray | None, rate_dps: float = 0.0) -> Budget:
         seen = (_observed(evidence, rows), *_turn_on(means, evidence))
@@ -117,14 +119,6 @@ def _rates(check: Verification, at: Any) -> Iterator[tuple[float, Budget]]:
         left &= ~rows
 
 
-def turn_on_means(run: Verification) -> tuple[FloatArray, dict[float, float]]:
-    """Turn-on of each row (n,), and the mean error at rest of each turn-on [deg/h]."""
-    turn_on = np.zeros(len(run.data))
-    count, present = run.data.count("rate"), np.isfinite(run.left) & ~turning(run.data) & (run.data.count("rate") > 0)
-    own = {one: present & (turn_on == one) for one in np.unique(turn_on[present]).tolist()}
-    return turn_on, {one: float(np.average(run.left[rows], weights=count[rows])) for one, rows in own.items()}
-
-
 def _observed(evidence: Evidence, rows: BoolArray | None) -> Contribution:
     """Error of one mean on unseen data: what the model misses, and noise. The two are observed together."""
     known = {quantity.name: quantity for quantity in evidence.quantities()}
@@ -147,8 +141,8 @@ def _observed(evidence: Evidence, rows: BoolArray | None) -> Contribution:
 
 def _error(check: Verification, rows: BoolArray) -> HeldOut:
     """Error of rows about the mean of their turn-on."""
-    turn_on, means = turn_on_means(check)
-    about = np.array([means.get(one, 0.0) for one in turn_on.tolist()])
+    means = {one.number: one.mean_dph for one in turn_ons([check.data], [check.left]).each}
+    about = np.array([means.get(number, 0.0) for number in check.data.turn_on.tolist()])
     return error_of("verification", (check.data,), (np.where(rows, check.left - about, np.nan),))
 
 
