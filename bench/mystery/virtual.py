@@ -15,7 +15,7 @@ from bench.acquisition import Leg, Profile
 from bench.base import EquipmentError, FloatArray, IntArray
 from bench.record import ExecutedSegment
 from drivers.sim.plant import Plant, PlantState
-from drivers.sim.resonator import DIVIDER, Environment, Resonator, UnitSettings
+from drivers.sim.resonator import DIVIDER, Environment, PowerOn, Resonator, UnitSettings
 
 RATE_HZ = 10.0
 STEP_S = 5
@@ -119,9 +119,15 @@ class Samples:
     segment: IntArray
 
 
-def unit(settings: UnitSettings, trace: Trace, seed: int, applied_rate_dps: FloatArray | None = None) -> Samples:
+def unit(
+    settings: UnitSettings,
+    trace: Trace,
+    seed: int,
+    applied_rate_dps: FloatArray | None = None,
+    power: PowerOn | None = None,
+) -> Samples:
     """A unit in that chamber, powered on at the start; `applied_rate_dps` (seconds + 1,) is the table's true rate."""
-    resonator = Resonator(settings, seed, RATE_HZ)
+    resonator = Resonator(settings, seed, RATE_HZ, power)
     applied = np.zeros(trace.seconds + 1) if applied_rate_dps is None else applied_rate_dps
     edges = range(0, trace.seconds, STEP_S)
     signals = [resonator.advance(_environment(trace, applied, t0)) for t0 in edges]

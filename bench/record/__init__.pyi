@@ -17,6 +17,11 @@ from .dataset import averaged as averaged
 from .dataset import load as load
 from .dataset import refuse_mixed as refuse_mixed
 from .dataset import seconds_of as seconds_of
+from .earth import EARTH as EARTH
+from .earth import EARTH_DPH as EARTH_DPH
+from .earth import NOT_STATED as NOT_STATED
+from .earth import earth_rate as earth_rate
+from .earth import earth_told as earth_told
 from .events import EVENTS as EVENTS
 from .events import Events as Events
 from .events import read_events as read_events
@@ -64,6 +69,7 @@ from .records.manifest import Gap as Gap
 from .records.manifest import GyroKind as GyroKind
 from .records.manifest import LeftOut as LeftOut
 from .records.manifest import Manifest as Manifest
+from .records.manifest import Orientation as Orientation
 from .records.manifest import RunPart as RunPart
 from .records.manifest import UnitClock as UnitClock
 from .records.manifest import UnitIdentity as UnitIdentity

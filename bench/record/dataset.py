@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from bench.base import CHANNELS, DPH_PER_DPS, BoolArray, FloatArray, InputError, IntArray
 from bench.record.chain import use
+from bench.record.earth import EARTH, earth_rate
 from bench.record.means import floats, write_means
 from bench.record.records.manifest import ExecutedSegment, Manifest
 
@@ -115,9 +116,15 @@ class Dataset:
         return np.isfinite(self.channel(name)).astype(np.float64)
 
     @cached_property
+    def own_rate(self) -> FloatArray:
+        """Rate without what the Earth turned along the axis, where the orientation is stated [deg/h], (n,)."""
+        rate, earth = self.channel("rate"), self.channels.get(EARTH)
+        return rate if earth is None else rate - earth
+
+    @cached_property
     def bias(self) -> FloatArray:
-        """Zero-rate output: rate minus what the rate table turned [deg/h], (n,)."""
-        rate = self.channel("rate")
+        """Zero-rate output: rate minus what the rate table and, where it is known, the Earth turned [deg/h], (n,)."""
+        rate = self.own_rate
         applied = self.channels.get("applied_rate")
         if applied is None or not np.any(np.isfinite(applied)):
             return rate
@@ -309,11 +316,14 @@ def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
     columns = {name: np.array(floats(table.column(name).combine_chunks())) for name in table.column_names}
     names = [name for name in CHANNELS if name in columns and name != "time"]
     time = columns["time"]
+    channels = {name: columns[name] for name in names}
+    if manifest.orientation is not None:
+        channels[EARTH] = earth_rate(manifest.orientation, time, columns.get("applied_rate"))
     segment = columns["segment"] if "segment" in columns else np.full(time.shape, -1.0)
     return Dataset(
         name=manifest.run or folder.name,
         time=time,
-        channels={name: columns[name] for name in names},
+        channels=channels,
         segment=np.where(np.isnan(segment), -1, segment).astype(np.int64),
         segments=tuple(map(Segment.of, manifest.segments)),
         interval_s=1.0,

@@ -9,8 +9,10 @@ from typing import Literal
 
 import numpy as np
 
+from bench.acquisition.profile.orientation import OrientationSettings, stated
 from bench.acquisition.profile.profile import Leg, Profile
 from bench.base import FloatArray, InputError
+from bench.record import NOT_STATED, earth_told
 
 Level = Literal["error", "warning", "info"]
 RateCurve = Sequence[tuple[float, float]]
@@ -51,6 +53,8 @@ class Limits:
     """Fastest rate of the rate table, either way [deg/s]; None: the station has no table."""
     switches_power: bool = False
     """Whether the station has a supply that switches the units' power."""
+    orientation: OrientationSettings | None = None
+    """What the station states of latitude, axis and azimuth."""
 
     def fastest(self, temperature_degc: FloatArray, heating: bool) -> FloatArray:
         """Fastest rate that the chamber can follow [degC/min], shape of the input."""
@@ -88,6 +92,7 @@ def check_profile(
         _too_fast(profile, limits),
         _turns(profile, limits),
         _power(profile, limits),
+        _earth(profile, limits),
         _ends(profile, limits),
         _repeats(profile),
         _separates(profile),
@@ -193,6 +198,20 @@ def _power(profile: Profile, limits: Limits) -> Iterator[Finding]:
     off_s = sum(leg.duration_s for leg in cycles)
     text = f"{len(cycles)} power cycle(s), {_hours(off_s)} without power: {len(cycles) + 1} turn-ons in one run; "
     yield _find(profile, "info", f"{text}while the power is off, guards on what the units say do not watch", cycles[0])
+
+
+def _earth(profile: Profile, limits: Limits) -> Iterator[Finding]:
+    orientation, missing = stated(limits.orientation, profile.orientation)
+    if orientation is None:
+        given = limits.orientation is not None or profile.orientation is not None
+        text = f"{NOT_STATED}; `orientation` of station or profile does not state {', '.join(missing)}"
+        yield _find(profile, "warning" if given else "info", text)
+        return
+    yield _find(profile, "info", earth_told(orientation))
+    turning = [leg for leg in profile.legs() if leg.turn_dps]
+    if turning and orientation.axis == "level":
+        text = f"{turning[0].name}: the axis is level and the table's is taken to be vertical: the axis goes round with"
+        yield _find(profile, "warning", f"{text} it, and only a part of the table's rate is along it", turning[0])
 
 
 def _ends(profile: Profile, limits: Limits) -> Iterator[Finding]:

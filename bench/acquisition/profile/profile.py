@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import BaseModel, Field, PrivateAttr, model_validator
 
 from bench.acquisition.profile.guards import GuardSettings
+from bench.acquisition.profile.orientation import OrientationSettings
 from bench.acquisition.profile.segments import (
     Name,
     PowerCycle,
@@ -117,6 +118,8 @@ class Profile(BaseModel):
     """What settled means."""
     guards: tuple[GuardSettings, ...] = ()
     """Interlocks of this profile, beside the station's."""
+    orientation: OrientationSettings | None = None
+    """How the sensitive axis lies, where it differs from what the station says."""
     segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
     """What to do, in order."""
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.acquisition.profile.guards import Guards, Signal, guards_of
+from bench.acquisition.profile.orientation import stated
 from bench.acquisition.profile.profile import Leg, Profile
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.recording.recorder import BENCH_JOURNAL, Recorder
@@ -192,6 +193,7 @@ def _begun(
         unit_lag_min=job.station.protection.unit_lag_min,
         gyro=GyroKind(layout=settings.gyro, number=settings.number, bus=settings.bus),
         seeds=job.station.seeds(job.profile.name),
+        orientation=stated(job.station.orientation, job.profile.orientation)[0],
         power_on=occasion.power_ons.get(unit.serial),
         versions=package_versions(),
         companions=tuple(

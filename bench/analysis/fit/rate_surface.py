@@ -91,7 +91,7 @@ def monomials(u: FloatArray, v: FloatArray, order: int) -> FloatArray:
 
 def points_of(dataset: Dataset, bin_degc: float = BIN_DEGC, samples: int = SAMPLES) -> Points:
     """Binned points of a run on a rate table, raw output and reference in deg/s. InputError where it has no table."""
-    raw, reference = dataset.channel("rate") / DPH_PER_DPS, dataset.channel("applied_rate")
+    raw, reference = dataset.own_rate / DPH_PER_DPS, dataset.channel("applied_rate")
     return binned(raw, dataset.channel("temperature"), reference, bin_degc, samples)
 
 
@@ -113,8 +113,8 @@ def binned(
 
 def binned_record(record: Dataset, bin_degc: float = BIN_DEGC, samples: int = SAMPLES) -> Dataset:
     """The bins of a run as the rows of a record, in the order of their mean times: every bin counts the same."""
-    rate, temperature, applied = (record.channel(name) for name in ("rate", "temperature", "applied_rate"))
-    return means_of(record, bin_rows(rate, temperature, applied, bin_degc, samples)[0])
+    temperature, applied = (record.channel(name) for name in ("temperature", "applied_rate"))
+    return means_of(record, bin_rows(record.own_rate, temperature, applied, bin_degc, samples)[0])
 
 
 def means_of(record: Dataset, groups: Sequence[IntArray]) -> Dataset:

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.base import DPH_PER_DPS, FloatArray, InputError, IntArray
-from bench.record import floats, use
+from bench.record import EARTH, Manifest, floats, seconds_of, use
 
 BATCH_ROWS = 1 << 17
 REACH_S = 2.5
@@ -69,6 +69,14 @@ class Samples:
         return self._ends[channel]
 
     @cached_property
+    def _earth(self) -> tuple[FloatArray, FloatArray] | None:
+        """Times [s] and Earth rate along the axis [deg/h] of the 1 s means; None where it is not removed."""
+        if Manifest.read(self.path.parent).orientation is None:
+            return None
+        seconds = seconds_of(self.path.parent)
+        return seconds.time, seconds.channels[EARTH]
+
+    @cached_property
     def _ends(self) -> dict[str, tuple[float, float]]:
         ends: dict[str, tuple[float, float]] = {}
         for g in range(self.metadata.num_row_groups):
@@ -114,7 +122,7 @@ class Samples:
         new, time = slice(done, ready), table["time"]
         columns = {name: between(time, table[name], new, name) for name in names if name not in {"time", "rate"}}
         columns["time"], columns["rate"] = time[new], table["rate"][new]
-        y = columns["rate"]
+        y = columns["rate"] if self._earth is None else columns["rate"] - np.interp(columns["time"], *self._earth)
         if "applied_rate" in columns:
             y = y - DPH_PER_DPS * columns["applied_rate"]
         segment = np.nan_to_num(table["segment"][new], nan=-1.0) if "segment" in table else np.full(y.size, -1.0)

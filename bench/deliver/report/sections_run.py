@@ -11,7 +11,7 @@ from bench.analysis import LOST, Analysis, Completeness, branch_gap
 from bench.base import clock, moment, number
 from bench.deliver.report import figures_run
 from bench.deliver.report.markup import Row, Section, facts, figure, heading, mono, paragraph, table, text_of
-from bench.record import EVENTS, read_events
+from bench.record import EVENTS, earth_told, read_events
 
 _LOSS_WORDS: Mapping[str, str] = {
     "received": "received",
@@ -207,6 +207,7 @@ def run_facts(analysis: Analysis) -> Section:
         ("duration [h:mm:ss]", clock(done.duration_s)),
         ("samples", f"{done.samples:,} at {manifest.sample_rate_hz or '–'} Hz"),
         ("averaging for all fits [s]", f"{analysis.interval_s:g}"),
+        ("orientation", earth_told(manifest.orientation)),
         ("versions", text_of(manifest.versions or "–")),
     ]
     if manifest.companions:

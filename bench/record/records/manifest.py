@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -16,6 +16,16 @@ class GyroKind(Stored):
     number: int
     """Number of the unit on its bus."""
     bus: str
+
+
+class Orientation(Stored):
+    """Where the unit was and how its sensitive axis lay, as station and profile state it."""
+
+    latitude_deg: float
+    """North positive."""
+    axis: Literal["level", "vertical", "vertical_down"]
+    azimuth_deg: float | None = None
+    """Of a level axis, clockwise from true north; on a rate table, at its start."""
 
 
 class Companion(Stored):
@@ -141,6 +151,8 @@ class Begun(Stored):
     gyro: GyroKind | None = None
     operator: str | None = None
     """Who asked for it."""
+    orientation: Orientation | None = None
+    """The Earth rate along the axis is removed from the bias; null: not stated, and nothing is removed."""
     unit_margin_degc: float | None = None
     """A unit further outside all that the air was than this is not believed …"""
     unit_lag_min: float | None = None

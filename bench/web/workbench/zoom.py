@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.base import DPH_PER_DPS, FloatArray, InputError, IntArray
-from bench.record import Dataset
+from bench.record import EARTH, Dataset
 
 SAMPLES_WITHIN_S = 1200.0
 """Longest range that is read from the samples [s]."""
@@ -60,6 +60,8 @@ def view(
     read = _samples(samples, begin, end) if end - begin <= SAMPLES_WITHIN_S and samples.is_file() else None
     if read is not None and read[0].size:
         time, bias, temperature = read
+        if EARTH in base.channels:
+            bias = bias - np.interp(time, base.time, base.channels[EARTH])
         step = float(np.median(np.diff(time))) if time.size > 1 else width
         known = None if fitted is None else np.interp(time, base.time, fitted)
         # Half a step before the first, so that a sample with jitter remains in its bin.

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, model_validator
 
 from bench.acquisition.profile.guards import GuardSettings
+from bench.acquisition.profile.orientation import OrientationSettings
 from bench.acquisition.profile.preflight import Limits
 from bench.acquisition.profile.standing import ProtectionSettings, Standing, standing_guards
 from bench.acquisition.station.settings.bus import LOCAL_INTERFACES, Bus
@@ -38,6 +39,8 @@ class StationSettings(BaseModel):
     """What the station is called."""
     simulated: bool = False
     """The embedded simulator takes the place of all equipment."""
+    orientation: OrientationSettings | None = None
+    """Latitude, axis and azimuth: with them the Earth rate is removed from the bias."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Of a simulated station: same seed, same run."""
     ambient_degc: Degc = 23.0
@@ -172,6 +175,7 @@ class StationSettings(BaseModel):
             self.ambient_degc,
             None if self.rate_table is None else self.rate_table.highest_dps,
             switches_power=self.supply is not None,
+            orientation=self.orientation,
         )
 
     def standing_guards(self) -> tuple[Standing, ...]:
