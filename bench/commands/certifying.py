@@ -41,6 +41,7 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
     from bench.analysis import load_limits
     from bench.deliver import (
         budget,
+        dcc_xml,
         facts,
         facts_text,
         figures,
@@ -73,10 +74,14 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
     kept = folder / CertificateRecord.FILE
     if options.draft and beside.resolve() == kept.resolve():
         raise InputError("a draft must not take the place of the certificate; choose another file with --out", pdf)
-    write(pdf, typeset_pdf(content, figures(evidence, total.expanded_dph), issued))
+    xml = dcc_xml(content)
+    write(pdf, typeset_pdf(content, figures(evidence, total.expanded_dph), xml, issued))
     for path in dict.fromkeys((beside,) if options.draft else (beside, kept)):
+        write(path.with_suffix(".xml"), xml)
         write(path, facts_text(content))
-    return Certified(folder, pdf, beside, content, evidence.verdict is None or evidence.verdict.within)
+    return Certified(
+        folder, pdf, beside, beside.with_suffix(".xml"), content, evidence.verdict is None or evidence.verdict.within
+    )
 
 
 def _across(lacks: Sequence[Lack]) -> tuple[str, ...]:

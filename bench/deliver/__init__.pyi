@@ -1,5 +1,6 @@
 from .certificate.budget import budget as budget
 from .certificate.certificate import facts as facts
+from .certificate.dcc import dcc_xml as dcc_xml
 from .certificate.evidence import gather as gather
 from .certificate.figures import figures as figures
 from .certificate.formalities import Lack as Lack

@@ -80,6 +80,7 @@ def _(result: Certified) -> Iterator[str]:
         yield f"DRAFT: {'; '.join(facts['draft'])}"
     yield ""
     yield f"pdf   {result.pdf}"
+    yield f"xml   {result.xml}"
     yield f"json  {result.json}"
 
 
@@ -93,7 +94,7 @@ def _covered(known: Mapping[str, Any]) -> str:
 def _(result: Certified) -> dict[str, Any]:
     keys = ("number", "verdict", "issued", "as_found", "as_left", "simulated", "draft")
     known = {key: result.facts[key] for key in keys}
-    return {"run": str(result.run), "pdf": str(result.pdf), "json": str(result.json), **known}
+    return {"run": str(result.run), "pdf": str(result.pdf), "json": str(result.json), "xml": str(result.xml), **known}
 
 
 @lines.register(Flashed)

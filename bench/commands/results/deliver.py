@@ -33,6 +33,7 @@ class Certified(Result):
     run: Path
     pdf: Path
     json: Path
+    xml: Path
     facts: Mapping[str, Any]
     within: bool
 

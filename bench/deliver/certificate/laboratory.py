@@ -54,6 +54,8 @@ class Party(BaseModel):
     """Name."""
     address: str = ""
     """Postal address."""
+    country: str | None = Field(None, pattern="^[A-Z]{2}$")
+    """Country, two letters (ISO 3166-1), for the digital certificate."""
 
 
 class Signatory(BaseModel):

@@ -19,9 +19,9 @@ _TEMPLATE = files("bench.deliver.certificate") / "certificate.typ"
 
 
 def require_typst() -> None:
-    """InputError where typst is not installed."""
-    if find_spec("typst") is None:
-        raise InputError("a certificate needs typst: pip install 'gyro-thermal-bench[certificate]'")
+    """InputError where what a certificate is made with is not installed."""
+    if missing := [name for name in ("typst", "lxml", "signxml", "pyhanko") if find_spec(name) is None]:
+        raise InputError(f"a certificate needs {', '.join(missing)}: pip install 'gyro-thermal-bench[certificate]'")
 
 
 def facts_text(facts: Mapping[str, Any]) -> str:
@@ -29,12 +29,12 @@ def facts_text(facts: Mapping[str, Any]) -> str:
     return json.dumps(facts, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def typeset_pdf(facts: Mapping[str, Any], figures: Mapping[str, Any], issued: date) -> bytes:
-    """The certificate as PDF."""
+def typeset_pdf(facts: Mapping[str, Any], figures: Mapping[str, Any], dcc: bytes, issued: date) -> bytes:
+    """The certificate as PDF, with its facts and its XML inside."""
     require_typst()
     import typst
 
-    inputs = {"facts": facts_text(facts), "figures": json.dumps(figures, allow_nan=False)}
+    inputs = {"facts": facts_text(facts), "figures": json.dumps(figures, allow_nan=False), "dcc": dcc.decode()}
     compiler = typst.Compiler(_TEMPLATE.read_bytes(), ignore_system_fonts=True, sys_inputs=inputs)
     at = datetime(issued.year, issued.month, issued.day, tzinfo=UTC)
     try:
