@@ -358,7 +358,8 @@ def test_a_value_is_printed_as_the_report_prints_it(issued):
     undetermined = [one for one in facts["results"] if one["value"] == 0 and (one["high"] or 0) > 0]
     assert undetermined
     for one in undetermined:
-        assert re.search(rf"{one['meaning']} +below {measured(0, one['high']).split()[1]}", shown)
+        most = re.sub(r"e-0?(\d+)", r" · 10−\1", measured(0, one["high"]).split()[1])
+        assert re.search(rf"{one['meaning']} +below {most}", shown)
     assert shown.count("(by constraint)") == sum(
         c["value"] == 0 == c["std"] for c in facts["calibration"]["coefficients"]
     )

@@ -82,8 +82,6 @@ class StationSettings(BaseModel):
             raise PlacedError(f"{text} {chamber.highest_degc:g} degC: there would be no safe state", ("ambient_degc",))
         if not self.simulated and chamber.connection is None:
             raise PlacedError("a real station needs a `connection`", ("chamber",))
-        if not self.simulated and self.supply is not None and self.supply.port is None:
-            raise PlacedError("a real station needs the `port` of its supply", ("supply",))
         if chamber.connection is not None and self.watchdog.silent_s < MOST_TIMEOUTS * chamber.connection.timeout_s:
             text = f"silent_s is {self.watchdog.silent_s:g}: a bench that waits for a chamber which does not answer is"
             text += f" silent for up to {MOST_TIMEOUTS} times its timeout_s, {chamber.connection.timeout_s:g}; raise it"
@@ -174,7 +172,7 @@ class StationSettings(BaseModel):
             chamber.cooling_degc_per_min,
             self.ambient_degc,
             None if self.rate_table is None else self.rate_table.highest_dps,
-            switches_power=self.supply is not None,
+            switches_power=self.supply is not None and (self.simulated or self.supply.port is not None),
             orientation=self.orientation,
         )
 
