@@ -101,7 +101,8 @@ def test_a_station_without_a_supply_refuses_the_profile_in_one_line(tmp_path):
         assert answer.exit_code == 2
         assert answer.stderr.splitlines() == [
             f"bench: {tmp_path / 'cycles.yaml'}:8: power cycle at 23: switches the units' power, but the station has "
-            "no supply that the bench can switch; name a station with `supply`, on a real one with its `port`"
+            "no supply that the bench can switch; name a station with `supply`, on a real one with its `port`, or "
+            "leave the segment out"
         ]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import HeldOut, error_of, turn_ons, turning
+from bench.analysis import SETTLED_DEGC_PER_MIN, HeldOut, error_of, turn_ons, turning
 from bench.base import DPH_PER_DPS, BoolArray, number
 from bench.deliver.certificate.evidence import Evidence, Verification, day
 from bench.deliver.certificate.laboratory import Instrument
@@ -229,18 +229,16 @@ def _digital(evidence: Evidence) -> Iterator[Contribution]:
 
 
 def compared_thermometers(data: Dataset) -> list[dict[str, float]]:
-    """The unit's thermometer less the air in the chamber [degC] at the end of each settled segment."""
+    """The unit's thermometer less the air in the chamber [degC], where both stand still in a soak."""
     air = data.channels.get("chamber_temperature")
     if air is None:
         return []
     rows = []
+    still = np.isfinite(air) & (np.abs(np.nan_to_num(data.dT_dt, nan=np.inf)) < SETTLED_DEGC_PER_MIN)
     for segment in (one for one in data.segments if one.settles):
-        own = np.flatnonzero(
-            (data.segment == segment.index) & np.isfinite(air) & np.isfinite(data.channel("temperature"))
-        )
-        last = own[own.size // 2 :]
-        if last.size > 1:
-            apart = data.channel("temperature")[last] - air[last]
-            rows.append({"chamber_degc": float(air[last].mean()), "difference_degc": float(apart.mean()),
+        own = still & (data.segment == segment.index)
+        if np.count_nonzero(own) > 1:
+            apart = (data.channel("temperature") - air)[own]
+            rows.append({"chamber_degc": float(air[own].mean()), "difference_degc": float(apart.mean()),
                          "spread_degc": float(apart.std())})  # fmt: skip
     return rows
