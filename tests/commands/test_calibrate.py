@@ -233,7 +233,7 @@ def bench(*arguments):
     [
         ("improve", "improv", "did you mean 'improve'?"),
         ("ramp_-40_85.yaml", "nowhere.yaml", "nowhere.yaml"),
-        ("check_minor_loops.yaml", "ramp_-40_85.yaml", "take another profile"),
+        ("check_turn_ons.yaml", "ramp_-40_85.yaml", "take another profile"),
         ("marginal: hold", "marginal: perhaps", "ship"),
     ],
 )
