@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Hashable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,22 +14,22 @@ O = TypeVar("O")  # noqa: E741
 
 def resumed(
     todo: Iterable[C], run: Callable[[C], O], out: Path, case_of: Callable[[O], C],
-    text: Callable[[O], dict[str, Any]], made: Callable[[dict[str, Any]], O], at_once: int = 1,
+    text: Callable[[O], dict[str, Any]], made: Callable[[dict[str, Any]], O],
 ) -> list[O]:  # fmt: skip
     """Run what is not in `out` yet, and append it; all outcomes that the file then holds.
 
-    `text` and `made` turn an outcome into a JSON object and back. `at_once`: so many threads, for cases that mostly wait.
+    `text` and `made` turn an outcome into a JSON object and back.
     """
     known = read(out, made)
     done = {case_of(outcome) for outcome in known}
     if known:
         out.write_text("".join(f"{json.dumps(text(outcome))}\n" for outcome in known), encoding="utf-8")
-    rest = [case for case in todo if case not in done]
-    with closing(out.open("a", encoding="utf-8")) as file, ThreadPoolExecutor(at_once) as pool:
-        for outcome in map(run, rest) if at_once == 1 else pool.map(run, rest):
-            known.append(outcome)
-            file.write(f"{json.dumps(text(outcome))}\n")
-            file.flush()
+    with closing(out.open("a", encoding="utf-8")) as file:
+        for case in todo:
+            if case not in done:
+                known.append(run(case))
+                file.write(f"{json.dumps(text(known[-1]))}\n")
+                file.flush()
     return known
 
 

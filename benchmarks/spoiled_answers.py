@@ -19,6 +19,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stderr
 from dataclasses import asdict, dataclass
 from io import StringIO
@@ -207,8 +208,12 @@ def campaign(todo: Sequence[Case], seed: int, out: Path, at_once: int = 1) -> li
         with tempfile.TemporaryDirectory() as scratch:
             return _run(case, seed, Path(scratch))
 
-    with _between():
-        return campaigns.resumed(todo, run, out, lambda outcome: outcome.case, asdict, _made, at_once)
+    done = {outcome.case for outcome in read(out)}
+    with _between(), ThreadPoolExecutor(at_once) as pool:  # a run mostly waits for answers
+        runs = {case: pool.submit(run, case) for case in todo if case not in done}
+        return campaigns.resumed(
+            todo, lambda case: runs[case].result(), out, lambda outcome: outcome.case, asdict, _made
+        )
 
 
 def read(path: Path) -> list[Outcome]:
@@ -226,7 +231,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("spoiled_answers.jsonl"))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--sample", type=int, help="only so many, drawn by the seed")
-    parser.add_argument("--at-once", type=int, default=6, help="threads; a run mostly waits for answers")
+    parser.add_argument("--at-once", type=int, default=6, help="so many runs at a time")
     parser.add_argument("--map", action="append", default=[], help="only this register map; may be given several times")
     arguments = parser.parse_args()
     todo = cases(arguments.seed, arguments.map)[: arguments.sample]
