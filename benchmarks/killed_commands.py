@@ -104,12 +104,16 @@ def _calibrate(folder: Path, plan: str) -> Words:
     return ("calibrate", "--unit", UNIT, "--plan", folder / f"plan {plan}.yaml", "--out", folder / "reports", "--quiet")
 
 
-def _verify(folder: Path) -> Words:
+def _verify(folder: Path, profile: str = "brief") -> Words:
     given = ("--unit", UNIT, "--limits", folder / "limits.yaml", "--out", folder / "reports", "--quiet")
-    return ("verify", folder / "profiles" / "brief.yaml", *given)
+    return ("verify", folder / "profiles" / f"{profile}.yaml", *given)
 
 
-def _verified(folder: Path, give: Give) -> int:
+def _flash(folder: Path) -> Words:
+    return ("flash", UNIT, "--out", folder / "reports", "--quiet")
+
+
+def _again_verified(folder: Path, give: Give) -> int:
     """What is left of the killed one becomes a record, then it is given again."""
     for run in (folder / "reports" / UNIT).glob("*_brief"):
         give(("report", run, "--model", "polynomial"))
@@ -179,8 +183,8 @@ COMMANDS = {
         Command("report", lambda at: ("report", _run(at), "--model", "polynomial")),
         Command("diagnose", lambda at: ("diagnose", _run(at), "--model", "polynomial")),
         Command("export", lambda at: ("export", _run(at), "--format", "json", "--out", at / "exported")),
-        Command("flash", lambda at: ("flash", UNIT, "--out", at / "reports", "--quiet")),
-        Command("verify", _verify, _verified, "verified", repeats=True),
+        Command("flash", _flash),
+        Command("verify", _verify, _again_verified, "verified", repeats=True),
         Command("certificate", _certificate, state="verified"),
         Command("import", lambda at: ("import", at / "log.csv", "--unit", "IMP-1", "--out", at / "reports")),
         Command("page imports", lambda at: (page_imports, at)),
@@ -212,15 +216,22 @@ def _sizes(place: Path, pattern: str) -> Iterator[bool]:
     return (path.stat().st_size > 100_000 for path in (place / "reports" / UNIT).glob(pattern))
 
 
-def _job_at(place: Path, step: str) -> None:
-    """A calibration whose bench was killed when a step was done."""
+def _recorded_job(place: Path) -> None:
+    """A calibration whose bench was killed when its run was done."""
     _empty(place)
 
     def reached(_: float) -> bool:
         files = (place / "reports" / UNIT).glob("*/job.json")
-        return any(json.loads(file.read_bytes())["steps"].get(step, {}).get("state") == "done" for file in files)
+        return any(json.loads(file.read_bytes())["steps"].get("run", {}).get("state") == "done" for file in files)
 
     in_a_copy(_calibrate(place, "long"), place, when=reached)
+
+
+def _calibrated_unit(place: Path) -> None:
+    """A calibration in its unit, and verified."""
+    _calibrated(place)
+    for words in (_flash(place), _verify(place, "other")):
+        _done(words, place)
 
 
 def _done(words: Words, place: Path) -> None:
@@ -233,8 +244,8 @@ STATES: dict[str, Callable[[Path], None]] = {
     "empty": _empty,
     "calibrated": _calibrated,
     "killed": _killed,
-    "recorded": lambda place: _job_at(place, "run"),
-    "verified": lambda place: _job_at(place, "verify"),
+    "recorded": _recorded_job,
+    "verified": _calibrated_unit,
 }
 """Makers of what commands begin with, in the folder where every trial will stand: records name their folder."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import signal
 import sys
@@ -40,12 +41,12 @@ def in_a_copy(
     It is killed with its process group just before its change number `kill_at` below `root`, or as soon as `when`
     (called with the seconds since its start) says so.
     """
-    counter, said = root / ".changes", root / ".said"
+    counter, said, imported = root / ".changes", root / ".said", root / ".imported"
     began_s = time.monotonic()
     pid = os.fork()
     if pid == 0:
         os.setsid()
-        _child(words, root, kill_at, counter, said)
+        _child(words, root, kill_at, counter, said, imported)
     while when is not None and os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
         if when(time.monotonic() - began_s):
             with contextlib.suppress(ProcessLookupError):
@@ -59,16 +60,27 @@ def in_a_copy(
     code = None if os.WIFSIGNALED(status) else os.waitstatus_to_exitcode(status)
     changes = counter.stat().st_size if counter.exists() else 0
     text = said.read_text(encoding="utf-8", errors="replace") if said.exists() else ""
-    counter.unlink(missing_ok=True)
-    said.unlink(missing_ok=True)
+    if imported.exists():
+        also_import(imported.read_text(encoding="utf-8").split())
+    for file in (counter, said, imported):
+        file.unlink(missing_ok=True)
     return Done(code, changes, took_s, text[-_SAID:])
 
 
-def _child(words: Words, root: Path, kill_at: int | None, counter: Path, said: Path) -> NoReturn:
+def also_import(names: Sequence[str]) -> None:
+    """Import here what a copy of this process imported, so that the next copy need not."""
+    for name in names:
+        if name not in sys.modules:
+            with contextlib.suppress(Exception):  # names that a module gave to itself
+                importlib.import_module(name)
+
+
+def _child(words: Words, root: Path, kill_at: int | None, counter: Path, said: Path, imported: Path) -> NoReturn:
     out = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     for stream in (1, 2):
         os.dup2(out, stream)
     marks = os.open(counter, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    names = os.open(imported, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     inside = f"{root}{os.sep}"
     done = 0
 
@@ -103,4 +115,5 @@ def _child(words: Words, root: Path, kill_at: int | None, counter: Path, said: P
         print(f"Traceback: {type(error).__name__}: {error}", file=sys.stderr)
     finally:
         sys.stderr.flush()
+        os.write(names, "\n".join(sorted(sys.modules)).encode())
         os._exit(code)

@@ -12,8 +12,6 @@ a case was wrong.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import importlib
 import json
 import os
 import random
@@ -35,6 +33,7 @@ from click.testing import CliRunner
 from bench.base import BenchError, library
 from bench.cli import main as bench
 from benchmarks import campaigns
+from benchmarks.killing import also_import
 from benchmarks.mutations import BINARY, TEXT, mutated
 from drivers.errors import DriverError
 from drivers.wire import read_layouts
@@ -217,10 +216,7 @@ def warm() -> None:
                 ours.write_text("\n".join(sorted(sys.modules)))
                 os._exit(0)
             os.waitpid(child, 0)
-            for name in ours.read_text().split():
-                if name not in sys.modules:
-                    with contextlib.suppress(Exception):  # names that a module gave to itself
-                        importlib.import_module(name)
+            also_import(ours.read_text().split())
 
 
 def run_case(case: Case, seed: int) -> Outcome:
