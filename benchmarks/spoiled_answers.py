@@ -17,7 +17,9 @@ import json
 import random
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stderr
 from dataclasses import asdict, dataclass
 from io import StringIO
@@ -33,7 +35,7 @@ from bench.acquisition.run.wiring import Continue, Stop
 from bench.acquisition.station.settings.station import StationSettings
 from bench.base import BenchError, config
 from benchmarks import campaigns
-from benchmarks.spoiling import KINDS, SpoilingProxy
+from benchmarks.spoiling import KINDS, TIMEOUT_S, SpoilingProxy
 from drivers.errors import DriverError
 from drivers.modbus import ModbusLink
 from drivers.registers import list_maps, load_map
@@ -46,7 +48,6 @@ segments:
   - {kind: ramp, to_degc: 24.5, rate_degc_per_min: 2, arrival_band_degc: 0.5}
   - {kind: soak, duration_min: 0.5}
 """
-TIMEOUT_S = 0.15
 AT_S = 20.0
 """In the middle of the ramp [s]."""
 AMBIENT_DEGC = 23.0
@@ -117,15 +118,24 @@ def cases(seed: int, maps: Sequence[str] = ()) -> list[Case]:
 
 def run_case(case: Case, seed: int, folder: Path) -> Outcome:
     """One run on the simulated station."""
-    with _spoiled(case, seed) as (worlds, proxies):
+    with _between():
+        return _run(case, seed, folder)
+
+
+def _run(case: Case, seed: int, folder: Path) -> Outcome:
+    _here.case, _here.seed, _here.worlds, _here.proxies = case, seed, [], []
+    proxies: list[SpoilingProxy] = _here.proxies
+    try:
         watcher = _Watcher(case.when, proxies)
         try:
-            with redirect_stderr(StringIO()):
-                error: Any = run_job(_job(case.map, folder), watcher.look, decider=watcher).error
+            error: Any = run_job(_job(case.map, folder), watcher.look, decider=watcher).error
         except (BenchError, DriverError) as refused:
             error = refused
-        commands = worlds[0].chamber.commands()
+        commands = _here.worlds[0].chamber.commands()
         struck = sum(proxy.struck for proxy in proxies)
+    finally:
+        for proxy in proxies:
+            proxy.close()
     at_end = 0 if watcher.struck is None else struck - watcher.struck
     if case.when == "ramp" and watcher.began:
         at_end = struck - watcher.at_last
@@ -154,29 +164,32 @@ class _Watcher:
         return Continue()
 
 
+_here = threading.local()
+"""Case of this thread, its simulators and its proxies."""
+
+
 @contextmanager
-def _spoiled(case: Case, seed: int) -> Iterator[tuple[list[SimulatedStation], list[SpoilingProxy]]]:
-    """Keeps a reference to the station's simulator, and routes its link through the proxy."""
-    worlds: list[SimulatedStation] = []
-    proxies: list[SpoilingProxy] = []
+def _between() -> Iterator[None]:
+    """Keeps a reference to the simulator of each run, and routes its link through the proxy of its case."""
     simulate = opening.simulate
 
     @functools.wraps(simulate)
     def seen(*args: Any, **options: Any) -> SimulatedStation:
-        worlds.append(simulate(*args, **options))
-        return worlds[-1]
+        _here.worlds.append(simulate(*args, **options))
+        world: SimulatedStation = _here.worlds[-1]
+        return world
 
     def link(url: str, **options: Any) -> ModbusLink:
-        proxies.append(SpoilingProxy(int(url.rpartition(":")[2]), case.function, case.kind, seed))
-        proxies[-1].armed = case.when == "before"
-        return ModbusLink(f"tcp://127.0.0.1:{proxies[-1].port}", **options | {"timeout_s": TIMEOUT_S})
+        case: Case = _here.case
+        proxy = SpoilingProxy(int(url.rpartition(":")[2]), case.function, case.kind, _here.seed)
+        proxy.armed = case.when == "before"
+        _here.proxies.append(proxy)
+        return ModbusLink(f"tcp://127.0.0.1:{proxy.port}", **options | {"timeout_s": TIMEOUT_S})
 
-    with patch.object(opening, "simulate", seen), patch.object(opening, "ModbusLink", link):
-        try:
-            yield worlds, proxies
-        finally:
-            for proxy in proxies:
-                proxy.close()
+    with (
+        patch.object(opening, "simulate", seen), patch.object(opening, "ModbusLink", link), redirect_stderr(StringIO())
+    ):  # fmt: skip
+        yield
 
 
 def _job(name: str, folder: Path) -> Job:
@@ -188,14 +201,19 @@ def _job(name: str, folder: Path) -> Job:
     return Job(profile_from_text(PROFILE), PROFILE, station, json.dumps(content), texts, out=folder)
 
 
-def campaign(todo: Sequence[Case], seed: int, out: Path) -> list[Outcome]:
+def campaign(todo: Sequence[Case], seed: int, out: Path, at_once: int = 1) -> list[Outcome]:
     """Run what is not in the file yet, and append it; all outcomes that the file then holds."""
 
     def run(case: Case) -> Outcome:
         with tempfile.TemporaryDirectory() as scratch:
-            return run_case(case, seed, Path(scratch))
+            return _run(case, seed, Path(scratch))
 
-    return campaigns.resumed(todo, run, out, lambda outcome: outcome.case, asdict, _made)
+    done = {outcome.case for outcome in read(out)}
+    with _between(), ThreadPoolExecutor(at_once) as pool:  # a run mostly waits for answers
+        runs = {case: pool.submit(run, case) for case in todo if case not in done}
+        return campaigns.resumed(
+            todo, lambda case: runs[case].result(), out, lambda outcome: outcome.case, asdict, _made
+        )
 
 
 def read(path: Path) -> list[Outcome]:
@@ -213,10 +231,11 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("spoiled_answers.jsonl"))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--sample", type=int, help="only so many, drawn by the seed")
+    parser.add_argument("--at-once", type=int, default=6, help="so many runs at a time")
     parser.add_argument("--map", action="append", default=[], help="only this register map; may be given several times")
     arguments = parser.parse_args()
     todo = cases(arguments.seed, arguments.map)[: arguments.sample]
-    outcomes = campaign(todo, arguments.seed, arguments.out)
+    outcomes = campaign(todo, arguments.seed, arguments.out, arguments.at_once)
     wrong = [outcome for outcome in outcomes if outcome.wrong]
     figures = {
         "n": len(outcomes),

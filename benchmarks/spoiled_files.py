@@ -33,6 +33,7 @@ from click.testing import CliRunner
 from bench.base import BenchError, library
 from bench.cli import main as bench
 from benchmarks import campaigns
+from benchmarks.killing import also_import
 from benchmarks.mutations import BINARY, TEXT, mutated
 from drivers.errors import DriverError
 from drivers.wire import read_layouts
@@ -202,8 +203,25 @@ def _act(case: Case, file: Path, scratch: Path) -> tuple[int, str]:
     return done.exit_code, done.stderr[-1500:]
 
 
+@cache
+def warm() -> None:
+    """Import here what the commands import, so that it is not imported again in the process of each case."""
+    with tempfile.TemporaryDirectory() as found:
+        for kind, (ending, _) in GOOD.items():
+            file, ours = Path(found) / f"good{ending}", Path(found) / "modules"
+            file.write_bytes(_good(kind)[0])
+            child = os.fork()
+            if child == 0:
+                _act(Case(kind, 0), file, Path(found))
+                ours.write_text("\n".join(sorted(sys.modules)))
+                os._exit(0)
+            os.waitpid(child, 0)
+            also_import(ours.read_text().split())
+
+
 def run_case(case: Case, seed: int) -> Outcome:
     """Read one file in a process of its own."""
+    warm()
     data = content(case, seed)
     with tempfile.TemporaryDirectory() as found:
         scratch = Path(found)

@@ -1,6 +1,6 @@
 """The Modbus link of a chamber: the only module that touches a pymodbus client.
 
-pymodbus accepts short answers, answers with another function code and, on RTU framing, late answers to an earlier
+pymodbus accepts short and long answers, answers with another function code and, on RTU framing, late answers to an earlier
 request. So retries inside pymodbus are off; here every answer is checked against its request, and after any error the
 link is resynchronised before the next request:
 
@@ -47,6 +47,8 @@ EXCEPTIONS = {
 _TRANSIENT = {5, 6, 11}
 _MOST_DRAINS = 20
 _BUSY_PAUSE_S = 0.05
+_MBAP = 7
+"""Bytes of the header of Modbus TCP."""
 _SERIAL_KEYS = {"baudrate": int, "bytesize": int, "parity": str, "stopbits": int}
 
 _Client: TypeAlias = Union["ModbusTcpClient", "ModbusSerialClient"]
@@ -102,7 +104,8 @@ class ModbusLink:
         self._slowest_s = max(2 * timeout_s if slowest_s is None else slowest_s, timeout_s)
         self._drains = _MOST_DRAINS + round(self._slowest_s / timeout_s)
         self._sent_s = 0.0
-        self._client, self._numbered = _client(url, timeout_s)
+        self._received = b""
+        self._client, self._numbered = _client(url, timeout_s, self._keep)
 
     def close(self) -> None:
         """Close the connection; a later request opens it again."""
@@ -190,9 +193,12 @@ class ModbusLink:
             raise RefusedError(f"exception {number}, {EXCEPTIONS.get(number, 'unknown')}", number)
         if answer.function_code != code:
             raise LinkError(f"the answer belongs to function {answer.function_code}")
-        if code in (3, 4):
-            if len(answer.registers) != count:
-                raise LinkError(f"the answer has {len(answer.registers)} words")
+        reads = code in (3, 4)
+        if reads and len(answer.registers) != count:
+            raise LinkError(f"the answer has {len(answer.registers)} words")
+        if self._numbered and len(self._received) != _MBAP + (2 + 2 * count if reads else 5):
+            raise LinkError(f"the answer has {len(self._received)} bytes")
+        if reads:
             return answer.registers
         echo = list(answer.registers) == list(words) if code == 6 else answer.count == count
         if answer.address != address or not echo:
@@ -208,6 +214,12 @@ class ModbusLink:
             16: lambda: client.write_registers(address, list(words), device_id=device),
         }
         return calls[code]()
+
+    def _keep(self, sending: bool, data: bytes) -> bytes:
+        """What was received last: pymodbus ignores bytes behind the part of an answer that it needs."""
+        if not sending:
+            self._received = data
+        return data
 
     def _resynchronise(self) -> None:
         """Make sure that the next answer belongs to the next request."""
@@ -240,7 +252,7 @@ class ModbusLink:
             raise LinkError(f"connection lost: {error}") from error
 
 
-def _client(url: str, timeout_s: float) -> tuple[_Client, bool]:
+def _client(url: str, timeout_s: float, keep: Callable[[bool, bytes], bytes]) -> tuple[_Client, bool]:
     """The pymodbus client for `url`, and whether its framing numbers the requests."""
     from pymodbus.client import ModbusSerialClient, ModbusTcpClient
     from pymodbus.framer import FramerType
@@ -252,7 +264,10 @@ def _client(url: str, timeout_s: float) -> tuple[_Client, bool]:
             numbered = parts.scheme == "tcp"
             framer = FramerType.SOCKET if numbered else FramerType.RTU
             port = parts.port or (502 if numbered else 10001)
-            return ModbusTcpClient(parts.hostname, port=port, framer=framer, timeout=timeout_s, retries=0), numbered
+            client = ModbusTcpClient(
+                parts.hostname, port=port, framer=framer, timeout=timeout_s, retries=0, trace_packet=keep
+            )
+            return client, numbered
         if parts.scheme == "rtu" and parts.path and options.keys() <= _SERIAL_KEYS.keys():
             given = {key: _SERIAL_KEYS[key](text) for key, text in options.items()}
             return ModbusSerialClient(parts.path, timeout=timeout_s, retries=0, **given), False

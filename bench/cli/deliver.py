@@ -103,6 +103,7 @@ def flash(unit: str, station: Path | None, out: Path, quiet: bool, **options: An
 @out_option
 @quiet_option
 @answers
+@registers(begin=True)
 def verify(profile: Path, serial: str, station: Path | None, limits: Path | None, out: Path, quiet: bool) -> Result:
     """Run PROFILE with the unit's correction on, and judge the residual error; nothing is fitted."""
     from bench import commands

@@ -12,7 +12,7 @@ from bench.base import InputError
 from bench.commands.clocks import tell_ahead
 from bench.commands.files import tell_unproven
 from bench.commands.results.stock import EquipmentListed, Noted, RegisteredRuns, RegistryEntry, RegistryRebuilt
-from bench.record import MANIFEST, RunFolder, chain_of, prove, sha256
+from bench.record import MANIFEST, RunFolder, chain_of, prove, sha256, slug
 
 if TYPE_CHECKING:
     from bench.archive import Entry, Registry
@@ -24,14 +24,10 @@ _REBUILD = "make the registry again with `bench registry rebuild`"
 def register_runs(runs: Sequence[Path], where: str | None, begin: bool) -> str | None:
     """Register runs that were made or analysed. None: there was nothing to register; text: what went wrong, else empty.
 
-    Without `begin` a run is registered only where its folder is in an archive already, or a registry was named.
+    Without `begin` a run is registered only where its folder is in an archive already, where a bench recorded it there,
+    or where a registry was named.
     """
-    from bench.archive import FILE, is_archive
-
-    def belongs(root: Path) -> bool:
-        return is_archive(root) or (root / FILE).is_file() or chain_of(root) is not None
-
-    chosen = [run for run in runs if begin or where or belongs(_root(run))]
+    chosen = [run for run in runs if begin or where or _belongs(run.resolve())]
     if not chosen:
         return None
     try:
@@ -40,6 +36,16 @@ def register_runs(runs: Sequence[Path], where: str | None, begin: bool) -> str |
         root = _root(chosen[0])
         return f"not registered: {error}; the run is safe on disk, later: bench registry rebuild --out {root}"
     return ""
+
+
+def _belongs(run: Path) -> bool:
+    """Whether a run is one of an archive, perhaps of one whose first run was killed before the archive was begun."""
+    from bench.archive import FILE, is_archive
+
+    root, made = _root(run), chain_of(run)
+    recorded_here = made is not None and (slug(made.unit), made.run) == (run.parent.name, run.name)
+    begun = is_archive(root) or (root / FILE).is_file() or chain_of(root) is not None
+    return begun or (recorded_here and RunFolder(run).journal.is_dir())
 
 
 def register(runs: Sequence[Path], where: str | None = None) -> None:

@@ -148,7 +148,8 @@ def test_units_are_converted(channel, unit, given, expected):
 
 
 @pytest.mark.parametrize(("channel", "unit"), [("rate", "Hz"), ("rate", "degC"), ("temperature", "V"), ("rate", "(("),
-                                               ("frequency", "mhz"), ("rate", "1/s"), ("time", "m")])  # fmt: skip
+                                               ("frequency", "mhz"), ("rate", "1/s"), ("time", "m"),
+                                               ("time", "\ufeff"), ("time", "\n"), ("rate", "(" * 3000)])  # fmt: skip
 def test_units_of_something_else_are_refused(channel, unit):
     with pytest.raises(InputError, match=r"may be in"):
         conversion(unit, channel)

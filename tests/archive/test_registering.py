@@ -1,6 +1,10 @@
 """`bench registry` and what other commands do with it, as a user meets them."""
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -110,6 +114,27 @@ def test_a_registry_that_fails_is_a_warning_and_the_answer_stands(reports):
 def test_a_report_on_a_folder_outside_an_archive_makes_no_registry(reports):
     assert register_runs([reports / "U-1" / "r1"], None, begin=False) is None
     assert not list(reports.glob("*.*"))
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from bench.acquisition import run_job
+from tests.support import acquisition
+job = acquisition.job(Path(sys.argv[1]), acquisition.LONG)
+run_job(job, acquisition.at(10, lambda station: os._exit(9)))
+"""
+
+
+@pytest.mark.slow
+def test_the_first_run_of_an_archive_is_registered_although_it_was_killed(tmp_path):
+    root = str(Path(__file__).parents[2])
+    command = [sys.executable, "-c", KILLED, str(tmp_path)]
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": root}, capture_output=True, text=True, check=False)
+    assert done.returncode == 9, done.stderr
+    (run,) = tmp_path.glob("*/*_long")
+    assert bench("report", run, "--model", "polynomial").exit_code in {0, 1}
+    assert [row["path"] for row in answer("registry", "list", "--out", tmp_path)["runs"]] == [f"SIM-0001/{run.name}"]
 
 
 def test_an_import_is_registered(tmp_path):

@@ -192,6 +192,13 @@ def test_a_single_write_that_echoes_another_value_is_no_success():
         link.write(MODE, "auto")
 
 
+@pytest.mark.parametrize("pdu", [lambda r: r[7:12] + b"\x00\x00", lambda r: r[7:12] + bytes(300)], ids=["2", "300"])
+@pytest.mark.parametrize(("register", "value"), [(MODE, "auto"), (SP, 20.0)], ids=["one", "several"])
+def test_a_write_whose_answer_is_too_long_is_no_success(register, value, pdu: Callable[[bytes], bytes]):
+    with linked([lambda r: mbap(r, pdu(r))], attempts=1) as link, pytest.raises(LinkError, match="bytes"):
+        link.write(register, value)
+
+
 def test_nothing_outside_the_limits_or_the_whitelist_reaches_the_wire():
     with linked([]) as link:
         with pytest.raises(LimitError):

@@ -10,9 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.base.errors import InputError
+from bench.record import faults
 from bench.record.folder import RunFolder
 from bench.web.ground.settings import Settings
-from bench.web.imports.confined import Confines, confined
+from bench.web.imports.confined import Confines, previewed
 from bench.web.imports.uploads import safe_name
 from tests.support.web_client import served
 
@@ -73,6 +74,7 @@ def test_a_table_whose_unit_is_unclear_is_shown_then_mapped_then_imported(client
     assert folder.path.parent.name == "GX-7"
     assert folder.manifest().operator
     assert folder.manifest().source["file"] == "log.csv"
+    assert [*faults(folder.path), *faults(tmp_path / "out")] == [], "this bench signed it, with its own key"
     assert client.get("/api/v1/units/GX-7").json()["runs"][0]["kind"] == "import"
     assert client.post(place, json=wanted).status_code == 404, "what was imported is gone"
 
@@ -161,7 +163,7 @@ def refused(tmp_path, name, content, **limits):
     (tmp_path / "file").mkdir()
     (tmp_path / "file" / name).write_bytes(content)
     with pytest.raises(InputError) as error:
-        confined("preview", {"file": name, "serial": "X", "columns": {}}, tmp_path, Confines(**limits))
+        previewed({"file": name, "serial": "X", "columns": {}}, tmp_path, Confines(**limits))
     return str(error.value)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.base import InputError, __version__
-from bench.record import JobRecord, new_folder, slug
+from bench.record import CHAIN, JobRecord, RunFolder, new_folder, slug
 
 JOB = JobRecord.FILE
 HELD, FAILED, RUNNING, ENDED = "held", "failed", "running", "ended"
@@ -69,9 +69,11 @@ class JobFile:
     @classmethod
     def newest(cls, unit_folder: Path, digest: str) -> JobFile | None:
         """The last job of this unit by this very plan; InputError where a job file is damaged: it may be that one."""
-        folders = {path.parent for path in unit_folder.glob(f"*/{JOB}")}
-        folders |= {folder for folder in unit_folder.glob("*_calibrate_*") if _holds_something(folder)}
-        found = [cls(folder, JobRecord.read(folder).content()) for folder in sorted(folders)]
+        folders = {path.parent for path in unit_folder.glob(f"*/{JOB}")} | {
+            path for path in unit_folder.glob("*_calibrate_*") if path.is_dir() and not RunFolder(path).journal.is_dir()
+        }
+        known = {folder: _begun(folder) for folder in sorted(folders)}
+        found = [cls(folder, record.content()) for folder, record in known.items() if record is not None]
         mine = [job for job in found if job.content["digest"] == digest]
         return max(mine, key=lambda job: (job.content["created"], job.folder.name), default=None)
 
@@ -171,9 +173,12 @@ class JobFile:
         self.save()
 
 
-def _holds_something(folder: Path) -> bool:
-    """Whether a job was begun in a folder: one that was killed while it made the folder left no file there."""
-    return folder.is_dir() and any(not file.name.startswith(".") for file in folder.iterdir())
+def _begun(folder: Path) -> JobRecord | None:
+    """The job in a folder; None where a bench was killed before it began one. InputError where its file is lost."""
+    record = JobRecord.find(folder)
+    if record is None and any(path.name != CHAIN and not path.name.startswith(".") for path in folder.iterdir()):
+        raise InputError(JobRecord.MISSING, folder)
+    return record
 
 
 def _now() -> str:

@@ -77,6 +77,11 @@ class Verified(Result):
         """That of the error, else 1 outside limits."""
         return (0 if self.verification.verdict.within else 1) if self.error is None else self.error.exit_code
 
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """The verification."""
+        return (self.verification.run.path,)
+
 
 @dataclass(frozen=True)
 class Calibrated(Result):

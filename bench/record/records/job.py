@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from pydantic import Field
 
 from bench.base import InputError
+from bench.record.records.chain import ChainRecord
 from bench.record.records.stored import Record, Stored
 
 
@@ -77,24 +75,13 @@ class JobRecord(Record):
     epochs: dict[str, int] = Field(default_factory=dict)
     """How often a step was begun from nothing."""
     steps: dict[str, StoredStep] = Field(default_factory=dict)
-    checksum: str = ""
-    """SHA-256 of the rest: a job that was altered must not be begun anew as another one, nor go on."""
-
-    def content(self) -> dict[str, Any]:
-        """As it stands in the file, with the checksum of this content."""
-        content = {key: value for key, value in super().content().items() if key != "checksum"}
-        return {**content, "checksum": _checksum(content)}
 
     @classmethod
-    def parse(cls, data: bytes, path: Path | str) -> Self:
-        """The record in the bytes of a file; InputError, which names `path`, where it is damaged or was altered."""
-        record = super().parse(data, path)
-        found = json.loads(data)
-        if found.get("format", 0) >= cls._newest() and record.checksum != record.content()["checksum"]:
-            said, is_ = str(found.get("checksum"))[:12], record.content()["checksum"][:12]
-            raise InputError(f"was altered: its checksum says {said}…, its content {is_}…; {cls.ADVICE}", path)
+    def find(cls, folder: Path | str, name: str | None = None) -> Self | None:
+        """The record in a folder; InputError, too, where the list that proves it is gone: it may be another job's."""
+        record = super().find(folder, name)
+        if record is not None and record.format == cls._newest() and not Path(folder, ChainRecord.FILE).is_file():
+            raise InputError(
+                f"cannot be proven, {ChainRecord.FILE} beside it is missing; {cls.ADVICE}", f"{folder}/{cls.FILE}"
+            )
         return record
-
-
-def _checksum(content: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -1,6 +1,7 @@
-"""The confined process that reads a foreign table: `python -m bench.web.imports.parsing REQUEST ANSWER`.
+"""The confined process that shows a foreign table: `python -m bench.web.imports.parsing REQUEST ANSWER`.
 
-It limits its own memory, processor time and written bytes before it opens the file (`bench.acquisition.answering`).
+It limits its own memory, processor time and written bytes before it opens the file (`bench.acquisition.answering`), and
+has no key: run folders are made and signed in the server's own process.
 """
 
 from __future__ import annotations
@@ -47,23 +48,19 @@ def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def make(wanted: Mapping[str, Any]) -> dict[str, Any]:
+def make(wanted: Mapping[str, Any], table: Table) -> dict[str, Any]:
     """Make the run folder and register it."""
     from bench.acquisition import plan_table, write_import
     from bench.commands import register_runs
 
     out = Path(wanted["out"])
-    plan = plan_table(_table(wanted), _columns(wanted), wanted["serial"])
+    plan = plan_table(table, _columns(wanted), wanted["serial"])
     folder = write_import(plan, out, operator=wanted["operator"])
     failed = register_runs([folder.path], None, begin=True)
     return {
         "run": folder.path.relative_to(out).as_posix(),
         "warnings": [shortened(text) for text in (*plan.warnings, *filter(None, [failed]))],
     }
-
-
-DOES = {"preview": preview, "make": make}
-"""Functions by the name in a request."""
 
 
 def _columns(wanted: Mapping[str, Any]) -> Any:
@@ -145,4 +142,4 @@ def _figure(plan: ImportPlan) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    answering(lambda wanted: DOES[wanted["do"]](wanted), Path(sys.argv[1]), Path(sys.argv[2]))
+    answering(preview, Path(sys.argv[1]), Path(sys.argv[2]))
