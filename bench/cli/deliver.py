@@ -57,7 +57,7 @@ def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> 
 
 
 @click.command()
-@run_argument
+@path_argument("run_folder", metavar="[RUN]", required=False)
 @path_option(
     "--verification", "verifications", multiple=True,
     help="Independent run of the calibrated unit; more of them add turn-ons to the uncertainty.",
@@ -67,13 +67,23 @@ def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> 
 @path_option("--laboratory", help="Laboratory, customer, signatory (YAML); default: that of the run folder.")
 @click.option("--issued", help="Day of issue, YYYY-MM-DD; default: today (UTC).")
 @click.option("--draft", is_flag=True, help="Print it although something is missing, which stands across each page.")
+@path_option("--sign-key", help="Key that signs (PEM); default: laboratory.key in the folder of the keys.")
+@path_option("--sign-certificate", help="Certificate of that key (PEM); default: laboratory.pem there.")
 @path_option("--out", help="The PDF; default: certificate.pdf, or draft.pdf, in the run folder.")
+@path_option("--verify", help="Instead: check the signatures of this PDF or XML; exit code 1 if it was altered.")
+@path_option("--trust", multiple=True, help="With --verify: certificate of a laboratory or its authority (PEM).")
 @answers
 @registers(begin=False)
-def certificate(run_folder: Path, out: Path | None, **options: Any) -> Result:
-    """Write the certificate of RUN as PDF, with its facts as JSON; refused without sufficient evidence."""
+def certificate(
+    run_folder: Path | None, out: Path | None, verify: Path | None, trust: tuple[Path, ...], **options: Any
+) -> Result:
+    """Write the certificate of RUN as signed PDF and XML; refused without sufficient evidence. Or verify one."""
     from bench import commands
 
+    if verify is not None:
+        return commands.verify_certificate(verify, trust)
+    if run_folder is None:
+        raise click.UsageError("name the RUN, or a certificate with --verify FILE")
     return commands.certificate(run_folder, commands.CertificateOptions(**options), out)
 
 

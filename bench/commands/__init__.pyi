@@ -77,11 +77,13 @@ from .calibration.command import calibrate_unit as calibrate_unit
 from .calibration.order import Order as Order
 from .certifying import CertificateOptions as CertificateOptions
 from .certifying import certificate as certificate
+from .certifying import verify_certificate as verify_certificate
 from .delivering import export as export
 from .flashing import FlashOptions as FlashOptions
 from .flashing import flash as flash
 from .flashing import verify as verify
 from .results.deliver import Calibrated as Calibrated
+from .results.deliver import CertificateChecked as CertificateChecked
 from .results.deliver import Certified as Certified
 from .results.deliver import Exported as Exported
 from .results.deliver import Flashed as Flashed

@@ -12,7 +12,7 @@ from bench.base import InputError
 from bench.commands.files import write
 from bench.commands.papers import Papers
 from bench.commands.registering import refuse_foreign
-from bench.commands.results.deliver import Certified
+from bench.commands.results.deliver import CertificateChecked, Certified
 from bench.record import MANIFEST, CertificateRecord
 
 if TYPE_CHECKING:
@@ -31,6 +31,9 @@ class CertificateOptions:
     issued: str | None = None
     draft: bool = False
     """Print it even where laboratory, signatory, equipment or a due date is missing, with that across each page."""
+    sign_key: Path | None = None
+    sign_certificate: Path | None = None
+    """PEM files of the key that signs, and of its certificate; None: those in the folder of the keys."""
 
 
 def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> Certified:
@@ -50,6 +53,7 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
         load_instruments,
         load_laboratory,
         require_typst,
+        signer_of,
         typeset_pdf,
     )
 
@@ -68,14 +72,19 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
         raise lacks[0].error()
     issued = _issued(options.issued)
     total = budget(evidence)
-    content = facts(evidence, laboratory, total, issued, draft=_across(lacks) if options.draft else None)
+    signer = None
+    if not options.draft:
+        signer = signer_of(options.sign_key, options.sign_certificate, bool(evidence.manifest.simulated))
+    content = facts(evidence, laboratory, total, issued, draft=_across(lacks) if options.draft else None,
+                    signer=None if signer is None else signer.to_json())  # fmt: skip
     pdf = out or folder / ("draft.pdf" if options.draft else "certificate.pdf")
     beside = pdf.with_suffix(".json")
     kept = folder / CertificateRecord.FILE
     if options.draft and beside.resolve() == kept.resolve():
         raise InputError("a draft must not take the place of the certificate; choose another file with --out", pdf)
-    xml = dcc_xml(content)
-    write(pdf, typeset_pdf(content, figures(evidence, total.expanded_dph), xml, issued))
+    xml = dcc_xml(content) if signer is None else signer.sign_xml(dcc_xml(content))
+    paper = typeset_pdf(content, figures(evidence, total.expanded_dph), xml, issued)
+    write(pdf, paper if signer is None else signer.sign_pdf(paper, f"Certificate {content['number']}"))
     for path in dict.fromkeys((beside,) if options.draft else (beside, kept)):
         write(path.with_suffix(".xml"), xml)
         write(path, facts_text(content))
@@ -86,6 +95,14 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
 
 def _across(lacks: Sequence[Lack]) -> tuple[str, ...]:
     return tuple(lack.what for lack in lacks) or ("not issued",)
+
+
+def verify_certificate(file: Path, trust: Sequence[Path]) -> CertificateChecked:
+    """`bench certificate --verify`: whether a PDF or an XML is as it was signed, and by whom."""
+    from bench.deliver import check_certificate, require_typst
+
+    require_typst()
+    return CertificateChecked(check_certificate(file, trust))
 
 
 def _of_run(folder: Path, name: str) -> Path | None:

@@ -1,5 +1,7 @@
 from .certificate.budget import budget as budget
 from .certificate.certificate import facts as facts
+from .certificate.checking import CheckedCertificate as CheckedCertificate
+from .certificate.checking import check_certificate as check_certificate
 from .certificate.dcc import dcc_xml as dcc_xml
 from .certificate.evidence import gather as gather
 from .certificate.figures import figures as figures
@@ -12,6 +14,7 @@ from .certificate.laboratory import instruments_yaml as instruments_yaml
 from .certificate.laboratory import load_instruments as load_instruments
 from .certificate.laboratory import load_laboratory as load_laboratory
 from .certificate.laboratory import refuse_overdue as refuse_overdue
+from .certificate.signer import signer_of as signer_of
 from .certificate.typeset import facts_text as facts_text
 from .certificate.typeset import require_typst as require_typst
 from .certificate.typeset import typeset_pdf as typeset_pdf

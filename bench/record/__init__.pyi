@@ -76,3 +76,5 @@ from .records.manifest import UnitIdentity as UnitIdentity
 from .records.start import StartRecord as StartRecord
 from .records.stored import Record as Record
 from .records.stored import Stored as Stored
+from .signing import keep_secret as keep_secret
+from .signing import keys_folder as keys_folder

@@ -15,7 +15,7 @@ from bench.base import process_alive
 
 _STAGED = re.compile(r"\.staged-(\d+)-.+")
 """Names of folders of `staged`, with the number of the process that made them."""
-_PARTIAL = re.compile(r"\..+\.(?:json|jsonl|yaml|html|parquet|gtbj|pdf)\.(?:part|[a-z0-9_]{8})")
+_PARTIAL = re.compile(r"\..+\.(?:json|jsonl|yaml|html|parquet|gtbj|pdf|xml)\.(?:part|[a-z0-9_]{8})")
 """Names of files that are not whole yet, as `write_atomically` and `copy_whole` give them."""
 
 

@@ -79,13 +79,17 @@ def _own(folder: str) -> tuple[Ed25519PrivateKey, str]:
 
 
 def _make(path: Path) -> None:
-    """A new key; where two processes make one at once, the first one counts."""
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
+    key = Ed25519PrivateKey.generate()
+    keep_secret(path, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+
+
+def keep_secret(path: Path, data: bytes) -> None:
+    """A new file that only this user reads; where two processes make one at once, the first one counts. OSError."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    data = Ed25519PrivateKey.generate().private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-    partial = path.with_name(f".{PRIVATE}.{os.getpid()}")
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     try:
         os.write(handle, data)

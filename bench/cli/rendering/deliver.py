@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.analysis import State
 from bench.cli.rendering.printing import content, lines, number, table
-from bench.commands import Calibrated, Certified, Exported, Flashed, Verified
+from bench.commands import Calibrated, CertificateChecked, Certified, Exported, Flashed, Verified
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -78,6 +78,10 @@ def _(result: Certified) -> Iterator[str]:
         yield _covered(facts["verification"])
     if facts["draft"] is not None:
         yield f"DRAFT: {'; '.join(facts['draft'])}"
+    if facts["signer"] is not None:
+        yield f"signed by {facts['signer']['subject']}"
+    elif facts["draft"] is None:
+        yield "warning: not signed: there is no key of the laboratory; --sign-key and --sign-certificate name one"
     yield ""
     yield f"pdf   {result.pdf}"
     yield f"xml   {result.xml}"
@@ -95,6 +99,22 @@ def _(result: Certified) -> dict[str, Any]:
     keys = ("number", "verdict", "issued", "as_found", "as_left", "simulated", "draft")
     known = {key: result.facts[key] for key in keys}
     return {"run": str(result.run), "pdf": str(result.pdf), "json": str(result.json), "xml": str(result.xml), **known}
+
+
+@lines.register(CertificateChecked)
+def _(result: CertificateChecked) -> Iterator[str]:
+    checked = result.checked
+    yield f"{'sound' if checked.sound else 'NOT SOUND'}: certificate {checked.number or 'without a number'}"
+    for part in checked.parts:
+        signer = f", signed by {part.signer}" if part.signer else ""
+        yield f"{part.what}: {part.fault or 'as it was issued' + signer}"
+
+
+@content.register(CertificateChecked)
+def _(result: CertificateChecked) -> dict[str, Any]:
+    checked = result.checked
+    known = {"file": str(checked.file), "number": checked.number, "sound": checked.sound}
+    return {**known, "parts": [asdict(part) for part in checked.parts]}
 
 
 @lines.register(Flashed)

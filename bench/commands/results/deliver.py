@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bench.analysis import Verification
     from bench.base import BenchError
     from bench.commands.calibration.job import JobFile
-    from bench.deliver import Delivered
+    from bench.deliver import CheckedCertificate, Delivered
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,18 @@ class Certified(Result):
     def runs(self) -> tuple[Path, ...]:
         """The run."""
         return (self.run,)
+
+
+@dataclass(frozen=True)
+class CertificateChecked(Result):
+    """Whether a certificate is as it was signed."""
+
+    checked: CheckedCertificate
+
+    @property
+    def exit_code(self) -> int:
+        """1 where something is wrong with it."""
+        return int(not self.checked.sound)
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,7 @@ def facts(
     budget: Uncertainty,
     issued: date,
     draft: Sequence[str] | None = None,
+    signer: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """All facts of the certificate; its number is computed from the others. `draft`: what it lacks; None: nothing."""
     judgement, verdict = evidence.judgement, evidence.verdict
@@ -77,6 +78,7 @@ def facts(
             "verification": evidence.verification.done.counts() if evidence.verification else None,
         },
         "software": _software(evidence),
+        "signer": None if signer is None else dict(signer),
         "statements": list(STATEMENTS),
     }
     return {"number": number_of(content), **content}
