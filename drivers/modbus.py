@@ -1,8 +1,8 @@
 """The Modbus link of a chamber: the only module that touches a pymodbus client.
 
-pymodbus accepts short and long answers, answers with another function code and, on RTU framing, late answers to an earlier
-request. So retries inside pymodbus are off; here every answer is checked against its request, and after any error the
-link is resynchronised before the next request:
+pymodbus accepts short and long answers, answers with another function code and, on RTU framing, late answers to an
+earlier request. So retries inside pymodbus are off; here every answer is checked against its request, and after any
+error the link is resynchronised before the next request:
 
 * Modbus TCP numbers its requests, so a new connection is enough;
 * RTU has no numbers, so the link waits for the slowest possible answer, and discards received bytes until the line was
@@ -188,6 +188,10 @@ class ModbusLink:
             raise LinkError(f"no valid answer: {error}") from error
         except Exception as error:  # pymodbus may raise anything when it decodes garbage
             raise LinkError(f"no valid answer: {type(error).__name__}: {error}") from error
+        return self._checked(answer, code, address, count, words)
+
+    def _checked(self, answer: ModbusPDU, code: int, address: int, count: int, words: Sequence[int]) -> Sequence[int]:
+        """The words of an answer; RefusedError for an exception, LinkError for what does not answer this request."""
         if answer.function_code == code | 0x80:
             number = answer.exception_code
             raise RefusedError(f"exception {number}, {EXCEPTIONS.get(number, 'unknown')}", number)

@@ -71,7 +71,8 @@ class Samples:
     @cached_property
     def _earth(self) -> tuple[FloatArray, FloatArray] | None:
         """Times [s] and Earth rate along the axis [deg/h] of the 1 s means; None where it is not removed."""
-        if Manifest.read(self.path.parent).orientation is None:
+        manifest = Manifest.find(self.path.parent)
+        if manifest is None or manifest.orientation is None:
             return None
         seconds = seconds_of(self.path.parent)
         return seconds.time, seconds.channels[EARTH]
