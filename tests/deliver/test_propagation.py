@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bench.analysis.judging.limits import Quantity
 from bench.base.errors import InputError
-from bench.deliver.certificate.laboratory import load_instruments
+from bench.deliver.certificate.budget import _earth_per_degree
+from bench.deliver.certificate.combined import with_table
+from bench.deliver.certificate.laboratory import Instrument, load_instruments
 from bench.deliver.certificate.propagation import Budget, Contribution
 from bench.deliver.certificate.stated import Stated
+from bench.record import EARTH_DPH, Orientation
 
 pytest.importorskip("GTC")
 
@@ -94,3 +98,27 @@ def test_an_uncertainty_that_makes_no_sense_is_refused_with_its_line(tmp_path, t
     file.write_text(f"equipment:\n  - {{name: rate table, serial: A, {text}}}\n")
     with pytest.raises(InputError, match=message):
         load_instruments(file)
+
+
+def test_a_scale_factor_is_as_uncertain_as_the_rate_table():
+    fit = Quantity("scale_factor_error_ppm", 40.0, 39.9, 40.1)
+    table = Instrument(name="rate table", serial="R", uncertainty=(Stated(value=10, unit="ppm"),))
+    clock = Instrument(name="time base", serial="T", uncertainty=(Stated(value=6, unit="ppm"),))
+    found = with_table(fit, (table, clock), date(2026, 1, 1))
+    assert found.high - found.value == pytest.approx(np.sqrt(10**2 + 6**2 + 0.1**2))
+    unknown = with_table(fit, (clock,), date(2026, 1, 1))
+    assert np.isnan(unknown.low)
+    assert "the rate table states no uncertainty" in unknown.reason
+
+
+def test_the_earth_rate_is_as_uncertain_as_the_direction_of_the_axis():
+    """Level at 45 degrees: 0.1 degree is 0.019 deg/h for an east axis (with the tilt 0.026), second order for north."""
+    east = Orientation(latitude_deg=45.0, axis="level", azimuth_deg=90.0)
+    north = Orientation(latitude_deg=0.0, axis="level", azimuth_deg=0.0)
+    assert 0.1 * _earth_per_degree(east) == pytest.approx(np.hypot(0.01856, 0.01856), rel=1e-3)
+    assert _earth_per_degree(north) == pytest.approx(0.0, abs=1e-9)
+    step = 1e-4
+    up = [EARTH_DPH * np.sin(np.radians(45.0 + d)) for d in (0.0, step)]
+    vertical = Orientation(latitude_deg=45.0, axis="vertical")
+    assert _earth_per_degree(vertical) == pytest.approx((up[1] - up[0]) / step, rel=1e-4)
+    assert _earth_per_degree(None) == 0.0

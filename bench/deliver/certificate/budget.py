@@ -14,7 +14,7 @@ from bench.deliver.certificate.evidence import Evidence, Verification, day
 from bench.deliver.certificate.laboratory import Instrument
 from bench.deliver.certificate.propagation import PERCENT, Budget, Contribution
 from bench.deliver.certificate.stated import Unit
-from bench.record import Dataset
+from bench.record import EARTH_DPH, Dataset, Orientation
 
 LEAST_TURN_ONS = 3
 """Turn-ons from which their spread is told from chance; the effective degrees of freedom say how well."""
@@ -53,7 +53,7 @@ class Uncertainty:
             "coverage_probability": PERCENT / 100.0,
             "monte_carlo": {"expanded_dph": drawn, "trials": trials},
             "turn_ons": list(self.turn_ons),
-            "scope": _scope(len(self.turn_ons)),
+            "scope": f"{_scope(len(self.turn_ons))}, in the orientation of the run",
             "by_temperature": [{"temperature_degc": at, **found.figures()} for at, found in self.by_temperature],
             "by_rate": [
                 {
@@ -161,10 +161,13 @@ def _instruments(evidence: Evidence, rate_dps: float) -> Iterator[Contribution]:
     slope = _slope(evidence)
     if slope is not None:
         yield from _stated(evidence, "degC", slope, "temperature at which the value holds")
+    tilt = _earth_per_degree(evidence.manifest.orientation)
+    if tilt:
+        yield from _stated(evidence, "deg", tilt, "Earth rate by the direction of the axis")
     if not rate_dps:
         return
     scale = tuple(_stated(evidence, "ppm", 1e-6 * rate_dph, "scale of the rate"))
-    tables = [tool for tool in evidence.instruments if "table" in tool.name.lower()]
+    tables = [tool for tool in evidence.instruments if tool.turns]
     if not any(stated.unit == "ppm" for tool in tables for stated in tool.uncertainty):
         yield _unknown("rate table", 1e-6 * rate_dph, "ppm")
     yield from scale
@@ -172,6 +175,16 @@ def _instruments(evidence: Evidence, rate_dps: float) -> Iterator[Contribution]:
     yield from (replace(part, power=2) for part in aligned)
     if not aligned:
         yield _unknown("alignment of the axes", rate_dph, "deg")
+
+
+def _earth_per_degree(orientation: Orientation | None) -> float:
+    """Change of the Earth rate along the axis [deg/h] with a degree of error in its direction; 0: it is not removed."""
+    if orientation is None:
+        return 0.0
+    latitude, azimuth = np.radians([orientation.latitude_deg, orientation.azimuth_deg or 0.0])
+    level = np.hypot(np.cos(latitude) * np.sin(azimuth), np.sin(latitude))
+    across = level if orientation.axis == "level" else np.cos(latitude)
+    return float(np.radians(1.0) * EARTH_DPH * across)
 
 
 def _unknown(source: str, sensitivity: float, unit: str) -> Contribution:

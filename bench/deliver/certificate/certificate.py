@@ -21,7 +21,7 @@ from bench.deliver.certificate.evidence import LEAST_COVERED, Evidence
 from bench.deliver.certificate.laboratory import Laboratory
 from bench.deliver.certificate.propagation import PERCENT
 from bench.deliver.certificate.provenance import commit
-from bench.record import MANIFEST, Dataset, Manifest, sha256
+from bench.record import MANIFEST, Dataset, Manifest, earth_told, sha256
 
 FORMAT = 1
 QUALITY = frozenset(
@@ -180,7 +180,7 @@ def _conditions(evidence: Evidence) -> list[dict[str, str]]:
         *shown,
         *({"name": f"Data of the {role}", "value": done.counted} for role, done in runs),
         {"name": "Applied rate", "value": turned},
-        {"name": "Earth rate", "value": "part of the bias, not removed"},
+        {"name": "Earth rate", "value": earth_told(evidence.manifest.orientation).removeprefix("Earth rate: ")},
     ]
 
 

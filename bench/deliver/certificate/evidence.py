@@ -6,7 +6,7 @@ that the data were not altered.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import date, datetime
 from pathlib import Path
@@ -30,6 +30,7 @@ from bench.analysis import (
     source_of,
 )
 from bench.base import FloatArray, InputError
+from bench.deliver.certificate.combined import of_all, verified, with_table
 from bench.deliver.certificate.laboratory import Instrument, refuse_overdue
 from bench.deliver.export.delivering import calibration_id
 from bench.record import (
@@ -118,10 +119,12 @@ class Evidence:
         """Quantities of the run; where there is a verification, the error on unseen data comes from it."""
         known = {entry.name: Quantity.of(entry) for entry in self.stored.quantities or ()}
         known |= {quantity.name: quantity for quantity in of_data(self.done)}
+        on = day(self.manifest)
+        known |= {name: with_table(known[name], self.instruments, on) for name in OF_TABLE if name in known}
         if self.verification is not None:
-            known |= {one.name: replace(one, in_verification=True) for one in _verified(self.verification, known)}
+            known |= {one.name: replace(one, in_verification=True) for one in verified(self.verification.error, known)}
             known |= {
-                quantity.name: quantity for quantity in _of_all([self.done, *(v.done for v in self.verifications)])
+                quantity.name: quantity for quantity in of_all([self.done, *(v.done for v in self.verifications)])
             }
         return tuple(known.values())
 
@@ -276,28 +279,3 @@ def _coverage(record: Dataset, source: Source) -> Coverage:
     steps = np.diff(inside)
     share = float(steps[steps <= WIDEST_HOLE * (high - low)].sum()) / (high - low)
     return Coverage(share, (float(np.nanmin(values)), float(np.nanmax(values))), (low, high))
-
-
-def _of_all(runs: Sequence[Completeness]) -> Iterator[Quantity]:
-    """What is missing in all runs together: samples are added, of shares and gaps the worst one counts."""
-    for same in zip(*(tuple(of_data(run)) for run in runs), strict=False):
-        name = same[0].name
-        if name == "samples_lost":
-            uncounted = next((one for one in same if np.isnan(one.value)), None)
-            yield uncounted or Quantity.exact(name, sum(one.value for one in same))
-        elif name in {"samples_missing_ppm", "longest_gap_s"}:
-            yield max(same, key=lambda one: one.value)
-
-
-def _verified(verification: Verification, known: Mapping[str, Quantity]) -> tuple[Quantity, ...]:
-    error = verification.error
-    low, high = error.interval_dph
-    peak = known.get("residual_peak_dph", Quantity("residual_peak_dph"))
-    spread = peak.value - peak.low
-    floor_dph = known["noise_floor_dph"].value
-    return (
-        Quantity("residual_rms_dph", error.rms_dph, low, high),
-        Quantity("residual_peak_dph", error.peak_dph, error.peak_dph - spread, error.peak_dph + spread),
-        Quantity("residual_over_floor", error.rms_dph / floor_dph, low / floor_dph, high / floor_dph),
-        Quantity.exact("extrapolated_percent", 100.0 * error.out_of_range),
-    )

@@ -16,8 +16,6 @@ from bench.deliver.certificate.stated import Uncertain
 class Instrument(Uncertain):
     """One piece of reference equipment with its own calibration."""
 
-    name: str
-    """Kind of instrument: `chamber sensor`, `rate table`, `time base`."""
     model: str = ""
     """Maker and model."""
     serial: str

@@ -64,10 +64,18 @@ class Uncertain(BaseModel):
 
     model_config = STRICT
 
+    name: str
+    """Kind of instrument: `chamber sensor`, `rate table`, `time base`."""
+
     uncertainty: tuple[Stated, ...] = ()
     """What its certificate states; an instrument may have one in each unit."""
     correlated_with: tuple[Correlation, ...] = ()
     """Instruments whose errors go with those of this one."""
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is a rate table, by its name."""
+        return "table" in self.name.lower()
 
     @model_validator(mode="after")
     def _once(self) -> Uncertain:
