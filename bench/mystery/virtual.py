@@ -7,7 +7,7 @@ executes the legs by the rules of the sequencer; the unit is sampled at 10 Hz, w
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,11 +47,13 @@ def chamber(profile: Profile, seed: int, plant: Plant | None = None) -> Trace:
     plant = plant or Plant(seed=seed)
     states, index = [plant.state], [0]
     segments: list[ExecutedSegment] = []
+    turn_on = 1
     for leg in profile.legs():
         begin = len(states) - 1
         _run_leg(leg, plant, states)
         index += [leg.index] * (len(states) - 1 - begin)
-        segments.append(_segment(leg, begin, len(states) - 1))
+        turn_on += leg.kind == "power_cycle"
+        segments.append(_segment(leg, begin, len(states) - 1).model_copy(update={"turn_on": turn_on}))
     whole = (len(states) - 1) // STEP_S * STEP_S + 1
     kept = states[:whole]
 
@@ -126,11 +128,23 @@ def unit(
     applied_rate_dps: FloatArray | None = None,
     power: PowerOn | None = None,
 ) -> Samples:
-    """A unit in that chamber, powered on at the start; `applied_rate_dps` (seconds + 1,) is the table's true rate."""
+    """A unit in that chamber, powered on at the start; `applied_rate_dps` (seconds + 1,) is the table's true rate.
+
+    In power cycles it has no power, and its channels no values.
+    """
     resonator = Resonator(settings, seed, RATE_HZ, power)
     applied = np.zeros(trace.seconds + 1) if applied_rate_dps is None else applied_rate_dps
     edges = range(0, trace.seconds, STEP_S)
-    signals = [resonator.advance(_environment(trace, applied, t0)) for t0 in edges]
+    cycles = [segment for segment in trace.segments if segment.kind == "power_cycle"]
+    signals = [
+        resonator.advance(
+            replace(
+                _environment(trace, applied, t0),
+                powered=not any(cycle.from_s < t0 + STEP_S and t0 < cycle.to_s for cycle in cycles),
+            )
+        )
+        for t0 in edges
+    ]
     time = np.arange(int(trace.seconds * RATE_HZ)) / RATE_HZ
     nodes = np.arange(0, len(time), DIVIDER)
     channels = {"rate": np.concatenate([s.rate_dph for s in signals])}
@@ -148,6 +162,10 @@ def unit(
     if applied_rate_dps is not None:
         corners = np.arange(0, trace.seconds + 1, STEP_S)
         channels["applied_rate"] = np.interp(time, corners, applied[corners])
+    for cycle in cycles:
+        first, end = cycle.from_s // STEP_S * STEP_S, -(-cycle.to_s // STEP_S) * STEP_S
+        for name in ("rate", "temperature", "frequency", "drive", "quadrature", "supply"):
+            channels[name][(time >= first) & (time < end)] = np.nan
     return Samples(time, channels, trace.segment[np.floor(time).astype(np.int64)])
 
 

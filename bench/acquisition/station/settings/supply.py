@@ -19,7 +19,7 @@ class SupplySettings(BaseModel):
     driver: Literal["scpi"] = "scpi"
     """A programmable supply that speaks SCPI."""
     port: Text | None = None
-    """Serial port, such as /dev/ttyUSB1, or socket://HOST:PORT; a simulated station needs none."""
+    """Serial port, such as /dev/ttyUSB1, or socket://HOST:PORT; needed where the station is real."""
     output: Annotated[int, Field(ge=1, le=64)] | None = None
     """Output that all units are on; left out: the supply has one."""
     baudrate: Annotated[int, Field(ge=300, le=1_000_000)] = 9600
