@@ -19,7 +19,7 @@ from bench.analysis import MEANING, Change, State, turning
 from bench.base import FloatArray, __version__, finite
 from bench.deliver.certificate.budget import Uncertainty, compared_thermometers
 from bench.deliver.certificate.evidence import LEAST_COVERED, Evidence
-from bench.deliver.certificate.laboratory import Laboratory
+from bench.deliver.certificate.laboratory import Instrument, Laboratory
 from bench.deliver.certificate.propagation import PERCENT
 from bench.deliver.certificate.provenance import commit
 from bench.record import MANIFEST, Dataset, Manifest, sha256
@@ -72,6 +72,7 @@ def facts(
         "method": _method(evidence),
         "conditions": _conditions(evidence),
         "equipment": [tool.model_dump(mode="json") for tool in evidence.instruments],
+        "traceability": _traceability(evidence.instruments),
         "as_found": _as_found(evidence, change),
         "as_left": _as_left(evidence, change, budget),
         "over_temperature": _over_temperature(evidence),
@@ -169,6 +170,16 @@ def _verification(evidence: Evidence) -> dict[str, Any] | None:
         "validity_degc": list(covered.valid_degc),
         "least_percent": 100.0 * LEAST_COVERED,
     }
+
+
+def _traceability(instruments: Sequence[Instrument]) -> str:
+    """The statement of ISO/IEC 17025, 7.8.4.1 c."""
+    if not instruments:
+        return "No reference equipment was stated: the results are not metrologically traceable."
+    without = [f"{tool.name} {tool.serial}" for tool in instruments if not tool.certificate.strip()]
+    if without:
+        return f"Metrological traceability is not shown: no certificate is stated of {', '.join(without)}."
+    return "The results are metrologically traceable through the calibrations of this equipment by its certificates."
 
 
 def _validity(evidence: Evidence) -> dict[str, Any]:
