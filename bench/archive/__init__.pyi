@@ -28,6 +28,7 @@ from .fleet.trends import figure as figure
 from .fleet.trends import trends as trends
 from .fleet.units import NoUnitError as NoUnitError
 from .fleet.units import fleet_of as fleet_of
+from .registry.asking import certificates as certificates
 from .registry.asking import equipment as equipment
 from .registry.asking import known_runs as known_runs
 from .registry.asking import plain as plain

@@ -70,20 +70,30 @@ def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> 
 @path_option("--sign-key", help="Key that signs (PEM); default: laboratory.key in the folder of the keys.")
 @path_option("--sign-certificate", help="Certificate of that key (PEM); default: laboratory.pem there.")
 @path_option("--out", help="The PDF; default: certificate.pdf, or draft.pdf, in the run folder.")
+@click.option("--amends", metavar="NUMBER", help="Certificate that this one replaces; it refers to it.")
+@click.option("--withdraw", metavar="NUMBER", help="Instead: a certificate of --archive is no longer in force.")
+@click.option("--reason", help="Why it is amended or withdrawn.")
+@path_option(
+    "--archive", default=Path("reports"), show_default=True, help="With --withdraw: folder of the run folders."
+)
 @path_option("--verify", help="Instead: check the signatures of this PDF or XML; exit code 1 if it was altered.")
 @path_option("--trust", multiple=True, help="With --verify: certificate of a laboratory or its authority (PEM).")
 @answers
-@registers(begin=False)
-def certificate(
-    run_folder: Path | None, out: Path | None, verify: Path | None, trust: tuple[Path, ...], **options: Any
-) -> Result:
+@registers(begin=False, pass_on=True)
+def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Result:
     """Write the certificate of RUN as signed PDF and XML; refused without sufficient evidence. Or verify one."""
     from bench import commands
 
+    names = ("verify", "trust", "withdraw", "archive", "registry")
+    verify, trust, withdraw, archive, where = (options.pop(name) for name in names)
     if verify is not None:
         return commands.verify_certificate(verify, trust)
+    if (options["amends"] or withdraw) and not (options["reason"] or "").strip():
+        raise click.UsageError("say why it is amended or withdrawn with --reason TEXT")
+    if withdraw is not None:
+        return commands.withdraw_certificate(withdraw, options["reason"], archive, where)
     if run_folder is None:
-        raise click.UsageError("name the RUN, or a certificate with --verify FILE")
+        raise click.UsageError("name the RUN, or a certificate with --verify FILE or --withdraw NUMBER")
     return commands.certificate(run_folder, commands.CertificateOptions(**options), out)
 
 

@@ -77,6 +77,17 @@ def registry_operator(name: str, out: Path, where: str | None) -> Result:
     return commands.registry_tell(out, where, {"kind": "operator", "name": name})
 
 
+@registry.command("certificates")
+@click.option("--unit", help="Only those of this unit.")
+@archive_options
+@answers
+def registry_certificates(unit: str | None, out: Path, where: str | None) -> Result:
+    """List the certificates: in force, replaced or withdrawn."""
+    from bench import commands
+
+    return commands.registry_certificates(out, where, unit)
+
+
 @registry.group("equipment")
 def registry_equipment() -> None:
     """Chambers, sensors, rate tables, time bases, and the due dates of their calibrations."""

@@ -78,6 +78,8 @@ from .calibration.order import Order as Order
 from .certifying import CertificateOptions as CertificateOptions
 from .certifying import certificate as certificate
 from .certifying import verify_certificate as verify_certificate
+from .issuing import registry_certificates as registry_certificates
+from .issuing import withdraw_certificate as withdraw_certificate
 from .delivering import export as export
 from .flashing import FlashOptions as FlashOptions
 from .flashing import flash as flash
@@ -100,6 +102,7 @@ from .registering import registry_list as registry_list
 from .registering import registry_rebuild as registry_rebuild
 from .registering import registry_show as registry_show
 from .registering import registry_tell as registry_tell
+from .results.stock import CertificatesListed as CertificatesListed
 from .results.stock import EquipmentListed as EquipmentListed
 from .results.stock import FleetJudged as FleetJudged
 from .results.stock import Noted as Noted

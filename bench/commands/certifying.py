@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.base import InputError
 from bench.commands.files import write
+from bench.commands.issuing import NO_REASON, Issued, Shelf, keep_earlier
 from bench.commands.papers import Papers
 from bench.commands.registering import refuse_foreign
 from bench.commands.results.deliver import CertificateChecked, Certified
@@ -31,6 +32,9 @@ class CertificateOptions:
     issued: str | None = None
     draft: bool = False
     """Print it even where laboratory, signatory, equipment or a due date is missing, with that across each page."""
+    amends: str | None = None
+    """Number of the certificate that this one replaces, and why."""
+    reason: str | None = None
     sign_key: Path | None = None
     sign_certificate: Path | None = None
     """PEM files of the key that signs, and of its certificate; None: those in the folder of the keys."""
@@ -43,6 +47,7 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
     """
     from bench.analysis import load_limits
     from bench.deliver import (
+        Issue,
         budget,
         dcc_xml,
         facts,
@@ -75,8 +80,12 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
     signer = None
     if not options.draft:
         signer = signer_of(options.sign_key, options.sign_certificate, bool(evidence.manifest.simulated))
-    content = facts(evidence, laboratory, total, issued, draft=_across(lacks) if options.draft else None,
-                    signer=None if signer is None else signer.to_json())  # fmt: skip
+
+    def content_of(amends: Mapping[str, Any] | None) -> dict[str, Any]:
+        draft, signs = _across(lacks) if options.draft else None, None if signer is None else signer.to_json()
+        return facts(evidence, laboratory, total, issued, Issue(draft, signs, amends))
+
+    content, earlier = _amending(folder, options, content_of)
     pdf = out or folder / ("draft.pdf" if options.draft else "certificate.pdf")
     beside = pdf.with_suffix(".json")
     kept = folder / CertificateRecord.FILE
@@ -84,6 +93,8 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
         raise InputError("a draft must not take the place of the certificate; choose another file with --out", pdf)
     xml = dcc_xml(content) if signer is None else signer.sign_xml(dcc_xml(content))
     paper = typeset_pdf(content, figures(evidence, total.expanded_dph), xml, issued)
+    if earlier is not None and earlier.record.number != content["number"]:
+        keep_earlier(folder, earlier)
     write(pdf, paper if signer is None else signer.sign_pdf(paper, f"Certificate {content['number']}"))
     for path in dict.fromkeys((beside,) if options.draft else (beside, kept)):
         write(path.with_suffix(".xml"), xml)
@@ -91,6 +102,32 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
     return Certified(
         folder, pdf, beside, beside.with_suffix(".xml"), content, evidence.verdict is None or evidence.verdict.within
     )
+
+
+def _amending(
+    folder: Path, options: CertificateOptions, content_of: Callable[[Mapping[str, Any] | None], dict[str, Any]]
+) -> tuple[dict[str, Any], Issued | None]:
+    """What the certificate says, and the one of this run whose files it takes the place of.
+
+    It amends the one that is named, or else, in an archive, the one of this run that is in force.
+    """
+    from bench.archive import is_archive
+
+    if options.draft:
+        return content_of(None), None
+    shelf = Shelf.around(folder)
+    newest = shelf.newest_of(folder)
+    if options.amends is not None:
+        named = shelf.in_force(options.amends, folder)
+        return content_of(named.reference(str(options.reason))), newest
+    if newest is None or not is_archive(folder.resolve().parent.parent):
+        return content_of(None), None
+    if shelf.over(newest.record.number):
+        return content_of(None), newest
+    again = content_of(newest.record.amends)
+    if again["number"] == newest.record.number:
+        return again, newest
+    return content_of(newest.reference(options.reason or NO_REASON)), newest
 
 
 def _across(lacks: Sequence[Lack]) -> tuple[str, ...]:

@@ -1,4 +1,5 @@
 from .certificate.budget import budget as budget
+from .certificate.certificate import Issue as Issue
 from .certificate.certificate import facts as facts
 from .certificate.checking import CheckedCertificate as CheckedCertificate
 from .certificate.checking import check_certificate as check_certificate

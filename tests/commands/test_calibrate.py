@@ -24,6 +24,7 @@ from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.recording import MARK
 from bench.commands.calibration.steps import NAMES, STEPS, AgainError
 from bench.record import DiagnosisRecord, JobRecord
+from tests.support.dcc import faults, read_back
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 QUICK = PROFILES / "plans" / "quick.yaml"
@@ -353,3 +354,16 @@ def test_a_unit_goes_from_the_shelf_to_verified_as_the_how_to_says(tmp_path):
     diagnosis = json.loads((file.parent.parent / job.facts("run")["run"] / "diagnosis.json").read_text())
     assert diagnosis["static"] == static
     assert list(tmp_path.glob("reports/*.sqlite*"))
+    pdf = job.folder / str(job.facts("certificate")["pdf"])
+    checked = json.loads(bench("certificate", "--verify", pdf, "--json").stdout)
+    assert checked["sound"], checked
+    assert checked["number"] == job.facts("certificate")["number"]
+    xml = pdf.with_suffix(".xml").read_bytes()
+    facts = json.loads(pdf.with_suffix(".json").read_text())
+    read = read_back(xml)
+    assert read["as_left.rms_dph"]["value"] == json.dumps(facts["as_left"]["rms_dph"])
+    assert read["uncertainty.expanded_dph"]["value"] == json.dumps(facts["uncertainty"]["expanded_dph"])
+    digit = read["as_left.rms_dph"]["value"].encode()
+    (tmp_path / "changed.xml").write_bytes(xml.replace(digit, digit[:-1] + (b"1" if digit[-1:] != b"1" else b"2")))
+    assert bench("certificate", "--verify", tmp_path / "changed.xml").exit_code == 1
+    assert faults(xml) == []

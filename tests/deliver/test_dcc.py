@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -98,6 +99,18 @@ def test_the_xml_is_inside_the_pdf_byte_by_byte(made, issued, tmp_path):
     subprocess.run(["pdfdetach", "-saveall", "-o", tmp_path, pdf], check=True, capture_output=True)
     assert (tmp_path / "certificate.xml").read_bytes() == issued[1]
     assert json.loads((tmp_path / "certificate.json").read_text()) == issued[0]
+
+
+def test_the_page_that_reads_a_certificate_names_keys_that_it_has(issued):
+    page = (PROFILES.parent / "docs" / "certificate_audit.md").read_text()
+    rows = [line.split("|") for line in page.splitlines() if line.startswith("| 7.8")]
+    keys = {key for row in rows for key in re.findall(r"`([a-z_.]+)`", row[4])}
+    assert len(keys) > 30
+    for key in keys:
+        content = issued[0]
+        for step in key.split("."):
+            assert content is None or step in content, key
+            content = None if content is None else content[step]
 
 
 @pytest.mark.parametrize(

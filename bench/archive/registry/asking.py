@@ -42,6 +42,21 @@ def equipment(registry: Registry) -> Found:
     return _found(registry, select(table).order_by(table.c.due_on, table.c.name, table.c.serial))
 
 
+def certificates(registry: Registry, unit: str | None = None) -> Found:
+    """Every certificate with its unit and run, and its `state`: in force, replaced by another one, or withdrawn."""
+    issue, run = TABLES["issues"], TABLES["runs"]
+    columns = (run.c.unit, issue.c.number, issue.c.issued, issue.c.verdict, issue.c.amends, issue.c.reason, run.c.path)
+    chosen = select(*columns).join_from(issue, run).order_by(run.c.unit, issue.c.issued, issue.c.number)
+    found = _found(registry, chosen if unit is None else chosen.where(run.c.unit == unit))
+    every = _found(registry, select(issue.c.number, issue.c.amends).where(issue.c.amends.is_not(None)))
+    replaced = {row["amends"]: row["number"] for row in every}
+    withdrawn = {row["number"]: row for row in _found(registry, select(TABLES["withdrawals"]))}
+    for row in found:
+        by, gone = replaced.get(row["number"]), withdrawn.get(row["number"])
+        row["state"] = f"replaced by {by}" if by else f"withdrawn: {gone['reason']}" if gone else "in force"
+    return found
+
+
 def show(registry: Registry, name: str) -> dict[str, Any]:
     """A unit with its runs, or a run with its rows in all tables; InputError where the registry has neither."""
     unit, run = TABLES["units"], TABLES["runs"]

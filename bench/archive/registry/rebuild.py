@@ -13,7 +13,7 @@ from sqlalchemy import Connection, select
 from bench.archive.registry.ledger import Ledger
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import OF_RUNS, Key, Row, Rows, empty, of_archive, of_run, update
-from bench.archive.registry.writing import SHARED, TABLES, drop, remove, stored, upsert, write_runs
+from bench.archive.registry.writing import SHARED, TABLES, TOLD, drop, remove, stored, upsert, write_runs
 from bench.base import InputError
 from bench.record import MANIFEST, RunFolder
 
@@ -116,9 +116,9 @@ def _lend(connection: Connection, wanted: Rows, before: Rows, ledger: Ledger) ->
 def _write(connection: Connection, wanted: Rows, before: Rows) -> None:
     gone: list[str] = [key[0] for key in set(before["runs"]) - set(wanted["runs"])]
     drop(connection, (*OF_RUNS, "runs"), gone)
-    for name in ("archives", "equipment", *SHARED):
+    for name in ("archives", *TOLD, *SHARED):
         upsert(connection, name, list(wanted[name].values()))
     write_runs(connection, {**empty(), **{name: wanted[name] for name in ("runs", *OF_RUNS)}})
-    for name in ("equipment", *SHARED):
+    for name in (*TOLD, *SHARED):
         surplus: set[Key] = set(before[name]) - set(wanted[name])
         remove(connection, name, surplus)

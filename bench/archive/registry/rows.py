@@ -76,6 +76,11 @@ def update_by(rows: Rows, entry: Mapping[str, Any], ledger: Ledger) -> None:
                 "calibrated_on": _date(entry.get("calibrated_on")), "due_on": _date(entry.get("due_on")),
                 "archive": ledger.id,
             })  # fmt: skip
+        elif entry.get("kind") == "withdrawal":
+            put(rows, "withdrawals", {
+                "number": str(entry["number"]), "reason": str(entry["reason"]), "utc": str(entry["utc"]),
+                "archive": ledger.id,
+            })  # fmt: skip
         elif entry.get("kind") == "operator":
             put(rows, "operators", {"name": str(entry["name"]), "archive": ledger.id})
         elif entry.get("kind") == "lot":
@@ -124,6 +129,10 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int, str]
         put(rows, "calibrations", {**row, "judged": judged.verdict, "limits": judged.name})
     if certificate is not None:
         put(rows, "certificates", _certificate(run, certificate, sha256(folder.path / CertificateRecord.FILE)))
+    for file in sorted(folder.path.glob("certificate*.json")):
+        one = CertificateRecord.read(folder.path, file.name)
+        if one.draft is None:
+            put(rows, "issues", _issue(run, one, sha256(file)))
     for name, unit_of, value in _quantities(calibration or CalibrationRecord(), certificate, judged):
         put(rows, "quantities", {"run": run, "name": name, "unit": unit_of, "value": value})
     return rows
@@ -150,6 +159,19 @@ def _certificate(run: str, record: CertificateRecord, file_sha256: str) -> Row:
         "verdict": record.verdict,
         "issued": record.issued,
         "operator": record.operator,
+        "file_sha256": file_sha256,
+    }
+
+
+def _issue(run: str, record: CertificateRecord, file_sha256: str) -> Row:
+    amends = record.amends or {}
+    return {
+        "run": run,
+        "number": record.number,
+        "verdict": record.verdict,
+        "issued": record.issued,
+        "amends": amends.get("number"),
+        "reason": amends.get("reason"),
         "file_sha256": file_sha256,
     }
 

@@ -116,6 +116,29 @@ class Certificate(Table):
     file_sha256: Mapped[str] = mapped_column(String(64))
 
 
+class Issue(Table):
+    """A certificate that was issued from a run, the newest or an earlier one; `amends` is the one that it replaces."""
+
+    __tablename__ = "issues"
+    run: Mapped[str] = mapped_column(ForeignKey("runs.id"), primary_key=True)
+    number: Mapped[str] = mapped_column(primary_key=True)
+    verdict: Mapped[str | None]
+    issued: Mapped[str | None]
+    amends: Mapped[str | None]
+    reason: Mapped[str | None]
+    file_sha256: Mapped[str] = mapped_column(String(64))
+
+
+class Withdrawal(Table):
+    """A certificate that was withdrawn."""
+
+    __tablename__ = "withdrawals"
+    number: Mapped[str] = mapped_column(primary_key=True)
+    reason: Mapped[str]
+    utc: Mapped[str]
+    archive: Mapped[str] = mapped_column(ForeignKey("archives.id"))
+
+
 class Quantity(Table):
     """A number that describes a unit, from limits.json of its run, its certificate, or its calibration."""
 
@@ -126,8 +149,10 @@ class Quantity(Table):
     value: Mapped[float]
 
 
-IN_ORDER: tuple[type[Table], ...] = (Archive, Unit, Operator, Equipment, Run, Calibration, Certificate, Quantity)
+IN_ORDER: tuple[type[Table], ...] = (
+    Archive, Unit, Operator, Equipment, Withdrawal, Run, Calibration, Certificate, Issue, Quantity,
+)  # fmt: skip
 """All tables, each after the tables to which it refers."""
 
-OF_A_RUN: tuple[type[Table], ...] = (Calibration, Certificate, Quantity)
+OF_A_RUN: tuple[type[Table], ...] = (Calibration, Certificate, Issue, Quantity)
 """Tables whose rows belong to one run."""

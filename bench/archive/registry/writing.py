@@ -16,6 +16,8 @@ from bench.archive.registry.tables import IN_ORDER
 from bench.record import MANIFEST, RunFolder, sha256
 
 TABLES: dict[str, SqlTable] = {table.__tablename__: cast(SqlTable, table.__table__) for table in IN_ORDER}
+TOLD = ("equipment", "withdrawals")
+"""Tables whose rows people entered, in the ledger of their archive."""
 SHARED = ("units", "operators")
 """Tables whose rows archives share: a run only adds missing ones."""
 

@@ -9,6 +9,7 @@ from bench.base import number
 from bench.cli.options import Registered
 from bench.cli.rendering.printing import content, lines, table
 from bench.commands import (
+    CertificatesListed,
     EquipmentListed,
     FleetJudged,
     Noted,
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 _RUN = {"unit": "unit", "created": "created", "profile": "profile", "state": "state", "verdict": "verdict",
         "judged": "limits", "path": "run"}  # fmt: skip
+_CERTIFICATE = ("unit", "number", "issued", "verdict", "state", "reason")
 _EQUIPMENT = ("name", "serial", "kind", "calibrated_on", "due_on", "state")
 _QUANTITY = ("quantity", ">mean", ">lower", ">upper", ">Cpk", ">Ppk", ">outside")
 
@@ -108,6 +110,8 @@ def _(result: Noted) -> Iterator[str]:
     entry = result.entry
     if entry["kind"] == "lot":
         yield f"{len(entry['units'])} units assigned to lot {entry['lot']}"
+    elif entry["kind"] == "withdrawal":
+        yield f"certificate {entry['number']} is withdrawn: {entry['reason']}"
     elif entry["kind"] == "operator":
         yield f"operator {entry['name']}"
     else:
@@ -117,6 +121,17 @@ def _(result: Noted) -> Iterator[str]:
 @content.register(Noted)
 def _(result: Noted) -> dict[str, Any]:
     return {"ledger": str(result.ledger), **result.entry}
+
+
+@lines.register(CertificatesListed)
+def _(result: CertificatesListed) -> Iterator[str | Table]:
+    rows = [[row[key] or "" for key in _CERTIFICATE] for row in result.certificates]
+    yield table(_CERTIFICATE, rows) if rows else "no certificates"
+
+
+@content.register(CertificatesListed)
+def _(result: CertificatesListed) -> dict[str, Any]:
+    return {"registry": result.registry, "certificates": [dict(row) for row in result.certificates]}
 
 
 @lines.register(EquipmentListed)

@@ -68,6 +68,14 @@ class Noted(Result):
 
 
 @dataclass(frozen=True)
+class CertificatesListed(Result):
+    """Certificates of a registry; `state` of each says whether it is in force."""
+
+    registry: str
+    certificates: Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
 class EquipmentListed(Result):
     """Equipment of a registry, judged by a day; `state` of each is valid, overdue or no due date."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import date
 from typing import Any
 
@@ -18,7 +19,7 @@ from bench.analysis import MEANING, Change, State, turning
 from bench.base import FloatArray, __version__, finite
 from bench.deliver.certificate.budget import Uncertainty, compared_thermometers
 from bench.deliver.certificate.evidence import LEAST_COVERED, Evidence
-from bench.deliver.certificate.laboratory import Laboratory
+from bench.deliver.certificate.laboratory import Instrument, Laboratory
 from bench.deliver.certificate.propagation import PERCENT
 from bench.deliver.certificate.provenance import commit
 from bench.record import MANIFEST, Dataset, Manifest, earth_told, sha256
@@ -37,21 +38,28 @@ STATEMENTS = (
 )
 
 
+@dataclass(frozen=True)
+class Issue:
+    """How a certificate is issued."""
+
+    draft: Sequence[str] | None = None
+    """What it lacks; None: it is not a draft."""
+    signer: Mapping[str, str] | None = None
+    amends: Mapping[str, Any] | None = None
+    """The certificate that it replaces, and why."""
+
+
 def facts(
-    evidence: Evidence,
-    laboratory: Laboratory | None,
-    budget: Uncertainty,
-    issued: date,
-    draft: Sequence[str] | None = None,
-    signer: Mapping[str, str] | None = None,
+    evidence: Evidence, laboratory: Laboratory | None, budget: Uncertainty, issued: date, issue: Issue = Issue()
 ) -> dict[str, Any]:
-    """All facts of the certificate; its number is computed from the others. `draft`: what it lacks; None: nothing."""
+    """All facts of the certificate; its number is computed from the others."""
     judgement, verdict = evidence.judgement, evidence.verdict
     known, change = evidence.manifest, _change(evidence)
     content: dict[str, Any] = {
         "format": FORMAT,
         "title": "Calibration certificate",
-        "draft": None if draft is None else list(draft),
+        "draft": None if issue.draft is None else list(issue.draft),
+        "amends": None if issue.amends is None else dict(issue.amends),
         "simulated": bool(known.simulated),
         "issued": issued.isoformat(),
         "verdict": verdict,
@@ -64,6 +72,7 @@ def facts(
         "method": _method(evidence),
         "conditions": _conditions(evidence),
         "equipment": [tool.model_dump(mode="json") for tool in evidence.instruments],
+        "traceability": _traceability(evidence.instruments),
         "as_found": _as_found(evidence, change),
         "as_left": _as_left(evidence, change, budget),
         "over_temperature": _over_temperature(evidence),
@@ -78,10 +87,19 @@ def facts(
             "verification": evidence.verification.done.counts() if evidence.verification else None,
         },
         "software": _software(evidence),
-        "signer": None if signer is None else dict(signer),
-        "statements": list(STATEMENTS),
+        "signer": None if issue.signer is None else dict(issue.signer),
+        "statements": [*_amendment(issue.amends), *STATEMENTS],
     }
     return {"number": number_of(content), **content}
+
+
+def _amendment(amends: Mapping[str, Any] | None) -> list[str]:
+    """The statement that ISO/IEC 17025, 7.8.8.2 and 7.8.8.3, ask for."""
+    if amends is None:
+        return []
+    return [
+        f"Amendment to certificate {amends['number']} of {amends['issued']}, which it replaces: {amends['reason']}."
+    ]
 
 
 def number_of(content: Mapping[str, Any]) -> str:
@@ -152,6 +170,16 @@ def _verification(evidence: Evidence) -> dict[str, Any] | None:
         "validity_degc": list(covered.valid_degc),
         "least_percent": 100.0 * LEAST_COVERED,
     }
+
+
+def _traceability(instruments: Sequence[Instrument]) -> str:
+    """The statement of ISO/IEC 17025, 7.8.4.1 c."""
+    if not instruments:
+        return "No reference equipment was stated: the results are not metrologically traceable."
+    without = [f"{tool.name} {tool.serial}" for tool in instruments if not tool.certificate.strip()]
+    if without:
+        return f"Metrological traceability is not shown: no certificate is stated of {', '.join(without)}."
+    return "The results are metrologically traceable through the calibrations of this equipment by its certificates."
 
 
 def _validity(evidence: Evidence) -> dict[str, Any]:

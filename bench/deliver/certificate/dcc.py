@@ -144,7 +144,7 @@ class _Document:
         return self.node("respPersons", self.node("respPerson", person, *role, self.node("mainSigner", "true")))
 
     def _statements(self, facts: Mapping[str, Any]) -> Element:
-        texts = [*facts["statements"], *facts["remarks"]]
+        texts = [*facts["statements"], facts["traceability"], *facts["remarks"]]
         if facts["simulated"]:
             texts.insert(0, "Simulated unit and station: shows the form of a certificate and certifies nothing.")
         if facts["draft"] is not None:

@@ -19,6 +19,10 @@ class CertificateRecord(Record):
     number: str
     title: str | None = None
     simulated: bool | None = None
+    draft: tuple[str, ...] | None = None
+    """What it lacks; a draft is not a certificate."""
+    amends: dict[str, str | None] | None = None
+    """Number, day, hash and reason of the certificate that it replaces."""
     issued: str | None = None
     verdict: str | None = None
     operator: str | None = None

@@ -1,0 +1,128 @@
+"""Certificates that were issued: which is in force, what a new one amends, and their withdrawal (ISO/IEC 17025, 7.8.8).
+
+A run folder holds its newest certificate as `certificate.*` and earlier ones as `certificate-<number>.*`. A certificate
+that amends another one replaces it. Withdrawals stand in the ledger of the archive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from bench.base import InputError
+from bench.commands.files import write
+from bench.commands.registering import registry_tell
+from bench.commands.results.stock import CertificatesListed, Noted
+from bench.record import MANIFEST, CertificateRecord, sha256
+
+NO_REASON = "issued again from the same run; no reason was given"
+_KEPT = ("json", "xml", "pdf")
+
+
+@dataclass(frozen=True)
+class Issued:
+    """A certificate as it was issued."""
+
+    record: CertificateRecord
+    file: Path
+
+    @property
+    def is_newest(self) -> bool:
+        """Whether it is the one of its run that was issued last."""
+        return self.file.name == CertificateRecord.FILE
+
+    def reference(self, reason: str) -> dict[str, str | None]:
+        """How the certificate that replaces it refers to it."""
+        known = {"number": self.record.number, "issued": self.record.issued, "sha256": sha256(self.file)}
+        return {**known, "reason": reason}
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """All certificates that a new one could concern, by number, and what became of them."""
+
+    issued: Mapping[str, Issued]
+    withdrawn: Mapping[str, Mapping[str, Any]]
+
+    @classmethod
+    def around(cls, run: Path) -> Shelf:
+        """Those of the run's unit in its archive; only those of the run where it is in none."""
+        from bench.archive import is_archive
+
+        folder = run.resolve()
+        root = folder.parent.parent
+        folders = sorted(folder.parent.glob("*/")) if is_archive(root) else [folder]
+        return cls({one.record.number: one for one in _found(folders)}, _withdrawn(root))
+
+    @classmethod
+    def of_archive(cls, root: Path) -> Shelf:
+        """Those of an archive."""
+        folders = sorted(path.parent for path in root.glob(f"*/*/{CertificateRecord.FILE}"))
+        return cls({one.record.number: one for one in _found(folders)}, _withdrawn(root))
+
+    def over(self, number: str) -> str:
+        """Why a certificate is not in force; empty where it is."""
+        for other in self.issued.values():
+            if (other.record.amends or {}).get("number") == number:
+                return f"was replaced by {other.record.number} on {other.record.issued}"
+        if (entry := self.withdrawn.get(number)) is not None:
+            return f"was withdrawn on {str(entry['utc'])[:10]} ({entry['reason']})"
+        return ""
+
+    def in_force(self, number: str, where: Path) -> Issued:
+        """A certificate that may be amended or withdrawn; InputError where there is none, or it is not in force."""
+        if number not in self.issued:
+            raise InputError(f"no certificate {number} here; `bench registry certificates` lists them", where)
+        if why := self.over(number):
+            raise InputError(f"certificate {number} {why}; only one that is in force is amended or withdrawn", where)
+        return self.issued[number]
+
+    def newest_of(self, run: Path) -> Issued | None:
+        """The certificate of a run that was issued last."""
+        own = (one for one in self.issued.values() if one.file.parent == run.resolve() and one.is_newest)
+        return next(own, None)
+
+
+def _found(folders: list[Path]) -> Iterator[Issued]:
+    for folder in folders:
+        if (folder / MANIFEST).is_file():
+            for file in sorted(folder.glob("certificate*.json")):
+                with suppress(InputError):  # a damaged one is told by whoever uses its run
+                    record = CertificateRecord.read(folder, file.name)
+                    if record.number and record.draft is None:
+                        yield Issued(record, file)
+
+
+def _withdrawn(root: Path) -> dict[str, Mapping[str, Any]]:
+    from bench.archive import archive, is_archive
+
+    entries = archive(root).entries() if is_archive(root) else []
+    return {str(entry["number"]): entry for entry in entries if entry.get("kind") == "withdrawal"}
+
+
+def keep_earlier(run: Path, earlier: Issued) -> None:
+    """Keep the certificate of a run under its number before another one takes its place."""
+    for suffix in _KEPT:
+        file = run / f"certificate.{suffix}"
+        if file.is_file():
+            write(run / f"certificate-{earlier.record.number}.{suffix}", file.read_bytes())
+
+
+def withdraw_certificate(number: str, reason: str, root: Path, where: str | None) -> Noted:
+    """`bench certificate --withdraw`: a certificate of an archive is no longer in force; the ledger says why."""
+    Shelf.of_archive(root).in_force(number, root)
+    utc = datetime.now(UTC).isoformat(timespec="seconds")
+    return registry_tell(root, where, {"kind": "withdrawal", "number": number, "reason": reason, "utc": utc})
+
+
+def registry_certificates(root: Path, where: str | None, unit: str | None) -> CertificatesListed:
+    """`bench registry certificates`: every certificate, and whether it is in force."""
+    from bench.archive import certificates
+    from bench.commands.registering import existing
+
+    with existing(root, where) as registry:
+        return CertificatesListed(registry.url, certificates(registry, unit))
