@@ -117,7 +117,9 @@ def places(changes: int, count: int, draw: random.Random) -> list[float]:
     """So many changes and moments: a third are moments, and more where there are not as many changes."""
     at_changes = min(changes, count - count // 3)
     moments = [round(draw.uniform(0.02, 1.0), 3) for _ in range(count - at_changes)]
-    return [*sorted(draw.sample(range(1, changes + 1), at_changes)), *sorted(moments)]
+    found = [*draw.sample(range(1, changes + 1), at_changes), *moments]
+    draw.shuffle(found)
+    return found
 
 
 def campaign(kills: int, seed: int, out: Path | None = None, only: Sequence[str] = ()) -> list[Trial]:
@@ -125,31 +127,38 @@ def campaign(kills: int, seed: int, out: Path | None = None, only: Sequence[str]
     known = [] if out is None else campaigns.read(out, lambda one: Trial(**{**one, "wrong": tuple(one["wrong"])}))
     done = {(one.command, one.at): one for one in known}
     chosen = [COMMANDS[name] for name in only or COMMANDS]
+    share = -(-kills // len(chosen))
     results = []
     with tempfile.TemporaryDirectory(prefix="bench-kills-") as base:
         os.environ.setdefault("BENCH_KEYS", f"{base}/keys")  # not the keys of whoever runs this
         place = Path(base) / "trial"
-        for command in chosen:
-            state = Path(base) / command.state
-            if not state.exists():
-                STATES[command.state](place)
-                place.rename(state)
-            for _ in range(2):  # the first one imports
-                copied(state, place)
-                whole = Whole(in_a_copy(command.words(place), place), counts(place))
-                shutil.rmtree(place)
-            if whole.done.code not in {0, 1}:
-                raise RuntimeError(f"{command.name} failed without a kill: {whole.done.said}")
-            draw = random.Random(f"{seed} {command.name}")
-            for at in places(whole.done.changes, -(-kills // len(chosen)), draw):
-                found = done.get((command.name, at))
-                if found is None:
-                    found = trial(command, state, place, at, whole)
-                    if out is not None:
-                        with out.open("a", encoding="utf-8") as file:
-                            file.write(json.dumps(asdict(found)) + "\n")
-                results.append(found)
+        wholes = {command.name: _whole(command, Path(base) / command.state, place) for command in chosen}
+        drawn = {
+            name: places(whole.done.changes, share, random.Random(f"{seed} {name}")) for name, whole in wholes.items()
+        }
+        for command, at in ((command, drawn[command.name][i]) for i in range(share) for command in chosen):
+            found = done.get((command.name, at))
+            if found is None:
+                found = trial(command, Path(base) / command.state, place, at, wholes[command.name])
+                if out is not None:
+                    with out.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps(asdict(found)) + "\n")
+            results.append(found)
     return results
+
+
+def _whole(command: Command, state: Path, place: Path) -> Whole:
+    """A command run whole, from a state that is made where it is missing."""
+    if not state.exists():
+        STATES[command.state](place)
+        place.rename(state)
+    for _ in range(2):  # the first one imports
+        copied(state, place)
+        whole = Whole(in_a_copy(command.words(place), place), counts(place))
+        shutil.rmtree(place)
+    if whole.done.code not in {0, 1}:
+        raise RuntimeError(f"{command.name} failed without a kill: {whole.done.said}")
+    return whole
 
 
 def main() -> None:

@@ -186,9 +186,11 @@ COMMANDS = {
         Command("flash", _flash),
         Command("verify", _verify, _again_verified, "verified", repeats=True),
         Command("certificate", _certificate, state="verified"),
-        Command("import", lambda at: ("import", at / "log.csv", "--unit", "IMP-1", "--out", at / "reports")),
-        Command("page imports", lambda at: (page_imports, at)),
-        Command("page starts", lambda at: (page_starts, at)),
+        Command(
+            "import", lambda at: ("import", at / "log.csv", "--unit", "IMP-1", "--out", at / "reports"), state="empty"
+        ),
+        Command("page imports", lambda at: (page_imports, at), state="empty"),
+        Command("page starts", lambda at: (page_starts, at), state="empty"),
         Command("registry rebuild", lambda at: ("registry", "rebuild", "--out", at / "reports")),
         Command("registry lot", lambda at: ("registry", "lot", "L1", UNIT, "--out", at / "reports")),
     )

@@ -2,8 +2,9 @@
 
     python -m benchmarks.soak --hours 24 --seed 1 [--out FOLDER]
 
-Prints one JSON object; exit code 1 when something is wrong. Bench time is simulated, the wires are real: Modbus TCP
-through a proxy that injects faults, CAN frames through a wrapper that injects faults. 24 h take about ten minutes.
+Wrong data from the unit come in the pauses between the faults. Prints one JSON object; exit code 1 when something is
+wrong. Bench time is simulated, the wires are real: Modbus TCP through a proxy that injects faults, CAN frames through a
+wrapper that injects faults. 24 h take about ten minutes.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import Station
 from bench.base import config
 from bench.record.folder import RunFolder
+from benchmarks.soak_data import DATA_S, random_data, spoiled
 from drivers.wire import load_dbc
 
 STATION = Path(__file__).parent.parent / "profiles" / "stations" / "simulated.yaml"
@@ -139,7 +141,9 @@ def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: flo
     job = Job(profile_from_text(text), text, station, json.dumps(content), {"model.yaml": "name: m\n"}, out=out)
     watcher, started_s = Watcher(every_s), time.monotonic()
     handles = len(os.listdir("/proc/self/fd")), threading.active_count()  # noqa: PTH208
-    result = run_job(job, watcher)
+    data = random_data(faults, seed)
+    with spoiled(data, seed):
+        result = run_job(job, watcher)
     took_s = time.monotonic() - started_s
     after = len(os.listdir("/proc/self/fd")), threading.active_count()  # noqa: PTH208
     reported = episodes(result.run)
@@ -155,6 +159,9 @@ def soak(hours: float, seed: int, out: Path, mean_s: float = 600.0, every_s: flo
         "wall_s": round(took_s, 1),
         "faults": len(faults),
         "faults_by_name": dict(Counter(f"{fault['on']} {fault['fault']}" for fault in faults)),
+        "wrong_data": len(data),
+        "wrong_data_by_kind": dict(Counter(kind for _, kind in data)),
+        "left_out": sum(entry.samples for entry in manifest.left_out),
         "struck": struck,
         "corrupt_heartbeats": no_crc,
         "state": manifest.state,
@@ -208,16 +215,18 @@ def wrong(figures: dict[str, Any], faults: list[dict[str, Any]], hours: float) -
     if begun != len(faults):
         yield f"{begun} of {len(faults)} faults are events"
     sent = round(figures["last_s"] * RATE_HZ)
-    found = figures["samples"] + losses["lost"] + losses["late"]
+    found = figures["samples"] + losses["lost"] + losses["late"] + figures["left_out"]
     if abs(found - sent) > 1 + losses["resets"]:
         counts = f"{figures['samples']} samples, {losses['lost']} lost and {losses['late']} late"
-        yield f"{counts} are {found}, {sent} were sent"
+        yield f"{counts} and {figures['left_out']} left out are {found}, {sent} were sent"
     resets = sum(1 for fault in faults if fault["fault"] in ("reset", "silent_reset"))
     if losses["resets"] != resets:
         yield f"{losses['resets']} of {resets} resets were counted"
     corrupt = figures["struck"].get(BUS, {}).get("corrupt", 0) - figures["corrupt_heartbeats"]  # these have no CRC
     if losses["corrupt"] != corrupt:
         yield f"{losses['corrupt']} corrupt frames counted, {corrupt} injected"
+    if abs(figures["left_out"] / RATE_HZ - DATA_S * figures["wrong_data"]) > figures["wrong_data"]:
+        yield f"{figures['left_out']} samples left out for {figures['wrong_data']} stretches of {DATA_S:g} s"
     yield from leaks(figures, hours)
 
 

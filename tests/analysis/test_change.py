@@ -51,8 +51,9 @@ def test_only_temperatures_that_both_records_have_are_compared():
     assert change.factor == pytest.approx(2.0)
 
 
-def test_records_without_a_common_temperature_are_not_compared():
-    before, after = turned(np.ones(9), np.linspace(50, 60, 9)), turned(np.ones(9), np.linspace(0, 10, 9))
+@pytest.mark.parametrize("after_degc", [np.linspace(0, 10, 9), np.full(9, 53.0)], ids=["elsewhere", "between two rows"])
+def test_records_without_a_common_temperature_are_not_compared(after_degc):
+    before, after = turned(np.ones(9), np.linspace(50, 60, 9)), turned(np.ones(9), after_degc)
     change = Change.between(before, after)
     assert change.before is None
     assert change.to_json()["factor"] is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,7 +84,7 @@ class Change:
         if before is not None:
             other = range_degc(before)
             shared = max(low, other[0]), min(high, other[1])
-            if shared[0] <= shared[1]:
+            with contextlib.suppress(InputError):  # nothing to compare: they share no temperature, or none with a rate
                 return cls(State.of(before, None, shared), State.of(after, left, shared), shared)
         return cls(None, State.of(after, left), (low, high))
 
