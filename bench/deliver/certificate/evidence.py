@@ -30,7 +30,7 @@ from bench.analysis import (
     source_of,
 )
 from bench.base import FloatArray, InputError
-from bench.deliver.certificate.combined import of_all, verified, with_table
+from bench.deliver.certificate.combined import OF_TABLE, of_all, verified, with_table
 from bench.deliver.certificate.laboratory import Instrument, refuse_overdue
 from bench.deliver.export.delivering import calibration_id
 from bench.record import (
