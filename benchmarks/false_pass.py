@@ -56,10 +56,10 @@ def edited(name: str, where: str, value: Any) -> Change:
             inner = inner[step]
         if value is None:
             del inner[last]
-        elif isinstance(value, float):
-            inner[last] = inner[last] * value
         else:
-            inner[last] = value
+            made = inner[last] * value if isinstance(value, float) else value
+            assert made != inner.get(last) if isinstance(inner, dict) else made != inner[last], f"{where} stays"
+            inner[last] = made
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
     return change
@@ -138,8 +138,8 @@ FILES: dict[str, Change] = {
     "condition of the fit": edited(CALIBRATION, "calibration.condition", 0.01),
     "verdict of the analysis": edited(CALIBRATION, "verdict.verdict", "adequate "),
     "noise floor a tenth": edited(CALIBRATION, "noise.floor_dph", 0.1),
-    "a quantity": edited(CALIBRATION, "quantities.3.value", 0.1),
-    "interval of a quantity": edited(CALIBRATION, "quantities.3.high", 0.1),
+    "a quantity": edited(CALIBRATION, "quantities.0.value", 0.1),
+    "interval of a quantity": edited(CALIBRATION, "quantities.0.high", 0.1),
     "averaging time": edited(CALIBRATION, "averaging_s", 2.0),
     "unit of the calibration": edited(CALIBRATION, "unit", "SIM-0002"),
     "warnings of the report": edited(CALIBRATION, "verdict.warnings", ["none"]),
