@@ -77,11 +77,7 @@ def dataset(samples: virtual.Samples, path: virtual.Trace, name: str) -> Dataset
         total = np.bincount(second[good], values[good], minlength=path.seconds)
         channels[channel] = np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
         counts[channel] = count
-    segments = tuple(
-        Segment(s["index"], s["name"], s["kind"], s["from_s"], s["to_s"], s["direction"], s["target_degc"],
-                s["rate_degc_per_min"])
-        for s in path.segments
-    )  # fmt: skip
+    segments = tuple(map(Segment.of, path.segments))
     time = np.arange(path.seconds, dtype=np.float64) + 0.5
     title = name.splitlines()[0].removeprefix("name: ")
     base = Dataset(title, time, channels, path.segment, segments, 1.0, counts)

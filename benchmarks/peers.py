@@ -13,7 +13,6 @@ import numpy as np
 
 from bench.analysis.diagnosis.candidates import orthonormal
 from bench.analysis.diagnosis.suspects import Layout, catalogued, offer
-from bench.analysis.diagnosis.verdict import effect_name
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import fit_rows
 from bench.base.channels import FloatArray
@@ -58,7 +57,7 @@ def shelf(run: Dataset, model: Model) -> Shelf:
             left = own - basis @ (basis.T @ own)
             size = np.sqrt(np.mean(left**2, axis=0))
             for column in (left / np.where(size > 0.0, size, 1.0))[:, size > 1e-6 * np.sqrt(np.mean(own**2, axis=0))].T:
-                names.append(effect_name(candidate.name))
+                names.append(candidate.effect or candidate.name)
                 columns.append(column)
     residual = layout.problem.y - basis @ (basis.T @ layout.problem.y)
     return Shelf(tuple(names), np.column_stack(columns), residual / np.sqrt(np.mean(residual**2)))

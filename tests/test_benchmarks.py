@@ -92,3 +92,9 @@ def test_a_frame_has_the_bits_of_iso_11898():
             if len(set(sent[-5:])) == 1 and len(sent) >= 5:
                 sent += "10"[int(bit)]
         assert found == len(sent) + 13
+
+
+@pytest.mark.parametrize("path", sorted(PAGE.parents[1].glob("benchmarks/[a-z]*.py")), ids=lambda path: path.stem)
+def test_every_benchmark_can_be_imported(path):
+    pytest.importorskip("pysindy") if path.stem in {"peers", "tabulate", "trials"} else None
+    import_module(f"benchmarks.{path.stem}")
