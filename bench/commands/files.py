@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from bench.base import InputError
-from bench.record import CalibrationRecord, Manifest, put, unproven, write_atomically
+from bench.record import CalibrationRecord, JobRecord, Manifest, put, unproven, write_atomically
 
 
 def tell_unproven(*folders: Path) -> None:
@@ -24,13 +24,16 @@ def _say(text: str) -> None:
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write a file whole, in a folder that is made where there is none; InputError where that cannot be."""
+    """Write a file whole, in a folder that is made where there is none; the folder of a run or of a job lists it.
+
+    InputError where that cannot be.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         data = content.encode() if isinstance(content, str) else content
-        if not (path.parent / Manifest.FILE).is_file():
-            write_atomically(path, data)
-        else:
+        if any((path.parent / name).is_file() for name in (Manifest.FILE, JobRecord.FILE)):
             put(path.parent, {path.name: data}, [Manifest.FILE, CalibrationRecord.FILE])
+        else:
+            write_atomically(path, data)
     except OSError as error:
         raise InputError(f"cannot be written: {error.strerror}; choose another place", path) from None

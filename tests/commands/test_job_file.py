@@ -6,7 +6,8 @@ import pytest
 
 from bench.base import InputError
 from bench.commands.calibration.job import JOB, Done, JobFile
-from bench.record import CHAIN, chain
+from bench.commands.files import write
+from bench.record import CHAIN, chain, faults
 from bench.record.files import write_atomically
 
 PLAN = "0" * 64
@@ -61,6 +62,14 @@ def test_a_damaged_job_file_never_begins_a_calibration_anew(unit, damage, plan):
     damage(file)
     with pytest.raises(InputError, match=rf"{file.parent.name}.*(restore|move)"):
         JobFile.newest(unit, plan)
+
+
+def test_the_certificate_of_a_job_is_listed_with_its_job(unit):
+    folder = file_of(unit).parent
+    write(folder / "certificate.pdf", b"paper")
+    assert list(faults(folder)) == []
+    (folder / "certificate.pdf").write_bytes(b"other paper")
+    assert [fault.split(": ")[0] for fault in faults(folder)] == [f"{folder}/certificate.pdf"]
 
 
 class Killed(BaseException):
