@@ -25,6 +25,9 @@ WATCHDOG = "watchdog.jsonl"
 """Events of the watchdog, one JSON object a line, in the run folder."""
 KILLED = "the bench was killed"
 
+BEFORE_S = 0.1
+"""Units are silent for longer than this before their power comes on [s]; stamps of frames and events differ by less."""
+
 Readings = np.ndarray[Any, np.dtype[np.void]]
 
 
@@ -62,9 +65,9 @@ class BenchJournal:
         return None if until_s is None else round(until_s * 1e9)
 
     def power_ons_ns(self) -> list[int]:
-        """Bench times [ns] at which the units were switched on again on purpose."""
+        """Bench times [ns] just before the units were switched on again on purpose: nothing comes then."""
         switched = (event for event in self.events if event["kind"] == "power" and event["on"])
-        return [round(event["t_s"] * 1e9) for event in switched]
+        return [round((event["t_s"] - BEFORE_S) * 1e9) for event in switched]
 
     @property
     def gyro(self) -> GyroKind:

@@ -64,16 +64,20 @@ class UnitPower:
         """Switch the power off for a leg that starts now."""
         self.cycling = True
         self.supply.switch(False)
-        self._journal.event("power", "the units' power is off", on=False, off_s=leg.duration_s)
+        self._journal.event("power", "the units' power was switched off", on=False, off_s=leg.duration_s)
         return _OneCycle(self, self._clock.now(), leg.duration_s)
 
     def switch_on(self) -> float:
-        """Switch the power on; bench time of it [s]."""
+        """Switch the power on; bench time before it [s].
+
+        The event comes first: units may send before the supply has confirmed, and what they sent before the event would
+        be taken for the end of the gap.
+        """
         for unit in self.units:
             unit.expect_power_on()
-        self.supply.switch(True)
         now_s = self._clock.now()
-        self._journal.event("power", "the units' power is on", on=True)
+        self._journal.event("power", "the units' power is switched on", on=True)
+        self.supply.switch(True)
         return now_s
 
     def ensure_on(self) -> None:
