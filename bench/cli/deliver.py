@@ -36,7 +36,9 @@ def _address(context: click.Context, parameter: click.Parameter, text: str) -> i
 
 @click.command()
 @run_argument
-@click.option("--format", "format_", required=True, help="json, csv, c, hex, srec, eeprom or a2l.")
+@click.option(
+    "--format", "format_", required=True, help="json, csv, c, hex, srec, eeprom or a2l; mf4 (samples), kalibr."
+)
 @click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
 @click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
 @click.option("--serial", type=click.IntRange(0, 2**32 - 1), help="Default: the digits of the unit's serial number.")

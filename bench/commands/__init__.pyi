@@ -89,6 +89,7 @@ from .results.deliver import CertificateChecked as CertificateChecked
 from .results.deliver import Certified as Certified
 from .results.deliver import Exported as Exported
 from .results.deliver import Flashed as Flashed
+from .results.deliver import MeasuredExported as MeasuredExported
 from .results.deliver import Verified as Verified
 
 # Many units

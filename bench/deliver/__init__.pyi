@@ -23,9 +23,13 @@ from .export.delivering import Delivered as Delivered
 from .export.delivering import ExportOptions as ExportOptions
 from .export.delivering import files_of as files_of
 from .export.delivering import prepare as prepare
+from .export.delivering import refuse_format as refuse_format
 from .export.image import Image as Image
 from .export.image import read as read
 from .export.measure import best_form as best_form
+from .export.measured import MEASURED as MEASURED
+from .export.measured import kalibr_yaml as kalibr_yaml
+from .export.measured import write_mf4 as write_mf4
 from .export.words import to_bytes as to_bytes
 from .export.words import to_words as to_words
 from .report.described import columns as columns

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.analysis import State
 from bench.cli.rendering.printing import content, lines, number, table
-from bench.commands import Calibrated, CertificateChecked, Certified, Exported, Flashed, Verified
+from bench.commands import Calibrated, CertificateChecked, Certified, Exported, Flashed, MeasuredExported, Verified
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -63,6 +63,16 @@ def _(result: Exported) -> dict[str, Any]:
         "forms": [asdict(row) for row in package.worst],
         "objections": list(delivered.source.objections),
     }
+
+
+@lines.register(MeasuredExported)
+def _(result: MeasuredExported) -> Iterator[str]:
+    yield from map(str, result.files)
+
+
+@content.register(MeasuredExported)
+def _(result: MeasuredExported) -> dict[str, Any]:
+    return {"run": str(result.run), "format": result.format, "files": [str(path) for path in result.files]}
 
 
 @lines.register(Certified)

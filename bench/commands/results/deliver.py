@@ -27,6 +27,15 @@ class Exported(Result):
 
 
 @dataclass(frozen=True)
+class MeasuredExported(Result):
+    """Files with what a run measured."""
+
+    run: Path
+    format: str
+    files: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
 class Certified(Result):
     """A certificate; `facts` are what it says."""
 

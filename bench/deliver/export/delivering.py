@@ -19,6 +19,7 @@ from bench.deliver.export.formats import FORMATS, Files, Package
 from bench.deliver.export.forms import FORMS
 from bench.deliver.export.image import read, words_of
 from bench.deliver.export.measure import best_form, raw_id, worst_errors
+from bench.deliver.export.measured import MEASURED
 from bench.deliver.export.signals import to_counts
 from bench.record import Dataset, Manifest, prove
 
@@ -72,10 +73,15 @@ def prepare(folder: Path, options: ExportOptions) -> Delivered:
     return Delivered(package, source, apart(delivery, source.fit, source.dataset))
 
 
+def refuse_format(format_: str) -> None:
+    """InputError that lists the formats where it is none of them."""
+    if format_ not in FORMATS and format_ not in MEASURED:
+        raise InputError(f"format is {format_!r}, allowed are {', '.join((*FORMATS, *MEASURED))}")
+
+
 def files_of(package: Package, format_: str) -> Files:
-    """Files of one format; InputError that lists the formats."""
-    if format_ not in FORMATS:
-        raise InputError(f"format is {format_!r}, allowed are {', '.join(FORMATS)}")
+    """Files of one format of a calibration; InputError that lists the formats."""
+    refuse_format(format_)
     return FORMATS[format_](package)
 
 
