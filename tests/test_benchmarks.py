@@ -98,3 +98,12 @@ def test_a_frame_has_the_bits_of_iso_11898():
 def test_every_benchmark_can_be_imported(path):
     pytest.importorskip("pysindy") if path.stem in {"peers", "tabulate", "trials"} else None
     import_module(f"benchmarks.{path.stem}")
+
+
+@pytest.mark.slow
+def test_figures_are_those_of_independent_code():
+    from benchmarks import independent
+
+    loose = {"scale factor at 25 degC [ppm]": 2e-3, "the same by Monte Carlo [deg/h]": 0.02}
+    for row in independent.rows():
+        assert row.ours == pytest.approx(row.theirs, rel=loose.get(row.what, 1e-6)), row.what
