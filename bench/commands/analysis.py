@@ -10,7 +10,6 @@ from bench.base import BenchError, InputError
 from bench.commands.clocks import tell_ahead
 from bench.commands.files import tell_unproven
 from bench.commands.results.analyse import Compared, ComparedSamples, Imported, Reported
-from bench.commands.results.live import Recovered
 from bench.record import MANIFEST, RunFolder, clear_partial, listed, open_run, use
 
 if TYPE_CHECKING:
@@ -54,12 +53,6 @@ def report(
     folder = recover(path)
     chosen = [load_model(model) for model in models] if models else kept_models(folder.path)
     return report_on(folder, chosen, None, check, static, limits)
-
-
-def resume(path: Path) -> Recovered:
-    """`bench resume`: make a run folder of what a killed run left; moves no equipment."""
-    folder = recover(path)
-    return Recovered(folder.path, folder.manifest())
 
 
 def recover(path: Path) -> RunFolder:

@@ -21,7 +21,6 @@ from bench.record import MANIFEST
 
 if TYPE_CHECKING:
     from bench.commands.results.analyse import Reported, UnitsReported
-    from bench.commands.results.live import Recovered
 
 REACTION_S = 10.0
 """A run does what it is asked at its next tick, a second; a slow controller may take a few more."""
@@ -48,9 +47,7 @@ def act_on_run(action: str, folder: Path | None, out: Path) -> Asked:
     return Asked(action, str(run.path), _describe(run, answer))
 
 
-def resume(
-    folder: Path | None, station: Path | None, out: Path, quiet: bool
-) -> Asked | Recovered | Reported | UnitsReported:
+def resume(folder: Path | None, station: Path | None, out: Path, quiet: bool) -> Asked | Reported | UnitsReported:
     """`bench resume`: go on with a live run that holds, or with one whose bench was killed."""
     from bench.commands import analysis
     from bench.commands.resuming import go_on
@@ -61,7 +58,7 @@ def resume(
     run = analysis.recover(folder)
     (folder / LIVE).unlink(missing_ok=True)  # its process is gone
     if not whole and run.manifest().state == "done":
-        return analysis.resume(folder)
+        return analysis.report(folder, ())  # nothing was left to do but this
     return go_on(run, station, quiet)
 
 

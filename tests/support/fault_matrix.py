@@ -286,6 +286,9 @@ chamber itself is at ambient and off; **left*: nothing was commanded, and it was
 could not be reached, and the bench reported this on stderr; *safe, but not verified*: only its answers were wrong, it
 was switched off, and the bench reported this on stderr. An unverified state is never called safe. –: a simulated
 chamber ends with its process.
+
+Random attacks beyond these, on wires, files, processes and page, are counted in [what the bench protects against, and
+what not](security.md#how-this-is-known).
 """
 MEASURED = """\
 ## Measured

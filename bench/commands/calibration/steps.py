@@ -256,9 +256,11 @@ class Verify:
         if inside["calibration_id"] != job.facts("flash")["calibration_id"]:
             raise AgainError("flash", f"the unit holds calibration {inside['calibration_id']}")
         prove(run_of(job))
-        run, _ = recorded(order, job, self.name, order.plan.verification, "on", texts(order))
+        run, pieced = recorded(order, job, self.name, order.plan.verification, "on", texts(order))
         found = verify(run, run_of(job), load_limits(order.document(order.plan.limits)), inside)
         content, word = found.to_json(), found.verdict.value
+        if pieced and word == "INVALID":
+            raise AgainError(self.name, "the verification was interrupted, and too much of it is missing")
         hold, stop = verdict_of(word, order.plan.policy, "the verification")
         known = ("rms_dph", "factor", "turning_factor", "floor_dph", "over_floor")
         facts = {"run": run.path.name, **{key: content[key] for key in known}}
