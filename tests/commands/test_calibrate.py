@@ -321,6 +321,8 @@ def test_a_run_that_was_killed_in_the_middle_goes_on_or_is_repeated(tmp_path, po
     assert job.step("run")["state"] == "done", job.content
     assert (job.facts("run")["run"] == cut.name) == (policy == "resume")
     assert (cut / "journal-2").is_dir() == (policy == "resume")
+    assert [run.name for run in job.runs()][-1] == job.facts("run")["run"]
+    assert (cut in job.runs()) == (cut / "manifest.json").is_file()
     assert job.step("run")["attempts"] == 2
     assert job.step("check")["attempts"] == 1
 

@@ -10,10 +10,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.base import InputError, __version__
-from bench.record import CHAIN, JobRecord, RunFolder, new_folder, slug
+from bench.base import InputError, __version__, read_yaml
+from bench.record import CHAIN, MANIFEST, JobRecord, RunFolder, new_folder, slug
 
 JOB = JobRecord.FILE
+MARK = "job.yaml"
+"""In the folder of a run: the job and the step that it was made for."""
 HELD, FAILED, RUNNING, ENDED = "held", "failed", "running", "ended"
 
 
@@ -76,6 +78,12 @@ class JobFile:
         found = [cls(folder, record.content()) for folder, record in known.items() if record is not None]
         mine = [job for job in found if job.content["digest"] == digest]
         return max(mine, key=lambda job: (job.content["created"], job.folder.name), default=None)
+
+    def runs(self) -> list[Path]:
+        """Every run with a manifest that was made for it, also those that were begun anew, the oldest first."""
+        marks = sorted(self.folder.parent.glob(f"*/{MARK}"))
+        mine = [path.parent for path in marks if read_yaml(path).content.get("job") == self.folder.name]
+        return [run for run in mine if (run / MANIFEST).is_file()]
 
     def save(self) -> None:
         """Write it: a reader, or a bench that is started again, sees the job before or after, never between."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bench.base import InputError, dump
 from bench.commands.acquisition import Task, conduct
 from bench.commands.analysis import recover
-from bench.commands.calibration.job import JobFile
+from bench.commands.calibration.job import MARK, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.resuming import continued
 from bench.record import MANIFEST, RunFolder, slug
@@ -17,8 +17,6 @@ from bench.record import MANIFEST, RunFolder, slug
 if TYPE_CHECKING:
     from bench.acquisition import Compensated, RunResult
 
-MARK = "job.yaml"
-"""In the folder of a run: the job and the step that it was made for."""
 _NOTHING_LEFT = "nothing to resume"
 
 

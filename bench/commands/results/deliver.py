@@ -123,5 +123,5 @@ class Calibrated(Result):
 
     @property
     def runs(self) -> tuple[Path, ...]:
-        """Calibration run and verification."""
-        return tuple(run for step in ("run", "verify") if (run := self.run_of(step)) is not None)
+        """All that it made."""
+        return tuple(self.job.runs())
