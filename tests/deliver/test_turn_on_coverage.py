@@ -7,10 +7,10 @@ from benchmarks import turn_on_coverage
 
 @pytest.mark.slow
 def test_the_stated_uncertainty_holds_fresh_turn_ons(tmp_path):
-    todo = list(turn_on_coverage.cases(2, ("shipped",)))
+    todo = list(turn_on_coverage.cases(4, ("shipped",), ("spline",)))
     results = turn_on_coverage.campaign(todo, 1, tmp_path / "coverage.jsonl")
     for row in turn_on_coverage.table(results):
-        assert row["held"] == row["n"] == 2, row
+        assert row["held"] == row["n"] >= 3, row
         assert not row["below"]
     errors = [found["mean_error_dph"] for _, found in results]
     assert errors[0] != errors[1]
