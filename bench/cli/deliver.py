@@ -76,7 +76,7 @@ def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> 
 @click.option("--withdraw", metavar="NUMBER", help="Instead: a certificate of --archive is no longer in force.")
 @click.option("--reason", help="Why it is amended or withdrawn.")
 @path_option(
-    "--archive", default=Path("reports"), show_default=True, help="With --withdraw: folder of the run folders."
+    "--archive", default=Path("reports"), show_default=True, help="With --withdraw and --verify: the run folders."
 )
 @path_option("--verify", help="Instead: check the signatures of this PDF or XML; exit code 1 if it was altered.")
 @path_option("--trust", multiple=True, help="With --verify: certificate of a laboratory or its authority (PEM).")
@@ -89,7 +89,7 @@ def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Re
     names = ("verify", "trust", "withdraw", "archive", "registry")
     verify, trust, withdraw, archive, where = (options.pop(name) for name in names)
     if verify is not None:
-        return commands.verify_certificate(verify, trust)
+        return commands.verify_certificate(verify, trust, archive)
     if (options["amends"] or withdraw) and not (options["reason"] or "").strip():
         raise click.UsageError("say why it is amended or withdrawn with --reason TEXT")
     if withdraw is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.base import InputError
 from bench.commands.files import write
-from bench.commands.issuing import NO_REASON, Issued, Shelf, keep_earlier
+from bench.commands.issuing import NO_REASON, Issued, Shelf, keep_earlier, state_in
 from bench.commands.papers import Papers
 from bench.commands.registering import refuse_foreign
 from bench.commands.results.deliver import CertificateChecked, Certified
@@ -134,12 +134,13 @@ def _across(lacks: Sequence[Lack]) -> tuple[str, ...]:
     return tuple(lack.what for lack in lacks) or ("not issued",)
 
 
-def verify_certificate(file: Path, trust: Sequence[Path]) -> CertificateChecked:
-    """`bench certificate --verify`: whether a PDF or an XML is as it was signed, and by whom."""
+def verify_certificate(file: Path, trust: Sequence[Path], root: Path) -> CertificateChecked:
+    """`bench certificate --verify`: whether a PDF or an XML is as it was signed, by whom, and in force."""
     from bench.deliver import check_certificate, require_typst
 
     require_typst()
-    return CertificateChecked(check_certificate(file, trust))
+    checked = check_certificate(file, trust)
+    return CertificateChecked(checked, None if checked.number is None else state_in(root, checked.number))
 
 
 def _of_run(folder: Path, name: str) -> Path | None:

@@ -104,6 +104,14 @@ def _withdrawn(root: Path) -> dict[str, Mapping[str, Any]]:
     return {str(entry["number"]): entry for entry in entries if entry.get("kind") == "withdrawal"}
 
 
+def state_in(root: Path, number: str) -> str | None:
+    """Whether a certificate of an archive is in force, in words; None where the archive does not know it."""
+    from bench.archive import is_archive
+
+    shelf = Shelf.of_archive(root) if is_archive(root) else Shelf({}, {})
+    return (shelf.over(number) or "is in force") if number in shelf.issued else None
+
+
 def keep_earlier(run: Path, earlier: Issued) -> None:
     """Keep the certificate of a run under its number before another one takes its place."""
     for suffix in _KEPT:

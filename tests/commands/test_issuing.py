@@ -67,6 +67,9 @@ def test_an_amended_certificate_is_replaced_and_its_files_are_kept(root):
     assert done.exit_code == 0, done.output
     second = number_of(root)
     assert states(root) == {first: f"replaced by {second}", second: "in force"}
+    for name, said in ((f"certificate-{first}.xml", f"was replaced by {second}"), ("certificate.xml", "is in force")):
+        done = bench("certificate", "--verify", folder / name, "--archive", root, "--json")
+        assert said in json.loads(done.stdout)["state"]
     for suffix, data in kept.items():
         assert (folder / f"certificate-{first}.{suffix}").read_bytes() == data
     facts = json.loads((folder / "certificate.json").read_text())

@@ -24,7 +24,6 @@ from bench.record import CertificateRecord, FlashRecord, VerificationRecord, slu
 DAY_S = 86400.0
 _REFUSED = {"FAIL", "INVALID"}
 _UNPROVEN = {"unproven", "partial", "no_data"}
-_PDF = "certificate.pdf"
 
 Found = dict[str, Any]
 
@@ -135,9 +134,9 @@ def printed_certificate(root: Path, serial: str, number: str) -> Path | None:
 
 
 def _printed(root: Path, unit: str) -> Iterator[tuple[str, Path]]:
-    for pdf in sorted((root / unit).glob(f"*/{_PDF}")):
+    for pdf in sorted((root / unit).glob("*/certificate*.pdf")):
         with contextlib.suppress(InputError):  # a certificate whose number cannot be read is not the one asked for
-            if facts := CertificateRecord.find(pdf.parent):
+            if facts := CertificateRecord.find(pdf.parent, pdf.with_suffix(".json").name):
                 yield facts.number, pdf
 
 

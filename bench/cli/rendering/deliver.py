@@ -115,6 +115,8 @@ def _(result: Certified) -> dict[str, Any]:
 def _(result: CertificateChecked) -> Iterator[str]:
     checked = result.checked
     yield f"{'sound' if checked.sound else 'NOT SOUND'}: certificate {checked.number or 'without a number'}"
+    if result.state is not None:
+        yield f"it {result.state}"
     for part in checked.parts:
         signer = f", signed by {part.signer}" if part.signer else ""
         yield f"{part.what}: {part.fault or 'as it was issued' + signer}"
@@ -123,7 +125,7 @@ def _(result: CertificateChecked) -> Iterator[str]:
 @content.register(CertificateChecked)
 def _(result: CertificateChecked) -> dict[str, Any]:
     checked = result.checked
-    known = {"file": str(checked.file), "number": checked.number, "sound": checked.sound}
+    known = {"file": str(checked.file), "number": checked.number, "sound": checked.sound, "state": result.state}
     return {**known, "parts": [asdict(part) for part in checked.parts]}
 
 

@@ -62,6 +62,8 @@ class CertificateChecked(Result):
     """Whether a certificate is as it was signed."""
 
     checked: CheckedCertificate
+    state: str | None = None
+    """Whether it is in force, as far as the archive knows it."""
 
     @property
     def exit_code(self) -> int:
