@@ -21,7 +21,6 @@ from bench.commands.clocks import FUTURE_S, tell_ahead
 from bench.commands.registering import refuse_foreign, seen_in
 from bench.deliver import ExportOptions, Image, prepare, read, to_bytes, to_words
 from bench.record import (
-    CHAIN,
     CalibrationRecord,
     FlashRecord,
     LimitsRecord,
@@ -205,12 +204,11 @@ def newest_record(out: Path, unit: str) -> FlashRecord | None:
     folder = out / slug(unit) / "flash"
     known = chain_of(folder)
     order = [] if known is None else list(known.files)
-    paths = [path for path in folder.glob("*.json") if path.name != CHAIN]
+    names = {path.name for path in folder.glob("*.json")} | {name for name in order if name.endswith(".json")}
     # By the order in which they were written; those of an older bench by their names.
-    paths.sort(key=lambda path: (order.index(path.name) if path.name in order else -1, path.name), reverse=True)
-    found = next(
-        (record for path in paths if (record := FlashRecord.read(path.parent, path.name)).state == "done"), None
-    )
+    newest = sorted(names, key=lambda name: (order.index(name) if name in order else -1, name), reverse=True)
+    records = (FlashRecord.find(folder, name) for name in newest)  # one that is listed and lost is refused
+    found = next((record for record in records if record is not None and record.state == "done"), None)
     if found is not None and found.run and not Path(found.run).is_dir():
         moved = str(out / slug(unit) / Path(found.run).name)  # with the whole folder
         return found.model_copy(update={"run": moved})
