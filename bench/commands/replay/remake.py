@@ -8,7 +8,7 @@ from pathlib import Path
 from bench.acquisition import assemble
 from bench.base import InputError
 from bench.commands.replay.changes import Change, tables, texts, trees
-from bench.record import HASHED_PATTERNS, Manifest, RunFolder, open_run, sha256, write_means
+from bench.record import HASHED_PATTERNS, Manifest, RunFolder, open_run, sha256, use, write_means
 
 MADE = ("data.parquet", "means.parquet", "events.jsonl", "next.yaml")
 """Files that the bench makes from the others."""
@@ -41,6 +41,7 @@ def remake(run: RunFolder, manifest: Manifest, scratch: Path) -> RunFolder:
     if any(run.journal.glob("*.gtbj")):
         assemble(made)
     elif run.data.is_file():
+        use(run.path, run.data.name)
         made.data.symlink_to(run.data.resolve())
         write_means(run.data, made.means)
         manifest.write(made.path)

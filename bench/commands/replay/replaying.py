@@ -58,7 +58,7 @@ def replay(path: Path, models: Sequence[str] = (), others: Sequence[Path] = ()) 
     run = open_run(path)
     manifest = run.manifest()
     altered = tampered(run, manifest)
-    analysed = (run.path / "calibration.json").is_file()
+    analysed = (run.path / "calibration.json").exists()
     how = Circumstances.of(run, models, others) if analysed else None
     changes: list[Change] = []
     failed = ""
