@@ -16,7 +16,7 @@ from bench.acquisition import (
     wait_until,
 )
 from bench.base import EquipmentError, InputError
-from bench.commands.results.live import REACHED, Aborted, Asked, LiveRuns
+from bench.commands.results.live import REACHED, Aborted, Asked, LiveRuns, Recovered
 from bench.record import MANIFEST
 
 if TYPE_CHECKING:
@@ -47,7 +47,9 @@ def act_on_run(action: str, folder: Path | None, out: Path) -> Asked:
     return Asked(action, str(run.path), _describe(run, answer))
 
 
-def resume(folder: Path | None, station: Path | None, out: Path, quiet: bool) -> Asked | Reported | UnitsReported:
+def resume(
+    folder: Path | None, station: Path | None, out: Path, quiet: bool
+) -> Asked | Recovered | Reported | UnitsReported:
     """`bench resume`: go on with a live run that holds, or with one whose bench was killed."""
     from bench.commands import analysis
     from bench.commands.resuming import go_on
@@ -58,7 +60,8 @@ def resume(folder: Path | None, station: Path | None, out: Path, quiet: bool) ->
     run = analysis.recover(folder)
     (folder / LIVE).unlink(missing_ok=True)  # its process is gone
     if not whole and run.manifest().state == "done":
-        return analysis.report(folder, ())  # nothing was left to do but this
+        analysis.report(folder, ())  # nothing was left to do but this
+        return Recovered(folder, run.manifest())
     return go_on(run, station, quiet)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from bench.base import clock
 from bench.cli.rendering.printing import content, lines
-from bench.commands import REACHED, Aborted, Asked, LiveRuns
+from bench.commands import REACHED, Aborted, Asked, LiveRuns, Recovered
 
 
 @lines.register(LiveRuns)
@@ -56,6 +56,24 @@ def _(result: Aborted) -> Iterator[str]:
 @content.register(Aborted)
 def _(result: Aborted) -> dict[str, Any]:
     return dict(result.end)
+
+
+@lines.register(Recovered)
+def _(result: Recovered) -> Iterator[str]:
+    manifest = result.manifest
+    done = sum(segment.outcome == "done" for segment in manifest.segments)
+    yield (
+        f"{manifest.state}: {manifest.cause}; {manifest.rows} rows, {done} of {len(manifest.segments)} "
+        f"segments complete, {manifest.losses.get('lost', 0)} samples lost"
+    )
+    yield f"run     {result.run}"
+
+
+@content.register(Recovered)
+def _(result: Recovered) -> dict[str, Any]:
+    keys = ("state", "cause", "rows", "duration_s", "losses", "segments")
+    content = result.manifest.content()
+    return {"run": str(result.run), **{key: content.get(key) for key in keys}}
 
 
 def live_run(run: Mapping[str, Any]) -> Iterator[str]:

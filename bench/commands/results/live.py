@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.commands.results.result import Result
 
 if TYPE_CHECKING:
-    pass
+    from bench.record import Manifest
 
 
 REACHED: Mapping[str, tuple[frozenset[str], str]] = {
@@ -67,3 +68,21 @@ class Aborted(Result):
     def exit_code(self) -> int:
         """4 where the safe state was not verified."""
         return 0 if self.safe else 4
+
+
+@dataclass(frozen=True)
+class Recovered(Result):
+    """A run folder made of what a killed run left."""
+
+    run: Path
+    manifest: Manifest
+
+    @property
+    def exit_code(self) -> int:
+        """1 where the run is not whole."""
+        return 0 if self.manifest.state == "done" else 1
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """The run."""
+        return (self.run,)
