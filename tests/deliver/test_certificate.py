@@ -142,7 +142,7 @@ def test_the_budget_combines_as_welch_and_satterthwaite_do(issued):
     effective = combined**4 / np.sum(parts**4 / freedom)
     assert budget["combined_dph"] == pytest.approx(combined)
     assert budget["effective_degrees_of_freedom"] == pytest.approx(effective)
-    assert budget["expanded_dph"] == pytest.approx(stats.t.ppf(0.97725, effective) * combined, rel=1e-3)
+    assert budget["by_formula_dph"] == pytest.approx(stats.t.ppf(0.97725, effective) * combined, rel=1e-3)
 
 
 def test_one_turn_on_widens_u_and_further_ones_add_degrees_of_freedom(made):

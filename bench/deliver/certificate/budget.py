@@ -44,7 +44,7 @@ class Uncertainty:
 
     def to_json(self) -> dict[str, Any]:
         """Rows, sums, and what Monte Carlo says beside the formula."""
-        drawn, trials = self.at_rest.monte_carlo()
+        drawn, trials = self.at_rest.monte_carlo
         return {
             "measurand": "bias left in the corrected output at rest, a mean over the averaging time at one temperature",
             "contributions": [part.to_json() for part in self.at_rest.contributions],
