@@ -539,3 +539,46 @@ def test_all_fonts_are_inside(issued):
     fonts = subprocess.run(["pdffonts", issued[0]], capture_output=True, text=True, check=True).stdout.splitlines()[2:]
     assert fonts
     assert all(line.split()[-5] == "yes" for line in fonts)
+
+
+def turned(run, rates=(0.0, 0.0, 60.0, -60.0, 120.0, -120.0)):
+    """The run on a rate table that changes every three minutes; the scale factor is 50 ppm and 20 ppm/degC off."""
+    columns = dict(run["columns"])
+    rate = np.choose((columns["time"] // 180).astype(int) % len(rates), rates)
+    error = 3600e-6 * rate * (50.0 + 20.0 * (columns["temperature"] - 25.0))
+    return {**run, "columns": {**columns, "applied_rate": rate, "rate": columns["rate"] + error + 3600.0 * rate}}
+
+
+TABLE = """\
+equipment:
+  - {name: chamber sensor, serial: PT-1, calibrated: 2026-03-01, due: 2027-03-01}
+  - {name: rate table, serial: RT-1, calibrated: 2026-03-01, due: 2027-03-01, UNCERTAINTY}
+"""
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_under_rotation_u_is_that_of_the_rate_table_or_unknown(made, tmp_path, stated):
+    run = make_run(tmp_path / "run", **turned(ramp_run(loop_dph=0.0)))
+    analyse(run, [load_model("spline")], diagnose=False)
+    legs = [(name, kind, {85.0: 70.0, -40.0: -30.0}.get(target, target), n) for name, kind, target, n in CYCLE]
+    check = make_run(tmp_path / "check", **turned(ramp_run(legs, seed=2, loop_dph=0.0)), profile="check")
+    what = "uncertainty: [{value: 10, unit: ppm}, {value: 0.05, unit: deg}]" if stated else "model: old"
+    (tmp_path / "table.yaml").write_text(TABLE.replace("UNCERTAINTY", what))
+    files = ["--equipment", tmp_path / "table.yaml", "--laboratory", made / "laboratory.yaml"]
+    words = ["certificate", run, "--verification", check, *files, "--out", tmp_path / "c.pdf"]
+    done = CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    facts = json.loads((tmp_path / "c.json").read_text())
+    rows = {row["rate_dps"]: row for row in facts["uncertainty"]["by_rate"]}
+    assert set(rows) == {60.0, 120.0}
+    assert facts["as_found"]["rms_dph"] < 20 < facts["as_found"]["turning"]["rms_dph"]
+    scale = next(one for one in facts["results"] if one["name"] == "scale_factor_error_ppm")
+    assert scale["value"] == pytest.approx(50.0, abs=1.0)
+    if stated:
+        table_dph = 10e-6 * 120.0 * 3600.0
+        assert rows[120.0]["expanded_dph"] == pytest.approx(table_dph, rel=0.05)
+        assert scale["high"] - scale["value"] == pytest.approx(10.0, rel=0.05)
+    else:
+        assert rows[120.0]["expanded_dph"] is None
+        assert rows[120.0]["unknown"] == ["rate table", "alignment of the axes"]
+        assert scale["high"] is None
