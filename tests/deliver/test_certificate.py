@@ -541,10 +541,10 @@ def test_all_fonts_are_inside(issued):
     assert all(line.split()[-5] == "yes" for line in fonts)
 
 
-def turned(run, rates=(0.0, 0.0, 60.0, -60.0, 120.0, -120.0)):
-    """The run on a rate table that changes every three minutes; the scale factor is 50 ppm and 20 ppm/degC off."""
+def turned(run, rest_s=1200.0, rates=(0.0, 0.0, 60.0, -60.0, 120.0, -120.0)):
+    """The run on a rate table that changes every three minutes after a rest; 50 ppm and 20 ppm/degC off."""
     columns = dict(run["columns"])
-    rate = np.choose((columns["time"] // 180).astype(int) % len(rates), rates)
+    rate = (columns["time"] > rest_s) * np.choose((columns["time"] // 180).astype(int) % len(rates), rates)
     error = 3600e-6 * rate * (50.0 + 20.0 * (columns["temperature"] - 25.0))
     return {**run, "columns": {**columns, "applied_rate": rate, "rate": columns["rate"] + error + 3600.0 * rate}}
 
@@ -572,6 +572,8 @@ def test_under_rotation_u_is_that_of_the_rate_table_or_unknown(made, tmp_path, s
     rows = {row["rate_dps"]: row for row in facts["uncertainty"]["by_rate"]}
     assert set(rows) == {60.0, 120.0}
     assert facts["as_found"]["rms_dph"] < 20 < facts["as_found"]["turning"]["rms_dph"]
+    floor = next(one for one in facts["results"] if one["name"] == "noise_floor_dph")
+    assert floor["value"] < 0.1
     scale = next(one for one in facts["results"] if one["name"] == "scale_factor_error_ppm")
     assert scale["value"] == pytest.approx(50.0, abs=1.0)
     if stated:
@@ -582,3 +584,10 @@ def test_under_rotation_u_is_that_of_the_rate_table_or_unknown(made, tmp_path, s
         assert rows[120.0]["expanded_dph"] is None
         assert rows[120.0]["unknown"] == ["rate table", "alignment of the axes"]
         assert scale["high"] is None
+
+
+def test_soaks_in_which_the_table_changes_its_rate_tell_no_noise(tmp_path):
+    run = turned(ramp_run(loop_dph=0.0), rest_s=0.0)
+    found = analyse(make_run(tmp_path / "run", **run), [load_model("spline")], diagnose=False)
+    assert np.isnan(found.floor.floor_dph)
+    assert "minutes at one rate to read the noise from" in found.floor.reason

@@ -50,7 +50,9 @@ def noise_floor(
     stretches = [(source, name, rows) for source in sources for name, rows in _stretches(source)]
     of = "" if static is None else static.name
     if not stretches:
-        still = f"isothermal stretch of at least {LEAST_STRETCH_S / 60:g} minutes to read the noise from"
+        turned = any(len(source) and _turns(source, np.arange(len(source))) for source in sources)
+        still = f"isothermal stretch of at least {LEAST_STRETCH_S / 60:g} minutes{' at one rate' if turned else ''}"
+        still += " to read the noise from"
         empty = not any(len(source) for source in sources)
         return Floor(reason="nothing was captured" if empty else f"no {still}", static=of)
     longest = max(rows.size for _, _, rows in stretches)
@@ -83,13 +85,20 @@ def _stretches(base: Dataset) -> list[tuple[str, IntArray]]:
         runs = [np.arange(a, b) for a, b in edges.reshape(-1, 2).tolist()]
         tails = [(f"still at {np.nanmean(base.channel('temperature')[rows]):.0f} °C", rows) for rows in runs]
     long = [(name, rows) for name, rows in tails if rows.size and np.ptp(base.time[rows]) >= LEAST_STRETCH_S]
-    return [(name, rows) for name, rows in long if not _turns(base, rows)] or long
+    at_rest = [(name, rows) for name, rows in long if not _turns(base, rows)]
+    return at_rest or [(name, rows) for name, rows in long if not _changes(base, rows)]
 
 
 def _turns(base: Dataset, rows: IntArray) -> bool:
     """Whether a rate table turns: then the scale factor makes every change of temperature part of the noise."""
     applied = base.channels.get("applied_rate")
     return applied is not None and bool(np.nanmax(np.abs(applied[rows]), initial=0.0) > TURNING_DPS)
+
+
+def _changes(base: Dataset, rows: IntArray) -> bool:
+    """Whether the rate of a table changes: then the error of the scale factor passes for noise."""
+    applied = base.channels["applied_rate"][rows]
+    return bool(np.ptp(applied[np.isfinite(applied)]) > TURNING_DPS)
 
 
 def _settled(base: Dataset, rows: IntArray) -> IntArray:
