@@ -1,6 +1,7 @@
 """A profile switches its units off and on: planned gaps, a new turn-on each, and no silence is taken for a fault."""
 
 import json
+import re
 import threading
 
 import numpy as np
@@ -15,9 +16,11 @@ from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.powering import UnitPower
 from bench.acquisition.station.serve import keep_running, serve_station
 from bench.acquisition.station.settings.station import StationSettings
+from bench.analysis.judging.completeness import completeness
+from bench.analysis.judging.quantities import of_data
 from bench.base import load_config, parse_yaml
 from bench.cli import main
-from bench.record import RunFolder, load, open_run, seconds_of
+from bench.record import RunFolder, averaged, load, open_run, seconds_of
 from drivers.clock import SimClock
 from drivers.errors import IdentityError, LinkError, ReadBackError
 from drivers.power_supply import PowerSupply, SupplyLine
@@ -46,6 +49,14 @@ QUIET = {
     "noise": {"angle_random_walk": 0.0, "bias_instability": 0.0, "rate_random_walk": 0.0},
 }
 UNIT = {"serial": "SIM-0001", "bus": "can0", "number": 0, "identity": 1, "simulation": QUIET}
+
+
+def test_no_sample_is_missing_for_want_of_power(run):
+    done = completeness(run, run.manifest(), averaged(seconds_of(run.path), 1.0, whole=True))
+    known = {quantity.name: quantity.value for quantity in of_data(done)}
+    assert done.counts()["missing"] <= 4  # at the edges of two cycles
+    assert known["samples_missing_ppm"] < 200
+    assert re.search(r", [0-4] missing,", done.counted)
 
 
 @pytest.fixture(scope="module")

@@ -96,10 +96,15 @@ class Completeness:
         """Share of samples that are missing, whatever took them, without the gaps between parts; NaN: not known."""
         if not self.samples:
             return np.nan
-        between = sum(b - a for a, b in self.between_s) * (self.rate_hz or 0.0)
-        known = [self.lost, None if self.missing is None else max(0.0, self.missing - between)]
-        missing = max((count for count in known if count is not None), default=np.nan)
+        known = [count for count in (self.lost, self.unplanned) if count is not None]
+        missing = max(known, default=np.nan)
         return 1e6 * missing / (self.samples + missing)
+
+    @property
+    def unplanned(self) -> int | None:
+        """Samples missing between the first and the last, without the gaps between parts and those without power."""
+        between = sum(b - a for a, b in self.between_s) * (self.rate_hz or 0.0)
+        return None if self.missing is None else max(0, self.missing - round(between))
 
     @property
     def longest_gap_s(self) -> float:
@@ -127,7 +132,7 @@ class Completeness:
         return {
             "samples": self.samples,
             "lost": self.lost,
-            "missing": self.missing,
+            "missing": self.unplanned,
             "missing_ppm": finite(self.missing_ppm),
             "longest_gap_s": self.longest_gap_s if self.samples else None,
             "left_out": int(self.losses.get("invalid") or 0),
@@ -138,7 +143,7 @@ class Completeness:
     def counted(self) -> str:
         """The same in words."""
         lost = "losses not counted" if self.lost is None else f"{self.lost} lost"
-        missing = "" if self.missing is None else f", {self.missing} missing"
+        missing = "" if self.unplanned is None else f", {self.unplanned} missing"
         gap = f", longest gap {number(self.longest_gap_s)} s" if self.samples else ""
         return f"{self.samples} samples, {lost}{missing}, {self.losses.get('invalid') or 0} left out as invalid{gap}"
 

@@ -118,10 +118,10 @@ def of_data(done: Completeness) -> Iterator[Quantity]:
         yield Quantity("samples_lost", reason="the frames of this record were not counted")
     else:
         yield Quantity.exact("samples_lost", float(done.lost))
-    if done.missing is None or not done.samples:
+    if done.unplanned is None or not done.samples:
         yield Quantity("samples_missing_ppm", reason="the sampling rate of this record is not known")
     else:
-        yield Quantity.exact("samples_missing_ppm", 1e6 * done.missing / (done.samples + done.missing))
+        yield Quantity.exact("samples_missing_ppm", done.missing_ppm)
     if done.samples:
         yield Quantity.exact("longest_gap_s", max((b - a for a, b in done.gaps_s), default=0.0))
         yield Quantity.exact("heating_min", done.heating_s / 60.0)

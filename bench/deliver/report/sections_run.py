@@ -115,7 +115,7 @@ def losses(analysis: Analysis) -> Section:
         html += table("Frames, counted by the unit's sample counter and CRC", ("frames", "count"), rows, (1,))
     else:
         html += paragraph("The source of this record did not count its frames.")
-    share = "" if done.missing is None else f"; {done.missing:,} missing between the first and the last"
+    share = "" if done.unplanned is None else f"; {done.unplanned:,} missing between the first and the last"
     html += paragraph(f"{done.samples:,} rate samples{share}; gaps of more than a second: {len(done.gaps_s)}.")
     html += Markup("").join(paragraph(text) for text in _clocks(done))
     if done.gaps_s:
