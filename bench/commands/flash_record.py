@@ -173,9 +173,9 @@ def flash(
         **_outcome(done),
         "record": str(folder / f"{stem}.json"),
     })  # fmt: skip
-    record.write(folder, f"{stem}.json")
-    if calibration.run is not None:
+    if calibration.run is not None:  # first: while the record is "begun", the same command completes both
         record.write(calibration.run)
+    record.write(folder, f"{stem}.json")
     return record
 
 
@@ -193,9 +193,9 @@ def _complete(store: CoefficientStore, folder: Path, calibration: Calibration) -
                 "read_back": "all words equal, read after an interruption",
                 "record": str(path),
             })  # fmt: skip
-            record.write(folder, path.name)
             if record.run is not None and Path(record.run).is_dir():
                 record.write(Path(record.run))
+            record.write(folder, path.name)
             return
 
 
