@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Hashable, Iterable
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 C = TypeVar("C", bound=Hashable)
 O = TypeVar("O")  # noqa: E741
@@ -31,6 +32,17 @@ def resumed(
                 file.write(f"{json.dumps(text(known[-1]))}\n")
                 file.flush()
     return known
+
+
+def found(
+    todo: Iterable[C], run: Callable[[C], dict[str, Any]], out: Path, kind: Callable[..., C]
+) -> list[tuple[C, dict[str, Any]]]:
+    """The same for cases that are dataclasses of a `kind` and whose results are JSON objects: cases and results."""
+    return resumed(
+        todo, lambda case: (case, run(case)), out, lambda result: result[0],
+        lambda result: {**asdict(cast(Any, result[0])), "found": result[1]},
+        lambda content: (kind(**{key: value for key, value in content.items() if key != "found"}), content["found"]),
+    )  # fmt: skip
 
 
 def read(path: Path, made: Callable[[dict[str, Any]], O]) -> list[O]:

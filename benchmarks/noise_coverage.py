@@ -17,7 +17,7 @@ import json
 import sys
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -146,14 +146,7 @@ def _flicker_square(means: int) -> float:
 
 def campaign(todo: Sequence[Case], seed: int, out: Path) -> list[tuple[Case, dict[str, Any]]]:
     """Run what is not in the file yet, and append it; all results that the file then holds."""
-    return campaigns.resumed(
-        todo, lambda case: (case, run_case(case, seed)), out, lambda result: result[0],
-        lambda result: {**asdict(result[0]), "found": result[1]}, _made,
-    )  # fmt: skip
-
-
-def _made(content: dict[str, Any]) -> tuple[Case, dict[str, Any]]:
-    return Case(**{key: value for key, value in content.items() if key != "found"}), content["found"]
+    return campaigns.found(todo, lambda case: run_case(case, seed), out, Case)
 
 
 def table(results: Sequence[tuple[Case, dict[str, Any]]]) -> list[dict[str, Any]]:

@@ -131,7 +131,17 @@ class Effect:
         return ()
 
     def beside(self, others: Sequence[Effect]) -> Effect:
-        """The same effect without terms that one of the others has already: twice, no data could tell them apart."""
+        """The same effect without the term that one of the others has already: twice, no data could tell them apart."""
+        taken = self.shared and any(other.shared == self.shared for other in others)
+        return self.without_shared() if taken else self
+
+    @property
+    def shared(self) -> str:
+        """Name of the term that other effects may have as well; empty where there is none."""
+        return ""
+
+    def without_shared(self) -> Effect:
+        """The same effect without that term."""
         return self
 
     def suited(self, records: Sequence[Dataset]) -> Effect:

@@ -41,9 +41,14 @@ class ScaleFactorNonlinearity(Effect):
         Scale.of(records, "applied_rate")
         return self
 
-    def beside(self, others: Sequence[Effect]) -> Effect:
-        """Without the constant scale factor where another effect has it."""
-        return replace(self, constant=False) if any(getattr(other, "constant", False) for other in others) else self
+    @property
+    def shared(self) -> str:
+        """The constant of the scale factor."""
+        return "scale factor" if self.constant else ""
+
+    def without_shared(self) -> Effect:
+        """Without the constant."""
+        return replace(self, constant=False)
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Bias per coefficient (n, k) [deg/h]."""
