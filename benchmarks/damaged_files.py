@@ -34,6 +34,8 @@ COMMANDS = {
     "compare": "compare RUN --model polynomial",
     "every sample": "compare RUN --model polynomial --every-sample",
     "diagnose": "diagnose RUN --model polynomial",
+    "noise": "noise RUN",
+    "improve": "improve RUN --model polynomial --out OUT/m.yaml",
     "export": "export RUN --format csv --out OUT",
     "certificate": "certificate RUN --draft --verification CHECK --issued 2026-11-21 --out OUT/c.pdf",
     "compare with": "compare RUN --check CHECK --model polynomial",
@@ -52,6 +54,7 @@ COMMANDS = {
     "rebuild": "registry rebuild --out ROOT",
     "compare registry": "registry rebuild --check --out ROOT",
     "equipment": "registry equipment list --out ROOT --on 2026-11-21",
+    "certificates": "registry certificates --out ROOT",
     "fleet": "fleet --out ROOT --csv OUT/f.csv",
     "archive": "verify-archive --out ROOT",
 }
@@ -61,10 +64,10 @@ MADE_BY = {"report": ("compare.json", "calibration.json", "limits.json", "diagno
 """Files that a command makes anew, so that it does not use the damaged ones."""
 TABLES = {
     "means.parquet": {"report", "compare", "every sample", "diagnose", "export", "certificate", "diff", "flash"}
-    | {"compare with", "export C", "diff back", "flash that"},
+    | {"compare with", "export C", "diff back", "flash that", "noise", "improve"},
     "data.parquet": {"report", "every sample", "export", "certificate", "flash", "replay", "export C", "flash that"},
     "registry.sqlite": {"list", "show", "rebuild", "compare registry", "equipment", "fleet", "lot", "operator"}
-    | {"show run"},
+    | {"show run", "certificates"},
 }
 """Commands that read these; pyarrow and SQLite open their files unseen."""
 

@@ -59,12 +59,18 @@ def _unreadable(kind: type[Stored], path: Path) -> str:
 
 
 def counts(root: Path) -> Counter[str]:
-    """How many there are of everything that a command leaves; attempts that are recorded as failed are not counted."""
+    """How many there are of everything that a command leaves.
+
+    Attempts that are recorded as failed are not counted: flashes, and runs that were killed before their first sample.
+    """
     others = {"chain.seal", "start.json"}  # lists; attempts to start a run, which the page tells
     patterns = {kind.FILE: kind.FILE for kind in RECORDS if "*" not in kind.FILE and kind.FILE not in others}
     patterns |= {"reports": "report.html", "data": "data.parquet", "means": "means.parquet", "events": "events.jsonl"}
     patterns |= {"certificates": "certificate.pdf"}
-    found = Counter({what: sum(1 for _ in root.rglob(pattern)) for what, pattern in patterns.items()})
+    empty = {path.parent for path in root.rglob("manifest.json") if not json.loads(path.read_bytes())["rows"]}
+    found = Counter(
+        {what: sum(path.parent not in empty for path in root.rglob(pattern)) for what, pattern in patterns.items()}
+    )
     flashes = root.glob("reports/*/flash/*.json")
     found["flashes"] = sum(json.loads(path.read_bytes()).get("state") == "done" for path in flashes)
     return found

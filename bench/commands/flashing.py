@@ -14,7 +14,7 @@ from bench.commands.flash_record import AlreadyThereError, Calibration, from_fil
 from bench.commands.flash_record import flash as flash_unit
 from bench.commands.results.deliver import Flashed, Verified
 from bench.deliver import read, to_words
-from bench.record import FlashRecord, RunFolder, prove
+from bench.record import FlashRecord, RunFolder, faults, prove, slug
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,9 @@ def flash(
     settings = load_station(station)
     unit = settings.chosen([serial])[0]
     calibration = _calibration(unit, options, out)
+    earlier = out / slug(unit.serial) / "flash"
+    for fault in faults(earlier) if earlier.is_dir() else ():  # flashing does not rest on them, verifying does
+        print(f"bench: warning: {fault}", file=sys.stderr)
 
     def tell(step: str) -> None:
         if not quiet:

@@ -12,7 +12,7 @@ from bench.base import InputError, package_versions
 from bench.commands.replay.changes import Change
 from bench.commands.replay.numbers import Circumstances, numbers
 from bench.commands.replay.remake import compared, remake, tampered
-from bench.record import RunFolder, open_run
+from bench.record import CalibrationRecord, RunFolder, open_run
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def replay(path: Path, models: Sequence[str] = (), others: Sequence[Path] = ()) 
     run = open_run(path)
     manifest = run.manifest()
     altered = tampered(run, manifest)
-    analysed = (run.path / "calibration.json").exists()
+    analysed = CalibrationRecord.find(run.path) is not None  # one that is listed and lost is refused
     how = Circumstances.of(run, models, others) if analysed else None
     changes: list[Change] = []
     failed = ""
