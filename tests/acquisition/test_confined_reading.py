@@ -94,6 +94,11 @@ def test_the_limit_follows_the_file_and_the_memory_that_is_free(monkeypatch):
     assert 0 < memory_for(10**9) < LEAST_BYTES
 
 
+def test_a_small_file_cannot_keep_a_reader_busy_for_long():
+    assert confines.processor_s_for(20_000) < 10
+    assert confines.processor_s_for(1 << 30) > 3600
+
+
 def test_the_free_memory_is_known_here():
     assert 0 < confines.free_bytes() < 1 << 50
 

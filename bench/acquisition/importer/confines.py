@@ -28,6 +28,8 @@ FOR_A_RUN = 1 * GIB
 """Free memory that is left for a run that is live, or about to be."""
 _POOR = 4 * 10**8
 """Less than this, nothing can be read at all."""
+_START_S, _EACH_MB_S = 8, 20
+"""Processor time for any file and for each megabyte of it; a table of text takes about 0.1 s a megabyte."""
 _UNKNOWN = 4 * GIB
 _LAST_WORDS = 300
 _DIE_WITH_PARENT = 1
@@ -70,6 +72,11 @@ def memory_for(file_bytes: int) -> int:
     """Memory that the reading of a file of this size may take."""
     share = max((free_bytes() - FOR_A_RUN) // 2, _POOR)
     return min(share, max(LEAST_BYTES, FOR_EACH_BYTE * file_bytes))
+
+
+def processor_s_for(file_bytes: int) -> int:
+    """Processor time that the reading of a file of this size may take: a parser can run in circles in a damaged one."""
+    return min(_START_S + _EACH_MB_S * (file_bytes >> 20), 4 * 3600)
 
 
 def run_confined(

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bench.acquisition.importer.confines import Confines, answering, memory_for, run_confined
+from bench.acquisition.importer.confines import Confines, answering, memory_for, processor_s_for, run_confined
 from bench.acquisition.importer.table import Table
 from bench.acquisition.importer.tables import read_table
 from bench.base import InputError
@@ -31,6 +31,7 @@ def read_confined(path: Path, dbc: Path | None = None, confines: Confines | None
     confines = confines or Confines()
     if confines.memory_bytes is None:
         confines = replace(confines, memory_bytes=memory_for(path.stat().st_size))
+    confines = replace(confines, cpu_s=min(confines.cpu_s, processor_s_for(path.stat().st_size)))
     with tempfile.TemporaryDirectory(prefix="bench-import-") as scratch:
         folder = Path(scratch)
         wanted = {"file": str(path), "dbc": None if dbc is None else str(dbc), "folder": scratch}

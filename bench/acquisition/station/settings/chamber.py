@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, Field, PositiveFloat, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from bench.acquisition.station.settings.link import LinkSettings
 from bench.base import STRICT
@@ -12,7 +12,8 @@ from bench.base import STRICT
 Text = Annotated[str, Field(min_length=1)]
 Degc = Annotated[float, Field(ge=-273.15, le=1000)]
 """Temperature [degC] above absolute zero."""
-Speed = PositiveFloat | Annotated[tuple[tuple[Degc, PositiveFloat], ...], Field(min_length=1)]
+DegcPerMin = Annotated[float, Field(gt=0, le=1000)]
+Speed = DegcPerMin | Annotated[tuple[tuple[Degc, DegcPerMin], ...], Field(min_length=1)]
 
 
 class Connection(BaseModel):
