@@ -19,6 +19,7 @@ from .diagnosis.experiment import next_experiment as next_experiment
 from .diagnosis.improve import Improvement as Improvement
 from .diagnosis.improve import add_effect as add_effect
 from .diagnosis.improve import improve as improve
+from .diagnosis.sentences import UNSEEN as UNSEEN
 from .diagnosis.sentences import made_from as made_from
 from .effects.base import Effect as Effect
 from .effects.base import Parameter as Parameter

@@ -12,6 +12,8 @@ from bench.analysis.diagnosis.improve import add_effect
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.base.errors import InputError
+from bench.cli.rendering import lines
+from bench.commands.results.analyse import Diagnosed
 from tests.support.hidden_runs import HiddenUnit, hidden_run
 
 SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
@@ -50,6 +52,25 @@ def test_nothing_is_missing_from_a_clean_unit_and_the_answer_says_what_it_could_
     least = {limit.effect: limit for limit in answer.smallest_detectable}
     assert 0.0 < least["temperature_rate"].amplitude < np.inf
     assert "applied_rate" in answer.not_excited["scale_factor_temperature"]
+
+
+def test_an_effect_that_the_curve_takes_in_has_no_smallest_size_and_the_text_says_so(still):
+    wanted = [effects.make(name) for name in ("temperature_rate", "bias_kink")]
+    answer = diagnose([hidden_run(profile="short", seed=4)], SPLINE, static=still, candidates=wanted)
+    seen = {limit.effect: limit.to_json()["rms_dph"] for limit in answer.smallest_detectable}
+    assert seen["bias_kink"] is None
+    assert seen["temperature_rate"] < 0.2
+    said = "\n".join(line for line in lines(Diagnosed(answer)) if isinstance(line, str))
+    assert "bias_kink: not to be seen here: the model takes it in" in said
+
+
+def test_a_jump_is_not_replayed_in_the_check_run(still):
+    unit = HiddenUnit(({"mechanism": "bias_jump", "at_s": [6000.0], "step_dph": [0.4]},))
+    wanted = [effects.make(name) for name in ("bias_jump", "temperature_rate")]
+    check = hidden_run(profile="minor_loops", seed=5)
+    answer = diagnose([unit.run("short", seed=1)], SPLINE, check=[check], static=still, candidates=wanted)
+    assert [s.effect for s in answer.found] == ["bias_jump"]
+    assert answer.found[0].held_out_rms_dph < 1.1 * answer.found[0].held_out_before_dph
 
 
 def test_what_the_catalogue_does_not_have_is_called_unknown_and_shown(still):

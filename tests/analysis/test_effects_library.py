@@ -1,5 +1,7 @@
 """Each effect against a closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -135,6 +137,23 @@ def test_a_jump_is_a_step_and_the_row_that_holds_it_takes_its_share():
     share = columns("bias_jump", data, at_h=130.0 / 3600.0)[:, 0]
     assert_allclose(share, [0, 0, 0, 0, 20 / 30, 1, 1, 1, 1, 1], atol=1e-12)
     assert not columns("bias_jump", data, {"run": "another"}, at_h=0.03).any()
+
+
+def test_a_jump_is_not_replayed_in_a_run_that_it_was_not_fitted_to():
+    data = record(np.arange(10) * 30.0 + 15.0)
+    fitted = effects.make("bias_jump").suited([data])
+    assert not fitted.columns(replace(data, name="another"), {"at_h": 130.0 / 3600.0}).any()
+    share = fitted.columns(data, {"at_h": 130.0 / 3600.0})[:, 0]
+    assert_allclose((share.mean(), np.ptp(share)), (0.0, 1.0), atol=1e-12)  # the constant stays the level of the run
+
+
+def test_several_runs_get_a_jump_of_their_own_each():
+    data = record(np.arange(10) * 30.0 + 15.0)
+    later = replace(data, name="later", time=data.time + 600.0)
+    shapes = effects.make("bias_jump").suited([data, later]).shapes()
+    assert [shape.run for shape in shapes] == [data.name, "later"]
+    assert shapes[1].parameters[0].low == later.time[2] / 3600.0
+    assert not shapes[1].columns(data, {"at_h": 0.1}).any()
 
 
 def test_jumps_and_kinks_are_searched_where_the_run_was():

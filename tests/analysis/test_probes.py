@@ -62,9 +62,13 @@ def test_a_loop_shows_in_the_cells_of_either_direction():
     assert found.p < 1e-3
 
 
-def test_the_period_of_a_disturbance_is_named():
-    found = {f.name: f for f in examined(0.12 * np.sin(2.0 * np.pi * TIME / 410.0)).findings}["periodic"]
-    assert abs(float(found.note.split()[1]) - 410.0) < 10.0
+@pytest.mark.parametrize(("period_s", "within_s"), [(410.0, 3.0), (1530.0, 30.0)])
+def test_a_periodic_disturbance_gets_its_period_between_the_lines_of_the_grid_and_its_size(period_s, within_s):
+    wave = 0.15 * np.sin(2.0 * np.pi * TIME / period_s + 0.7)
+    found = {f.name: f for f in examined(wave).findings}["periodic"]
+    assert abs(float(found.note.split()[1]) - period_s) < within_s
+    assert np.std(found.shape) == pytest.approx(np.std(wave), rel=0.25)
+    assert np.corrcoef(found.shape, wave)[0, 1] > 0.9
 
 
 def test_a_run_noisier_than_standing_still_is_said():

@@ -120,13 +120,18 @@ class SuspectedEffect:
 
 @dataclass(frozen=True)
 class Detectable:
-    """The smallest effect that the run would have shown; infinite (JSON null) where no size would show."""
+    """The smallest effect that the run would have shown; infinite (JSON null) where the model takes any size in."""
 
     effect: str
     rms_dph: float
     amplitude: float
     unit: str
     parameters: Mapping[str, float]
+
+    @property
+    def seen(self) -> bool:
+        """Whether the run would have shown it at some size."""
+        return isfinite(self.rms_dph)
 
     def to_json(self) -> dict[str, Any]:
         """An entry of `smallest_detectable`."""

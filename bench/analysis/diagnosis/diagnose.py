@@ -15,7 +15,7 @@ from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
 from bench.analysis.diagnosis.crew import usual_workers
 from bench.analysis.diagnosis.held_out import Unseen, unseen
 from bench.analysis.diagnosis.levelling import levelled
-from bench.analysis.diagnosis.limits import smallest
+from bench.analysis.diagnosis.limits import Smallest, smallest
 from bench.analysis.diagnosis.places import places
 from bench.analysis.diagnosis.probes import despike
 from bench.analysis.diagnosis.ranking import Ranking
@@ -160,6 +160,8 @@ class _Case:
     def _detectable(self, explained: Explanation, lattice: NoiseLattice) -> tuple[Detectable, ...]:
         """The smallest size of each effect, of its first shape at usual parameters, that this run would have shown."""
         listed = []
+        # What would have to be larger than all that the output moved is taken in by the model's curve.
+        most = max(float(np.std(self.layout.problem.y)), 10.0 * float(np.sqrt(explained.first.sigma2)))
         for candidate in self.offer.candidates(self.layout):
             effect = self.offer.effects[candidate.name]
             if candidate.name != candidate.effect:
@@ -167,6 +169,8 @@ class _Case:
             theta = tuple(p.start for p in candidate.parameters)
             first = explained.first
             limit = smallest(self.layout.problem, candidate, theta, lattice, first.point, first.sigma2)
+            if limit.rms_dph > most:
+                limit = Smallest(())
             names = [p.name for p in candidate.parameters]
             moved = candidate.kind == "abscissa"
             unit = candidate.parameters[0].unit if moved else self.layout.prepared(effect).physical().units[0]

@@ -27,7 +27,7 @@ def _place(layout: Layout, finding: Finding, residual: FloatArray, floor_dph: fl
     if finding.cells and finding.estimates is not None and finding.deviations is not None:
         rows, note, size = _cell(finding, values, layout.slope)
     elif finding.name == "periodic":
-        rows, size = np.ones(len(values), dtype=bool), _periodic(finding, residual)
+        rows, size = np.ones(len(values), dtype=bool), float(np.sqrt(np.mean(finding.shape**2)))
     else:
         shape = layout.beyond(finding.shape)
         rows = _around_peak(values, shape)
@@ -58,12 +58,6 @@ def _cell(finding: Finding, temperature: FloatArray, slope: FloatArray) -> tuple
     rows = turning & (temperature >= low) & (temperature <= high)
     note = f"{direction}: {estimates[worst]:+.3f} +- {deviations[worst]:.3f} deg/h"
     return (rows if rows.any() else turning), note, abs(float(estimates[worst]))
-
-
-def _periodic(finding: Finding, residual: FloatArray) -> float:
-    """RMS of the line's projection on the residual [deg/h]."""
-    wave = finding.shape
-    return float(abs(wave @ residual) / np.sqrt(max(float(wave @ wave), 1e-300)) / np.sqrt(len(residual)))
 
 
 def _around_peak(values: FloatArray, shape: FloatArray) -> BoolArray:

@@ -15,13 +15,14 @@ import numpy as np
 import scipy
 
 from bench.analysis.diagnosis.candidates import Problem, orthonormal, outside
+from bench.analysis.diagnosis.spectral_line import fitted, highest, rows_of
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
 from bench.analysis.noise.probability import chi2_tail
+from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
 from bench.base import BoolArray, FloatArray
 
 _LEVEL = 0.03  # of all probes together; with the evidence's 0.02, 5 % of clean runs raise any alarm
-_LONGEST_GAP = 100  # rows: longer ones, as between runs, are closed up
 _DEPENDENT = 1e-4  # of a column's length outside the model, whitened: less is the model's own
 
 
@@ -90,7 +91,7 @@ def examine(problem: Problem, probes: Sequence[Probe], lattice: NoiseLattice, po
         moved = outside(q, moved)
         moved[:, np.linalg.norm(moved, axis=0) < _DEPENDENT * before] = 0.0
         findings.append(_finding(probe, moved, residual, sigma2))
-    findings.append(periodogram(residual, problem.time_s, problem.interval_s))
+    findings.append(periodogram(residual, q, ways[0], problem.time_s, problem.interval_s))
     if problem.statics:
         findings.append(noise_test(problem, lattice, point))
     findings = [f for f in findings if f.rank > 0]
@@ -118,25 +119,13 @@ def _finding(probe: Probe, moved: FloatArray, residual: FloatArray, sigma2: floa
     )
 
 
-def periodogram(whitened: FloatArray, time_s: FloatArray, interval_s: float) -> Finding:
-    """Largest line of the whitened residual's spectrum; p = 1 - (1 - e^-max)^m. Missing rows count as zero."""
-    steps = np.rint(np.diff(time_s, prepend=time_s[0]) / interval_s).astype(np.int64)
-    row = np.cumsum(np.minimum(steps, _LONGEST_GAP))
-    filled = np.zeros(int(row[-1]) + 1)
-    filled[row] = whitened
-    power = np.abs(np.fft.rfft(filled))[1:-1] ** 2 / float(whitened @ whitened)
-    top = int(np.argmax(power))
-    p = float(-np.expm1(len(power) * np.log1p(-np.exp(-power[top]))))
-    period_s = len(filled) * interval_s / (top + 1)
-    phase = 2.0 * np.pi * row * interval_s / period_s
-    return Finding(
-        "periodic",
-        p,
-        float(power[top]),
-        2,
-        np.cos(phase + float(np.angle(np.fft.rfft(filled)[top + 1]))),
-        note=f"period {period_s:.0f} s",
-    )
+def periodogram(whitened: FloatArray, q: FloatArray, way: Whitener, time_s: FloatArray, interval_s: float) -> Finding:
+    """Largest line of the spectrum of the whitened residual (n,), which lies outside the basis `q` of the base."""
+    row = rows_of(time_s, interval_s)
+    cycles, length, power, p = highest(whitened, row)
+    refined, line = fitted(whitened, q, way, row, cycles)
+    note = f"period {length * interval_s / refined:.0f} s, amplitude {np.sqrt(2.0) * float(np.std(line)):.2g} deg/h"
+    return Finding("periodic", p, power, 2, line, note=note)
 
 
 def noise_test(problem: Problem, lattice: NoiseLattice, point: Point) -> Finding:

@@ -7,6 +7,9 @@ import numpy as np
 from bench.analysis.diagnosis.answer import Diagnosis, Place, SuspectedEffect, Value
 from bench.base import listed, number, with_uncertainty
 
+UNSEEN = "not to be seen here: the model takes it in"
+"""Of an effect that the run would not show at any size."""
+
 
 def sentence(answer: Diagnosis, drifts: bool) -> str:
     """What an engineer reads first."""

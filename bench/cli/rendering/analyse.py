@@ -235,9 +235,7 @@ def _(result: Diagnosed) -> Iterator[str | Table]:
     yield ""
     yield from _where(diagnosis)
     yield from _suspects(diagnosis)
-    if diagnosis.smallest_detectable:
-        small = ", ".join(f"{item.effect} {item.rms_dph:.3f}" for item in diagnosis.smallest_detectable)
-        yield f"This run would have shown [deg/h RMS]: {small}"
+    yield from _smallest(diagnosis)
     yield from (f"Not testable here: {', '.join(names)}: {why}" for why, names in _by_reason(diagnosis).items())
     yield from (f"note: {note}" for note in (diagnosis.noise_finding, made_from(diagnosis), *diagnosis.notes) if note)
     if diagnosis.next_experiment:
@@ -278,6 +276,17 @@ def _suspects(diagnosis: Diagnosis) -> Iterator[str | Table]:
         yield table(("Suspects", ">evidence", ">held-out", ">removes", "look-alikes"), rows)
         yield f"  evidence above {diagnosis.threshold:.1f} is significant; * belongs to the explanation"
         yield ""
+
+
+def _smallest(diagnosis: Diagnosis) -> Iterator[str]:
+    from bench.analysis import UNSEEN
+
+    seen = [f"{item.effect} {item.rms_dph:.3f}" for item in diagnosis.smallest_detectable if item.seen]
+    blind = [item.effect for item in diagnosis.smallest_detectable if not item.seen]
+    if seen:
+        yield f"This run would have shown [deg/h RMS]: {', '.join(seen)}"
+    if blind:
+        yield f"{', '.join(blind)}: {UNSEEN}"
 
 
 def _by_reason(diagnosis: Diagnosis) -> dict[str, list[str]]:

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from bench.analysis import (
     TIE,
+    UNSEEN,
     Analysis,
     Detectable,
     Diagnosis,
@@ -248,7 +249,7 @@ def _channel(name: str) -> tuple[str, str]:
 def _unseen(answer: Diagnosis) -> Markup:
     """The effects that this run would have shown, and those that it could not."""
     limits = sorted(answer.smallest_detectable, key=lambda limit: limit.rms_dph)
-    seen = [limit for limit in limits if np.isfinite(limit.rms_dph)]
+    seen = [limit for limit in limits if limit.seen]
     parts = heading("What this run could not have shown")
     if seen:
         plot = figures_diagnosis.detectable(seen, finite(answer.floor_dph))
@@ -260,7 +261,7 @@ def _unseen(answer: Diagnosis) -> Markup:
             table("Smallest detectable amplitudes", head, map(_limit, seen), (1, 2))
         )
     blind = [(name, _capital(why)) for name, why in answer.not_excited.items()]
-    blind += [(limit.effect, "This run would not show it at any amplitude") for limit in limits if limit not in seen]
+    blind += [(limit.effect, _capital(UNSEEN)) for limit in limits if not limit.seen]
     if blind:
         parts += table("Not tested by this run", ("effect", "why"), [(name, why) for name, why in dict(blind).items()])
     return parts if seen or blind else Markup()
