@@ -92,10 +92,11 @@ def _brief(folder: Path) -> Words:
 
 
 def _finished(folder: Path, give: Give) -> int:
-    """What a user gives after `bench run` was killed: what each refusal advises."""
+    """What a user gives after `bench run` was killed: what each refusal advises; a run without a sample is repeated."""
     for run in (folder / "reports").glob("*/*_brief"):
         for words in (("resume", run, "--quiet"), ("report", run, "--model", "polynomial")):
-            if (code := give(words)) in {0, 1}:
+            code = give(words)
+            if code in {0, 1} and json.loads((run / "manifest.json").read_bytes())["rows"]:
                 return code
     return give(_brief(folder))
 

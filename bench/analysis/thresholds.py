@@ -33,6 +33,10 @@ WRONGLY_NAMED = 0.015
 FURTHER_EVIDENCE = 10.0
 """Evidence that a second effect needs: the first one's equation is never the whole truth, and its rest resembles
 something."""
+EXPLAINED_RATIO = 1.15
+"""Error on unseen data over the noise floor up to which no formula is searched beside the effects that were found."""
+FORMULA_EVIDENCE = 12.0
+"""Evidence that a formula needs, which pays for the number of formulas tried, too."""
 WEAK_EVIDENCE = 15.0
 """Evidence below which no experiment is designed for the fitted effects."""
 PAYS = 1e-3

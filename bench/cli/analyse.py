@@ -157,7 +157,11 @@ def diagnose(
 @effect_option
 @answers
 def add(effect: str, model: str, out: Path) -> Result:
-    """Write a model with one more EFFECT; `bench compare` then shows whether the error decreases."""
+    """Write a model with one more EFFECT; `bench compare` then shows whether the error decreases.
+
+    EFFECT is a name of `bench effects`, a formula such as "k * dT_dt * quadrature", or what `bench diagnose` writes of
+    a formula that it found.
+    """
     from bench import commands
 
     return commands.add(effect, model, out)

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Any, Literal
 
 from bench.analysis.diagnosis.candidates import Theta
+from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.effects.model import Model
 from bench.base import CHANNELS, FloatArray, finite
 
@@ -174,6 +175,8 @@ class Diagnosis:
     next_experiment: Mapping[str, Any] | None = None
     static: str = ""
     """Name of the isothermal run that tells the noise; empty without."""
+    formulas: tuple[DescribedFormula, ...] = ()
+    """What the catalogue does not hold, best first."""
 
     @property
     def found(self) -> tuple[SuspectedEffect, ...]:
@@ -195,6 +198,7 @@ class Diagnosis:
             "held_out_by": self.held_out_by,
             "where": [place.to_json() for place in self.where],
             "suspects": [suspect.to_json() for suspect in self.suspects],
+            "formulas": [formula.to_json() for formula in self.formulas],
             "next_experiment": None if self.next_experiment is None else dict(self.next_experiment),
             "unexplained": [place.to_json() for place in self.unexplained],
             "threshold": finite(self.threshold),

@@ -36,9 +36,13 @@ class Candidate:
     parameters: tuple[Parameter, ...] = ()
     change_point: bool = False
     points: int | None = None
+    tried: tuple[Theta, ...] | None = None
+    """The grid where it is not one of evenly spaced points."""
 
     def grid(self) -> list[Theta]:
         """Parameters to try, the same number of steps to each; one empty tuple where there are none."""
+        if self.tried is not None:
+            return list(self.tried)
         if not self.parameters:
             return [()]
         usual = _POINTS_OF_CHANGE if self.change_point else _POINTS[min(len(self.parameters), len(_POINTS)) - 1]

@@ -13,6 +13,8 @@ import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
 from bench.analysis.diagnosis.crew import usual_workers
+from bench.analysis.diagnosis.described import DescribedFormula
+from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.held_out import Unseen, unseen
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
@@ -30,6 +32,7 @@ from bench.analysis.fit.fitting import Fit, fit_model
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice
+from bench.analysis.thresholds import EXPLAINED_RATIO
 from bench.base import FloatArray, InputError
 from bench.record import Dataset, refuse_mixed
 
@@ -140,7 +143,17 @@ class _Case:
             unexplained_residuals=improved.residuals,
             static=self.static,
         )
+        formulas = self._formulas(explained, improved, Describer(lattice, check, seed))
+        if formulas and answer.verdict == "adequate":
+            answer = replace(answer, verdict="unknown_effect")
+        answer = replace(answer, formulas=formulas)
         return replace(answer, sentence=sentence(answer, explained.drifts))
+
+    def _formulas(self, explained: Explanation, improved: Unseen, describer: Describer) -> tuple[DescribedFormula, ...]:
+        """What the catalogue does not hold, searched where its effects do not bring the error down to the noise."""
+        if explained.word == "missing_effect" and improved.shape_dph <= EXPLAINED_RATIO * self.floor_dph:
+            return ()
+        return describer.describe(self.layout, explained).formulas
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
         alarms = [f for f in explained.before.alarms if f.name != "noise"]

@@ -11,7 +11,7 @@ from bench.analysis.diagnosis.answer import Diagnosis, SuspectedEffect
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
-from bench.analysis.effects.model import Model
+from bench.analysis.effects.model import Model, effect_from
 from bench.analysis.thresholds import PAYS
 from bench.base import InputError, finite
 from bench.record import Dataset
@@ -74,14 +74,15 @@ class Improvement:
         }
 
 
-def add_effect(model: Model, name: str, options: Mapping[str, Any] | None = None) -> Model:
-    """The model with one more effect, as `bench add` writes it.
+def add_effect(model: Model, what: str, options: Mapping[str, Any] | None = None) -> Model:
+    """The model with one more effect, as `bench add` writes it: a name, a formula, or a line of YAML.
 
     Raises InputError: an unknown effect or option, or an effect that the model has already.
     """
-    if any(effect.name == name for effect in model.effects):
-        raise InputError(f"model '{model.name}' has '{name}' already")
-    return model.adding(effects.make(name, options))
+    more = effects.make(what, options) if options else effect_from(what)
+    if any(effect == more if more.name == "expression" else effect.name == more.name for effect in model.effects):
+        raise InputError(f"model '{model.name}' has '{what}' already")
+    return model.adding(more)
 
 
 def improve(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Diagnosis, Place, SuspectedEffect, Value
+from bench.analysis.diagnosis.described import sentence as formula_sentence
 from bench.base import listed, number, with_uncertainty
 
 UNSEEN = "not to be seen here: the model takes it in"
@@ -13,6 +14,11 @@ UNSEEN = "not to be seen here: the model takes it in"
 
 def sentence(answer: Diagnosis, drifts: bool) -> str:
     """What an engineer reads first."""
+    formulas = [formula_sentence(answer.formulas[0], answer.held_out_by)] if answer.formulas else []
+    return " ".join([_verdict(answer, drifts), *formulas])
+
+
+def _verdict(answer: Diagnosis, drifts: bool) -> str:
     if answer.verdict == "adequate":
         noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
         return f"This data shows no missing effect: the residual {_remains(answer)}.{noise}"

@@ -16,9 +16,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect, options_of
-from bench.base import Document, InputError, dump, library, nearest_or_all, read_yaml
+from bench.base import Document, InputError, dump, library, nearest_or_all, parse_yaml, read_yaml
 
 ROWS = ("all", "heating", "cooling", "soaks_2", "soaks_3", "bins")
 """Rows that a model is fitted to: all, one branch only, the means of 2 or 3 soaks (fixed-temperature method), or
@@ -73,6 +75,24 @@ def _entry(effect: Effect) -> Any:
     if effect.name == "expression" and set(options) == {"formula"}:
         return {"expression": options["formula"]}
     return {effect.name: options} if options else effect.name
+
+
+def entry_text(effect: Effect) -> str:
+    """An effect as one line of YAML, as it stands in the list of a model file; `effect_from` reads it back."""
+    entry = _entry(effect)
+    return entry if isinstance(entry, str) else yaml.safe_dump(entry, default_flow_style=True, width=10_000).strip()
+
+
+def effect_from(text: str) -> Effect:
+    """Effect of a name, a line of YAML as `entry_text` writes it, or the formula of a term of one's own.
+
+    InputError for an unknown name and for what is neither.
+    """
+    if text in effects.effect_names() or text.isidentifier():
+        return effects.make(text)
+    if text.lstrip().startswith("{"):
+        return _effect(parse_yaml(text, "effect").content, None, 0)
+    return effects.make("expression", {"formula": text})
 
 
 def load_model(source: str | Path | Document) -> Model:

@@ -235,6 +235,7 @@ def _(result: Diagnosed) -> Iterator[str | Table]:
     yield ""
     yield from _where(diagnosis)
     yield from _suspects(diagnosis)
+    yield from _formulas(diagnosis)
     yield from _smallest(diagnosis)
     yield from (f"Not testable here: {', '.join(names)}: {why}" for why, names in _by_reason(diagnosis).items())
     yield from (f"note: {note}" for note in (diagnosis.noise_finding, made_from(diagnosis), *diagnosis.notes) if note)
@@ -275,6 +276,14 @@ def _suspects(diagnosis: Diagnosis) -> Iterator[str | Table]:
             rows.append((f"{mark} {suspect.effect}", f"{suspect.evidence:.1f}", held_out, removes, alike))
         yield table(("Suspects", ">evidence", ">held-out", ">removes", "look-alikes"), rows)
         yield f"  evidence above {diagnosis.threshold:.1f} is significant; * belongs to the explanation"
+        yield ""
+
+
+def _formulas(diagnosis: Diagnosis) -> Iterator[str | Table]:
+    if diagnosis.formulas:
+        rows = [(f"  {f.formula}", f"{f.evidence:.1f}", number(f.held_out_rms_dph)) for f in diagnosis.formulas]
+        yield table(("Formulas", ">evidence", ">held-out"), rows)
+        yield f"  add the first with: bench add '{diagnosis.formulas[0].expression}' --model MODEL --out FILE"
         yield ""
 
 

@@ -48,6 +48,7 @@ def missing(analysis: Analysis) -> Section | None:
         _sentence(answer),
         _advice(analysis, answer),
         _suspects(answer),
+        _formulas(data, answer),
         _ladder(answer, found.rungs),
         _map(data, answer),
         *(_partial(data, answer, suspect) for suspect in answer.found),
@@ -104,6 +105,29 @@ def _suspects(answer: Diagnosis) -> Markup:
     if answer.found:
         caption = f"Suspects, bold if part of the explanation: {least}; a lead of {TIE:g} over another suspect counts."
     return table(caption, head, rows, (1, 2, 3, 4)) + glossary(_meanings(answer))
+
+
+def _formulas(data: Dataset, answer: Diagnosis) -> Markup:
+    """What the catalogue does not hold: formulas that fit, and the picture of the best."""
+    if not answer.formulas:
+        return Markup()
+    best = answer.formulas[0]
+    head = ("formula", "what it is", "evidence", "held-out before → after [deg/h]", "acts [°C]", "as good")
+    rows = [
+        Row((wide(one.formula), wide("; ".join(filter(None, (one.words, one.like, one.caution)))), number(one.evidence),
+             f"{number(one.held_out_before_dph)} → {number(one.held_out_rms_dph)}",
+             f"{number(one.acts[0])} to {number(one.acts[1])}", wide("; ".join(one.equivalent) or "–")),
+            "best" if one is best else "")
+        for one in answer.formulas
+    ]  # fmt: skip
+    caption = "Formulas of measured channels, best first; the evidence also pays for the number of formulas tried."
+    parts = heading("A formula for what the catalogue does not hold") + table(caption, head, rows, (2, 3))
+    if best.residuals and best.contribution:
+        x = figures_diagnosis.coordinate(data, best.model.effects[-1])
+        plot = figures_diagnosis.partial_residual(data, x, best.residuals[0], best.contribution[0], "formula")
+        words = f"The formula alone, over {x.title}: the data (dots, diamonds are means) and the formula."
+        parts += figure("fig-missing-formula", plot, words, words)
+    return parts + commands([f"bench add '{best.expression}' --model {answer.model.name} --out better.yaml"])
 
 
 def _meanings(answer: Diagnosis) -> Iterator[tuple[str, str]]:

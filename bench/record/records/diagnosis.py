@@ -61,6 +61,7 @@ class DiagnosisRecord(Record):
     held_out_by: str = ""
     where: tuple[StoredPlace, ...] = ()
     suspects: tuple[StoredSuspect, ...] = ()
+    formulas: tuple[dict[str, Any], ...] = ()
     next_experiment: dict[str, Any] | None = None
     unexplained: tuple[StoredPlace, ...] = ()
     threshold: float | None = None

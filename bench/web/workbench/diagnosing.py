@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import (
+    DescribedFormula,
     Diagnosis,
     Proposal,
     SuspectedEffect,
@@ -56,6 +57,8 @@ def diagnosis(inputs: dict[str, Any]) -> dict[str, Any]:
     content = found.to_json()
     suspects = zip(content["suspects"], found.suspects, strict=True)
     content["suspects"] = [{**entry, **_pictured(data, found, suspect)} for entry, suspect in suspects]
+    formulas = zip(content["formulas"], found.formulas, strict=True)
+    content["formulas"] = [{**entry, **_drawn(data[0], formula)} for entry, formula in formulas]
     content["figures"] = _figures(data, checks, found)
     content["model_json"], content["improved"] = model_json(found.model), model_json(found.improved)
     proposal = next_experiment(found, data, static=still)
@@ -74,6 +77,19 @@ def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffec
         "partial": _partial(data[0], found, suspect) if suspect.shape else None,
         "family": added.family,
     }
+
+
+def _drawn(data: Dataset, formula: DescribedFormula) -> dict[str, Any]:
+    """Content of a page about a formula: the effect that adds it, and its picture."""
+    added = formula.model.effects[-1]
+    answer: dict[str, Any] = {"add": model_json(formula.model)["effects"][-1], "partial": None}
+    if formula.residuals and formula.contribution:
+        x, shape = coordinate(data, added), formula.contribution[0]
+        words = f"{formula.formula} over {x.title}: dots are data, diamonds their means while heating and cooling."
+        table = columns({x.title: x.values, "data [deg/h]": formula.residuals[0] + shape, "formula [deg/h]": shape})
+        plot = partial_residual(data, x, formula.residuals[0], shape, "formula")
+        answer["partial"] = described(plot, words, table)
+    return answer
 
 
 def _partial(data: Dataset, found: Diagnosis, suspect: SuspectedEffect) -> dict[str, Any] | None:

@@ -62,6 +62,25 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
   </li>`;
 }
 
+/** Formulas for what the catalogue does not hold. */
+function Formulas({ formulas, busy, picked, onAdd, onPicture }) {
+  if (!formulas?.length) return null;
+  return html`<h3>${t("workbench.formula.title")}</h3><ol class="wb-suspects">${formulas.slice(0, SHOWN).map((one, i) => html`<li key=${one.formula} class=${`wb-suspect ${i ? "" : "wb-found"}`}>
+    <div class="wb-suspect-head"><h4><code>${one.formula}</code></h4>
+      ${one.partial && html`<button type="button" class="wb-link" aria-pressed=${picked === one.formula ? "true" : "false"}
+        aria-label=${`${picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}: ${one.formula}`}
+        onClick=${() => onPicture(picked === one.formula ? null : { id: one.formula, title: t("workbench.formula.picture"), answer: one.partial })}>${
+          picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
+      <button type="button" class="narrow" disabled=${busy} onClick=${() => onAdd({ effect: "expression", add: one.add })}
+        aria-label=${t("workbench.suspect.add_named", { effect: one.formula })}>${t("workbench.suspect.add")}</button></div>
+    <p><span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(one.evidence) })}</span>,${" "}
+      <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} deg/h</b> ${t("workbench.suspect.unseen")}</p>
+    <p class="wb-soft" lang="en">${[one.words, one.like].filter(Boolean).join("; ")}</p>
+    ${one.equivalent.length > 0 && html`<p class="wb-warn">⇄ ${one.equivalent.slice(0, 3).map((text) => html`<code key=${text}>${text}</code> `)}</p>`}
+    ${one.caution && html`<p class="wb-warn" lang="en">${one.caution}</p>`}
+  </li>`)}</ol>`;
+}
+
 /** Partial residual of a suspect over its coordinate. */
 const pictureOf = ({ effect, partial }) => ({ id: effect, title: `${t("workbench.figure.partial")}: ${effectWord(effect)}`, answer: partial });
 
@@ -113,6 +132,7 @@ export function Suspects({ found, failed, busy, picked, onAdd, onPicture }) {
       first=${i === 0 && suspect.found} picked=${picked === suspect.effect} />`)}</ol>
     ${found.suspects.length > shown.length && html`<button type="button" class="wb-link" onClick=${() => setAll(true)}>
       ${t("workbench.suspect.more", { count: found.suspects.length - shown.length })}</button>`}
+    <${Formulas} formulas=${found.formulas} busy=${busy} picked=${picked} onAdd=${onAdd} onPicture=${onPicture} />
     <${Further} figures=${found.figures} picked=${picked} onPicture=${onPicture} />
     <${Where} places=${found.verdict === "unknown_effect" ? [...found.unexplained, ...found.where] : found.where} />
     ${(found.notes?.length > 0 || found.not_excited?.length > 0) && html`<details><summary>${t("workbench.diagnosis.notes")}</summary><ul lang="en">

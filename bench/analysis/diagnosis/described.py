@@ -1,0 +1,74 @@
+"""A formula for what the catalogue does not hold, as an answer: its numbers, its words, its sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from bench.analysis.effects.model import Model
+from bench.base import FloatArray, finite, number, with_uncertainty
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedFormula:
+    """A formula that lowers the error, with its numbers.
+
+    `expression` is what `bench add` takes; `equivalent` are formulas that these data cannot tell from it;
+    `contribution` is what it adds to the fitted bias of each run (n,) [deg/h].
+    """
+
+    formula: str
+    expression: str
+    words: str
+    like: str
+    evidence: float
+    held_out_before_dph: float
+    held_out_rms_dph: float
+    proved: bool | None
+    size_dph: float
+    amplitudes: tuple[tuple[str, float, float, str], ...]
+    acts: tuple[float, float]
+    caution: str
+    equivalent: tuple[str, ...]
+    beside: tuple[str, ...]
+    model: Model
+    contribution: tuple[FloatArray, ...] = field(default=(), repr=False)
+    residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
+    """What is left of each run (n,) with it in the model [deg/h]."""
+
+    def to_json(self) -> dict[str, Any]:
+        """An entry of `formulas`."""
+        return {
+            "formula": self.formula,
+            "expression": self.expression,
+            "evidence": finite(self.evidence),
+            "held_out_before_dph": finite(self.held_out_before_dph),
+            "held_out_rms_dph": finite(self.held_out_rms_dph),
+            "proved": self.proved,
+            "equivalent": list(self.equivalent),
+            "words": self.words,
+            "like": self.like,
+            "rms_dph": finite(self.size_dph),
+            "amplitudes": [
+                {"name": n, "value": finite(v), "std": finite(s), "unit": u} for n, v, s, u in self.amplitudes
+            ],
+            "acts_degc": [finite(end) for end in self.acts],
+            "caution": self.caution,
+            "beside": list(self.beside),
+        }
+
+
+def sentence(best: DescribedFormula, held_out_by: str) -> str:
+    """What an engineer reads about the best formula."""
+    where = "the check run" if held_out_by == "check" else "blocks left out"
+    sizes = ", ".join(
+        f"{name} = {' +- '.join(with_uncertainty(value, std))} {unit}" for name, value, std, unit in best.amplitudes
+    )
+    like = f", {best.like}" if best.like else ""
+    beside = f" beside {', '.join(best.beside)}" if best.beside else ""
+    change = f"{number(best.held_out_before_dph)} to {number(best.held_out_rms_dph)} deg/h"
+    text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; evidence {best.evidence:.0f})."
+    text += f" It changes the error on {where} from {change}; add it with bench add '{best.expression}'."
+    if best.equivalent:
+        text += f" This data cannot tell it from {' or '.join(best.equivalent[:2])}."
+    return text + (f" Caution: {best.caution}." if best.caution else "")

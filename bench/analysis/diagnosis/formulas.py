@@ -1,0 +1,296 @@
+"""A formula for what no effect of the catalogue explains: searched breadth first, refined, grown, pruned by its price.
+
+Every formula of one and of two blocks is scored at once beside the model, by the likelihood that ranks named effects
+and at the same noise; the best are refined continuously with the noise profiled anew, then grown by one block. A
+formula pays k ln n for what it estimates and 2 ln N for the N formulas of its size that were tried (a uniform prior
+over them). What chance reaches is learnt from noise simulated from the model alone, as for named effects.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bench.analysis.diagnosis.candidates import Candidate, Theta, orthonormal, outside
+from bench.analysis.diagnosis.evidence import drawn
+from bench.analysis.diagnosis.grammar import Block, Formula, Grammar
+from bench.analysis.diagnosis.refine import Refiner, Start
+from bench.analysis.diagnosis.scan import Library
+from bench.analysis.diagnosis.suspects import Layout
+from bench.analysis.effects.expression import Expression
+from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
+from bench.analysis.thresholds import FORMULA_EVIDENCE, WRONGLY_NAMED
+from bench.base import FloatArray, InputError
+
+_DECADE = 16
+_BEAM = 6  # leaders that are refined, and grown
+_NULLS = 60
+_ALIKE = 0.97  # correlation of whitened columns beside the model: these data cannot tell the two apart
+_PEAKS = 6  # of the periodogram
+_PADDED = 4  # times its length: a peak lies between the frequencies of a discrete transform
+
+
+@dataclass(frozen=True, eq=False)
+class FoundFormula:
+    """A formula with its parameters, refined, its evidence, and its noise point.
+
+    `contribution` (n,) is what it adds to the fitted bias [deg/h]; `white` (n,) its column, whitened, beside the model.
+    """
+
+    formula: Formula
+    theta: Theta
+    evidence: float
+    point: Point
+    sigma2: float
+    amplitudes: FloatArray
+    deviations: FloatArray
+    contribution: FloatArray
+    white: FloatArray
+
+    gains: FloatArray
+    """Gain in 2 ln L up to each row (n,)."""
+
+    @property
+    def effect(self) -> Expression:
+        """What a model takes: bounds about the values that were found, so that a fit begins there."""
+        return self.formula.near(self.theta)
+
+    @property
+    def text(self) -> str:
+        """The formula with the numbers that were found."""
+        return self.formula.text(numbers(self.theta))
+
+    @property
+    def on_bound(self) -> bool:
+        """Whether the search of a parameter ended at an end of its range."""
+        return any(p.on_bound(value) for p, value in zip(self.formula.parameters, self.theta, strict=True))
+
+    def amplitude_entries(self) -> list[tuple[str, float, float, str]]:
+        """Name, value, standard deviation and unit of each amplitude."""
+        names = ("k", "k_cos")[: len(self.amplitudes)]
+        rows = zip(names, self.amplitudes.tolist(), self.deviations.tolist(), strict=True)
+        return [(name, value, std, self.formula.unit) for name, value, std in rows]
+
+    def halves(self) -> FloatArray:
+        """Gain up to the middle of the rows, and up to the end."""
+        return np.array([self.gains[len(self.gains) // 2], self.gains[-1]])
+
+    def with_(self, other: FoundFormula) -> tuple[Expression, Theta]:
+        """Both as one effect, and its parameters."""
+        mine, theirs = self.effect, other.formula.near(other.theta, "m")
+        text, bounds = theirs.formula, dict(theirs.bounds)
+        for name in other.formula.names:
+            if name in mine.bounds:
+                text = re.sub(rf"\b{name}\b", f"{name}_m", text)
+                bounds[f"{name}_m"] = bounds.pop(name)
+        return Expression(f"{mine.formula} + {text}", {**mine.bounds, **bounds}), (*self.theta, *other.theta)
+
+
+@dataclass(frozen=True, eq=False)
+class Formulas:
+    """What a search found, best first; `groups` are those that these data cannot tell from the first of each."""
+
+    found: tuple[FoundFormula, ...]
+    alike: tuple[tuple[str, ...], ...]
+    threshold: float
+    tried: int
+
+
+class FormulaSearch:
+    """One search beside one layout."""
+
+    def __init__(self, layout: Layout, lattice: NoiseLattice, seed: int = 0) -> None:
+        """`lattice` may be that of an earlier evidence of the same rows."""
+        self._layout, self._lattice, self._seed = layout, lattice, seed
+        self.grammar = Grammar(layout.seen, layout.rows.masks)
+        self._values: dict[tuple[str, Theta], FloatArray] = {}
+        self._surface = Surface.of(layout.problem.records(), lattice, restricted=False)
+        self._best = self._surface.search()
+        self._refiner = Refiner(layout.problem, lattice)
+
+    @cached_property
+    def answer(self) -> Formulas:
+        """What the search found."""
+        return self.search()
+
+    def search(self) -> Formulas:
+        """The formulas that beat chance, best first."""
+        singles = [*self.grammar.singles(), self.grammar.line(self._periods())]
+        pairs = self.grammar.pairs()
+        candidates = [*map(self._candidate, singles), *map(self._candidate, pairs)]
+        formulas = [*singles, *pairs]
+        price = np.array([*[self._price(len(singles))] * len(singles), *[self._price(len(pairs))] * len(pairs)])
+        library = Library(self._layout.problem, candidates)
+        points = self._points()
+        scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still())
+        which = np.array([index for index, _ in scan.entries])
+        paid = library.paid(candidates) + price[which]
+        rough = scan.base[0] - scan.values[:, 0] - paid
+        threshold = self._chance(library, points, paid)
+        leaders = self._leaders(rough, which, scan.excited)
+        found = []
+        for index in leaders:
+            own = np.flatnonzero(which == index)
+            grid = [Start(scan.entries[i][1], points[scan.where[i, 0]], float(scan.values[i, 0])) for i in own]
+            found.append(self._refined(formulas[index], candidates[index], grid, float(price[index])))
+        found.sort(key=lambda one: -one.evidence)
+        for one in found[:3]:
+            found += self._grown(one, len(pairs))
+        found.sort(key=lambda one: -one.evidence)
+        return self._answer(found, threshold, len(formulas))
+
+    def _answer(self, found: list[FoundFormula], threshold: float, tried: int) -> Formulas:
+        """Leaders of what cannot be told apart, and the others of their group in words."""
+        above = [one for one in found if one.evidence > max(threshold, FORMULA_EVIDENCE)]
+        leaders: list[FoundFormula] = []
+        groups: list[list[str]] = []
+        for one in above:
+            near = next((i for i, leader in enumerate(leaders) if self._alike(leader, one)), None)
+            if near is None:
+                leaders.append(one)
+                groups.append([])
+            elif one.formula != leaders[near].formula:
+                groups[near].append(one.text)
+        return Formulas(tuple(leaders), tuple(tuple(dict.fromkeys(group)) for group in groups), threshold, tried)
+
+    @staticmethod
+    def _alike(one: FoundFormula, other: FoundFormula) -> bool:
+        product = float(one.white @ other.white)
+        return product**2 > _ALIKE**2 * float(one.white @ one.white) * float(other.white @ other.white)
+
+    def _price(self, count: int) -> float:
+        return 2.0 * float(np.log(max(count, 1)))
+
+    def _candidate(self, formula: Formula) -> Candidate:
+        return Candidate(
+            name=formula.product(formula.names),
+            columns=lambda theta: self.columns(formula, theta),
+            parameters=formula.parameters,
+            change_point=formula.places > 0,
+            tried=formula.grid(),
+        )
+
+    def columns(self, formula: Formula, theta: Theta) -> FloatArray:
+        """Columns (n, 1), or (n, 2) of a pair, at the rows of the layout."""
+        given, value = iter(theta), np.ones(len(self._layout.problem.y))
+        other = None
+        for number, block in enumerate(formula.blocks):
+            own = tuple(next(given) for _ in block.bounds)
+            if number == 0 and formula.pair:
+                other = self._block(block.text.replace("sin(", "cos(", 1), block, own)
+                value = self._block(block.text, block, own)
+                continue
+            factor = self._block(block.text, block, own)
+            value = value * factor
+            other = None if other is None else other * factor
+        return value[:, None] if other is None else np.column_stack([value, other])
+
+    def _block(self, text: str, block: Block, own: Theta) -> FloatArray:
+        key = (text, own)
+        if key not in self._values:
+            if len(self._values) > 4000:
+                self._values.clear()
+            names = [name for name, _ in block.bounds]
+            effect = Expression(f"k * {text.format(**{name: name for name in names})}", dict(block.bounds))
+            named = dict(zip(names, own, strict=True))
+            try:
+                columns = [effect.columns(record, named)[:, 0] for record in self._layout.seen]
+                self._values[key] = self._layout.stacked(columns)
+            except InputError:  # not finite somewhere: it explains nothing
+                self._values[key] = np.zeros(len(self._layout.problem.y))
+        return self._values[key]
+
+    def _still(self) -> list[FloatArray]:
+        return [record.y[:, None] for record in self._layout.problem.statics]
+
+    def _points(self) -> list[Point]:
+        """The base's noise and less of it: what a formula explains is taken out of the noise."""
+        lower = {
+            tuple(max(i - _DECADE * d, -4 * _DECADE) for i, d in zip(self._best, steps, strict=True))
+            for steps in ((0, 0), (1, 0), (0, 1), (1, 1), (0, 2), (2, 2), (0, 4), (4, 4))
+        }
+        return sorted(lower, reverse=True)  # type: ignore[arg-type]
+
+    def _chance(self, library: Library, points: Sequence[Point], paid: FloatArray) -> float:
+        """The evidence that the best formula reaches in simulated runs without any effect, at the usual level."""
+        problem = self._layout.problem
+        mean = problem.base @ gls(problem.base, problem.y, self._lattice.at([self._best])[0][0]).beta
+        restricted = Surface.of(problem.records(), self._lattice, restricted=True)
+        near = sorted(self._surface.region(self._best, 8.0, step=_DECADE), key=self._surface.height)[:8]
+        run, *statics = drawn(restricted, near, np.random.default_rng(self._seed), _NULLS)
+        some = list(dict.fromkeys([*near[:3], *points[:4]]))
+        scan = library.scan(self._lattice, some, mean[:, None] + run, statics)
+        best = (scan.base - scan.values - paid[:, None]).max(axis=0)
+        return max(0.0, float(np.quantile(best, 1.0 - WRONGLY_NAMED)))
+
+    def _leaders(self, rough: FloatArray, which: FloatArray, excited: FloatArray) -> list[int]:
+        """The best formulas on the grid, few of those that look alike."""
+        found: list[int] = []
+        for entry in np.argsort(-rough)[:400]:
+            index = int(which[entry])
+            if index in found or excited[entry] < 1e-6:
+                continue
+            found.append(index)
+            if len(found) >= 2 * _BEAM:
+                break
+        return found
+
+    def _refined(self, formula: Formula, candidate: Candidate, grid: Sequence[Start], price: float) -> FoundFormula:
+        theta, point, reached = self._refiner.refine(candidate, grid, self._best)
+        paid = candidate.paid(self._layout.problem.base.shape[1], self.columns(formula, theta).shape[1])
+        log_n = float(np.log(len(self._layout.problem.y)))
+        evidence = self._surface.height(self._best) - reached - paid * log_n - price
+        way = self._lattice.at([point])[0][0]
+        sigma2 = self._refiner.sigma2(candidate, theta, point)
+        columns = self.columns(formula, theta)
+        base = self._layout.problem.base
+        fit = gls(np.column_stack([base, columns]), self._layout.problem.y, way, sigma2)
+        own = fit.beta[base.shape[1] :]
+        contribution = columns @ own
+        white = outside(orthonormal(way.apply(base)), way.apply(contribution))
+        deviations = self._refiner.deviations(candidate, theta, fit.beta, point)[base.shape[1] :][: columns.shape[1]]
+        before = gls(base, self._layout.problem.y, way, sigma2)
+        gains = np.cumsum(before.residual**2 - fit.residual**2) / sigma2
+        return FoundFormula(formula, theta, evidence, point, sigma2, own, deviations, contribution, white, gains)
+
+    def _grown(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
+        """The formula with one block more, where that pays."""
+        longer = list(self.grammar.grown(one.formula, one.theta))
+        candidates = [replace(self._candidate(formula), tried=tried_) for formula, tried_ in longer]
+        if not candidates:
+            return []
+        library = Library(self._layout.problem, candidates)
+        points = [one.point, self._best]
+        scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still())
+        price = self._price(tried * len(longer) // 3)
+        rough = self._surface.height(self._best) - scan.values[:, 0] - library.paid(candidates) - price
+        entry = int(np.argmax(rough))
+        if rough[entry] <= one.evidence:
+            return []
+        index = scan.entries[entry][0]
+        start = Start(scan.entries[entry][1], points[scan.where[entry, 0]], float(scan.values[entry, 0]))
+        return [self._refined(longer[index][0], candidates[index], [start], price)]
+
+    def _periods(self) -> list[float]:
+        """Periods [s] of the largest lines of the whitened residual, between the frequencies of the transform."""
+        problem = self._layout.problem
+        way = self._lattice.at([self._best])[0][0]
+        rest = outside(orthonormal(way.apply(problem.base)), way.apply(problem.y))
+        step = np.minimum(np.rint(np.diff(problem.time_s, prepend=problem.time_s[0]) / problem.interval_s), 100)
+        filled = np.zeros(int(np.cumsum(step)[-1]) + 1)
+        filled[np.cumsum(step).astype(np.int64)] = rest
+        size = _PADDED * len(filled)
+        power = np.abs(np.fft.rfft(filled, size))
+        inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
+        inner = inner[inner > 1.5 * _PADDED]
+        top = inner[np.argsort(-power[inner])[:_PEAKS]]
+        return [float(size * problem.interval_s / i) for i in top] or [self.grammar.length_s / 4.0]
+
+
+def numbers(theta: Theta) -> list[str]:
+    """Parameters as a formula shows them."""
+    return [f"{value:.4g}" if abs(value) < 1e3 else f"{value:.6g}" for value in theta]

@@ -1,0 +1,307 @@
+"""The formulas that are searched where the catalogue does not explain what is left: products of measured channels.
+
+A *block* is what a formula multiplies: a channel, its memory (lag, play), a window in temperature. Blocks have
+parameters (time constants, widths, places); these are tried on a coarse grid here and refined continuously afterwards.
+A *formula* is a product of blocks with one amplitude, a sine and cosine pair, or more than one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from bench.analysis.diagnosis.candidates import Theta
+from bench.analysis.effects.base import Parameter
+from bench.analysis.effects.expression import Expression
+from bench.base import CHANNELS, BoolArray
+from bench.record import Dataset
+
+_LAGS_S = (60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0, 15000.0)
+_PLAYS_DEGC = (0.7, 1.5, 3.0, 6.0, 12.0, 25.0)
+_PLACES = 11  # of a window, over the range of the channel
+_PERIODS = 48  # of a line over temperature
+_LEAST_RUN_S = 30.0
+_FURTHER = ("frequency", "drive", "quadrature", "supply")
+_SWITCHED = ("compressor",)
+
+Bounds = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Block:
+    """A factor of a formula: its text with `{name}` for each parameter, their bounds and the grid that is tried.
+
+    `unit` is the unit of its value, `words` says what it is.
+    """
+
+    text: str
+    words: str
+    unit: str
+    bounds: tuple[tuple[str, Bounds], ...] = ()
+    grid: tuple[tuple[float, ...], ...] = ((),)
+    static: bool = False
+    """A function of the temperature alone: by itself the model's curve has it already."""
+    places: int = 0
+    """Parameters that are a place where something begins: each costs one count more."""
+    looser: Block | None = None
+    """The same with its reference value searched."""
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A product of blocks; `pair` adds the same with a cosine for the sine of its first block, as its own amplitude."""
+
+    blocks: tuple[Block, ...]
+    pair: bool = False
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in the formula, each once: a number follows where two blocks share one."""
+        given = [name for block in self.blocks for name, _ in block.bounds]
+        return tuple(
+            name if given.count(name) == 1 else f"{name}{given[:i].count(name) + 1}" for i, name in enumerate(given)
+        )
+
+    @cached_property
+    def bounds(self) -> dict[str, Bounds]:
+        """Bounds of its parameters by their names."""
+        pairs = (bounds for block in self.blocks for _, bounds in block.bounds)
+        return dict(zip(self.names, pairs, strict=True))
+
+    @cached_property
+    def places(self) -> int:
+        """Parameters that are places."""
+        return sum(block.places for block in self.blocks)
+
+    def grid(self) -> tuple[Theta, ...]:
+        """Parameters to try."""
+        return tuple(tuple(x for part in one for x in part) for one in product(*(block.grid for block in self.blocks)))
+
+    def product(self, values: Sequence[str]) -> str:
+        """The product with these texts for its parameters."""
+        given, parts = iter(values), []
+        for block in self.blocks:
+            parts.append(block.text.format(**{name: next(given) for name, _ in block.bounds}))
+        return " * ".join(parts).replace("- -", "+ ")
+
+    def text(self, values: Sequence[str], amplitude: str = "k") -> str:
+        """The formula with these texts for its parameters."""
+        one = self.product(values)
+        if not self.pair:
+            return f"{amplitude} * {one}"
+        return f"{amplitude} * {one} + {amplitude}_cos * {one.replace('sin(', 'cos(', 1)}"
+
+    def expression(self, amplitude: str = "k") -> Expression:
+        """The effect of a model file, its parameters searched within their bounds."""
+        return Expression(self.text(self.names, amplitude), self.bounds)
+
+    def near(self, theta: Theta, amplitude: str = "k") -> Expression:
+        """The effect with bounds about these values, so that a fit begins there."""
+        bounds = {
+            parameter.name: _about(parameter, value) for parameter, value in zip(self.parameters, theta, strict=True)
+        }
+        return Expression(self.text(self.names, amplitude), {name: list(ends) for name, ends in bounds.items()})
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Its parameters as the engine searches them."""
+        return self.expression().parameters
+
+    @property
+    def unit(self) -> str:
+        """Unit of the amplitude."""
+        units = [block.unit for block in self.blocks if block.unit]
+        return f"deg/h per ({' * '.join(units)})" if units else "deg/h"
+
+    @property
+    def words(self) -> str:
+        """What it is."""
+        return " times ".join(block.words for block in self.blocks)
+
+
+class Grammar:
+    """Blocks for the channels that these runs have and move, and the formulas that are made of them."""
+
+    def __init__(self, records: Sequence[Dataset], masks: Sequence[BoolArray]) -> None:
+        """`masks` (n,) are the rows that are searched."""
+        self._records, self._masks = records, masks
+        self.temperature = self._range("temperature")
+        self.moved = tuple(name for name in _FURTHER if self._moves(name))
+        self.switched = tuple(name for name in _SWITCHED if self._moves(name))
+        self.gap = self._moves("chamber_temperature")
+        self.turns = self._moves("applied_rate")
+        self.length_s = max(float(np.ptp(record.time)) for record in records)
+
+    def singles(self) -> list[Formula]:
+        """Formulas of one block."""
+        alone = [Formula((block,)) for block in (*self.drivers(), *self.bends()) if not block.static]
+        return [*alone, *(Formula((block,), pair=True) for block in self.lines())]
+
+    def pairs(self) -> list[Formula]:
+        """Products of a block that drives with one that modifies it."""
+        found: dict[str, Formula] = {}
+        for driver in self.drivers():
+            for modifier in self.modifiers():
+                if modifier.text != driver.text:
+                    formula = Formula((driver, modifier))
+                    key = "*".join(sorted((driver.text, modifier.text)))
+                    found.setdefault(key, formula)
+        return list(found.values())
+
+    def grown(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
+        """A formula with one block more, and the parameters to try: its own stay where they were found."""
+        have = {block.text for block in formula.blocks}
+        for block in self.modifiers():
+            if block.text not in have:
+                yield replace(formula, blocks=(*formula.blocks, block)), tuple((*values, *one) for one in block.grid)
+        for number, block in enumerate(formula.blocks):
+            if block.looser is not None:
+                before = sum(len(one.bounds) for one in formula.blocks[:number])
+                blocks = (*formula.blocks[:number], block.looser, *formula.blocks[number + 1 :])
+                grid = tuple((*values[:before], *one, *values[before:]) for one in block.looser.grid)
+                yield replace(formula, blocks=blocks), grid
+
+    def drivers(self) -> list[Block]:
+        """What may act by itself: the rate of change and its memory, the loop, the gap to the air, each channel."""
+        blocks = [
+            Block("dT_dt", "dT/dt", "degC/min"),
+            Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
+            Block("dT_dt**2", "(dT/dt)^2", "(degC/min)^2"),
+            _lagged("dT_dt", "dT/dt", "degC/min", self.length_s),
+            _lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.length_s, every=2),
+            _loop(self.temperature),
+        ]
+        if self.gap:
+            gap = "(chamber_temperature - temperature)"
+            words = "the gap between air and unit"
+            blocks += [Block(gap, words, "degC"), _lagged(gap, words, "degC", self.length_s, every=2)]
+        for name in (*self.moved, *(("applied_rate",) if self.turns else ())):
+            blocks += self._channel(name)
+        for name in self.switched:
+            blocks += [Block(name, f"the {name}", ""), _lagged(name, f"the {name}", "", self.length_s, every=2)]
+        return blocks
+
+    def _channel(self, name: str) -> list[Block]:
+        low, high = self._range(name)
+        half = 0.5 * (high - low)
+        unit = _unit(name)
+        lag = f"({name} - lag({name}, {{tau_s}}))"
+        lags = (("tau_s", (30.0, max(self.length_s / 2.0, 100.0))),)
+        return [
+            self._centred(name),
+            Block(f"({name} - {{centre}})**2", f"the {name} squared, from a value", f"{unit}^2",
+                  (("centre", (low - half, high + half)),), tuple((float(c),) for c in np.linspace(low, high, 5))),
+            Block(f"abs({name} - {{centre}})", f"the {name}'s distance from a value", unit,
+                  (("centre", (low, high)),), tuple((float(c),) for c in np.linspace(low, high, 7)[1:-1]), places=1),
+            Block(f"tanh(({name} - {{centre}})/{max(half / 8.0, 1e-12):.3g})", f"a step over the {name}", "",
+                  (("centre", (low, high)),), tuple((float(c),) for c in np.linspace(low, high, 9)[1:-1]), places=1),
+            Block(lag, f"the change of the {name} in the last while", unit, lags, _lags(self.length_s / 2.0, 2)),
+        ]  # fmt: skip
+
+    def _centred(self, name: str) -> Block:
+        """A channel from the middle of its range, or from a value that is searched."""
+        low, high = self._range(name)
+        middle, span = 0.5 * (low + high), high - low
+        words, unit = f"the {name}", _unit(name)
+        bounds = (("centre", (low - 3.0 * span, high + 3.0 * span)),)
+        grid = tuple((float(middle + d * span),) for d in (-2.0, -0.6, -0.2, 0.2, 0.6, 2.0))
+        looser = Block(f"({name} - {{centre}})", f"{words}, from a value", unit, bounds, grid)
+        return Block(f"({name} - {middle:.6g})", words, unit, looser=looser)
+
+    def bends(self) -> list[Block]:
+        """Functions of time that are no line: the start."""
+        bounds = (("tau_s", (120.0, max(self.length_s, 200.0))),)
+        grid = _lags(self.length_s / 2.0, 1)[1:] or ((0.5 * self.length_s,),)
+        return [Block("exp(-time/{tau_s})", "a decay from the start", "", bounds, grid)]
+
+    def lines(self) -> list[Block]:
+        """Sines: over temperature on a grid; over time where a periodogram finds them (`line`)."""
+        low, high = self.temperature
+        span = high - low
+        # From the finest that the thermometer's rows follow to half of the range, evenly in frequency.
+        frequencies = np.linspace(2.0 / span, 0.5 * _PERIODS / span, _PERIODS)
+        grid = tuple((float(1.0 / f),) for f in frequencies)
+        bounds = (("period_degc", (float(1.0 / frequencies[-1]), 0.6 * span)),)
+        return [Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid)]
+
+    def line(self, periods_s: Sequence[float]) -> Formula:
+        """A sine over time with these periods to try."""
+        bounds = (("period_s", (0.8 * min(periods_s), 1.25 * max(periods_s))),)
+        block = Block("sin(2*pi*time/{period_s})", "a sine over time", "", bounds, tuple((p,) for p in periods_s))
+        return Formula((block,), pair=True)
+
+    def modifiers(self) -> list[Block]:
+        """What may scale a driver: temperature, windows and steps in it, every channel, the direction, time."""
+        low, high = self.temperature
+        middle, span = 0.5 * (low + high), high - low
+        centres = np.linspace(low, high, _PLACES)
+        bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)))
+        window = tuple((float(c), w) for c in centres for w in (0.05 * span, 0.15 * span))
+        blocks = [
+            Block(f"(temperature - {middle:.4g})", "temperature", "degC", static=True),
+            Block(f"(temperature - {middle:.4g})**2", "temperature squared", "degC^2", static=True),
+            Block("exp(-((temperature - {centre})/{width})**2)", "a window in temperature", "", bounds, window,
+                  static=True, places=1),
+            Block("(1 + tanh((temperature - {centre})/{width}))", "a step over temperature", "", bounds, window[2:-2:2],
+                  static=True, places=1),
+            Block("dT_dt", "dT/dt", "degC/min"),
+            Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
+            Block("(1 + direction)", "heating", ""),
+            Block("time", "time", "s"),
+        ]  # fmt: skip
+        if self.gap:
+            blocks.append(Block("(chamber_temperature - temperature)", "the gap between air and unit", "degC"))
+        for name in (*self.moved, *(("applied_rate",) if self.turns else ())):
+            low, high = self._range(name)
+            blocks.append(self._centred(name))
+            if low * high < 0.0 or abs(high - low) > 0.05 * abs(high + low):  # else it is a constant, and not a factor
+                blocks.append(Block(name, f"the {name}", _unit(name)))
+        blocks += [Block(name, f"the {name}", "") for name in self.switched]
+        return blocks
+
+    def _range(self, name: str) -> Bounds:
+        values = np.concatenate([r.channel(name)[m] for r, m in zip(self._records, self._masks, strict=True)])
+        return float(np.nanmin(values)), float(np.nanmax(values))
+
+    def _moves(self, name: str) -> bool:
+        if not all(name in record.channels for record in self._records):
+            return False
+        if not all(np.all(np.isfinite(r.channels[name][m])) for r, m in zip(self._records, self._masks, strict=True)):
+            return False
+        low, high = self._range(name)
+        return high - low > 1e-9 * max(abs(low), abs(high), 1e-9)
+
+
+def _about(parameter: Parameter, value: float) -> Bounds:
+    """Bounds with the value in their middle, as a fit takes it for its start."""
+    if parameter.name.startswith("period"):
+        return float(f"{0.9 * value:.8g}"), float(f"{1.1 * value:.8g}")
+    if parameter.log:
+        return float(f"{value / 4.0:.6g}"), float(f"{4.0 * value:.6g}")
+    half = 0.1 * (parameter.high - parameter.low)
+    return float(f"{value - half:.8g}"), float(f"{value + half:.8g}")
+
+
+def _lagged(text: str, words: str, unit: str, length_s: float, every: int = 1) -> Block:
+    bounds = (("tau_s", (20.0, max(length_s, 200.0))),)
+    return Block(f"lag({text}, {{tau_s}})", f"the memory of {words}", unit, bounds, _lags(length_s, every))
+
+
+def _lags(below_s: float, every: int) -> tuple[tuple[float, ...], ...]:
+    """Time constants to try, below the longest that is searched."""
+    return tuple((t,) for t in _LAGS_S[::every] if t < below_s) or ((_LAGS_S[0],),)
+
+
+def _loop(span: Bounds) -> Block:
+    wide = span[1] - span[0]
+    grid = tuple((w,) for w in _PLAYS_DEGC if w < 0.4 * wide)
+    return Block("(temperature - play(temperature, {width}))", "the play of the temperature", "degC",
+                 (("width", (0.2, 0.45 * wide)),), grid)  # fmt: skip
+
+
+def _unit(name: str) -> str:
+    return CHANNELS[name].unit

@@ -1,0 +1,162 @@
+"""What no catalogue holds: mechanisms outside it and outside the grammar's grid, and whether a formula describes them.
+
+    python -m benchmarks.outside --seeds 6 --out outside.jsonl
+
+Every truth is integrated by itself at one second from the states of the chamber and the channels of a unit, with states
+of its own, and shares no operator with the bench. It is added to a run with the noise of the simulated unit, at a
+strength (RMS that the static curve cannot absorb over that of the noise). *Equivalent*: on a run that no fit saw, of
+another profile, the answer predicts at least 80 % of the variance that the truth adds beside a static curve. Results
+are appended to the file as they come; what stands there already is not run again. Prints one JSON object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.effects.model import Model
+from bench.analysis.fit.fitting import fit_model
+from bench.base import FloatArray
+from bench.record.dataset import Dataset
+from benchmarks import campaigns, cases
+from benchmarks.outside_truths import TRUTHS, World
+from benchmarks.trials import MODEL
+
+RUN, CHECK = cases.TWO_RATES, cases.LOOPS
+LEAST_SHARE = 0.8
+MOST_RATIO = 1.15
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One mechanism in one unit."""
+
+    truth: str
+    strength: float
+    seed: int
+
+
+def run_trial(trial: Trial) -> dict[str, Any]:
+    """What the bench answers, and how well its answer predicts an unseen run."""
+    made, truth = _unit(trial)
+    first, check, still = made
+    began = time.process_time()
+    found = diagnose([first], MODEL, check=[check], static=still)
+    spent = time.process_time() - began
+    formula = next(iter(found.formulas), None)
+    model = found.improved if formula is None else formula.model
+    before = _left(MODEL, first, check)
+    after, oracle = _left(model, first, check), _oracle(first, check, truth)
+    share = 1.0 - (_rms(after) ** 2 - _rms(oracle) ** 2) / max(_rms(before) ** 2 - _rms(oracle) ** 2, 1e-12)
+    return {
+        "verdict": found.verdict,
+        "found": [suspect.effect for suspect in found.found],
+        "formula": "" if formula is None else formula.formula,
+        "evidence": None if formula is None else round(formula.evidence, 1),
+        "share": round(share, 4),
+        "ratio": round(_rms(after) / _rms(oracle), 4),
+        "before": round(_rms(before) / _rms(oracle), 4),
+        "cpu_s": round(spent, 2),
+    }
+
+
+def _unit(trial: Trial) -> tuple[tuple[Dataset, Dataset, Dataset], tuple[FloatArray, FloatArray]]:
+    """Run, check run and isothermal run of a unit, and what the truth adds to the first two [deg/h]."""
+    case = cases.case((), 0.0, trial.seed, RUN, MODEL)
+    name = f"{trial.truth}"
+    added = []
+    for number, profile in enumerate((RUN, CHECK)):
+        quiet = case.quiet(profile, number)
+        rng = np.random.default_rng([trial.seed, *map(ord, name)])  # the same unit in both runs
+        series = TRUTHS[trial.truth](world(quiet, profile), rng)
+        rows = len(quiet) * round(cases.INTERVAL_S)
+        whole = np.pad(series[:rows], (0, max(0, rows - len(series))), mode="edge")
+        added.append((quiet, whole.reshape(len(quiet), -1).mean(axis=1)))
+    first, one = added[0]
+    target = trial.strength * cases.rms(cases.absorbed(first, case.noise(RUN, 0), MODEL))
+    factor = target / max(cases.rms(cases.absorbed(first, one, MODEL)), 1e-12)
+    runs = [_plus(quiet, factor * values) for quiet, values in added]
+    return (runs[0], runs[1], case.quiet(cases.STATIC, 4)), (factor * one, factor * added[1][1])
+
+
+def world(quiet: Dataset, profile: str) -> World:
+    """States of the chamber and channels of the unit, every second."""
+    trace = cases.trace(profile)
+    seconds = np.arange(trace.seconds, dtype=np.float64) + 0.5
+
+    def channel(name: str) -> FloatArray:
+        values = quiet.channels[name]
+        good = np.isfinite(values)
+        return np.interp(seconds, quiet.time[good], values[good])
+
+    return World(
+        seconds, trace.case[1:], trace.air[1:], trace.compressor[1:], trace.heater[1:],
+        **{name: channel(name) for name in ("quadrature", "drive", "frequency", "supply")},
+    )  # fmt: skip
+
+
+def _plus(run: Dataset, values: FloatArray) -> Dataset:
+    return replace(run, channels={**run.channels, "rate": run.channels["rate"] + values})
+
+
+def _left(model: Model, first: Dataset, check: Dataset) -> FloatArray:
+    """Error (n,) of a model on the check run, without the constant between two days."""
+    left = check.bias - fit_model(model, first, covariance="none").predict(check).bias
+    return np.asarray(left - np.nanmean(left))
+
+
+def _oracle(first: Dataset, check: Dataset, truth: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """The same of the static model where the truth is taken away exactly."""
+    return _left(MODEL, _plus(first, -truth[0]), _plus(check, -truth[1]))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(values**2)))
+
+
+def trials(seeds: int, strengths: tuple[float, ...] = (1.0, 3.0), truths: tuple[str, ...] = ()) -> Iterator[Trial]:
+    """Seed by seed, so that an interrupted campaign is a smaller campaign."""
+    for seed in range(1, seeds + 1):
+        for name in truths or TRUTHS:
+            yield from (Trial(name, strength, seed) for strength in strengths)
+
+
+def summary(results: list[tuple[Trial, dict[str, Any]]]) -> dict[str, Any]:
+    """Counts by strength and by mechanism."""
+    counted: dict[str, Any] = {"n": len(results)}
+    for strength in sorted({trial.strength for trial, _ in results}):
+        own = [(trial, found) for trial, found in results if trial.strength == strength]
+        counted[f"strength {strength:g}"] = {
+            "n": len(own),
+            "equivalent": sum(found["share"] >= LEAST_SHARE for _, found in own),
+            "within": sum(found["ratio"] <= MOST_RATIO for _, found in own),
+            "median_ratio": float(np.median([found["ratio"] for _, found in own])),
+            "median_before": float(np.median([found["before"] for _, found in own])),
+            "most_cpu_s": max(found["cpu_s"] for _, found in own),
+            "missed": sorted({trial.truth for trial, found in own if found["share"] < LEAST_SHARE}),
+        }
+    return counted
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("outside.jsonl"))
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--truths", type=lambda text: tuple(text.split(",")), default=())
+    parser.add_argument("--strengths", type=lambda text: tuple(map(float, text.split(","))), default=(1.0, 3.0))
+    options = parser.parse_args(arguments)
+    found = campaigns.found(trials(options.seeds, options.strengths, options.truths), run_trial, options.out, Trial)
+    print(json.dumps(summary(found), indent=1))
+
+
+if __name__ == "__main__":
+    main()

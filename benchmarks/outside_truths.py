@@ -1,0 +1,144 @@
+"""Mechanisms that neither the catalogue nor the grammar of formulas holds literally, integrated second by second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.base import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """States (n,) of every second: case and air of the chamber [degC], its switches, and the unit's channels."""
+
+    time: FloatArray
+    case: FloatArray
+    air: FloatArray
+    compressor: FloatArray
+    heater: FloatArray
+    quadrature: FloatArray
+    drive: FloatArray
+    frequency: FloatArray
+    supply: FloatArray
+
+
+Truth = Callable[[World, np.random.Generator], FloatArray]
+
+
+def follows(source: FloatArray, tau_s: float) -> FloatArray:
+    """A node that exchanges heat with a source, by small steps of its own balance."""
+    node, level = np.empty(len(source)), float(source[0])
+    share = 1.0 / tau_s
+    for second, value in enumerate(source.tolist()):
+        level += share * (value - level)
+        node[second] = level
+    return node
+
+
+def _log(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def quadrature_of_a_gradient(w: World, rng: np.random.Generator) -> FloatArray:
+    """The phase of the demodulator follows the difference between electronics and case; quadrature leaks through it."""
+    return (w.case - follows(w.case, _log(rng, 200, 1500))) * w.quadrature
+
+
+def radiation(w: World, rng: np.random.Generator) -> FloatArray:
+    """Radiated heat between the case and a shielded mass: fourth powers of absolute temperatures."""
+    mass = follows(w.case, _log(rng, 900, 3000))
+    return ((w.case + 273.15) ** 4 - (mass + 273.15) ** 4) / 1e8
+
+
+def stress_that_relaxes(w: World, rng: np.random.Generator) -> FloatArray:
+    """Any change of temperature, up or down, adds stress, which relaxes."""
+    tau_s, stress, level = _log(rng, 600, 3000), np.empty(len(w.case)), 0.0
+    for second, step in enumerate(np.abs(np.diff(w.case, prepend=w.case[0])).tolist()):
+        level += step - level / tau_s
+        stress[second] = level
+    return stress
+
+
+def etalon_of_a_mass(w: World, rng: np.random.Generator) -> FloatArray:
+    """Interference over a path whose length follows a mass inside."""
+    inner = follows(w.case, _log(rng, 60, 240))
+    return np.asarray(np.cos(2.0 * np.pi * inner / rng.uniform(7.0, 13.0) + rng.uniform(0, 6.28)) ** 3)
+
+
+def beat(w: World, rng: np.random.Generator) -> FloatArray:
+    """A neighbour's oscillator, near a multiple of the sampling rate."""
+    own = rng.uniform(0, 6.28) + np.cumsum(np.full(len(w.time), 2.0 * np.pi / _log(rng, 500, 3300)))
+    return np.asarray(np.sin(own))
+
+
+def regulator(w: World, rng: np.random.Generator) -> FloatArray:
+    """A regulator whose rejection of the supply weakens with temperature."""
+    return (w.supply - np.median(w.supply)) * (w.case + rng.uniform(60.0, 90.0))
+
+
+def compressor_heat(w: World, rng: np.random.Generator) -> FloatArray:
+    """The compressor warms the mount while it runs."""
+    return follows(w.compressor, _log(rng, 300, 1500))
+
+
+def crossing_of_modes(w: World, rng: np.random.Generator) -> FloatArray:
+    """Near one temperature two modes couple, and gradients act there only (a Lorentzian)."""
+    slope = w.case - follows(w.case, 45.0)
+    return slope / (1.0 + ((w.case - rng.uniform(0.0, 55.0)) / rng.uniform(4.0, 9.0)) ** 2)
+
+
+def melting(w: World, rng: np.random.Generator) -> FloatArray:
+    """Ice that melts on the way up, near one temperature, and is not there on the way down."""
+    at, width = rng.uniform(0.0, 8.0), rng.uniform(3.0, 6.0)
+    up = np.clip(w.case - follows(w.case, 60.0), 0.0, None)
+    return up / np.cosh((w.case - at) / width)
+
+
+def duffing(w: World, rng: np.random.Generator) -> FloatArray:
+    """Stiffness that grows with the square of the amplitude."""
+    return w.drive**3 - 3.0 * w.drive * float(np.mean(w.drive[:600])) ** 2
+
+
+def leak_by_the_air(w: World, rng: np.random.Generator) -> FloatArray:
+    """A gradient from the air through the housing shifts the phase; quadrature leaks through it."""
+    return (follows(w.air, _log(rng, 20, 60)) - w.case) * w.quadrature
+
+
+def friction_joints(w: World, rng: np.random.Generator) -> FloatArray:
+    """Three joints that slip one after the other."""
+    total = np.zeros(len(w.case))
+    for limit in (rng.uniform(1, 3), rng.uniform(4, 8), rng.uniform(9, 16)):
+        held, last = 0.0, float(w.case[0])
+        joint = np.empty(len(w.case))
+        for second, value in enumerate(w.case.tolist()):
+            held = min(max(held + value - last, -limit), limit)
+            joint[second], last = held, value
+        total += joint
+    return total
+
+
+def brown_out(w: World, rng: np.random.Generator) -> FloatArray:
+    """Below a voltage the reference gives way."""
+    low, high = np.quantile(w.supply, [0.02, 0.98])
+    edge = low + rng.uniform(0.35, 0.6) * (high - low)
+    return np.asarray(np.logaddexp(0.0, (edge - w.supply) / (0.04 * (high - low))))
+
+
+def plume(w: World, rng: np.random.Generator) -> FloatArray:
+    """Air takes minutes on its way to the far side of the fixture."""
+    late = round(_log(rng, 100, 400))
+    far = np.concatenate([np.full(late, w.air[0]), w.air[:-late]])
+    return far - w.case
+
+
+TRUTHS: dict[str, Truth] = {
+    truth.__name__: truth
+    for truth in (
+        quadrature_of_a_gradient, radiation, stress_that_relaxes, etalon_of_a_mass, beat, regulator, compressor_heat,
+        crossing_of_modes, melting, duffing, leak_by_the_air, friction_joints, brown_out, plume,
+    )
+}  # fmt: skip
+"""Written before the search was frozen."""

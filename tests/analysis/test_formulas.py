@@ -1,0 +1,87 @@
+"""Formulas for what the catalogue does not hold: found on truths that share no operator with them, none on noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.grammar import Grammar
+from bench.analysis.effects.expression import Expression
+from bench.analysis.effects.model import Model, effect_from, entry_text, load_model
+from bench.base import InputError
+from bench.cli import main
+from benchmarks import cases, outside
+from benchmarks.trials import MODEL
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    """A unit without any hidden mechanism: its run, and its isothermal run."""
+    case = cases.case((), 0.0, 3, outside.RUN, MODEL)
+    return case.quiet(outside.RUN, 0), case.quiet(cases.STATIC, 4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", ["quadrature_of_a_gradient", "beat", "compressor_heat"])
+def test_a_formula_predicts_an_unseen_run_of_a_unit_that_no_effect_of_the_catalogue_describes(truth):
+    found = outside.run_trial(outside.Trial(truth, 3.0, 1))
+    assert found["formula"]
+    assert found["share"] > outside.LEAST_SHARE, found
+    assert found["ratio"] < outside.MOST_RATIO, found
+
+
+@pytest.mark.slow
+def test_what_is_found_is_added_as_it_is_written(quiet, tmp_path):
+    run, still = quiet
+    wave = 0.4 * np.sin(2.0 * np.pi * run.channel("temperature") / 9.3 + 1.0)
+    answer = diagnose(
+        [replace(run, channels={**run.channels, "rate": run.channels["rate"] + wave})], MODEL, static=still
+    )
+    best = answer.to_json()["formulas"][0]
+    assert answer.verdict == "unknown_effect"
+    assert "like an etalon" in answer.sentence
+    assert best["held_out_rms_dph"] < 0.6 * best["held_out_before_dph"]
+    out = tmp_path / "better.yaml"
+    done = CliRunner().invoke(main, ["add", best["expression"], "--model", "spline", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    (added,) = [effect for effect in load_model(out).effects if effect.name == "expression"]
+    assert {p.name: p.low < 9.3 < p.high for p in added.parameters} == {"period_degc": True}
+
+
+@pytest.mark.slow
+def test_noise_gives_no_formula(quiet):
+    run, still = quiet
+    answer = diagnose([run], MODEL, static=still)
+    assert (answer.formulas, answer.to_json()["formulas"]) == ((), [])
+
+
+def test_every_formula_of_the_grammar_is_one_that_a_model_file_may_hold(quiet):
+    run, _ = quiet
+    grammar = Grammar([run], [np.isfinite(run.bias)])
+    formulas = [*grammar.singles(), *grammar.pairs(), grammar.line([600.0, 900.0])]
+    assert len(formulas) > 300
+    for formula in formulas:
+        theta = formula.grid()[0]
+        effect = effect_from(entry_text(formula.near(theta)))
+        assert effect == formula.near(theta)
+        assert [p.low < value < p.high for p, value in zip(effect.parameters, theta, strict=True)] == [True] * len(
+            theta
+        )
+
+
+def test_what_is_neither_a_name_nor_a_formula_is_refused_in_one_line(tmp_path):
+    for wrong in ("thermal_lagg", "k * nothing(", "{expression: {formula: 1}}", "{a: 1, b: 2}", "{expression: [", ""):
+        with pytest.raises(InputError) as refused:
+            effect_from(wrong)
+        assert "\n" not in str(refused.value)
+
+
+def test_two_formulas_may_stand_in_one_model_but_not_the_same_twice():
+    from bench.analysis.diagnosis.improve import add_effect
+
+    one = add_effect(Model("m", (Expression("k * dT_dt**2"),)), "k * quadrature")
+    assert [effect.name for effect in one.effects] == ["expression", "expression"]
+    with pytest.raises(InputError, match="already"):
+        add_effect(one, "k * quadrature")
