@@ -13,6 +13,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
 from bench.analysis.diagnosis.crew import usual_workers
+from bench.analysis.diagnosis.decision import decide
 from bench.analysis.diagnosis.held_out import Unseen, unseen
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
@@ -117,8 +118,12 @@ class _Case:
         base = unseen(self.layout.rows, self.layout.theta, check)
         ranking = Ranking(explained, self.offer, check, self.floor_dph)
         improved = unseen(explained.layout.rows, explained.layout.theta, check) if explained.steps else base
+        suspects = ranking.suspects()
+        decision = decide(explained, suspects, base, improved, self._expected_dph, "")
         answer = Diagnosis(
-            verdict=explained.word,
+            verdict=decision.word,
+            proved=decision.proved,
+            nearest=decision.nearest,
             sentence="",
             runs=tuple(run.name for run in runs),
             check=tuple(run.name for run in check),
@@ -127,7 +132,7 @@ class _Case:
             held_out_rms_dph=base.rms_dph,
             held_out_by="check" if check else "blocks",
             where=self._where(explained, base),
-            suspects=ranking.suspects(),
+            suspects=suspects,
             unexplained=self._unexplained(explained, improved),
             threshold=explained.threshold,
             not_excited=self._not_excited(explained),
@@ -140,7 +145,16 @@ class _Case:
             unexplained_residuals=improved.residuals,
             static=self.static,
         )
-        return replace(answer, sentence=sentence(answer, explained.drifts))
+        return replace(answer, sentence=sentence(answer, explained.drifts, decision.why))
+
+    @property
+    def _expected_dph(self) -> float:
+        """The noise floor of the run [deg/h], where its white noise was found to differ from the isothermal run's."""
+        if self.layout.white is None:
+            return self.floor_dph
+        still = [np.diff(r.y)[np.diff(r.time_s) < 1.5 * self.layout.problem.interval_s] for r in self.layout.statics]
+        white = 0.5 * float(np.mean(np.concatenate(still) ** 2))
+        return float(np.sqrt(max(self.floor_dph**2 + white * (float(np.mean(self.layout.white)) - 1.0), 0.0)))
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
         alarms = [f for f in explained.before.alarms if f.name != "noise"]
