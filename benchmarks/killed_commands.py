@@ -69,7 +69,7 @@ profile: profiles/{name}.yaml
 verification: profiles/other.yaml
 models: [polynomial]
 limits: limits.yaml
-policy: {{marginal: ship, missing_effect: ship, unknown_effect: ship, tie: ship, undiagnosed: ship}}
+policy: {{marginal: ship, missing_effect: ship, unknown_effect: ship, undecided: ship, tie: ship, undiagnosed: ship}}
 """
         for name in ("brief", "long")
     },

@@ -41,6 +41,12 @@ WEAK_EVIDENCE = 15.0
 """Evidence below which no experiment is designed for the fitted effects."""
 PAYS = 1e-3
 """Least relative fall of the held-out error that pays for an effect."""
+PROVED_FALL = 0.03
+"""Least relative fall of the error on unseen data that proves an effect …"""
+PROVED_DEVIATIONS = 2.0
+"""… and the same in standard deviations of what noise alone does to it."""
+NEAREST_RATIO = 2.0
+"""Error on a check run over the noise floor above which what was found is the nearest entry of the catalogue only."""
 LEAST_PRESENT = 0.9
 """Share of the rows in which an effect's channel needs a value."""
 LEAST_STATIC_ROWS = 40

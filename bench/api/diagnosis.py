@@ -42,11 +42,11 @@ class Diagnosis:
 
     @property
     def proved(self) -> bool | None:
-        """Whether the error on unseen data falls with each effect found; None: nothing found, or no unseen data."""
-        scored = [suspect for suspect in self.found if suspect.scored]
-        if not scored:
-            return None
-        return all(suspect.held_out_rms_dph < suspect.held_out_before_dph for suspect in scored)
+        """Whether unseen data bear the verdict out: the error there falls with what is named, by enough for chance.
+
+        False: suspected only, or not decided; None: no unseen data could judge it.
+        """
+        return self.answer.proved
 
     @property
     def sentence(self) -> str:

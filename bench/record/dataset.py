@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -66,6 +66,18 @@ class Segment:
 
 
 @dataclass(frozen=True, eq=False)
+class Finer:
+    """Rows that a record averages: `row` (m,) is the row of the record that each belongs to, -1 for none."""
+
+    record: Dataset
+    row: IntArray
+
+    def to(self, rows: IntArray) -> Finer:
+        """The same for a record whose row i became `rows[i]`, -1 where it is gone."""
+        return Finer(self.record, np.where(self.row >= 0, rows[self.row], -1))
+
+
+@dataclass(frozen=True, eq=False)
 class Dataset:
     """Channels of one run on one time base, shape (n,) each; NaN is a gap and stays one.
 
@@ -87,6 +99,10 @@ class Dataset:
     """`temperature_step` of the finer record that this one averages."""
     unit: str = ""
     """Serial number of the unit; empty where it is not known."""
+    finer: Finer | None = field(default=None, repr=False)
+    """The rows that this record averages."""
+    moved: frozenset[str] = frozenset()
+    """Channels that were replaced since: their finer rows are of another channel."""
 
     def __post_init__(self) -> None:
         columns = {**self.channels, "segment": self.segment}
@@ -173,6 +189,23 @@ class Dataset:
         multiples = np.diff(codes) / step
         return step if np.all(np.abs(multiples - np.round(multiples)) < 0.02 * np.maximum(multiples, 1.0)) else 0.0
 
+    def mean_of(self, product: Callable[[Mapping[str, FloatArray]], FloatArray], *names: str) -> FloatArray:
+        """Mean over each row (n,) of a product of channels, formed on the finer rows where they are kept.
+
+        The square of a mean is not the mean of a square: a rate that steps within 30 s is squared before averaging.
+        """
+        coarse = {name: self.channel(name) for name in names}
+        if self.finer is None:
+            return product(coarse)
+        inside = self.finer.row >= 0
+        row, fine = self.finer.row[inside], self.finer.record
+        values = {n: coarse[n][row] if n in self.moved else fine.channel(n)[inside] for n in names}
+        formed = product(values)
+        weight = np.where(np.isfinite(formed), fine.count("rate")[inside], 0.0)
+        total = np.bincount(row, weight, len(self))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(np.bincount(row, weight * np.nan_to_num(formed), len(self)) / total)
+
     def select(self, mask: BoolArray) -> Dataset:
         """Only the rows of `mask` (n,). Effects with memory want the whole record: mask after, not before."""
         return replace(
@@ -182,11 +215,12 @@ class Dataset:
             segment=self.segment[mask],
             counts={name: column[mask] for name, column in self.counts.items()},
             variances={name: column[mask] for name, column in self.variances.items()},
+            finer=None if self.finer is None else self.finer.to(np.where(mask, np.cumsum(mask) - 1, -1)),
         )
 
     def with_channel(self, name: str, values: FloatArray) -> Dataset:
         """The same record with one channel replaced or added (an effect that moves the abscissa uses it)."""
-        return replace(self, channels={**self.channels, name: values})
+        return replace(self, channels={**self.channels, name: values}, moved=self.moved | {name})
 
     def average(self, interval_s: float) -> Dataset:
         """Means over about `interval_s` [s]: each stretch of one segment is cut into equal bins, none across its end.
@@ -220,6 +254,7 @@ class Dataset:
             segment=self.segment[starts],
             interval_s=float(interval_s),
             finer_step=self.temperature_step,
+            finer=Finer(self, group) if self.finer is None else self.finer.to(group),
         )
 
     def _pool(self, name: str, starts: IntArray, group: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -1,6 +1,7 @@
 """Diagnosis of whole runs of a simulated unit, whose truth integrates states of its own."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def test_an_engineer_sees_where_the_model_fails_learns_what_is_missing_adds_it_a
 
     before = diagnose([run], SPLINE, check=[unseen], static=still)
     assert any(place.channel == "dT_dt" or place.note.startswith(("heating", "cooling")) for place in before.where)
-    assert before.verdict == "missing_effect"
+    assert (before.verdict, before.proved) == ("missing_effect", True)
     missing = before.suspects[0]
     assert missing.effect == "thermal_lag"
     assert missing.parameters["tau_s"].interval[0] < 200.0 < missing.parameters["tau_s"].interval[1]
@@ -70,7 +71,38 @@ def test_a_jump_is_not_replayed_in_the_check_run(still):
     check = hidden_run(profile="minor_loops", seed=5)
     answer = diagnose([unit.run("short", seed=1)], SPLINE, check=[check], static=still, candidates=wanted)
     assert [s.effect for s in answer.found] == ["bias_jump"]
-    assert answer.found[0].held_out_rms_dph < 1.1 * answer.found[0].held_out_before_dph
+    # The curve is not bent by the jump any more: that is what the check run sees of it.
+    proof = answer.found[0].proof
+    assert proof.after_dph < proof.before_dph
+    assert (answer.verdict, answer.proved, answer.found[0].proved) == ("missing_effect", True, True)
+
+
+def test_an_effect_that_unseen_data_do_not_bear_out_is_suspected_and_not_a_headline(still):
+    unit = HiddenUnit(({"mechanism": "temperature_rate"},)).at_strength(1.0, "short")
+    opposite = replace(unit, scale=-unit.scale)
+    answer = diagnose([unit.run("short", 1)], SPLINE, check=[opposite.run("short", 2)], static=still, candidates=FEW)
+    assert (answer.verdict, answer.proved, answer.named) == ("undecided", False, ())
+    assert answer.sentence.startswith("Suspected, not proved: temperature_rate")
+    assert "record another run and give it as --check" in answer.sentence.lower()
+
+
+@pytest.mark.slow
+def test_a_name_that_leaves_much_more_than_the_noise_is_the_nearest_entry_and_not_the_cause(still):
+    unit = HiddenUnit(({"mechanism": "thermal_lag", "tau_s": 5400.0},)).at_strength(4.0, "short")
+    wanted = [effects.make(name) for name in ("creep", "hysteresis")]
+    run, check = unit.run("short", seed=1), unit.run("minor_loops", seed=2)
+    answer = diagnose([run], SPLINE, check=[check], static=still, candidates=wanted)
+    assert answer.verdict != "missing_effect"
+    assert not answer.proved
+    assert "Missing:" not in answer.sentence
+
+
+@pytest.mark.slow
+def test_without_a_check_run_whole_legs_prove_an_effect_or_nothing_does(still):
+    unit = HiddenUnit((LAG,)).at_strength(2.0, "short")
+    answer = diagnose([unit.run("short", seed=1)], SPLINE, static=still, candidates=FEW)
+    assert (answer.verdict, answer.proved, answer.found[0].proof.by) == ("missing_effect", True, "legs")
+    assert answer.to_json()["suspects"][0]["proved"] is True
 
 
 def test_what_the_catalogue_does_not_have_is_called_unknown_and_shown(still):

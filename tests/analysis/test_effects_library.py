@@ -254,3 +254,23 @@ def test_a_frequency_that_turns_back_is_refused_as_a_thermometer():
     folded = data.with_channel("frequency", 14000.0 - 0.001 * (data.channel("temperature") - 50.0) ** 2)
     with pytest.raises(InputError, match="cannot serve as a thermometer"):
         effects.make("resonance_frequency", {"use": "thermometer"}).prepare([folded])
+
+
+def test_a_rate_that_steps_within_a_mean_is_squared_before_it_is_averaged():
+    time_s = np.arange(300) + 0.5
+    rate = np.where((time_s // 20) % 2 == 0, 100.0, -30.0)
+    fine = record(time_s, 1.0, applied_rate=rate, temperature=20.0 + time_s / 60.0)
+    means = fine.average(30.0)
+    squared = columns("scale_factor_nonlinearity", means, {"order": 2, "constant": False})[:, 0]
+    assert_allclose(squared, 3600e-6 * np.mean((rate**2).reshape(-1, 30), axis=1))
+    warmer = columns("scale_factor_temperature", means, {"order": 1, "constant": False})[:, 0]
+    assert_allclose(warmer, 3600e-6 * np.mean((rate * (time_s / 60.0 - 5.0)).reshape(-1, 30), axis=1))
+    kept = means.select(np.arange(10) >= 4)
+    assert_allclose(columns("scale_factor_nonlinearity", kept, {"order": 2, "constant": False})[:, 0], squared[4:])
+    twice = fine.average(15.0).average(30.0)
+    assert_allclose(columns("scale_factor_nonlinearity", twice, {"order": 2, "constant": False})[:, 0], squared)
+    moved = means.with_channel("temperature", np.full(10, 26.0))  # a lag moves the temperature: no finer one is known
+    assert_allclose(
+        columns("scale_factor_temperature", moved, {"order": 1, "constant": False})[:, 0],
+        3600e-6 * np.mean(rate.reshape(-1, 30), axis=1),
+    )

@@ -189,6 +189,7 @@ SUSPECT = {"effect": "thermal_lag", "found": True, "look_alikes": ["temperature_
     [
         ({"verdict": "adequate", "sentence": "", "suspects": []}, [], []),
         ({"verdict": "unknown_effect", "sentence": "s", "suspects": []}, [], ["unknown_effect"]),
+        ({"verdict": "undecided", "sentence": "s", "suspects": []}, [], ["undecided"]),
         ({"verdict": "missing_effect", "sentence": "s", "suspects": [SUSPECT]}, [], ["missing_effect", "tie"]),
         ({"verdict": "adequate", "sentence": "", "suspects": []}, [SUSPECT], ["tie"]),
         (None, [], ["undiagnosed"]),

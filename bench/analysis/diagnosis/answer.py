@@ -9,10 +9,12 @@ from typing import Any, Literal
 
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.diagnosis.described import DescribedFormula
+from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.effects.model import Model
 from bench.base import CHANNELS, FloatArray, finite
 
-VerdictWord = Literal["adequate", "missing_effect", "unknown_effect"]
+VerdictWord = Literal["adequate", "missing_effect", "unknown_effect", "undecided"]
+"""`missing_effect`: unseen data prove what is named; `undecided`: suspected without proof, or a slow cause or noise."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,12 @@ class SuspectedEffect:
     shape: tuple[FloatArray, ...] = field(default=(), repr=False)
     """What it adds to the fitted bias of each run (n,) [deg/h]; NaN in rows that were not fitted."""
     reason: str = ""
+    proof: Proof = field(default_factory=Proof)
+
+    @property
+    def proved(self) -> bool | None:
+        """Whether the error on unseen data falls with it, by enough and significantly; None: nothing could judge it."""
+        return self.proof.proved
 
     @property
     def scored(self) -> bool:
@@ -116,6 +124,8 @@ class SuspectedEffect:
             "look_alikes": list(self.look_alikes),
             "legs": [{"segment": name, "gain": finite(gain)} for name, gain in self.legs],
             "reason": self.reason,
+            "proved": self.proved,
+            "proof": self.proof.to_json(),
         }
 
 
@@ -177,16 +187,27 @@ class Diagnosis:
     """Name of the isothermal run that tells the noise; empty without."""
     formulas: tuple[DescribedFormula, ...] = ()
     """What the catalogue does not hold, best first."""
+    proved: bool | None = None
+    """Whether unseen data bear the verdict out; None where none could judge it."""
+    nearest: str = ""
+    """Effect that lowers the error on a check run and leaves much more than the noise there: not the cause."""
 
     @property
     def found(self) -> tuple[SuspectedEffect, ...]:
         """Effects that are missing by the evidence, strongest first."""
         return tuple(suspect for suspect in self.suspects if suspect.found)
 
+    @property
+    def named(self) -> tuple[SuspectedEffect, ...]:
+        """Effects found that unseen data prove: what "missing" says."""
+        return tuple(s for s in self.found if s.proved) if self.verdict == "missing_effect" else ()
+
     def to_json(self) -> dict[str, Any]:
         """The object of `bench diagnose --json`; null where a number does not exist."""
         return {
             "verdict": self.verdict,
+            "proved": self.proved,
+            "nearest": self.nearest or None,
             "sentence": self.sentence,
             "runs": list(self.runs),
             "check": list(self.check),

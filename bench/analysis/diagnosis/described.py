@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.effects.model import Model
-from bench.base import FloatArray, finite, number, with_uncertainty
+from bench.base import FloatArray, finite, with_uncertainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +25,7 @@ class DescribedFormula:
     evidence: float
     held_out_before_dph: float
     held_out_rms_dph: float
-    proved: bool | None
+    proof: Proof
     size_dph: float
     amplitudes: tuple[tuple[str, float, float, str], ...]
     acts: tuple[float, float]
@@ -44,7 +45,8 @@ class DescribedFormula:
             "evidence": finite(self.evidence),
             "held_out_before_dph": finite(self.held_out_before_dph),
             "held_out_rms_dph": finite(self.held_out_rms_dph),
-            "proved": self.proved,
+            "proved": self.proof.proved,
+            "proof": self.proof.to_json(),
             "equivalent": list(self.equivalent),
             "words": self.words,
             "like": self.like,
@@ -58,17 +60,15 @@ class DescribedFormula:
         }
 
 
-def sentence(best: DescribedFormula, held_out_by: str) -> str:
+def sentence(best: DescribedFormula) -> str:
     """What an engineer reads about the best formula."""
-    where = "the check run" if held_out_by == "check" else "blocks left out"
     sizes = ", ".join(
         f"{name} = {' +- '.join(with_uncertainty(value, std))} {unit}" for name, value, std, unit in best.amplitudes
     )
     like = f", {best.like}" if best.like else ""
     beside = f" beside {', '.join(best.beside)}" if best.beside else ""
-    change = f"{number(best.held_out_before_dph)} to {number(best.held_out_rms_dph)} deg/h"
     text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; evidence {best.evidence:.0f})."
-    text += f" It changes the error on {where} from {change}; add it with bench add '{best.expression}'."
+    text += f" With it {best.proof.words}; add it with bench add '{best.expression}'."
     if best.equivalent:
         text += f" This data cannot tell it from {' or '.join(best.equivalent[:2])}."
     return text + (f" Caution: {best.caution}." if best.caution else "")

@@ -11,6 +11,7 @@ from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.formulas import FormulaSearch, FoundFormula
 from bench.analysis.diagnosis.held_out import unseen
 from bench.analysis.diagnosis.probes import examine
+from bench.analysis.diagnosis.proof import prove
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
@@ -103,8 +104,8 @@ class Describer:
         first, *others = parts
         effect, theta = first.with_(others[0]) if others else (first.effect, first.theta)
         after = layout.adding(effect, theta)
-        before = unseen(layout.rows, layout.theta, self.check)
-        scored = unseen(after.rows, after.theta, self.check)
+        scored = unseen(after.rows, after.theta, self.check, sum(len(part.amplitudes) for part in parts))
+        before = unseen(layout.rows, layout.theta, self.check, like=scored.left)
         contribution = np.sum([part.contribution for part in parts], axis=0)
         return DescribedFormula(
             formula=" + ".join(part.text for part in parts),
@@ -114,7 +115,7 @@ class Describer:
             evidence=sum(part.evidence for part in parts),
             held_out_before_dph=before.rms_dph,
             held_out_rms_dph=scored.rms_dph,
-            proved=None,
+            proof=prove(before.left, scored.left),
             size_dph=float(np.std(contribution)),
             amplitudes=tuple(entry for part in parts for entry in part.amplitude_entries()),
             acts=_acts(layout.temperature, contribution),

@@ -13,6 +13,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
 from bench.analysis.diagnosis.crew import usual_workers
+from bench.analysis.diagnosis.decision import decide
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.held_out import Unseen, unseen
@@ -120,8 +121,12 @@ class _Case:
         base = unseen(self.layout.rows, self.layout.theta, check)
         ranking = Ranking(explained, self.offer, check, self.floor_dph)
         improved = unseen(explained.layout.rows, explained.layout.theta, check) if explained.steps else base
+        suspects = ranking.suspects()
+        decision = decide(explained, suspects, base, improved, self._expected_dph, "")
         answer = Diagnosis(
-            verdict=explained.word,
+            verdict=decision.word,
+            proved=decision.proved,
+            nearest=decision.nearest,
             sentence="",
             runs=tuple(run.name for run in runs),
             check=tuple(run.name for run in check),
@@ -130,7 +135,7 @@ class _Case:
             held_out_rms_dph=base.rms_dph,
             held_out_by="check" if check else "blocks",
             where=self._where(explained, base),
-            suspects=ranking.suspects(),
+            suspects=suspects,
             unexplained=self._unexplained(explained, improved),
             threshold=explained.threshold,
             not_excited=self._not_excited(explained),
@@ -143,17 +148,34 @@ class _Case:
             unexplained_residuals=improved.residuals,
             static=self.static,
         )
-        formulas = self._formulas(explained, improved, Describer(lattice, check, seed))
-        if formulas and answer.verdict == "adequate":
-            answer = replace(answer, verdict="unknown_effect")
+        formulas, instead = self._formulas(explained, improved, Describer(lattice, check, seed))
+        if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
+            nearest = answer.nearest or (answer.found[0].effect if answer.found else "")
+            answer = replace(answer, verdict="unknown_effect", nearest=nearest, proved=formulas[0].proof.proved)
         answer = replace(answer, formulas=formulas)
-        return replace(answer, sentence=sentence(answer, explained.drifts))
+        return replace(answer, sentence=sentence(answer, explained.drifts, decision.why))
 
-    def _formulas(self, explained: Explanation, improved: Unseen, describer: Describer) -> tuple[DescribedFormula, ...]:
-        """What the catalogue does not hold, searched where its effects do not bring the error down to the noise."""
+    @property
+    def _expected_dph(self) -> float:
+        """The noise floor of the run [deg/h], where its white noise was found to differ from the isothermal run's."""
+        if self.layout.white is None:
+            return self.floor_dph
+        still = [np.diff(r.y)[np.diff(r.time_s) < 1.5 * self.layout.problem.interval_s] for r in self.layout.statics]
+        white = 0.5 * float(np.mean(np.concatenate(still) ** 2))
+        return float(np.sqrt(max(self.floor_dph**2 + white * (float(np.mean(self.layout.white)) - 1.0), 0.0)))
+
+    def _formulas(
+        self, explained: Explanation, improved: Unseen, describer: Describer
+    ) -> tuple[tuple[DescribedFormula, ...], bool]:
+        """What the catalogue does not hold, searched where its effects do not bring the error down to the noise.
+
+        Only what unseen data do not contradict; and whether the best explains more than the effects found.
+        """
         if explained.word == "missing_effect" and improved.shape_dph <= EXPLAINED_RATIO * self.floor_dph:
-            return ()
-        return describer.describe(self.layout, explained).formulas
+            return (), False
+        found = describer.describe(self.layout, explained)
+        kept = tuple(formula for formula in found.formulas if formula.proof.proved is not False)
+        return kept, bool(kept) and found.replaces and kept[0] is found.formulas[0]
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
         alarms = [f for f in explained.before.alarms if f.name != "noise"]

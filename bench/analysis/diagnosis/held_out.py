@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again
 from bench.analysis.fit.design import Bound, FitRows
 from bench.analysis.fit.solve import left_out_rms, solve
 from bench.analysis.thresholds import MOST_CONDITION
@@ -19,17 +20,25 @@ class Unseen:
     """Least squares at given nonlinear parameters, scored.
 
     `rms_dph` is on unseen rows, `shape_dph` about each check run's own mean (the turn-on bias is not part of the
-    model); `residuals` (n,) of each fitted run [deg/h]. `reason` says why there is nothing.
+    model); `residuals` (n,) of each fitted run [deg/h]; `left` is what a proof compares. `reason` says why there is
+    nothing.
     """
 
     rms_dph: float = np.nan
     shape_dph: float = np.nan
     residuals: tuple[FloatArray, ...] = ()
     reason: str = ""
+    left: LeftOut = field(default_factory=LeftOut)
 
 
-def unseen(rows: FitRows, theta: FloatArray, check: Sequence[Dataset]) -> Unseen:
-    """Score a model on the check runs or, without, on 20 contiguous blocks, each predicted from all others."""
+def unseen(
+    rows: FitRows, theta: FloatArray, check: Sequence[Dataset], own: int = 0, like: LeftOut | None = None
+) -> Unseen:
+    """Score a model on the check runs or, without, on 20 contiguous blocks, each predicted from all others.
+
+    `own` columns, the last ones, belong to the effect that is to be proved: it decides what can be left out. With
+    `like` the same is left out as there.
+    """
     try:
         bound, columns = rows.bind(theta)
         solution = solve(columns, rows.y, rows.weights)
@@ -39,21 +48,23 @@ def unseen(rows: FitRows, theta: FloatArray, check: Sequence[Dataset]) -> Unseen
         if not check:
             rms = left_out_rms(solution, rows.weights, rows.blocks())
             rms = rms if np.isfinite(rms) else np.nan
-            return Unseen(rms, rms, residuals)
+            return Unseen(rms, rms, residuals, left=left_out_of(rows, solution, own, like))
         left = [_residual(bound, record, solution.beta) for record in check]
     except InputError as error:
-        return Unseen(reason=str(error))
+        return Unseen(reason=str(error), left=LeftOut(reason=str(error)))
     weights = [record.count("rate") for record in check]
     centred = [r - _mean(r, w) for r, w in zip(left, weights, strict=True)]
-    return Unseen(_rms(left, weights), _rms(centred, weights), residuals)
+    visited = [r[m] for r, m in zip((x.channel("temperature") for x in rows.records), rows.masks, strict=True)]
+    proof = visited_again(np.concatenate(visited), check, left, weights)
+    return Unseen(_rms(left, weights), _rms(centred, weights), residuals, left=proof)
 
 
-def removed(before: Unseen, after: Unseen, floor_dph: float) -> float:
+def removed(before_dph: float, after_dph: float, floor_dph: float) -> float:
     """Share 0..1 of the excess variance over the floor that is gone; NaN where there was no excess or no number."""
-    excess = before.shape_dph**2 - floor_dph**2
-    if not excess > 0.0 or not np.isfinite(after.shape_dph):
+    excess = before_dph**2 - floor_dph**2
+    if not excess > 0.0 or not np.isfinite(after_dph):
         return np.nan
-    return float(np.clip((before.shape_dph**2 - after.shape_dph**2) / excess, 0.0, 1.0))
+    return float(np.clip((before_dph**2 - after_dph**2) / excess, 0.0, 1.0))
 
 
 def _residual(bound: Bound, record: Dataset, beta: FloatArray) -> FloatArray:

@@ -115,9 +115,14 @@ def _names(model: Model) -> set[str]:
     return {effect.name for effect in model.effects}
 
 
+def _walks(answer: Diagnosis) -> bool:
+    """Whether something was found to try; what only explains a part of an unknown misfit is not."""
+    return bool(answer.found) and (answer.verdict != "unknown_effect" or bool(answer.nearest))
+
+
 def _tried(answer: Diagnosis) -> list[Decision]:
     """The strongest effect found, or the first of its look-alikes that pays; every refusal is a step."""
-    if answer.verdict != "missing_effect":
+    if not _walks(answer):
         return []
     strongest = answer.found[0]
     wanted = [strongest, *(s for s in answer.suspects if s.effect in strongest.look_alikes)]
@@ -152,7 +157,7 @@ def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Decision:
 
 def _end(answer: Diagnosis, refused: bool) -> Decision:
     """Why the walk ends here."""
-    if answer.verdict == "missing_effect":
+    if _walks(answer):
         text = (
             "No further effect lowers the error on unseen data."
             if refused

@@ -9,7 +9,8 @@ import numpy as np
 
 from bench.analysis.diagnosis.answer import SuspectedEffect, Value
 from bench.analysis.diagnosis.evidence import Evidence, Suspect
-from bench.analysis.diagnosis.held_out import Unseen, removed, unseen
+from bench.analysis.diagnosis.held_out import removed, unseen
+from bench.analysis.diagnosis.proof import prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.base import Effect, options_of
@@ -47,7 +48,10 @@ class Ranking:
     def _scored(self, layout: Layout, evidence: Evidence, suspect: Suspect, found: bool) -> SuspectedEffect:
         effect = self.offer.effects[suspect.name]
         after = layout.adding(effect, suspect.theta)
-        before, scored = self._unseen(layout), self._unseen(after)
+        own = 0 if effect.moves_abscissa else len(suspect.amplitudes)
+        scored = unseen(after.rows, after.theta, self.check, own)
+        before = unseen(layout.rows, layout.theta, self.check, like=scored.left)
+        proof = prove(before.left, scored.left)
         return SuspectedEffect(
             effect=effect.name,
             options=options_of(effect),
@@ -56,7 +60,7 @@ class Ranking:
             chance=self.explained.first.chance(suspect.evidence),
             held_out_before_dph=before.rms_dph,
             held_out_rms_dph=scored.rms_dph,
-            removes=removed(before, scored, self.floor_dph),
+            removes=removed(proof.before_dph, proof.after_dph, self.floor_dph),
             parameters=_values(layout, effect, suspect),
             look_alikes=self._look_alikes(evidence, suspect),
             legs=tuple(_legs(layout, suspect.cumulative)),
@@ -64,10 +68,8 @@ class Ranking:
             theta=suspect.theta,
             shape=layout.rows.scatter(suspect.contribution),
             reason=scored.reason,
+            proof=proof,
         )
-
-    def _unseen(self, layout: Layout) -> Unseen:
-        return unseen(layout.rows, layout.theta, self.check)
 
     def _look_alikes(self, evidence: Evidence, suspect: Suspect) -> tuple[str, ...]:
         """Names within the tie of the best, if the suspect is within it, too, and the best beats chance."""

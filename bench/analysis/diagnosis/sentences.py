@@ -12,18 +12,20 @@ UNSEEN = "not to be seen here: the model takes it in"
 """Of an effect that the run would not show at any size."""
 
 
-def sentence(answer: Diagnosis, drifts: bool) -> str:
-    """What an engineer reads first."""
-    formulas = [formula_sentence(answer.formulas[0], answer.held_out_by)] if answer.formulas else []
-    return " ".join([_verdict(answer, drifts), *formulas])
+def sentence(answer: Diagnosis, drifts: bool, why: str = "") -> str:
+    """What an engineer reads first; `why` says why the verdict is not decided."""
+    formulas = [formula_sentence(answer.formulas[0])] if answer.formulas else []
+    return " ".join([_verdict(answer, drifts, why), *formulas])
 
 
-def _verdict(answer: Diagnosis, drifts: bool) -> str:
+def _verdict(answer: Diagnosis, drifts: bool, why: str) -> str:
     if answer.verdict == "adequate":
         noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
-        return f"This data shows no missing effect: the residual {_remains(answer)}.{noise}"
+        return f"This data shows no missing effect: the residual {_remains(answer)}.{noise}{_slow(answer)}"
     if answer.verdict == "missing_effect":
         return _missing(answer)
+    if answer.verdict == "undecided":
+        return _suspected(answer) if answer.found else _undecided(answer, why)
     return _unknown(answer, drifts)
 
 
@@ -35,51 +37,87 @@ def made_from(answer: Diagnosis) -> str:
 
 
 def _missing(answer: Diagnosis) -> str:
-    missing = answer.found
-    parts = [f"Missing: {listed([_named(suspect) for suspect in missing])}."]
-    bare = [suspect.effect for suspect in missing if not suspect.reason and not suspect.scored]
-    for suspect in missing:
-        parts += [] if suspect.effect in bare else [_proof(suspect, answer)]
-        if suspect.look_alikes:
-            parts.append(f"This data cannot tell {suspect.effect} from {' or '.join(suspect.look_alikes)}.")
-    if bare:
-        parts.append(f"No unseen data is left to prove {listed(bare)}: record a second run and give it as --check.")
-    if len(missing) > 1:
-        parts.append(
-            "Where several effects are missing, about four of five diagnoses name all of them: prove each one."
-        )
-    if answer.unexplained:
-        parts.append(f"A small misfit remains {_where(answer.unexplained[0])}.")
-    return " ".join(parts)
+    named = answer.named
+    doubtful = [suspect for suspect in answer.found if suspect not in named]
+    parts = [f"Missing: {listed([_named(suspect) for suspect in named])}."]
+    for suspect in named:
+        parts += [_proof(suspect), *_alike(suspect)]
+    for suspect in doubtful:
+        parts += [f"Suspected, not proved: {_named(suspect)}; {suspect.proof.words}.", *_alike(suspect)]
+    return " ".join([*parts, *_further(answer)])
 
 
-def _proof(suspect: SuspectedEffect, answer: Diagnosis) -> str:
-    """How the error changes on data that the fit did not see."""
-    before, after = suspect.held_out_before_dph, suspect.held_out_rms_dph
-    if suspect.reason:
-        return f"Adding {suspect.effect} was not possible: {suspect.reason}."
-    unseen = "the check run" if answer.held_out_by == "check" else "blocks left out"
-    if after >= before:
-        return (
-            f"This is not proved: with {suspect.effect} the error on {unseen} changes from {number(before)} to "
-            f"{number(after)} deg/h; record another run before adding it."
-        )
+def _suspected(answer: Diagnosis) -> str:
+    """Effects that the evidence names and unseen data do not prove."""
+    parts = [f"Suspected, not proved: {listed([_named(suspect) for suspect in answer.found])}."]
+    for suspect in answer.found:
+        words = f"adding it was not possible: {suspect.reason}" if suspect.reason else suspect.proof.words
+        parts += [f"{_capital(suspect.effect)}: {words}.", *_alike(suspect)]
+    parts.append("Record another run and give it as --check before adding anything.")
+    return " ".join([*parts, *_further(answer)])
+
+
+def _alike(suspect: SuspectedEffect) -> list[str]:
+    alike = suspect.look_alikes
+    return [f"This data cannot tell {suspect.effect} from {' or '.join(alike)}."] if alike else []
+
+
+def _further(answer: Diagnosis) -> list[str]:
+    several = "Where several effects are missing, about four of five diagnoses name all of them: prove each one."
+    rest = [f"A small misfit remains {_where(place)}." for place in answer.unexplained[:1]]
+    return [*([several] if len(answer.found) > 1 else []), *rest]
+
+
+def _proof(suspect: SuspectedEffect) -> str:
+    """How the error falls on data that the fit did not see."""
+    proof = suspect.proof
     share = f", {100 * suspect.removes:.0f} % of the excess variance" if np.isfinite(suspect.removes) else ""
     return (
-        f"Adding {suspect.effect} lowers the error on {unseen} from {number(before)} to {number(after)} deg/h{share}."
+        f"Adding {suspect.effect} lowers the error on {proof.unseen} from {number(proof.before_dph)} to "
+        f"{number(proof.after_dph)} deg/h{share}."
     )
+
+
+def _undecided(answer: Diagnosis, why: str) -> str:
+    """What remains may be a slow cause, or the noise."""
+    ask = "record an isothermal run and give it as --static" if not answer.static else "record the run that is proposed"
+    return (
+        f"A slow cause or the noise: this run cannot tell. The residual ({number(answer.rms_dph)} deg/h RMS, noise "
+        f"floor {number(answer.floor_dph)}) fits no effect of the catalogue, and {why}: {ask}."
+    )
+
+
+def _slow(answer: Diagnosis) -> str:
+    """What an adequate verdict cannot say without an isothermal run."""
+    if answer.static:
+        return ""
+    return " A slow cause that no channel records cannot be told from the noise without an isothermal run (--static)."
 
 
 def _unknown(answer: Diagnosis, drifts: bool) -> str:
     rest = answer.unexplained
     if drifts and not rest:
         return f"The model lacks something that the catalogue does not explain: {answer.noise_finding}."
-    text = f"The model lacks something that no effect of the catalogue explains: a misfit {_where(rest[0])}."
+    if answer.nearest:
+        return _nearest(answer)
+    place = f": a misfit {_where(rest[0])}" if rest else ""
+    text = f"The model lacks something that no effect of the catalogue explains{place}."
     if answer.found:
         text += f" {answer.found[0].effect} explains a part of it."
     elif answer.suspects:
         text += f" The nearest effect of the catalogue is {answer.suspects[0].effect}, no better than chance."
     return text
+
+
+def _nearest(answer: Diagnosis) -> str:
+    """The catalogue's best entry leaves much more than the noise on unseen data."""
+    name, proof = listed([_named(suspect) for suspect in answer.found]), answer.found[0].proof
+    times = [f"{number(error / answer.floor_dph, 2)}" for error in (proof.before_dph, proof.after_dph)]
+    return (
+        f"The model lacks something that no effect of the catalogue explains. The nearest entry of the catalogue is "
+        f"{name}: with it the error on {proof.unseen} changes from {times[0]} to {times[1]} x the noise floor, so it "
+        "behaves like that and is something else, or not all."
+    )
 
 
 def _named(suspect: SuspectedEffect) -> str:

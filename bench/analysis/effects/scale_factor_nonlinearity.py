@@ -10,8 +10,9 @@ Separated by: several rates of both signs at one temperature.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -52,8 +53,8 @@ class ScaleFactorNonlinearity(Effect):
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Bias per coefficient (n, k) [deg/h]."""
-        rate = record.channel("applied_rate")
-        return np.column_stack([1e-6 * DPH_PER_DPS * rate**power for power in self._powers])
+        powers = (record.mean_of(partial(_power, power), "applied_rate") for power in self._powers)
+        return np.column_stack([1e-6 * DPH_PER_DPS * each for each in powers])
 
     @property
     def amplitudes(self) -> tuple[tuple[str, str], ...]:
@@ -63,3 +64,7 @@ class ScaleFactorNonlinearity(Effect):
     @property
     def _powers(self) -> range:
         return range(1 if self.constant else 2, self.order + 1)
+
+
+def _power(power: int, channels: Mapping[str, FloatArray]) -> FloatArray:
+    return np.asarray(channels["applied_rate"] ** power)

@@ -10,8 +10,9 @@ Separated by: plus and minus the same rate at each temperature: the odd part is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -53,9 +54,8 @@ class ScaleFactorTemperature(Effect):
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Bias per ppm (n, k) [deg/h]."""
-        per_ppm = 1e-6 * DPH_PER_DPS * record.channel("applied_rate")
-        warmer = record.channel("temperature") - REFERENCE_DEGC
-        return np.column_stack([per_ppm * warmer**power for power in self._powers])
+        products = (record.mean_of(partial(_product, power), "applied_rate", "temperature") for power in self._powers)
+        return np.column_stack([1e-6 * DPH_PER_DPS * each for each in products])
 
     @property
     def amplitudes(self) -> tuple[tuple[str, str], ...]:
@@ -69,3 +69,7 @@ class ScaleFactorTemperature(Effect):
     @property
     def _powers(self) -> range:
         return range(0 if self.constant else 1, self.order + 1)
+
+
+def _product(power: int, channels: Mapping[str, FloatArray]) -> FloatArray:
+    return np.asarray(channels["applied_rate"] * (channels["temperature"] - REFERENCE_DEGC) ** power)

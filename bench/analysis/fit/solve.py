@@ -121,18 +121,24 @@ def left_out_rms(solution: Solution, weights: FloatArray, blocks: IntArray) -> f
 
     The residual of a left-out block is (I - Q_b Q_b')^-1 r_b (exact for fixed columns).
     """
-    if not np.isfinite(solution.condition):
+    residual = left_out(solution, weights, blocks)
+    if not np.all(np.isfinite(residual)):
         return np.inf
+    return float(np.sqrt(np.sum(weights * residual**2) / np.sum(weights)))
+
+
+def left_out(solution: Solution, weights: FloatArray, blocks: IntArray) -> FloatArray:
+    """Residual (n,) of the rows of each block predicted from all others; NaN in blocks that are indispensable."""
+    residual = np.full(len(blocks), np.nan)
+    if not np.isfinite(solution.condition):
+        return residual
     root = np.sqrt(weights)
-    total = 0.0
     for block in np.unique(blocks):
         rows = blocks == block
         q, r = solution.q[rows], solution.residual[rows] * root[rows]
-        left = np.eye(len(r)) - q @ q.T
-        if scipy.linalg.svdvals(np.eye(q.shape[1]) - q.T @ q)[-1] < 1e-9:
-            return np.inf
-        total += float(np.sum(np.linalg.solve(left, r) ** 2))
-    return float(np.sqrt(total / np.sum(weights)))
+        if scipy.linalg.svdvals(np.eye(q.shape[1]) - q.T @ q)[-1] >= 1e-9:
+            residual[rows] = np.linalg.solve(np.eye(len(r)) - q @ q.T, r) / root[rows]
+    return residual
 
 
 Objective = Callable[[FloatArray], FloatArray]

@@ -23,7 +23,7 @@ from bench.base import CHANNELS, FloatArray, InputError
 from bench.record import CalibrationRecord, Dataset, Manifest, Scaled, StoredFit, load
 
 _SAME = 1e-6
-_PROVEN = {"adequate", "missing_effect", "unknown_effect", "model_error"}
+_PROVEN = {"adequate", "missing_effect", "unknown_effect", "undecided", "model_error"}
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,13 +13,16 @@ from bench.analysis.judging.diagnosed import Diagnosed
 from bench.analysis.thresholds import ADEQUATE_RATIO
 from bench.base import clock, listed, number
 
-Word = Literal["adequate", "missing_effect", "unknown_effect", "model_error", "unproven", "partial", "no_data"]
+Word = Literal[
+    "adequate", "missing_effect", "unknown_effect", "undecided", "model_error", "unproven", "partial", "no_data"
+]
 """Words of the diagnosis; `model_error` without a diagnosis; the others where nothing is proven."""
 
 _HEADLINES: dict[Word, str] = {
     "adequate": "Adequate",
     "missing_effect": "An effect is missing",
     "unknown_effect": "An unknown effect is missing",
+    "undecided": "Not decided",
     "model_error": "The model leaves an error",
     "unproven": "Not proven",
     "partial": "Partial run",
@@ -29,6 +32,7 @@ _TONES: dict[Word, str] = {
     "adequate": "good",
     "missing_effect": "warn",
     "unknown_effect": "warn",
+    "undecided": "warn",
     "model_error": "warn",
     "unproven": "warn",
     "partial": "bad",
@@ -77,27 +81,32 @@ def with_diagnosis(verdict: RunVerdict, diagnosed: Diagnosed, floor_dph: float) 
     answer = diagnosed.answer
     if answer is None:
         return verdict
-    missing = tuple(suspect.effect for suspect in answer.found)
+    missing = tuple(suspect.effect for suspect in answer.named)
     name = answer.model.name
     steps = [rung.held_out_dph for rung in diagnosed.rungs if not rung.rival]
-    if missing and len(steps) > 1 and steps[-1] >= steps[0]:  # false where either is not known
-        finding = (
-            f"{name} may lack {listed(missing)}, which unseen data do not bear out: the error there goes from "
-            f"{number(steps[0])} to {number(steps[-1])} deg/h"
-        )
-        return replace(verdict, sentence=f"{verdict.sentence.removesuffix('.')}; {finding}.")
     if answer.verdict == "adequate":
         finding = f"{name} lacks no effect that this run could show"
     elif answer.verdict == "unknown_effect":
         finding = f"{name} lacks something that no effect of the catalogue explains"
+    elif answer.verdict == "undecided":
+        finding = _undecided(name, tuple(suspect.effect for suspect in answer.found), steps)
     else:
-        ratio = [rung for rung in diagnosed.rungs if not rung.rival][-1].held_out_dph / floor_dph
+        ratio = steps[len(missing)] / floor_dph if len(steps) > len(missing) else np.nan
         them = "it" if len(missing) == 1 else "them"
         leaves = f"; adding {them} would leave {number(ratio, 2)} ×" if np.isfinite(ratio) else ""
         finding = f"{name} lacks {listed(missing)}{leaves}"
-    kept = verdict.word in {"partial", "no_data"} or (verdict.word == "unproven" and answer.verdict == "adequate")
+    unproven = verdict.word == "unproven" and answer.verdict in {"adequate", "undecided"}
+    kept = verdict.word in {"partial", "no_data"} or unproven
     sentence = f"{verdict.sentence.removesuffix('.')}; {finding}."
     return replace(verdict, word=verdict.word if kept else answer.verdict, sentence=sentence, missing=missing)
+
+
+def _undecided(name: str, suspected: tuple[str, ...], steps: list[float]) -> str:
+    """A suspicion that unseen data do not bear out, or a slow cause that looks like the noise."""
+    if not suspected:
+        return f"{name} leaves a slow cause or the noise: this run cannot tell"
+    change = f": the error there goes from {number(steps[0])} to {number(steps[-1])} deg/h" if len(steps) > 1 else ""
+    return f"{name} may lack {listed(suspected)}, which unseen data do not bear out{change}"
 
 
 def _model(best: Score, floor_dph: float) -> tuple[str, Word]:

@@ -10,6 +10,8 @@ from bench.commands.calibration.job import Case
 from bench.commands.calibration.plan import Action, Policy
 from bench.record import DiagnosisRecord
 
+_DOUBTED = {"missing_effect", "unknown_effect", "undecided"}
+
 
 @dataclass(frozen=True)
 class Doubt:
@@ -23,10 +25,8 @@ def doubts(diagnosis: DiagnosisRecord | None, reason: str, added: Sequence[Mappi
     """Doubts of diagnosis.json (None and a `reason` without one), and of effects `added` to the model on the way."""
     if diagnosis is None:
         yield Doubt("undiagnosed", f"not diagnosed: {reason or 'no diagnosis was made'}")
-    elif diagnosis.verdict == "unknown_effect":
-        yield Doubt("unknown_effect", diagnosis.sentence)
-    elif diagnosis.verdict == "missing_effect":
-        yield Doubt("missing_effect", diagnosis.sentence)
+    elif diagnosis.verdict in _DOUBTED:
+        yield Doubt(diagnosis.verdict, diagnosis.sentence)
     missing = [] if diagnosis is None else [suspect for suspect in diagnosis.suspects if suspect.found]
     yield from (_tie("is missing", s.effect, s.look_alikes) for s in missing if s.look_alikes)
     yield from (_tie("was added", str(e["effect"]), e["look_alikes"]) for e in added if e["look_alikes"])

@@ -23,6 +23,8 @@ class Policy(BaseModel):
     """The diagnosis names an effect that the delivered model lacks."""
     unknown_effect: Action = "hold"
     """Something is left that no effect of the library explains."""
+    undecided: Action = "hold"
+    """An effect is suspected and not proved, or a slow cause cannot be told from the noise."""
     tie: Action = "hold"
     """Several effects explain these data equally well, and one of them is in the model or missing."""
     undiagnosed: Action = "hold"

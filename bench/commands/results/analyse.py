@@ -17,7 +17,16 @@ if TYPE_CHECKING:
     from bench.mystery import Score
 
 
-WORST_FIRST = ("no_data", "partial", "unproven", "model_error", "unknown_effect", "missing_effect", "adequate")
+WORST_FIRST = (
+    "no_data",
+    "partial",
+    "unproven",
+    "model_error",
+    "unknown_effect",
+    "missing_effect",
+    "undecided",
+    "adequate",
+)
 """Verdicts of an analysis."""
 
 

@@ -37,6 +37,8 @@ class StoredSuspect(Stored):
     look_alikes: tuple[str, ...] = ()
     legs: tuple[dict[str, Any], ...] = ()
     reason: str = ""
+    proved: bool | None = None
+    proof: dict[str, Any] | None = None
 
 
 class DiagnosisRecord(Record):
@@ -50,6 +52,8 @@ class DiagnosisRecord(Record):
     """Where one is kept that knew more runs than its successor."""
 
     verdict: str
+    proved: bool | None = None
+    nearest: str | None = None
     sentence: str = ""
     runs: tuple[str, ...] = ()
     check: tuple[str, ...] = ()

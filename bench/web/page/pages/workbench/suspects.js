@@ -3,11 +3,12 @@ import { html, t, useState, measured, number } from "./parts.js";
 import { effectWord } from "./effects.js";
 
 const SHOWN = 4;
-const TONES = { adequate: "good", missing_effect: "warn", unknown_effect: "bad" };
+const TONES = { adequate: "good", missing_effect: "warn", unknown_effect: "bad", undecided: "warn" };
 const VERDICTS = () => ({
   adequate: t("workbench.verdict.adequate"),
   missing_effect: t("workbench.verdict.missing_effect"),
   unknown_effect: t("workbench.verdict.unknown_effect"),
+  undecided: t("workbench.verdict.undecided"),
 });
 
 /** Evidence as a bar with a mark at the threshold. */

@@ -1,0 +1,51 @@
+"""The word of a verdict: what the probes and the evidence say, as far as unseen data bear it out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+from bench.analysis.diagnosis.answer import SuspectedEffect, VerdictWord
+from bench.analysis.diagnosis.held_out import Unseen
+from bench.analysis.diagnosis.verdict import Explanation
+from bench.analysis.thresholds import ADEQUATE_RATIO, NEAREST_RATIO
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Word of the verdict, whether unseen data bear it out, and why it is not decided (empty where it is)."""
+
+    word: VerdictWord
+    proved: bool | None
+    why: str = ""
+    nearest: str = ""
+    """Effect that lowers the error and leaves much more than the noise: like the cause, and not the cause."""
+
+
+def decide(
+    explained: Explanation,
+    suspects: Sequence[SuspectedEffect],
+    base: Unseen,
+    improved: Unseen,
+    floor_dph: float,
+    slow: str,
+) -> Decision:
+    """The verdict; `slow` says what the residual shows at noise that is not free to swallow it, empty for nothing."""
+    found = [suspect for suspect in suspects if suspect.found]
+    proofs = [suspect.proved for suspect in found]
+    some = None if not any(proved is not None for proved in proofs) else any(proofs)
+    if explained.word == "unknown_effect":
+        return Decision("unknown_effect", False if found and some is not None else None)
+    if not found:
+        ratio = (base.left.rms_dph if base.left.by == "check" else base.rms_dph) / floor_dph
+        if ratio > ADEQUATE_RATIO:
+            slow = slow or f"the error on unseen data is {ratio:.2g} x the noise floor"
+        if slow:
+            return Decision("undecided", False, slow)
+        return Decision("adequate", True if isfinite(ratio) else None)
+    if some:
+        if base.left.by == "check" and improved.left.rms_dph / floor_dph > NEAREST_RATIO:
+            return Decision("unknown_effect", False, nearest=found[0].effect)
+        return Decision("missing_effect", True)
+    return Decision("undecided", some)

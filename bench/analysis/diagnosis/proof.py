@@ -1,0 +1,234 @@
+"""Whether unseen data prove an effect: the error there falls with it, by enough, and by more than noise could do.
+
+Unseen are the check runs, each about its own mean (the turn-on bias is not part of the model), or whole legs of the
+runs left out in turn, a leg being all rows between two turning points of the temperature. A leg without which nothing
+determines the effect cannot judge it: the legs are then cut, and their parts left out.
+
+With residuals r0 without and r1 with the effect and c = r0 - r1, the square sum falls by D = sum(c (c + 2 r1)). What
+noise does to it has the variance 4 sum_ij c_i c_j gamma(i - j), gamma the autocovariance of r1, tapered: the comparison
+of Diebold and Mariano, J. Bus. Econ. Stat. 13 (1995) 253, with the difference's known factor c kept fixed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.fit.design import FitRows
+from bench.analysis.fit.solve import Solution, left_out
+from bench.analysis.thresholds import PROVED_DEVIATIONS, PROVED_FALL
+from bench.base import BoolArray, FloatArray, IntArray, finite, number
+from bench.record import Dataset
+
+_SWING = 0.1  # of the range of temperature: what turns back by more ends a leg
+_LEAST_LEGS = 3
+_PARTS = 4  # of each leg, where a whole leg cannot be left out,
+_LEAST_PARTS = 12  # … and of all legs together
+_LEAST_SHARE = 0.1  # of the knowledge of an effect that must be left when a group is left out
+_LONGEST_LAG = 0.1  # of the rows: correlation beyond is not told from chance
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Residuals (n,) of rows that the fit did not see [deg/h], NaN where nothing is predicted, and what was left out.
+
+    `weights` (n,) are the rows'; `reason` says why there is nothing.
+    """
+
+    by: str = ""
+    residual: FloatArray | None = None
+    weights: FloatArray | None = None
+    reason: str = ""
+    label: IntArray | None = None
+    """Group (n,) that each row was left out with; None: check runs."""
+
+    @property
+    def rms_dph(self) -> float:
+        """RMS of what is predicted [deg/h]."""
+        if self.residual is None or self.weights is None or not np.any(known := np.isfinite(self.residual)):
+            return np.nan
+        return float(np.sqrt(np.average(self.residual[known] ** 2, weights=self.weights[known])))
+
+
+@dataclass(frozen=True)
+class Proof:
+    """The error on unseen data [deg/h] without and with an effect, and its fall in standard deviations of chance."""
+
+    by: str = ""
+    before_dph: float = np.nan
+    after_dph: float = np.nan
+    deviations: float = np.nan
+    reason: str = ""
+    """Why no unseen data could judge it."""
+
+    @property
+    def fall(self) -> float:
+        """Relative fall of the error; negative where it rises."""
+        return 1.0 - self.after_dph / self.before_dph
+
+    @property
+    def proved(self) -> bool | None:
+        """Whether the error falls by enough and significantly; None where no unseen data could judge it."""
+        if not isfinite(self.fall) or not isfinite(self.deviations):
+            return None
+        return bool(self.fall >= PROVED_FALL and self.deviations >= PROVED_DEVIATIONS)
+
+    @property
+    def unseen(self) -> str:
+        """The unseen data, in words."""
+        return _UNSEEN.get(self.by, "unseen data")
+
+    @property
+    def words(self) -> str:
+        """The change of the error, and what it lacks of a proof."""
+        if self.proved is None:
+            return f"no unseen data can judge it: {self.reason or 'no error on unseen data is known'}"
+        change = f"the error on {self.unseen} changes from {number(self.before_dph)} to {number(self.after_dph)} deg/h"
+        if self.proved:
+            return change
+        if self.fall < PROVED_FALL:
+            return f"{change}, a fall of {100 * PROVED_FALL:.0f} % is needed"
+        return f"{change}, which noise alone could do ({self.deviations:.1f} standard deviations)"
+
+    def to_json(self) -> dict[str, Any]:
+        """The `proof` of a suspect."""
+        return {
+            "by": self.by or None,
+            "before_dph": finite(self.before_dph),
+            "after_dph": finite(self.after_dph),
+            "deviations": finite(self.deviations),
+            "reason": self.reason,
+        }
+
+
+_UNSEEN = {"check": "the check run", "legs": "legs left out", "parts of legs": "parts of legs left out"}
+
+
+def prove(before: LeftOut, after: LeftOut) -> Proof:
+    """The proof of what `after` has beside `before`, on the same rows."""
+    if after.residual is None or before.residual is None or after.weights is None:
+        return Proof(reason=after.reason or before.reason)
+    known = np.isfinite(before.residual) & np.isfinite(after.residual) & (after.weights > 0.0)
+    r0, r1 = before.residual[known], after.residual[known]
+    root = np.sqrt(after.weights[known])
+    if r0.size < 3:
+        return Proof(after.by, reason="too few rows are left to compare")
+    total = float(np.sum(root**2))
+    moved, left = root * (r0 - r1), root * r1
+    fall = float(np.sum((root * r0) ** 2) - np.sum(left**2))
+    chance = 2.0 * float(np.sqrt(_spread(moved, left)))
+    first, last = (float(np.sqrt(np.sum((root * r) ** 2) / total)) for r in (r0, r1))
+    return Proof(after.by, first, last, fall / chance if chance > 0.0 else 0.0)
+
+
+def _spread(moved: FloatArray, left: FloatArray) -> float:
+    """Variance of sum(moved * noise): sum over lags of both autocovariances, tapered, at least that without lags."""
+    size = len(moved)
+    length = 2 * size
+    own, noise = (np.fft.irfft(np.abs(np.fft.rfft(x, length)) ** 2, length)[:size] for x in (moved, left))
+    longest = max(1, round(_LONGEST_LAG * size))
+    taper = 1.0 - np.arange(longest) / longest
+    both = taper * own[:longest] * noise[:longest] / size
+    return float(max(both[0] + 2.0 * both[1:].sum(), both[0]))
+
+
+def legs(rows: FitRows) -> IntArray:
+    """Leg (rows,) of each row to fit: from one turning point of the temperature to the next, none across two runs."""
+    labels, used = [], 0
+    for record, mask in zip(rows.records, rows.masks, strict=True):
+        own = _legs(record)[mask]
+        labels.append(used + own)
+        used += int(own.max(initial=-1)) + 1
+    return np.unique(np.concatenate(labels), return_inverse=True)[1].astype(np.int64)
+
+
+def _legs(record: Dataset) -> IntArray:
+    temperature = record.channel("temperature")
+    swing = max(_SWING * float(np.nanmax(temperature) - np.nanmin(temperature)), 1.0)
+    turns, begin, sign = [], 0, 0
+    extreme = temperature[0]
+    for row, value in enumerate(temperature.tolist()):
+        if not isfinite(value):
+            continue
+        if not isfinite(extreme) or ((value - extreme) * sign >= 0.0 and sign):
+            extreme, begin = value, row
+        elif abs(value - extreme) > swing:
+            turns += [begin] if sign else []
+            sign = 1 if value > extreme else -1
+            extreme, begin = value, row
+    label = np.zeros(len(record), dtype=np.int64)
+    label[turns] = 1
+    return np.asarray(np.cumsum(label))
+
+
+def parts(label: IntArray, count: int = _PARTS) -> IntArray:
+    """Each leg cut into equal contiguous parts."""
+    cut = np.zeros_like(label)
+    for leg in np.unique(label):
+        own = np.flatnonzero(label == leg)
+        cut[own] = count * leg + np.arange(own.size) * count // max(own.size, 1)
+    return cut
+
+
+def visited_again(
+    fitted: FloatArray, check: Sequence[Dataset], left: Sequence[FloatArray], weights: Sequence[FloatArray]
+) -> LeftOut:
+    """Residuals `left` (n,) of check runs, each about its own mean, where they are at temperatures that were fitted."""
+    low, high = float(np.min(fitted)), float(np.max(fitted))
+    residuals = []
+    for record, residual, weight in zip(check, left, weights, strict=True):
+        temperature = record.channel("temperature")
+        inside = np.isfinite(residual) & (temperature >= low) & (temperature <= high)
+        if not np.any(inside):
+            return LeftOut(reason=f"{record.name} is at no temperature that was fitted")
+        residuals.append(np.where(inside, residual - np.average(residual[inside], weights=weight[inside]), np.nan))
+    return LeftOut("check", np.concatenate(residuals), np.concatenate(weights))
+
+
+def left_out_of(rows: FitRows, solution: Solution, own: int = 0, like: LeftOut | None = None) -> LeftOut:
+    """Whole legs left out of a solution, or their parts where the last `own` columns need each of the legs.
+
+    With `like` the same groups as there.
+    """
+    for by, label in _groups(rows) if like is None or like.label is None else [(like.by, like.label)]:
+        if _share(solution, label, own) >= _LEAST_SHARE:
+            residual = left_out(solution, rows.weights, label)
+            return LeftOut(by, np.where(_within(rows, label), residual, np.nan), rows.weights, label=label)
+    return LeftOut(reason="a single part of the run determines it")
+
+
+def _groups(rows: FitRows) -> list[tuple[str, IntArray]]:
+    """What may be left out in turn, whole legs first."""
+    whole = legs(rows)
+    many = int(whole.max(initial=0)) + 1
+    cut = parts(whole, max(_PARTS, -(-_LEAST_PARTS // many)))
+    return [*([("legs", whole)] if many >= _LEAST_LEGS else []), ("parts of legs", cut)]
+
+
+def _share(solution: Solution, label: IntArray, own: int) -> float:
+    """Least share of what is known of the last `own` coefficients that is left when one group is left out."""
+    if not own:
+        return 1.0
+    size, least = solution.q.shape[1], 1.0
+    for group in np.unique(label):
+        q = solution.q[label == group]
+        values, vectors = np.linalg.eigh(np.eye(size) - q.T @ q)
+        inverse = (vectors[-own:] ** 2 / np.maximum(values, 1e-12)).sum(axis=1)
+        least = min(least, float(1.0 / inverse.max()))
+    return least
+
+
+def _within(rows: FitRows, label: IntArray) -> BoolArray:
+    """Rows (rows,) whose temperature lies within the range of the rows of all other groups: nothing is extrapolated."""
+    pairs = zip(rows.records, rows.masks, strict=True)
+    temperature = np.concatenate([record.channel("temperature")[mask] for record, mask in pairs])
+    inside = np.zeros(len(label), dtype=bool)
+    for group in np.unique(label):
+        out = label == group
+        rest = temperature[~out]
+        inside[out] = (temperature[out] >= rest.min()) & (temperature[out] <= rest.max()) if rest.size else False
+    return inside
