@@ -249,7 +249,7 @@ def quadrature_by_gradient(run: Dataset, size: float) -> FloatArray:
 
 def turned(run: Dataset, size: float) -> FloatArray:
     """The fixture slips to another direction: the Earth's rate along the axis changes within a minute."""
-    return size * np.clip((run.time - 0.55 * run.time[-1]) / 60.0, 0.0, 1.0)
+    return np.asarray(size * np.clip((run.time - 0.55 * run.time[-1]) / 60.0, 0.0, 1.0))
 
 
 def gradient(run: Dataset, size: float) -> FloatArray:
