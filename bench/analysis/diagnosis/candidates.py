@@ -25,8 +25,9 @@ class Candidate:
     """One effect that may be missing.
 
     `columns(theta)` are the columns (n, k) that it adds to the base, or for an "abscissa" the columns (n, p) that
-    replace the base's, one by one. `change_point` costs one count more. `effect` is the effect that the candidate is a
-    shape of, by default its own name.
+    replace the base's, one by one. `change_point` costs one count more, `rarity` as many as it says. `effect` is the
+    effect that the candidate is a shape of, by default its own name. `shift(theta)` (n, 1) is what a moved abscissa
+    changes in the fitted curve, the curve held: the grid is then scanned with it, a tenth of the work.
     """
 
     name: str
@@ -38,6 +39,8 @@ class Candidate:
     points: int | None = None
     tried: tuple[Theta, ...] | None = None
     """The grid where it is not one of evenly spaced points."""
+    rarity: float = 0.0
+    shift: Callable[[Theta], FloatArray] | None = field(default=None, repr=False)
 
     def grid(self) -> list[Theta]:
         """Parameters to try, the same number of steps to each; one empty tuple where there are none."""
@@ -49,10 +52,10 @@ class Candidate:
         axes = [from_unit(parameter, np.linspace(0.0, 1.0, self.points or usual)) for parameter in self.parameters]
         return [tuple(map(float, theta)) for theta in product(*axes)]
 
-    def paid(self, base_columns: int, columns: int) -> int:
+    def paid(self, base_columns: int, columns: int) -> float:
         """Parameters counted by the evidence for this many base columns and columns of its own."""
-        linear = columns - base_columns if self.kind == "abscissa" else columns
-        return linear + len(self.parameters) + int(self.change_point)
+        linear = columns if self.kind == "term" else 0 if self.shift else columns - base_columns
+        return linear + len(self.parameters) + int(self.change_point) + self.rarity
 
 
 def from_unit(parameter: Parameter, at: FloatArray) -> FloatArray:
@@ -120,5 +123,5 @@ def outside(basis: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def library(candidates: Sequence[Candidate]) -> list[tuple[int, Theta, FloatArray]]:
-    """Every candidate at every point of its grid: (candidate, parameters, columns)."""
-    return [(i, theta, c.columns(theta)) for i, c in enumerate(candidates) for theta in c.grid()]
+    """Every candidate at every point of its grid: (candidate, parameters, columns or their shift)."""
+    return [(i, theta, (c.shift or c.columns)(theta)) for i, c in enumerate(candidates) for theta in c.grid()]

@@ -49,6 +49,8 @@ class Suspect:
     amplitudes: FloatArray
     deviations: FloatArray
     excited: bool
+    charged: float
+    """What the evidence was charged for a rare cause: without it, causes that fit equally are equal."""
     point: Point
     ratios: Ratios
     sigma2: float
@@ -132,7 +134,7 @@ class _Weighing:
 
     def suspects(self) -> list[Suspect]:
         """Every candidate refined, the most promising first; one that cannot come near the best is refined coarsely."""
-        order = sorted(self._scan(), key=lambda each: -each.rough)
+        order = _foremost(sorted(self._scan(), key=lambda each: -each.rough))
         several = [order[: self.workers], order[self.workers :]]
         parts = several if self.workers > 1 else [[each] for each in order]
         suspects: list[Suspect] = []
@@ -180,6 +182,16 @@ class _Weighing:
         return np.asarray(evidence.max(axis=0))
 
 
+def _foremost(order: Sequence[_Scanned]) -> list[_Scanned]:
+    """Of each effect the most promising shapes: two, or one where shapes are the signs of a moved abscissa."""
+    kept: list[_Scanned] = []
+    for each in order:
+        others = sum(e.candidate.effect == each.candidate.effect != "" for e in kept)
+        if others < (1 if each.candidate.shift else 2):
+            kept.append(each)
+    return kept
+
+
 def _least(suspects: Sequence[Suspect]) -> float:
     """Evidence that a candidate has to come near to, beside those judged so far."""
     return max([0.0, *(s.evidence for s in suspects)]) - TIE
@@ -210,6 +222,7 @@ def _suspect(refiner: Refiner, scanned: _Scanned, theta: Theta, point: Point, ev
         amplitudes=fit.beta[first:],
         deviations=refiner.deviations(candidate, theta, fit.beta, point)[first : columns.shape[1]],
         excited=scanned.excited,
+        charged=candidate.rarity * float(np.log(len(problem.y))),
         point=point,
         ratios=refiner.lattice.ratios(point),
         sigma2=sigma2,

@@ -76,7 +76,7 @@ class Ranking:
         ranked = _each_once(evidence)
         if not ranked or ranked[0].evidence <= self.explained.threshold:
             return ()
-        tied = [s.effect for s in ranked if s.evidence >= ranked[0].evidence - TIE]
+        tied = [s.effect for s in ranked if s.evidence + s.charged >= ranked[0].evidence - TIE]
         own = suspect.effect
         return tuple(name for name in tied if name != own) if own in tied else ()
 

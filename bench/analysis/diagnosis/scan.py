@@ -21,6 +21,9 @@ from bench.base import FloatArray, IntArray
 DEPENDENT = 1e-9
 """A column with less than this share of its variance outside the base counts as part of the base."""
 
+_ADDS, _SHIFTS, _REPLACES = "adds", "shifts", "replaces"
+"""What the columns of an entry do with the base: stand beside it, change its curve as they are, or replace it."""
+
 
 @dataclass(frozen=True)
 class Scan:
@@ -44,13 +47,13 @@ class Library:
         self.problem = problem
         self.entries = tuple((index, theta) for index, theta, _ in listed)
         self.widths = np.array([columns.shape[1] for _, _, columns in listed], dtype=np.int64)
-        replaces = np.array([candidates[index].kind == "abscissa" for index, _, _ in listed], dtype=bool)
-        self._stacks: list[tuple[IntArray, bool, int, FloatArray]] = []
-        for replacing in (False, True):
-            for width in np.unique(self.widths[replaces == replacing]):
-                which = np.flatnonzero((self.widths == width) & (replaces == replacing)).astype(np.int64)
+        uses = np.array([_use(candidates[index]) for index, _, _ in listed])
+        self._stacks: list[tuple[IntArray, str, int, FloatArray]] = []
+        for use in (_ADDS, _SHIFTS, _REPLACES):
+            for width in np.unique(self.widths[uses == use]):
+                which = np.flatnonzero((self.widths == width) & (uses == use)).astype(np.int64)
                 stacked = np.column_stack([listed[i][2] for i in which])
-                self._stacks.append((which, replacing, int(width), stacked))
+                self._stacks.append((which, use, int(width), stacked))
 
     def paid(self, candidates: Sequence[Candidate]) -> FloatArray:
         """What the parameters of every entry cost in evidence (entries,)."""
@@ -111,20 +114,31 @@ class Library:
         rss0 = np.einsum("ij,ij->j", residual, residual)
         power = np.einsum("ij,ij->j", white, white)
         rss = np.empty((len(self.entries), run.shape[1]))
-        for which, replacing, width, stacked in self._stacks:
+        for which, use, width, stacked in self._stacks:
             columns = way.apply(stacked)
-            if replacing:
+            if use == _REPLACES:
                 gain = _explained(columns, width, white)
                 rss[which] = np.maximum(power - gain, 0.0)
                 excited[which] = 1.0
                 continue
             before = np.einsum("ij,ij->j", columns, columns)
             columns = outside(q, columns)
+            if use == _SHIFTS:
+                own = np.einsum("ij,ij->j", columns, columns)
+                rss[which] = np.maximum(rss0 - 2.0 * (columns.T @ residual) + own[:, None], 1e-300)
+                excited[which] = 1.0
+                continue
             share = np.einsum("ij,ij->j", columns, columns) / np.maximum(before, 1e-300)
             columns[:, share < DEPENDENT] = 0.0
             excited[which] = np.maximum(excited[which], share.reshape(-1, width).max(axis=1))
             rss[which] = np.maximum(rss0 - _explained(columns, width, residual), 1e-300)
         return rss0, rss
+
+
+def _use(candidate: Candidate) -> str:
+    if candidate.kind == "term":
+        return _ADDS
+    return _SHIFTS if candidate.shift else _REPLACES
 
 
 def _explained(columns: FloatArray, width: int, response: FloatArray) -> FloatArray:

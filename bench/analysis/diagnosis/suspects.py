@@ -67,14 +67,17 @@ class Layout:
     def candidate(self, effect: Effect, name: str) -> Candidate:
         """The effect as a candidate; InputError where the rows do not allow it."""
         moving = any(p.change_point for p in effect.parameters)
+        moved = _Moved(self, effect) if effect.moves_abscissa else None
         return Candidate(
             name=name,
-            columns=_Moved(self, effect) if effect.moves_abscissa else _Terms(self, effect),
+            columns=moved or _Terms(self, effect),
             effect=effect.name,
             kind="abscissa" if effect.moves_abscissa else "term",
             parameters=effect.parameters,
             change_point=moving,
             points=_POINTS_OF_TWO if moving and len(effect.parameters) > 1 else None,
+            rarity=effect.rarity,
+            shift=moved.shift if moved else None,
         )
 
     def probes(self) -> list[Probe]:
@@ -120,6 +123,22 @@ class Layout:
             if effect.moves_abscissa:
                 records = tuple(r.with_channel("temperature", effect.abscissa(r, bound.theta[key])) for r in records)
         return records
+
+    def curve(self, seen: Sequence[Dataset]) -> FloatArray:
+        """The fitted curve (n,) [deg/h] at the temperatures of these records, which all terms see."""
+        return self.stacked([self._fitted.columns(record) @ self._beta for record in seen])
+
+    @cached_property
+    def _fitted(self) -> design.Bound:
+        """The model's terms alone, prepared to what they see."""
+        bound, _ = self.rows.bind(self.theta, trial=True)
+        kept = [i for i, effect in enumerate(bound.effects) if not effect.moves_abscissa]
+        return replace(bound, keys=tuple(bound.keys[i] for i in kept), effects=tuple(bound.effects[i] for i in kept))
+
+    @cached_property
+    def _beta(self) -> FloatArray:
+        _, columns = self.rows.bind(self.theta, trial=True)
+        return solve(columns, self.rows.y, self.rows.weights).beta
 
     @property
     def _pairs(self) -> list[tuple[Dataset, BoolArray]]:
@@ -251,10 +270,11 @@ class _Moved:
     """The model's columns at the temperature that an effect moves them to."""
 
     def __init__(self, layout: Layout, effect: Effect) -> None:
-        self._layout = layout
+        self._layout, self._effect = layout, effect
         self._rows = layout.adding(effect, ()).rows
-        start = tuple(p.start for p in effect.parameters)
-        self._rows.bind(np.concatenate([layout.theta, np.array(start)]), trial=True)
+        start = np.array([p.start for p in effect.parameters])
+        bound, _ = self._rows.bind(np.concatenate([layout.theta, start]), trial=True)
+        self._effect = bound.effects[-1]
 
     def __call__(self, theta: Theta) -> FloatArray:
         try:
@@ -262,3 +282,9 @@ class _Moved:
         except InputError:  # a lag so long that the moved temperature stands still
             return self._layout.problem.base
         return np.hstack([columns, self._layout._others])
+
+    def shift(self, theta: Theta) -> FloatArray:
+        """What the moved temperature changes in the fitted curve (n, 1)."""
+        named = dict(zip([p.name for p in self._effect.parameters], theta, strict=True))
+        moved = [r.with_channel("temperature", self._effect.abscissa(r, named)) for r in self._layout.seen]
+        return (self._layout.curve(moved) - self._layout.curve(self._layout.seen))[:, None]

@@ -13,6 +13,8 @@ import scipy
 
 from bench.base import FloatArray
 
+_LEAST_WINDOW_S = 60.0
+
 
 def ramp_invariant_lag(time_s: FloatArray, value: FloatArray, tau_s: float) -> FloatArray:
     """First-order lag x' = (u - x) / tau of a record (n,) that is straight between its samples; starts settled.
@@ -52,6 +54,19 @@ def slope(time_s: FloatArray, value: FloatArray, window_s: float) -> FloatArray:
         return steep
 
     return _bridged(central, time_s, value)
+
+
+def lead(time_s: FloatArray, value: FloatArray, tau_s: float) -> FloatArray:
+    """What a first-order lag of `tau_s` must have followed to give this record (n,): u = x + tau dx/dt.
+
+    The slope is central over a minute, or half of tau: what came through such a lag has no finer detail, only noise.
+    """
+    return np.asarray(value + tau_s * slope(time_s, value, max(_LEAST_WINDOW_S, 0.5 * tau_s)))
+
+
+def shifted(time_s: FloatArray, value: FloatArray, delay_s: float) -> FloatArray:
+    """The record (n,) `delay_s` later, u(t - d), or earlier where that is negative; beyond its ends their value."""
+    return _bridged(lambda time, u: np.asarray(np.interp(time - delay_s, time, u)), time_s, value)
 
 
 def _bridged(

@@ -13,6 +13,7 @@ from bench.analysis.effects.aging import Aging
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.bias_jump import BiasJump
 from bench.analysis.effects.bias_kink import BiasKink
+from bench.analysis.effects.clock_delay import ClockDelay
 from bench.analysis.effects.compressor import Compressor
 from bench.analysis.effects.creep import Creep
 from bench.analysis.effects.drive_amplitude import DriveAmplitude
@@ -31,6 +32,9 @@ from bench.analysis.effects.supply_voltage import SupplyVoltage
 from bench.analysis.effects.surface import Surface
 from bench.analysis.effects.temperature_rate import TemperatureRate
 from bench.analysis.effects.thermal_lag import ThermalLag
+from bench.analysis.effects.thermometer_hysteresis import ThermometerHysteresis
+from bench.analysis.effects.thermometer_lag import ThermometerLag
+from bench.analysis.effects.thermometer_offset import ThermometerOffset
 from bench.analysis.effects.warm_up import WarmUp
 from bench.base import InputError, nearest_or_all
 
@@ -55,6 +59,10 @@ _BUILT_IN = (
     Frost,
     ScaleFactorTemperature,
     ScaleFactorNonlinearity,
+    ThermometerLag,
+    ThermometerHysteresis,
+    ThermometerOffset,
+    ClockDelay,
     Expression,
 )
 _REGISTRY: dict[str, type[Effect]] = {kind.name: kind for kind in _BUILT_IN}
