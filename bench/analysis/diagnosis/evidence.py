@@ -4,8 +4,8 @@ E_j = (-2 ln L of the base) - (-2 ln L with candidate j) - k_j ln n: base and ca
 nonlinear parameters searched on a grid and then continuously, and the noise ratios profiled on either side. What chance
 alone reaches is learnt from noise drawn from the fitted base.
 
-L is marginal: amplitudes are integrated out under a prior, normal about zero with the white noise's variance for a
-column of RMS one outside the base. This adds ln |X' C^-1 X| - ln |X' X| to -2 ln L and leaves k ln n, which is all there
+L is marginal: amplitudes are integrated out under a prior, normal about zero with the white noise's variance for
+a column of RMS one outside the base. This adds ln |X' C^-1 X| - ln |X' X| to -2 ln L and leaves k ln n, which is all there
 is of it in white noise. Among slow noise a slow column is determined less well, so it costs less, and the noise that
 goes with it is not taken for less than it is: the full likelihood finds ageing half as often at the same alarm rate.
 """
@@ -87,13 +87,14 @@ class Evidence:
         return float(np.mean(self.nulls >= evidence)) if len(self.nulls) else float("nan")
 
 
-def weigh(
+def weigh(  # noqa: PLR0913 - options of one search
     problem: Problem,
     candidates: Sequence[Candidate],
     nulls: int = 500,
     seed: int = 0,
     lattice: NoiseLattice | None = None,
     workers: int = 1,
+    *,
     luck: Mapping[str, float] | None = None,
 ) -> Evidence:
     """The evidence of every candidate against the base; `lattice` may be an earlier one of the same records.
@@ -110,7 +111,9 @@ def weigh(
     doubt = 0.0 < max((s.evidence for s in suspects), default=0.0) < _BEYOND_DOUBT
     each = weighing.chance(nulls if doubt else nulls // 5, seed) if nulls else np.empty((0, 0))
     if nulls:
-        luck = {c.name: max(0.0, exceeded(own, WRONGLY_NAMED) - _USUAL) for c, own in zip(candidates, each, strict=True)}
+        luck = {
+            c.name: max(0.0, exceeded(own, WRONGLY_NAMED) - _USUAL) for c, own in zip(candidates, each, strict=True)
+        }
     luck = luck or {}
     suspects = [replace(s, evidence=s.evidence - luck.get(s.name, 0.0)) for s in suspects]
     chance = (each - np.array([[luck[c.name]] for c in candidates])).max(axis=0) if nulls else np.empty(0)
@@ -200,7 +203,8 @@ class _Weighing:
 def exceeded(values: FloatArray, share: float) -> float:
     """What a small share of such values (n,) exceeds, by the exponential tail of the largest tenth of them.
 
-    The quantile of a few hundred values rests on the four or five largest. Source: J. Pickands, Ann. Stat. 3 (1975) 119.
+    The quantile of a few hundred values rests on the four or five largest. Source: J. Pickands, Ann. Stat. 3 (1975)
+    119.
     """
     bound = float(np.quantile(values, 1.0 - _TAIL))
     beyond = values[values > bound]

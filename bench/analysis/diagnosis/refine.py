@@ -50,9 +50,10 @@ class Start:
 
 
 class _Whitened(NamedTuple):
-    """The problem at one noise: basis of the base and its ln |X' C^-1 X|, the response and its rest beside the base; of
-    the isothermal records the square sum, and of all records ln |C|, with ln |X' C^-1 X| of the isothermal ones, and the
-    degrees of freedom beside base and isothermal trends.
+    """The problem at one noise: basis of the base and its ln |X' C^-1 X|, the response and its rest beside the base.
+
+    Of the isothermal records the square sum, and of all records ln |C|, with ln |X' C^-1 X| of the isothermal ones, and
+    the degrees of freedom beside base and isothermal trends.
     """
 
     basis: FloatArray

@@ -46,7 +46,9 @@ class Library:
         self.problem = problem
         self.entries = tuple((index, theta) for index, theta, _ in listed)
         self.widths = np.array([columns.shape[1] for _, _, columns in listed], dtype=np.int64)
-        self.replaces = replaces = np.array([candidates[index].kind == "abscissa" for index, _, _ in listed], dtype=bool)
+        self.replaces = replaces = np.array(
+            [candidates[index].kind == "abscissa" for index, _, _ in listed], dtype=bool
+        )
         self._stacks: list[tuple[IntArray, bool, int, FloatArray]] = []
         for replacing in (False, True):
             for width in np.unique(self.widths[replaces == replacing]):
