@@ -5,7 +5,7 @@ nonlinear parameters searched on a grid and then continuously, and the noise rat
 alone reaches is learnt from noise drawn from the fitted base.
 
 L is marginal: amplitudes are integrated out under a prior, normal about zero with the white noise's variance for
-a column of RMS one outside the base. This adds ln |X' C^-1 X| - ln |X' X| to -2 ln L and leaves k ln n, which is all there
+L is marginal: amplitudes are integrated out under a prior, normal about zero with the variance of the white noise for
 is of it in white noise. Among slow noise a slow column is determined less well, so it costs less, and the noise that
 goes with it is not taken for less than it is: the full likelihood finds ageing half as often at the same alarm rate.
 """

@@ -106,7 +106,9 @@ class Search:
         key = frozenset(layout.rows.model.effects)
         if key not in self.known:
             candidates = self.offer.candidates(layout)
-            self.known[key] = weigh(layout.problem, candidates, 0, self.seed, self.lattice, self.workers, luck=self.luck)
+            self.known[key] = weigh(
+                layout.problem, candidates, 0, self.seed, self.lattice, self.workers, luck=self.luck
+            )
         return self.known[key]
 
     def _examine(self, layout: Layout, seen: Layout, evidence: Evidence) -> Examination:
