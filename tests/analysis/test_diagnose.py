@@ -140,7 +140,7 @@ def test_two_runs_with_turn_on_biases_of_their_own_are_judged_together(still):
 
 @pytest.mark.slow
 def test_rivals_that_one_rate_cannot_tell_apart_are_mutual_and_get_a_next_experiment(still):
-    unit = HiddenUnit(({"mechanism": "temperature_rate"},)).at_strength(0.7, "one_rate")
+    unit = HiddenUnit(({"mechanism": "preisach"},)).at_strength(0.9, "one_rate")
     run = unit.run("one_rate", seed=1)
     answer = diagnose([run], SPLINE, static=still, candidates=FEW)
     best = answer.suspects[0]

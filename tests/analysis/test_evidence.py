@@ -6,7 +6,7 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.testing import assert_allclose
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, joint
-from bench.analysis.diagnosis.evidence import drawn, weigh
+from bench.analysis.diagnosis.evidence import drawn, exceeded, weigh
 from bench.analysis.diagnosis.refine import Refiner
 from bench.analysis.effects.base import Parameter
 from bench.analysis.effects.operators import play, ramp_invariant_lag
@@ -144,7 +144,7 @@ def test_parameters_come_with_intervals_that_hold_the_truth():
 
 
 def test_evidence_is_the_gain_in_likelihood_less_the_price_of_parameters():
-    """Against dense algebra: -2 ln L by Cholesky at the noise that the engine found."""
+    """Against dense algebra at the noise that the engine found: amplitudes integrated out, by determinants."""
     data = problem("supply_voltage")
     found = weigh(data, candidates()[3:4], nulls=0, lattice=LATTICE)
     suspect = found.suspects[0]
@@ -154,10 +154,40 @@ def test_evidence_is_the_gain_in_likelihood_less_the_price_of_parameters():
         residual = np.linalg.solve(root, data.y)
         whitened = np.linalg.solve(root, X)
         residual = residual - whitened @ np.linalg.lstsq(whitened, residual)[0]
-        return len(TIME) * np.log(residual @ residual / len(TIME)) + 2.0 * np.log(np.diag(root)).sum()
+        freedom = len(TIME) - data.base.shape[1]
+        prior = np.linalg.slogdet(X.T @ X)[1]
+        volume = np.linalg.slogdet(whitened.T @ whitened)[1] - prior
+        return freedom * np.log(residual @ residual / freedom) + 2.0 * np.log(np.diag(root)).sum() + volume
 
     gain = height(data.base, found.ratios) - height(joint(data, candidates()[3], ()), suspect.ratios)
     assert_allclose(suspect.evidence, gain - np.log(len(TIME)), atol=1e-6)
+
+
+def test_the_threshold_of_a_few_draws_scatters_less_than_their_quantile_about_the_right_value():
+    draws = np.random.default_rng(3).chisquare(1, (400, 300))
+    right = 5.916  # of one degree of freedom, 1.5 %
+    found = np.array([exceeded(each, 0.015) for each in draws])
+    assert abs(found.mean() / right - 1.0) < 0.05
+    assert found.std() < 0.9 * np.quantile(draws, 0.985, axis=1).std()
+
+
+def test_a_slow_effect_costs_less_among_slow_noise_and_a_fast_one_the_same():
+    data = problem("nothing")
+    walk, flat = ((0, 8), (-64, -64))
+
+    def price(column, point):
+        refiner, own = Refiner(data, LATTICE), Candidate("own", lambda _: column[:, None])
+        at = refiner.sigma2(own, (), point), gls(data.base, data.y, LATTICE.at([point])[0][0]).rss
+        freedom = len(TIME) - data.base.shape[1]
+        surface = Surface.of(data.records(), LATTICE, restricted=True)
+        surface.visit([point])
+        gain = freedom * np.log(at[1] / freedom) - freedom * np.log(at[0])
+        return refiner.height(own, (), point) - surface.height(point) + gain + np.log(len(TIME))
+
+    slow, fast = TIME / TIME[-1], np.where(np.arange(len(TIME)) % 2, 1.0, -1.0)
+    assert_allclose([price(slow, flat), price(fast, flat)], np.log(len(TIME)), rtol=1e-6)
+    assert price(slow, walk) < 0.5 * np.log(len(TIME))
+    assert price(fast, walk) > 0.7 * np.log(len(TIME))
 
 
 def test_cumulative_evidence_ends_at_the_fall_of_the_square_sum():

@@ -108,7 +108,7 @@ class FormulaSearch:
         self._layout, self._lattice, self._seed = layout, lattice, seed
         self.grammar = Grammar(layout.seen, layout.rows.masks)
         self._values: dict[tuple[str, Theta], FloatArray] = {}
-        self._surface = Surface.of(layout.problem.records(), lattice, restricted=False)
+        self._surface = Surface.of(layout.problem.records(), lattice, restricted=True)
         self._best = self._surface.search()
         self._refiner = Refiner(layout.problem, lattice)
 
@@ -219,9 +219,8 @@ class FormulaSearch:
         """The evidence that the best formula reaches in simulated runs without any effect, at the usual level."""
         problem = self._layout.problem
         mean = problem.base @ gls(problem.base, problem.y, self._lattice.at([self._best])[0][0]).beta
-        restricted = Surface.of(problem.records(), self._lattice, restricted=True)
         near = sorted(self._surface.region(self._best, 8.0, step=_DECADE), key=self._surface.height)[:8]
-        run, *statics = drawn(restricted, near, np.random.default_rng(self._seed), _NULLS)
+        run, *statics = drawn(self._surface, near, np.random.default_rng(self._seed), _NULLS)
         some = list(dict.fromkeys([*near[:3], *points[:4]]))
         scan = library.scan(self._lattice, some, mean[:, None] + run, statics)
         best = (scan.base - scan.values - paid[:, None]).max(axis=0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +16,12 @@ from bench.analysis.diagnosis.candidates import (
     Theta,
     from_unit,
     joint,
-    orthonormal,
     outside,
     to_unit,
 )
-from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
+from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls, spanned
 from bench.analysis.noise.probability import chi2_quantile
+from bench.analysis.noise.whitening import Whitener
 from bench.base import FloatArray
 
 _STARTS = 4
@@ -50,19 +50,25 @@ class Start:
 
 
 class _Whitened(NamedTuple):
-    """The problem at one noise: basis of the base, the response and its rest beside the base, the isothermal records'
-    square sum, and ln |C| of all.
+    """The problem at one noise: basis of the base and its ln |X' C^-1 X|, the response and its rest beside the base.
+
+    Of the isothermal records the square sum, and of all records ln |C|, with ln |X' C^-1 X| of the isothermal ones, and
+    the degrees of freedom beside base and isothermal trends.
     """
 
     basis: FloatArray
+    volume: float
     white: FloatArray
     residual: FloatArray
     still: float
     log_det: float
+    freedom: int
 
 
 class Refiner:
-    """-2 ln L of candidates of one problem at any parameters and lattice points; what a noise point needs is kept."""
+    """-2 ln L (restricted, see `evidence`) of candidates of one problem at any parameters and lattice points; what a
+    noise point needs is kept.
+    """
 
     def __init__(self, problem: Problem, lattice: NoiseLattice) -> None:
         """Shares the whiteners of the lattice."""
@@ -71,35 +77,54 @@ class Refiner:
 
     def height(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """-2 ln L of base and candidate."""
-        at, total = self._at(point), self.problem.rows
-        return total * float(np.log((self.rss(candidate, theta, point) + at.still) / total)) + at.log_det
+        at = self._at(point)
+        rss, volume = self._judged(candidate, theta, point)
+        return at.freedom * float(np.log((rss + at.still) / at.freedom)) + at.log_det + volume
 
     def sigma2(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """White variance of one mean that goes with `height` [(deg/h)^2]."""
-        return (self.rss(candidate, theta, point) + self._at(point).still) / self.problem.rows
+        at = self._at(point)
+        return (self.rss(candidate, theta, point) + at.still) / at.freedom
 
     def rss(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """Whitened residual square sum of the run under base and candidate."""
-        at = self._at(point)
-        columns, response = self.lattice.at([point])[0][0].apply(candidate.columns(theta)), at.white
+        return self._judged(candidate, theta, point)[0]
+
+    def _judged(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[float, float]:
+        """That square sum, and ln |X' C^-1 X| of base and candidate, the candidate's relative to white noise."""
+        at, flat, own = self._at(point), self._flat, candidate.columns(theta)
+        columns, white = self.lattice.at([point])[0][0].apply(own), self.lattice.white()[0].apply(own)
+        scale, response, volume = np.ones(own.shape[1]), at.white, flat.volume
         if candidate.kind == "term":
             before = np.linalg.norm(columns, axis=0)
             columns = outside(at.basis, columns)
-            columns, response = columns[:, np.linalg.norm(columns, axis=0) > 3e-5 * before], at.residual
-        return max(_rss(columns, response), 1e-300)
+            kept = np.linalg.norm(columns, axis=0) > 3e-5 * before
+            columns, white, scale = columns[:, kept], outside(flat.basis, white)[:, kept], scale[kept]
+            response, volume = at.residual, at.volume
+        basis, there = spanned(columns, scale)
+        left = outside(basis, response)
+        return max(float(left @ left), 1e-300), volume + there - spanned(white, scale)[1]
+
+    @cached_property
+    def _flat(self) -> _Whitened:
+        """The problem under white noise."""
+        return self._whitened(self.lattice.white())
 
     def _at(self, point: Point) -> _Whitened:
         if point not in self._kept:
-            way, *ways = self.lattice.at([point])[0]
-            base = way.apply(np.column_stack([self.problem.base, self.problem.y]))
-            basis, white = orthonormal(base[:, :-1]), base[:, -1]
-            still = 0.0
-            for record, other in zip(self.problem.statics, ways, strict=True):
-                both = other.apply(np.column_stack([record.X, record.y]))
-                still += _rss(both[:, :-1], both[:, -1])
-            log_det = sum(each.log_det for each in (way, *ways))
-            self._kept[point] = _Whitened(basis, white, outside(basis, white), still, log_det)
+            self._kept[point] = self._whitened(self.lattice.at([point])[0])
         return self._kept[point]
+
+    def _whitened(self, ways: Sequence[Whitener]) -> _Whitened:
+        base = ways[0].apply(np.column_stack([self.problem.base, self.problem.y]))
+        basis, volume = spanned(base[:, :-1], np.linalg.norm(self.problem.base, axis=0))
+        still, freedom, log_det = 0.0, self.problem.rows - basis.shape[1], sum(each.log_det for each in ways)
+        for record, other in zip(self.problem.statics, ways[1:], strict=True):
+            both = other.apply(np.column_stack([record.X, record.y]))
+            trend, more = spanned(both[:, :-1], np.linalg.norm(record.X, axis=0))
+            still += float(np.sum(outside(trend, both[:, -1]) ** 2))
+            log_det, freedom = log_det + more, freedom - trend.shape[1]
+        return _Whitened(basis, volume, base[:, -1], outside(basis, base[:, -1]), still, log_det, freedom)
 
     def refine(
         self, candidate: Candidate, grid: Sequence[Start], base: Point, closely: bool = True
@@ -192,12 +217,6 @@ class Refiner:
         way = self.lattice.at([point])[0][0]
         fit = gls(np.column_stack([columns, *slopes]), self.problem.y, way, self.sigma2(candidate, theta, point))
         return np.sqrt(np.diag(fit.covariance))
-
-
-def _rss(columns: FloatArray, response: FloatArray) -> float:
-    """Residual square sum of a response (n,) beside columns (n, k)."""
-    left = outside(orthonormal(columns), response)
-    return float(left @ left)
 
 
 def _theta(candidate: Candidate, unit: FloatArray) -> Theta:

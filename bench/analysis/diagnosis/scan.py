@@ -12,9 +12,9 @@ from functools import partial
 
 import numpy as np
 
-from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, library, orthonormal, outside
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, library, outside
 from bench.analysis.diagnosis.crew import shared
-from bench.analysis.noise.likelihood import NoiseLattice, Point
+from bench.analysis.noise.likelihood import NoiseLattice, Point, spanned
 from bench.analysis.noise.whitening import Whitener
 from bench.base import FloatArray, IntArray
 
@@ -27,7 +27,9 @@ _ADDS, _SHIFTS, _REPLACES = "adds", "shifts", "replaces"
 
 @dataclass(frozen=True)
 class Scan:
-    """Lowest -2 ln L over the noise points: of the base (m,), of every entry (entries, m), and at which point."""
+    """Lowest -2 ln L (restricted, see `evidence`) over the noise points: of the base (m,), of every entry (entries, m),
+    and at which point.
+    """
 
     entries: tuple[tuple[int, Theta], ...]
     widths: IntArray
@@ -48,6 +50,7 @@ class Library:
         self.entries = tuple((index, theta) for index, theta, _ in listed)
         self.widths = np.array([columns.shape[1] for _, _, columns in listed], dtype=np.int64)
         uses = np.array([_use(candidates[index]) for index, _, _ in listed])
+        self.replaces = uses == _REPLACES
         self._stacks: list[tuple[IntArray, str, int, FloatArray]] = []
         for use in (_ADDS, _SHIFTS, _REPLACES):
             for width in np.unique(self.widths[uses == use]):
@@ -92,32 +95,42 @@ class Library:
         values = np.full((len(self.entries), run.shape[1]), np.inf)
         where = np.zeros(values.shape, dtype=np.int64)
         excited = np.zeros(len(self.entries))
-        total = self.problem.rows
+        white, white_base = self._run(lattice.white()[0], run[:, :0], excited)[2:]
         for number, ways in enumerate(lattice.at(points)):
-            log_det = sum(way.log_det for way in ways)
+            log_det, total = sum(way.log_det for way in ways), self.problem.rows
             still = np.zeros(run.shape[1])
             for record, way, response in zip(self.problem.statics, ways[1:], statics, strict=True):
-                still += _left(orthonormal(way.apply(record.X)), way.apply(response))
-            rss0, rss = self._run(ways[0], run, excited)
-            base = np.minimum(base, total * np.log((rss0 + still) / total) + log_det)
-            here = total * np.log((rss + still) / total) + log_det
+                basis, volume = spanned(way.apply(record.X), np.linalg.norm(record.X, axis=0))
+                still += _left(basis, way.apply(response))
+                log_det += volume
+                total -= basis.shape[1]
+            rss0, rss, volumes, (volume, rank) = self._run(ways[0], run, excited)
+            total -= rank
+            base = np.minimum(base, total * np.log((rss0 + still) / total) + log_det + volume)
+            further = volumes - white + np.where(self.replaces, white_base[0], volume)
+            here = total * np.log((rss + still) / total) + log_det + further[:, None]
             better = here < values
             values[better] = here[better]
             where[better] = number
         return Scan(self.entries, self.widths, excited, base, values, where)
 
-    def _run(self, way: Whitener, run: FloatArray, excited: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residual square sums of the run under one noise: base (m,), entries (entries, m)."""
+    def _run(
+        self, way: Whitener, run: FloatArray, excited: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, int]]:
+        """Residual square sums of the run under one noise: base (m,), entries (entries, m); ln |X' C^-1 X| of the
+        entries' columns outside the base (entries,), and that of the base with its rank.
+        """
         white = way.apply(run)
-        q = orthonormal(way.apply(self.problem.base))
+        q, volume = spanned(way.apply(self.problem.base), np.linalg.norm(self.problem.base, axis=0))
         residual = outside(q, white)
+        volumes = np.zeros(len(self.entries))
         rss0 = np.einsum("ij,ij->j", residual, residual)
         power = np.einsum("ij,ij->j", white, white)
         rss = np.empty((len(self.entries), run.shape[1]))
         for which, use, width, stacked in self._stacks:
             columns = way.apply(stacked)
             if use == _REPLACES:
-                gain = _explained(columns, width, white)
+                gain, volumes[which] = _explained(columns, width, white)
                 rss[which] = np.maximum(power - gain, 0.0)
                 excited[which] = 1.0
                 continue
@@ -131,8 +144,9 @@ class Library:
             share = np.einsum("ij,ij->j", columns, columns) / np.maximum(before, 1e-300)
             columns[:, share < DEPENDENT] = 0.0
             excited[which] = np.maximum(excited[which], share.reshape(-1, width).max(axis=1))
-            rss[which] = np.maximum(rss0 - _explained(columns, width, residual), 1e-300)
-        return rss0, rss
+            gain, volumes[which] = _explained(columns, width, residual)
+            rss[which] = np.maximum(rss0 - gain, 1e-300)
+        return rss0, rss, volumes, (volume, q.shape[1])
 
 
 def _use(candidate: Candidate) -> str:
@@ -141,19 +155,25 @@ def _use(candidate: Candidate) -> str:
     return _SHIFTS if candidate.shift else _REPLACES
 
 
-def _explained(columns: FloatArray, width: int, response: FloatArray) -> FloatArray:
-    """Square sum that each group of `width` columns explains of each response: (groups, m)."""
+def _explained(columns: FloatArray, width: int, response: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Square sum that each group of `width` columns explains of each response (groups, m), and ln |X'X| (groups,)."""
     if width == 1:
         norm = np.einsum("ij,ij->j", columns, columns)
         product = columns.T @ response
-        return np.asarray(product**2 / np.where(norm > 0.0, norm, np.inf)[:, None])
+        volume = np.log(norm, where=norm > 0.0, out=np.zeros_like(norm))
+        return np.asarray(product**2 / np.where(norm > 0.0, norm, np.inf)[:, None]), volume
     groups = columns.T.reshape(-1, width, len(columns))
-    scaled = groups / np.maximum(np.linalg.norm(groups, axis=2, keepdims=True), 1e-300)
+    norms = np.linalg.norm(groups, axis=2, keepdims=True)
+    scaled = groups / np.maximum(norms, 1e-300)
     product = (scaled.reshape(-1, len(columns)) @ response).reshape(len(groups), width, -1)
     values, vectors = np.linalg.eigh(scaled @ scaled.transpose(0, 2, 1))
-    inverse = np.where(values > values[:, -1:] * 1e-12, 1.0 / np.maximum(values, 1e-300), 0.0)
+    known = values > values[:, -1:] * 1e-12
+    inverse = np.where(known, 1.0 / np.maximum(values, 1e-300), 0.0)
     turned = vectors.transpose(0, 2, 1) @ product
-    return np.asarray(np.einsum("gk,gkm->gm", inverse, turned**2))
+    present = norms[:, :, 0] > 0.0
+    volume = np.log(np.where(known, values, 1.0)).sum(axis=1)
+    volume += 2.0 * np.log(np.where(present, norms[:, :, 0], 1.0)).sum(axis=1)
+    return np.asarray(np.einsum("gk,gkm->gm", inverse, turned**2)), np.asarray(volume)
 
 
 def _left(basis: FloatArray, response: FloatArray) -> FloatArray:

@@ -26,6 +26,7 @@ from bench.base import BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
 _APART_S = 30 * 86400.0
+_SETTLES_S = 900.0  # of an isothermal run's first part: warm-up and gradients that the thermometer does not see
 _POINTS_OF_TWO = 14  # grid points of each parameter of a change point with a width
 _CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate")
 
@@ -236,8 +237,10 @@ def _absent(layout: Layout, effect: Effect) -> str:
 
 
 def isothermal(static: Dataset, interval_s: float) -> Record:
-    """A run at constant temperature as a record of noise, beside a parabola in time of its own.
+    """A run at constant temperature as a record of noise, beside its own constant, temperature and settling.
 
+    A trend in time, which the temperature does not explain, is left to the noise: nothing else tells a slow cause from
+    a random walk.
     Raises InputError: rows longer than `interval_s`, or too few of them stand still.
     """
     record = static.average(interval_s)
@@ -249,8 +252,11 @@ def isothermal(static: Dataset, interval_s: float) -> Record:
         )
     kept = record.select(still)
     count = kept.count("rate")
-    at = (kept.time - kept.time.mean()) / max(float(np.ptp(kept.time)), 1.0)
-    return Record(kept.time, kept.bias, np.vander(at, 3), np.maximum(np.median(count) / count, 1.0))
+    settling = np.exp((kept.time[0] - kept.time) / _SETTLES_S)
+    temperature = kept.channel("temperature")
+    moved = np.nan_to_num(temperature - np.nanmean(temperature))
+    trend = np.column_stack([np.ones_like(settling), settling, moved])
+    return Record(kept.time, kept.bias, trend, np.maximum(np.median(count) / count, 1.0))
 
 
 class _Terms:

@@ -6,7 +6,7 @@ run again: what they still find is not explained.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from bench.analysis.diagnosis.answer import VerdictWord
@@ -82,13 +82,14 @@ class Search:
     seed: int = 0
     workers: int = 1
     threshold: float = 0.0
+    luck: Mapping[str, float] = field(default_factory=dict)
     known: dict[frozenset[Effect], Evidence] = field(default_factory=dict, repr=False)
 
     def explain(self, layout: Layout) -> Explanation:
         """Effects one after the other while they beat chance, then judged again together."""
         first = weigh(layout.problem, self.offer.candidates(layout), _NULLS, self.seed, self.lattice, self.workers)
         before = self._examine(layout, layout, first)
-        search = replace(self, threshold=first.threshold)
+        search = replace(self, threshold=first.threshold, luck=first.luck)
         steps = search.forward(layout, first)
         if len(steps) > 1:
             steps = search.again(layout, steps)
@@ -105,7 +106,9 @@ class Search:
         key = frozenset(layout.rows.model.effects)
         if key not in self.known:
             candidates = self.offer.candidates(layout)
-            self.known[key] = weigh(layout.problem, candidates, 0, self.seed, self.lattice, self.workers)
+            self.known[key] = weigh(
+                layout.problem, candidates, 0, self.seed, self.lattice, self.workers, luck=self.luck
+            )
         return self.known[key]
 
     def _examine(self, layout: Layout, seen: Layout, evidence: Evidence) -> Examination:

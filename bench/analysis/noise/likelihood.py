@@ -110,6 +110,10 @@ class NoiseLattice:
         unit = self.interval_s / 30.0
         return Ratios(flicker * unit, walk * unit)
 
+    def white(self) -> tuple[Whitener, ...]:
+        """Whiteners of every record where there is neither flicker nor walk."""
+        return self.at([(_ZERO, _ZERO)])[0]
+
     def at(self, points: Iterable[Point]) -> list[tuple[Whitener, ...]]:
         """Whiteners of every record at each of the points."""
         points = list(points)
@@ -212,21 +216,30 @@ class Surface:
         return [p for p in seen if self.known[p][0] <= limit]
 
 
+def spanned(white: FloatArray, scale: FloatArray) -> tuple[FloatArray, float]:
+    """Basis (n, r) of whitened columns (n, p), and ln |X' C^-1 X| of the columns divided by `scale` (p,).
+
+    What depends on other columns to 1e-10 is left out of both.
+    """
+    norm = np.linalg.norm(white, axis=0)
+    kept = norm > 0.0
+    if not kept.any():
+        return white[:, :0], 0.0
+    u, s, _ = np.linalg.svd(white[:, kept] / norm[kept], full_matrices=False)
+    rank = int(np.sum(s > s[0] * 1e-10))
+    return u[:, :rank], 2.0 * float(np.log(s[:rank]).sum() + np.log(norm[kept] / scale[kept]).sum())
+
+
 def minus2logl(records: Sequence[Record], ways: Sequence[Whitener], restricted: bool) -> tuple[float, float]:
     """-2 ln L without constants, beta and sigma^2 profiled out, and that sigma^2 [(deg/h)^2]."""
     rss, freedom, log_det = 0.0, 0, 0.0
     for record, way in zip(records, ways, strict=True):
-        scale = np.maximum(np.linalg.norm(record.X, axis=0), 1e-300)
-        white = way.apply(np.column_stack([record.X / scale, record.y]))
-        white_y = white[:, -1]
-        rank = 0
-        if record.X.shape[1]:
-            u, s, _ = np.linalg.svd(white[:, :-1], full_matrices=False)
-            rank = int(np.sum(s > s[0] * 1e-12))
-            white_y = white_y - u[:, :rank] @ (u[:, :rank].T @ white_y)
-            log_det += 2.0 * float(np.log(s[:rank]).sum()) if restricted else 0.0
+        white = way.apply(np.column_stack([record.X, record.y]))
+        basis, volume = spanned(white[:, :-1], np.linalg.norm(record.X, axis=0))
+        white_y = white[:, -1] - basis @ (basis.T @ white[:, -1])
+        log_det += volume if restricted else 0.0
         rss += float(white_y @ white_y)
-        freedom += len(record.y) - (rank if restricted else 0)
+        freedom += len(record.y) - (basis.shape[1] if restricted else 0)
         log_det += way.log_det
     sigma2 = max(rss, 1e-300) / freedom
     return freedom * float(np.log(sigma2)) + log_det, sigma2
