@@ -144,6 +144,7 @@ def test_a_diagnosis_makes_each_whitener_once_and_whitens_so_often(run, monkeypa
     monkeypatch.setattr(likelihood, "whiteners", counted)
     monkeypatch.setattr(Whitener, "apply", applied)
     answer(run, 1)
+    print(counts)
     costs(counts["recursions"], RECURSIONS)
     costs(counts["whiteners"], WHITENERS)
     costs(counts["whitenings"], WHITENINGS)

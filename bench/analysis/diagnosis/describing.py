@@ -26,6 +26,7 @@ _ONE_PLACE = 0.1  # of the gain: less than this on either half of the legs is no
 _IMPLAUSIBLE = 1.0  # of the spread of the bias over the run: a term larger than that cancels something
 
 _LIKE = (
+    ("sin(2*pi*lag(temperature", "like an etalon whose path follows a part inside the unit"),
     ("sin(2*pi*temperature", "like an etalon: interference, optical or electrical, over temperature"),
     ("sin(2*pi*time", "like a disturbance with a period of its own: a beat, a control loop, a neighbour"),
     ("lag(compressor", "like heat or vibration of the compressor that reaches the unit with a delay"),

@@ -150,8 +150,9 @@ class _Case:
         )
         formulas, instead = self._formulas(explained, improved, Describer(lattice, check, seed))
         if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
+            proved = False if answer.found else formulas[0].proof.proved
             nearest = answer.nearest or (answer.found[0].effect if answer.found else "")
-            answer = replace(answer, verdict="unknown_effect", nearest=nearest, proved=formulas[0].proof.proved)
+            answer = replace(answer, verdict="unknown_effect", nearest=nearest, proved=proved)
         answer = replace(answer, formulas=formulas)
         return replace(answer, sentence=sentence(answer, explained.drifts, decision.why))
 

@@ -48,7 +48,7 @@ class Block:
     places: int = 0
     """Parameters that are a place where something begins: each costs one count more."""
     looser: Block | None = None
-    """The same with its reference value searched."""
+    """The same with one parameter more, which comes first: its reference value, or the lag of what it sees."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class Grammar:
             if block.looser is not None:
                 before = sum(len(one.bounds) for one in formula.blocks[:number])
                 blocks = (*formula.blocks[:number], block.looser, *formula.blocks[number + 1 :])
-                grid = tuple((*values[:before], *one, *values[before:]) for one in block.looser.grid)
+                grid = tuple((*values[:before], *one, *values[before:]) for one in block.looser.grid)  # its own follow
                 yield replace(formula, blocks=blocks), grid
 
     def drivers(self) -> list[Block]:
@@ -226,7 +226,9 @@ class Grammar:
         frequencies = np.linspace(2.0 / span, 0.5 * _PERIODS / span, _PERIODS)
         grid = tuple((float(1.0 / f),) for f in frequencies)
         bounds = (("period_degc", (float(1.0 / frequencies[-1]), 0.6 * span)),)
-        return [Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid)]
+        inner = Block("sin(2*pi*lag(temperature, {tau_s})/{period_degc})", "a sine over a temperature that lags", "",
+                      (("tau_s", (20.0, 2000.0)), *bounds), ((30.0,), (80.0,), (200.0,), (500.0,)))  # fmt: skip
+        return [Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid, looser=inner)]
 
     def line(self, periods_s: Sequence[float]) -> Formula:
         """A sine over time with these periods to try."""
