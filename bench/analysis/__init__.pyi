@@ -22,6 +22,7 @@ from .diagnosis.improve import add_effect as add_effect
 from .diagnosis.improve import improve as improve
 from .diagnosis.sentences import UNSEEN as UNSEEN
 from .diagnosis.sentences import made_from as made_from
+from .diagnosis.sentences import ranking_reason as ranking_reason
 from .effects.base import Effect as Effect
 from .effects.base import Parameter as Parameter
 from .effects.base import Physical as Physical

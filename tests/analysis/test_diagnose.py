@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.acquisition.profile.profile import profile_from_text
 from bench.analysis.diagnosis.compare import compare
-from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.improve import add_effect
+from bench.analysis.diagnosis.slow import structure
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.base.errors import InputError
@@ -121,6 +123,32 @@ def test_a_cause_that_no_channel_records_needs_the_isothermal_run_to_be_seen(sti
     assert with_static.verdict == "unknown_effect"
     assert "no channel records" in with_static.noise_finding
     assert any("--static" in note for note in without.notes)
+
+
+def test_a_slow_cause_that_soaks_do_not_have_is_not_called_noise():
+    """The noise is free to swallow it; what stands still is not."""
+    clean, hidden = (hidden_run(m, "one_rate", 4, 2.0) for m in ([], [{"mechanism": "unlogged_drift"}]))
+    still = hidden_run(profile="static", seed=1000)
+    assert structure(_Case.of((clean,), SPLINE, still, FEW, None).layout) == ""
+    assert "stand out of the noise of the isothermal run" in structure(
+        _Case.of((hidden,), SPLINE, still, FEW, None).layout
+    )
+
+
+def test_an_error_far_above_the_floor_is_a_slow_cause_or_the_noise_and_the_run_that_would_tell_is_proposed():
+    run = hidden_run([{"mechanism": "unlogged_drift"}], "one_rate", 4, 3.0)
+    answer = diagnose([run], SPLINE, candidates=FEW, floor_dph=0.12)
+    assert (answer.verdict, answer.proved) == ("undecided", False)
+    assert answer.sentence.startswith("A slow cause or the noise: this run cannot tell")
+    proposal = next_experiment(answer, [run])
+    assert "--static" in proposal.why
+    assert profile_from_text(proposal.profile_yaml).segments
+
+
+def test_adequate_without_an_isothermal_run_says_what_it_cannot_tell():
+    answer = diagnose([hidden_run(profile="short", seed=4)], SPLINE, candidates=FEW, floor_dph=0.12)
+    assert (answer.verdict, answer.proved) == ("adequate", True)
+    assert "A slow cause that no channel records cannot be told from the noise" in answer.sentence
 
 
 def test_white_noise_that_grows_is_a_finding_about_noise_and_no_missing_effect(still):

@@ -23,6 +23,7 @@ from bench.analysis.diagnosis.places import places
 from bench.analysis.diagnosis.probes import despike
 from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
+from bench.analysis.diagnosis.slow import structure
 from bench.analysis.diagnosis.suspects import Layout, Offer, catalogued, isothermal, offer
 from bench.analysis.diagnosis.verdict import Explanation, Search
 from bench.analysis.effects.base import Effect
@@ -122,7 +123,8 @@ class _Case:
         ranking = Ranking(explained, self.offer, check, self.floor_dph)
         improved = unseen(explained.layout.rows, explained.layout.theta, check) if explained.steps else base
         suspects = ranking.suspects()
-        decision = decide(explained, suspects, base, improved, self._expected_dph, "")
+        slow = structure(self.layout) if explained.word == "adequate" else ""
+        decision = decide(explained, suspects, base, improved, self._expected_dph, slow)
         answer = Diagnosis(
             verdict=decision.word,
             proved=decision.proved,

@@ -19,7 +19,15 @@ from bench.analysis.diagnosis.answer import Diagnosis
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta
 from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.limits import expected_gap, probability
-from bench.analysis.diagnosis.plan import ChamberLimits, Plan, chamber_limits, exciting, minor_loops, plans
+from bench.analysis.diagnosis.plan import (
+    ChamberLimits,
+    Plan,
+    chamber_limits,
+    exciting,
+    minor_loops,
+    plans,
+    standing_still,
+)
 from bench.analysis.diagnosis.prediction import predicted_record
 from bench.analysis.diagnosis.suspects import Layout, isothermal, offer
 from bench.analysis.effects import registry as effects
@@ -107,7 +115,7 @@ def next_experiment(
     """
     open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes), None)
     if open_ is None:
-        return None
+        return _telling(diagnosis, limits or chamber_limits(runs)) if diagnosis.verdict == "undecided" else None
     tied = (open_.effect, *open_.look_alikes)
     base = replace(open_.model, effects=open_.model.effects[:-1])
     with one_blas_thread():
@@ -121,6 +129,17 @@ def next_experiment(
         rivals = [Rival(name, offered.effects[s.name], s.theta, s.evidence) for name, s in best.items() if s]
         noise = NoiseLevel(evidence.suspects[0].point, evidence.suspects[0].sigma2)
         return propose(layout, rivals, noise, limits)
+
+
+def _telling(diagnosis: Diagnosis, limits: ChamberLimits) -> Proposal:
+    """The run that would tell what is not decided: noise that stands still, or data that no fit has seen."""
+    names = tuple(suspect.effect for suspect in diagnosis.found)
+    if not names and not diagnosis.static:
+        plan, why = standing_still(limits), "it shows the unit's own noise, from which a slow cause then stands out"
+        return _proposal(plan, limits, ("a slow cause", "noise"), f"{why}; give it as --static", (np.nan, np.nan))
+    what = f"whether {' and '.join(names)} {'is' if len(names) == 1 else 'are'} missing" if names else "a slow cause"
+    why = f"it shows on data that no fit has seen {what}: give it as --check"
+    return _proposal(minor_loops(limits), limits, names or ("a slow cause", "noise"), why, (np.nan, np.nan))
 
 
 def propose(

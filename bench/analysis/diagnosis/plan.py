@@ -134,6 +134,12 @@ def minor_loops(limits: ChamberLimits) -> Plan:
     return _through(limits, ("minor_loops", _LOOPS), _SHARES, rests)
 
 
+def standing_still(limits: ChamberLimits) -> Plan:
+    """Six hours at one temperature, near the middle of the range: the noise of the unit and nothing else."""
+    at = round(limits.at(0.5) / 5.0) * 5.0
+    return Plan("isothermal", "it stands still", at, (Move(at, 1.0, 360.0),), 60.0)
+
+
 def plans(limits: ChamberLimits) -> list[Plan]:
     """The library, tuned to the chamber: all plans within the time budget, or the shortest if none is."""
     library = [

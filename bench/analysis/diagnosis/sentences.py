@@ -29,6 +29,21 @@ def _verdict(answer: Diagnosis, drifts: bool, why: str) -> str:
     return _unknown(answer, drifts)
 
 
+def ranking_reason(answer: Diagnosis) -> str:
+    """Why a suspect with more evidence stands below one with less; empty where none does."""
+    least = min((suspect.evidence for suspect in answer.found), default=np.inf)
+    others = [s.effect for s in answer.suspects if not s.found and s.evidence > least]
+    if not others:
+        return ""
+    strongest, weakest = answer.found[0].effect, min(answer.found, key=lambda suspect: suspect.evidence).effect
+    if len(answer.found) == 1:
+        return ""
+    return (
+        f"the evidence of {weakest} is what it adds beside {strongest}; that of {listed(others)} is without "
+        f"{strongest}, which explains most of the same"
+    )
+
+
 def made_from(answer: Diagnosis) -> str:
     """The runs that a diagnosis was made from: together with other runs the answer may differ."""
     static = f"the isothermal run {answer.static}" if answer.static else "no isothermal run"

@@ -267,6 +267,8 @@ def _where(diagnosis: Diagnosis) -> Iterator[str | Table]:
 
 
 def _suspects(diagnosis: Diagnosis) -> Iterator[str | Table]:
+    from bench.analysis import ranking_reason
+
     if diagnosis.suspects:
         rows = []
         for suspect in diagnosis.suspects:
@@ -276,6 +278,7 @@ def _suspects(diagnosis: Diagnosis) -> Iterator[str | Table]:
             rows.append((f"{mark} {suspect.effect}", f"{suspect.evidence:.1f}", held_out, removes, alike))
         yield table(("Suspects", ">evidence", ">held-out", ">removes", "look-alikes"), rows)
         yield f"  evidence above {diagnosis.threshold:.1f} is significant; * belongs to the explanation"
+        yield from [f"  {reason}"] if (reason := ranking_reason(diagnosis)) else []
         yield ""
 
 

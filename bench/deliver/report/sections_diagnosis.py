@@ -21,6 +21,7 @@ from bench.analysis import (
     effect_names,
     load_model,
     made_from,
+    ranking_reason,
     rivals,
 )
 from bench.base import CHANNELS, finite, in_print, listed, number, with_uncertainty
@@ -104,6 +105,7 @@ def _suspects(answer: Diagnosis) -> Markup:
     caption = f"The strongest suspects, none of them confirmed: {least}."
     if answer.found:
         caption = f"Suspects, bold if part of the explanation: {least}; a lead of {TIE:g} over another suspect counts."
+        caption += f" {_capital(reason)}." if (reason := ranking_reason(answer)) else ""
     return table(caption, head, rows, (1, 2, 3, 4)) + glossary(_meanings(answer))
 
 
