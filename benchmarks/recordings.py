@@ -192,7 +192,8 @@ def rows_rounded(run: Dataset, step: float) -> Dataset:
     """An imported log of means with few digits."""
     rate = step * np.round(run.channels["rate"] / step) if step else run.channels["rate"]
     ones = {name: np.isfinite(column).astype(np.float64) for name, column in run.channels.items()}
-    return replace(run, channels={**run.channels, "rate": rate}, counts=ones, variances={})
+    channels = {**run.channels, "rate": rate}
+    return replace(run, channels=channels, counts=ones, variances={}, finer=None, finer_rate_step=None)
 
 
 def constant(time: FloatArray, values: FloatArray, offset_degc: float) -> FloatArray:

@@ -97,6 +97,8 @@ class Dataset:
     """Whether the unit corrected its rate itself while this was recorded: nothing may be fitted to it."""
     finer_step: float | None = None
     """`temperature_step` of the finer record that this one averages."""
+    finer_rate_step: float | None = None
+    """`rate_step` of the same."""
     unit: str = ""
     """Serial number of the unit; empty where it is not known."""
     finer: Finer | None = field(default=None, repr=False)
@@ -174,14 +176,22 @@ class Dataset:
     def temperature_step(self) -> float:
         """Step of the temperature sensor [degC], 0 where its values look continuous.
 
-        Rows whose samples did not scatter show the sensor's codes; the step is their smallest distance, if all others
-        are multiples of it. Averages hide it, so they remember what the finest record showed.
+        Averages hide it, so they remember what the finest record showed.
         """
-        if self.finer_step is not None:
-            return self.finer_step
-        temperature = self.channel("temperature")
-        scatter = self.variances.get("temperature", np.full(len(self), np.nan))
-        raw = temperature[np.isfinite(temperature) & ~(scatter > 0.0)]
+        return self._step("temperature") if self.finer_step is None else self.finer_step
+
+    @cached_property
+    def rate_step(self) -> float:
+        """Step of the output [deg/h] that no noise within a row blurs, 0 where its values look continuous."""
+        return self._step("rate") if self.finer_rate_step is None else self.finer_rate_step
+
+    def _step(self, name: str) -> float:
+        """Rows whose samples did not scatter show a converter's codes; the step is their smallest distance, if all
+        others are multiples of it.
+        """
+        value = self.channel(name)
+        scatter = self.variances.get(name, np.full(len(self), np.nan))
+        raw = value[np.isfinite(value) & ~(scatter > 0.0)]
         codes = np.unique(np.round(raw, 9))
         if raw.size < max(4, 0.1 * len(self)) or codes.size < 2 or codes.size > 0.5 * raw.size:
             return 0.0
@@ -254,6 +264,7 @@ class Dataset:
             segment=self.segment[starts],
             interval_s=float(interval_s),
             finer_step=self.temperature_step,
+            finer_rate_step=self.rate_step,
             finer=Finer(self, group) if self.finer is None else self.finer.to(group),
         )
 

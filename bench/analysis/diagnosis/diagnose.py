@@ -19,12 +19,12 @@ from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.held_out import Unseen, unseen
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
-from bench.analysis.diagnosis.places import places
+from bench.analysis.diagnosis.places import places, steps_places
 from bench.analysis.diagnosis.probes import despike
 from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.diagnosis.slow import structure
-from bench.analysis.diagnosis.suspects import Layout, Offer, catalogued, isothermal, offer
+from bench.analysis.diagnosis.suspects import Layout, Offer, catalogued, isothermal, offer, resolved
 from bench.analysis.diagnosis.verdict import Explanation, Search
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
@@ -112,6 +112,10 @@ class _Case:
         layout, offered = offer(layout, catalogued(fit.model, runs) if wanted is None else wanted)
         layout, noise = levelled(layout)
         floor = noise_floor(runs, runs[0].interval_s, static).floor_dph if floor_dph is None else floor_dph
+        layout = resolved(layout, floor)
+        if steps := layout.resolution.words():
+            notes.append(f"{steps}: no effect smaller than that is named")
+            noise = f"{noise}; {steps}" if noise else steps
         return cls(fit, layout, offered, floor, noise, tuple(notes), "" if static is None else static.name)
 
     def diagnosis(self, check: tuple[Dataset, ...], seed: int, workers: int = 1) -> Diagnosis:
@@ -125,6 +129,9 @@ class _Case:
         suspects = ranking.suspects()
         slow = structure(self.layout) if explained.word == "adequate" else ""
         decision = decide(explained, suspects, base, improved, self._expected_dph, slow)
+        steps = self.layout.resolution.words()
+        if steps and not explained.steps and decision.word == "unknown_effect":
+            decision = replace(decision, word="undecided", proved=False, why=steps)
         answer = Diagnosis(
             verdict=decision.word,
             proved=decision.proved,
@@ -142,7 +149,7 @@ class _Case:
             threshold=explained.threshold,
             not_excited=self._not_excited(explained),
             smallest_detectable=self._detectable(explained, lattice),
-            noise_finding=_DRIFTS if explained.drifts else self.noise,
+            noise_finding=_DRIFTS if explained.drifts and not steps else self.noise,
             notes=self.notes,
             model=self.fit.model,
             improved=explained.layout.rows.model,
@@ -182,7 +189,8 @@ class _Case:
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
         alarms = [f for f in explained.before.alarms if f.name != "noise"]
-        return places(self.layout, alarms, self._stacked(base), self.floor_dph)
+        found = places(self.layout, alarms, self._stacked(base), self.floor_dph)
+        return (*found, *steps_places(self.layout, self._stacked(base), self.floor_dph))
 
     def _unexplained(self, explained: Explanation, improved: Unseen) -> tuple[Place, ...]:
         return places(self.layout, explained.left, self._stacked(improved), self.floor_dph)

@@ -21,6 +21,21 @@ def places(layout: Layout, findings: Iterable[Finding], residual: FloatArray, fl
     return tuple(_place(layout, finding, residual, floor_dph) for finding in findings)
 
 
+def steps_places(layout: Layout, residual: FloatArray, floor_dph: float) -> tuple[Place, ...]:
+    """The steps of thermometer and output where they matter: the whole range, of the size of their error."""
+    steps = layout.resolution
+    rms = float(np.sqrt(np.mean(residual**2)))
+    found = []
+    for channel, values, error in (
+        ("temperature", layout.temperature, steps.temperature_error_dph),
+        ("rate", layout.stacked([record.channel("rate") for record in layout.rows.records]), steps.rate_error_dph),
+    ):
+        if error:
+            low, high = float(values.min()), float(values.max())
+            found.append(Place(channel, low, high, rms, rms / floor_dph, error, 0.0, "steps of the recorded values"))
+    return tuple(found)
+
+
 def _place(layout: Layout, finding: Finding, residual: FloatArray, floor_dph: float) -> Place:
     channel, values = _values(layout, finding.name)
     note = finding.note

@@ -7,13 +7,14 @@ temperature. The model's own nonlinear parameters take part through the slopes o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
 from bench.analysis.diagnosis.probes import Probe, usual
+from bench.analysis.diagnosis.resolution import Resolution, resolution
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.catalogue import catalogue
@@ -40,6 +41,8 @@ class Layout:
     statics: tuple[Record, ...] = ()
     white: FloatArray | None = None
     """White variance of the rows (n,) relative to the isothermal records', where it is not the same."""
+    resolution: Resolution = field(default_factory=Resolution)
+    """Steps of thermometer and output, where they matter."""
 
     @cached_property
     def problem(self) -> Problem:
@@ -129,6 +132,15 @@ class Layout:
         """The fitted curve (n,) [deg/h] at the temperatures of these records, which all terms see."""
         return self.stacked([self._fitted.columns(record) @ self._beta for record in seen])
 
+    @property
+    def steepness(self) -> FloatArray:
+        """Slope of the fitted curve over temperature (n,) [deg/h/degC]."""
+        ends = [
+            self.curve([r.with_channel("temperature", r.channel("temperature") + shift) for r in self.seen])
+            for shift in (-0.5, 0.5)
+        ]
+        return np.asarray(ends[1] - ends[0])
+
     @cached_property
     def _fitted(self) -> design.Bound:
         """The model's terms alone, prepared to what they see."""
@@ -151,7 +163,14 @@ class Layout:
         sizes = [len(t) for t in self.rows.time]
         run = np.repeat(np.arange(len(sizes)), sizes)
         constants = [(run == i).astype(np.float64) for i in range(1, len(sizes)) if sizes[i]]
-        return np.column_stack([np.zeros((len(run), 0)), *constants, *self._slopes()])
+        rounding = [self.resolution.rounding(self._output)] if self.resolution.rate_step_dph else []
+        return np.column_stack([np.zeros((len(run), 0)), *constants, *self._slopes(), *rounding])
+
+    @property
+    def _output(self) -> FloatArray:
+        """Fitted output of the rows (n,) [deg/h], whatever turned included."""
+        turned = self.stacked([record.channel("rate") - record.bias for record in self.rows.records])
+        return self.curve(self.seen) + turned
 
     def _slopes(self) -> list[FloatArray]:
         if not self.theta.size:
@@ -257,6 +276,17 @@ def isothermal(static: Dataset, interval_s: float) -> Record:
     moved = np.nan_to_num(temperature - np.nanmean(temperature))
     trend = np.column_stack([np.ones_like(settling), settling, moved])
     return Record(kept.time, kept.bias, trend, np.maximum(np.median(count) / count, 1.0))
+
+
+def resolved(layout: Layout, floor_dph: float) -> Layout:
+    """The layout with the steps of its thermometer and output, where they cause more than a share of the floor."""
+    if "temperature" not in layout.rows.records[0].channels:
+        return layout
+    near = np.diff(layout.problem.time_s) < 1.5 * layout.problem.interval_s
+    steps = np.diff(layout.problem.y)[near]
+    white = float(np.median(np.abs(steps - np.median(steps)))) * 1.4826 / np.sqrt(2.0) if steps.size else 0.0
+    found = resolution(layout.rows.records, layout.steepness, white)
+    return replace(layout, resolution=found) if found.matters(floor_dph) else layout
 
 
 class _Terms:

@@ -122,7 +122,7 @@ class Search:
         steps: list[FoundEffect] = []
         while len(steps) < MOST_EFFECTS:
             best = _best(evidence)
-            if best is None or best.evidence <= self._bar(len(steps)):
+            if best is None or best.evidence <= self._bar(len(steps)) or _rounded(layout, best):
                 break
             steps.append(FoundEffect(layout, evidence, best, self.offer.effects[best.name]))
             layout = _with(layout, steps[-1:])
@@ -142,7 +142,7 @@ class Search:
             evidence = self.weigh(without)
             best = _best(evidence)
             current = others
-            if best is not None and best.evidence > self._bar(len(others)):
+            if best is not None and best.evidence > self._bar(len(others)) and not _rounded(without, best):
                 current.append(FoundEffect(without, evidence, best, self.offer.effects[best.name]))
         return tuple(sorted(current, key=lambda s: -s.suspect.evidence))
 
@@ -151,6 +151,11 @@ def _with(layout: Layout, steps: Sequence[FoundEffect]) -> Layout:
     for step in steps:
         layout = layout.adding(step.effect, step.suspect.theta)
     return layout
+
+
+def _rounded(layout: Layout, suspect: Suspect) -> bool:
+    """Whether the steps of thermometer or output may cause what the suspect explains."""
+    return layout.resolution.hides(layout.beyond(suspect.contribution))
 
 
 def _best(evidence: Evidence) -> Suspect | None:

@@ -27,7 +27,7 @@ class ThermometerLag(Effect):
 
     name = "thermometer_lag"
     needs = ("temperature",)
-    rarity = 1.0
+    rarity = 0.5
     parameters = (Parameter("tau_s", "s", 3.0, 3000.0, 30.0, log=True, meaning="time constant of the thermometer"),)
 
     def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
