@@ -7,8 +7,8 @@ import pytest
 
 from bench.acquisition.profile import profile
 from bench.analysis.diagnosis.diagnose import diagnose
-from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.discrimination import Discrimination
+from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.experiment import next_experiment, propose
 from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans, repetitions
 from bench.analysis.diagnosis.prediction import chamber_model, predicted_record

@@ -102,13 +102,14 @@ class Discrimination:
         stacked = self._layout if plan is None else self._with(plan)
         problem = replace(stacked.problem, statics=())
         candidates = [stacked.candidate(rival.effect, rival.name) for rival in self._rivals]
-        points, weights, variances = (part[:noises] for part in self._points)
+        every, likely, variances = self._points
+        points, weights = every[:noises], likely[:noises]
         lattice = NoiseLattice(problem.records(), problem.interval_s)
         evidence = np.array([rival.evidence for rival in self._rivals])
         prior = np.exp(0.5 * (evidence - evidence.max()))
         tried = [[(theta, c.columns(theta)) for theta in c.grid()] for c in candidates]
         gaps, shares = [], []
-        for point, weight, sigma2, (way,) in zip(points, weights, variances, lattice.at(points), strict=True):
+        for point, weight, sigma2, (way,) in zip(points, weights, variances[:noises], lattice.at(points), strict=True):
             basis = orthonormal(way.apply(problem.base))
             spaces = [self._spaces(c, own, way, basis) for c, own in zip(candidates, tried, strict=True)]
             known = lattice_of(self._layout.problem).at([point])[0][0]
