@@ -37,8 +37,6 @@ EXPLAINED_RATIO = 1.15
 """Error on unseen data over the noise floor up to which no formula is searched beside the effects that were found."""
 FORMULA_EVIDENCE = 12.0
 """Evidence that a formula needs, which pays for the number of formulas tried, too."""
-WEAK_EVIDENCE = 15.0
-"""Evidence below which no experiment is designed for the fitted effects."""
 PAYS = 1e-3
 """Least relative fall of the held-out error that pays for an effect."""
 PROVED_FALL = 0.03

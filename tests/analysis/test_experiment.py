@@ -7,10 +7,12 @@ import pytest
 
 from bench.acquisition.profile import profile
 from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.discrimination import Discrimination
 from bench.analysis.diagnosis.evidence import weigh
-from bench.analysis.diagnosis.experiment import Design, NoiseLevel, Rival, next_experiment, propose
-from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans
+from bench.analysis.diagnosis.experiment import next_experiment, propose
+from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans, repetitions
 from bench.analysis.diagnosis.prediction import chamber_model, predicted_record
+from bench.analysis.diagnosis.rivals import NoiseLevel, Rival
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
@@ -120,13 +122,37 @@ def test_a_budget_that_nothing_fits_leaves_the_shortest():
     assert len(plans(short)) == 1
 
 
-def test_weak_evidence_is_no_basis_for_a_design(runs):
+def test_weak_evidence_leaves_more_open_and_gets_a_longer_run(runs):
     layout, rivals, noise = judged(runs["hysteresis"])
     weak = [replace(rival, evidence=8.0) for rival in rivals]
-    proposal = propose(layout, weak, noise, LIMITS)
-    assert proposal.profile_name == minor_loops(LIMITS).name
-    assert "too weak" in proposal.why
-    assert proposal.to_json("p")["predicted_after"] is None
+    loud = replace(noise, sigma2=16.0 * noise.sigma2)
+    strong, faint = (propose(layout, weak, each, LIMITS) for each in (noise, loud))
+    assert 0.0 <= faint.probability_before <= faint.probability_after <= faint.after_repeats <= 1.0
+    assert faint.probability_after < strong.probability_after or faint.duration_min >= strong.duration_min
+
+
+def test_what_no_profile_can_tell_is_said_with_the_best_probability(runs):
+    layout, rivals, noise = judged(runs["temperature_rate"])
+    same = [replace(rivals[0], name="a"), replace(rivals[0], name="b", effect=_Other())]
+    proposal = propose(layout, same, noise, LIMITS)
+    assert not proposal.decides
+    assert proposal.to_json("p")["decides"] is False
+    assert "no profile within the limits" in proposal.why
+
+
+class _Other(type(effects.make("temperature_rate"))):
+    """The same equation under another family's name."""
+
+    family = "other"
+
+
+def test_a_plan_is_repeated_as_often_as_the_budget_allows():
+    several = repetitions(minor_loops(LIMITS), replace(LIMITS, budget_min=480.0))
+    assert len(several) > 1
+    assert several[-1].duration_s <= 480.0 * 60.0
+    assert len({plan.name for plan in several}) == len(several)
+    for plan in several:
+        assert profile.profile_from_text(plan.to_yaml(LIMITS, "why")).name == plan.name
 
 
 def test_shapes_of_one_family_need_no_experiment(runs):
@@ -148,8 +174,8 @@ def test_standing_still_and_reversing_separates_better_than_the_same_again(runs)
     layout, rivals, noise = judged(runs["temperature_rate"])
     pair = [rival for rival in rivals if rival.name in {"temperature_rate", "hysteresis"}]
     again = Plan("again", "", 25.0, (Move(-5.0, 1.0, 10.0), Move(65.0, 1.0, 10.0), Move(25.0, 1.0)))
-    rated = Design(layout, pair, noise)
-    alone, repeated, loops = (rated.worst(plan) for plan in (None, again, minor_loops(LIMITS)))
+    rated = Discrimination(layout, pair, noise)
+    alone, repeated, loops = (rated.expected(plan).gap for plan in (None, again, minor_loops(LIMITS)))
     assert alone < repeated < loops
 
 

@@ -4,9 +4,11 @@ E_j = (-2 ln L of the base) - (-2 ln L with candidate j) - k_j ln n: base and ca
 nonlinear parameters searched on a grid and then continuously, and the noise ratios profiled on either side. What chance
 alone reaches is learnt from noise drawn from the fitted base.
 
-L is marginal: amplitudes are integrated out under a prior, normal about zero, that knows as much of them as one row of
-white noise does. Among slow noise a slow column is determined less well, so it costs less, and the noise that
-goes with it is not taken for less than it is: the full likelihood finds ageing half as often at the same alarm rate.
+L is marginal: amplitudes are integrated out under a prior, normal about zero with the variance of the white noise for
+a column of RMS one outside the base. This adds ln |X' C^-1 X| - ln |X' X| to -2 ln L and leaves k ln n, all there is of
+it in white noise. Among slow noise a slow column is determined less well and costs less, and the noise beside it is not
+taken for less than it is: of ageing at strength 1 this finds 87 % where the full likelihood finds 73 %, both at the
+1.5 % that chance reaches at the noise of the test.
 """
 
 from __future__ import annotations

@@ -1,67 +1,48 @@
 """The next experiment: the profile that best tells apart the effects that the runs so far cannot.
 
-Each rival, as fitted, is assumed to be the truth in turn. D is the gap in 2 ln L by which it would then beat another
-rival, with all free parameters fitted again, over all runs so far and the proposed run. The profile with the largest D
-for the worst pair wins. Minor loops win where their D is large enough, because they decide most thermal ties even if
-none of the rivals is the truth. They are also proposed where the evidence is too weak to trust the fitted effects.
+Each rival is assumed to be the truth in turn, at sizes, parameters and noise drawn from what the runs so far leave
+open (`discrimination`). The shortest profile that decides with near certainty wins; without one, the most probable. The
+library's best are tried repeated up to the time budget, too. Where even three such runs would not decide, the answer
+says so. A verdict that names nothing and does not rule out a slow cause gets a run that would tell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
 from typing import Any
 
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Diagnosis
-from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta
+from bench.analysis.diagnosis.discrimination import Discrimination
 from bench.analysis.diagnosis.evidence import weigh
-from bench.analysis.diagnosis.limits import expected_gap, probability
 from bench.analysis.diagnosis.plan import (
     ChamberLimits,
     Plan,
     chamber_limits,
     exciting,
+    isothermal_plan,
     minor_loops,
     plans,
-    standing_still,
+    repetitions,
 )
-from bench.analysis.diagnosis.prediction import predicted_record
+from bench.analysis.diagnosis.rivals import NoiseLevel, Rival
 from bench.analysis.diagnosis.suspects import Layout, isothermal, offer
 from bench.analysis.effects import registry as effects
-from bench.analysis.effects.base import Effect
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
-from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
-from bench.analysis.thresholds import WEAK_EVIDENCE
-from bench.base import FloatArray, finite
+from bench.base import finite
 from bench.record import Dataset
 
 _PREDICTABLE = {"time", "temperature", "chamber_temperature", "chamber_setpoint"}
-_PLENTY = 60.0
-"""Expected gap that is enough even if the fitted amplitudes are half too large."""
-_POINTS = 10  # grid points of a rival's parameter; refined continuously afterwards
-
-
-@dataclass(frozen=True)
-class Rival:
-    """One of the effects that the runs cannot tell apart, with the parameters and the evidence found for it."""
-
-    name: str
-    effect: Effect
-    theta: Theta
-    evidence: float
-
-
-@dataclass(frozen=True)
-class NoiseLevel:
-    """NoiseLevel that the runs showed: lattice point, and the white variance of one mean [(deg/h)^2]."""
-
-    point: Point
-    sigma2: float
+_ENOUGH = 0.97
+"""Probability of a decision beyond which the shorter run is better."""
+_HOPELESS = 0.5
+"""Probability of a decision after `_MOST_RUNS` runs below which the answer is that none can be had."""
+_MOST_RUNS = 3
+_CLOSELY = 4  # profiles of the library that are tried repeated and at every noise
 
 
 @dataclass(frozen=True)
@@ -77,16 +58,22 @@ class Proposal:
     duration_min: float
     profile_name: str
     profile_yaml: str
+    expected: tuple[float, float] = (np.nan, np.nan)
+    """Probability that the runs so far decide, and that they do with this one."""
+    after_repeats: float = np.nan
+    """Probability that they do after three of it."""
+    decides: bool = True
+    """False where no profile within the limits can tell."""
 
     @property
     def probability_before(self) -> float:
         """Probability that the runs so far decide."""
-        return probability(self.predicted_before) if np.isfinite(self.predicted_before) else np.nan
+        return self.expected[0]
 
     @property
     def probability_after(self) -> float:
         """Probability that all runs decide, this one included."""
-        return probability(self.predicted_after) if np.isfinite(self.predicted_after) else np.nan
+        return self.expected[1]
 
     def to_json(self, profile: str) -> dict[str, Any]:
         """The `next_experiment` of `bench diagnose --json`, written to the path `profile`."""
@@ -95,10 +82,11 @@ class Proposal:
             "predicted_after": self.predicted_after,
             "probability_before": self.probability_before,
             "probability_after": self.probability_after,
+            "probability_after_repeats": self.after_repeats,
         }
         known = {key: finite(value) for key, value in numbers.items()}
         return {"profile": profile, "separates": list(self.separates), "why": self.why,
-                "duration_min": self.duration_min, **known}  # fmt: skip
+                "duration_min": self.duration_min, "decides": self.decides, **known}  # fmt: skip
 
 
 def next_experiment(
@@ -115,7 +103,9 @@ def next_experiment(
     """
     open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes), None)
     if open_ is None:
-        return _telling(diagnosis, limits or chamber_limits(runs)) if diagnosis.verdict == "undecided" else None
+        undecided = diagnosis.verdict == "undecided"
+        telling = undecided or not diagnosis.found
+        return _telling(diagnosis, limits or chamber_limits(runs), static) if telling else None
     tied = (open_.effect, *open_.look_alikes)
     base = replace(open_.model, effects=open_.model.effects[:-1])
     with one_blas_thread():
@@ -131,15 +121,27 @@ def next_experiment(
         return propose(layout, rivals, noise, limits)
 
 
-def _telling(diagnosis: Diagnosis, limits: ChamberLimits) -> Proposal:
-    """The run that would tell what is not decided: noise that stands still, or data that no fit has seen."""
-    names = tuple(suspect.effect for suspect in diagnosis.found)
-    if not names and not diagnosis.static:
-        plan, why = standing_still(limits), "it shows the unit's own noise, from which a slow cause then stands out"
-        return _proposal(plan, limits, ("a slow cause", "noise"), f"{why}; give it as --static", (np.nan, np.nan))
-    what = f"whether {' and '.join(names)} {'is' if len(names) == 1 else 'are'} missing" if names else "a slow cause"
-    why = f"it shows on data that no fit has seen {what}: give it as --check"
-    return _proposal(minor_loops(limits), limits, names or ("a slow cause", "noise"), why, (np.nan, np.nan))
+def _telling(diagnosis: Diagnosis, limits: ChamberLimits, static: Dataset | None) -> Proposal | None:
+    """The run that tells what a misfit is that no effect explains; None where there is none."""
+    word, names = str(diagnosis.verdict), [suspect.effect for suspect in diagnosis.found]
+    if word == "undecided" and names:
+        what = f"whether {' and '.join(names)} {'is' if len(names) == 1 else 'are'} missing"
+        why = f"it shows on data that no fit has seen {what}: give it as --check"
+        return _proposal(minor_loops(limits), limits, tuple(names), why, (np.nan, np.nan))
+    if word == "undecided" and static is None:
+        why = (
+            "an isothermal run shows the unit's own slow noise: given as --static, what the run drifts beyond it has a "
+            "cause"
+        )
+        return _proposal(isothermal_plan(limits), limits, ("a slow cause", "noise"), why, (np.nan, np.nan))
+    if word in {"undecided", "unknown_effect"}:
+        why = (
+            "reversals and rests at many temperatures: what repeats with temperature, its rate or its history has a "
+            "thermal cause; what does not repeat follows time or something that is not recorded"
+        )
+        separates = ("a slow cause", "noise") if word == "undecided" else ("a thermal cause", "another cause")
+        return _proposal(minor_loops(limits), limits, separates, why, (np.nan, np.nan))
+    return None
 
 
 def propose(
@@ -159,31 +161,41 @@ def propose(
     if channels:
         plan, why = exciting(limits, channels, names)
         return _proposal(plan, limits, names, why, (np.nan, np.nan))
-    if max(rival.evidence for rival in rivals) < WEAK_EVIDENCE:
-        why = (
-            f"the evidence is too weak (at most {max(r.evidence for r in rivals):.0f}, {WEAK_EVIDENCE:.0f} wanted) to "
-            "design a run for these effects; minor loops with reversals decide most thermal ties for any cause"
-        )
-        return _proposal(minor_loops(limits), limits, names, why, (np.nan, np.nan))
     return _designed(layout, rivals, noise, limits)
 
 
 def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits: ChamberLimits) -> Proposal:
-    rated = Design(layout, rivals, noise)
-    before = rated.worst(None)
-    scored = [(rated.worst(plan), plan) for plan in plans(limits)]
-    usual = minor_loops(limits).name
-    standard = [pair for pair in scored if pair[1].name == usual and pair[0] >= _PLENTY]
-    best = standard[0] if standard else max(scored, key=lambda pair: pair[0])
-    after, plan = best
+    rated = Discrimination(layout, rivals, noise)
+    before = rated.expected(None)
+    library = plans(limits)
+    rough = sorted(library, key=lambda plan: -rated.expected(plan, noises=1).probability)
+    longer = [again for plan in rough[:_CLOSELY] for again in repetitions(plan, limits)]
+    scored = [(rated.expected(plan), plan) for plan in longer]
+    most = max(after.probability for after, _ in scored)
+    enough = [pair for pair in scored if pair[0].probability >= min(_ENOUGH, most)]
+    after, plan = min(enough, key=lambda pair: pair[1].duration_s)
     names = tuple(rival.name for rival in rivals)
-    choice = "the usual one, and sufficient" if standard else "the best"
-    why = (
-        f"{plan.reason}. Of {len(scored)} profiles tried on the fitted effects it is {choice}: the expected gap "
-        f"of the two that are hardest to tell apart rises from {before:.0f} to {after:.0f}, and the probability of a "
-        f"decision from {probability(before):.0%} to {probability(after):.0%}"
+    often = after.after(before, _MOST_RUNS).probability
+    tried = len(library) + len(longer) - _CLOSELY
+    promise = (
+        f"over what the runs leave open of sizes, time constants and noise, the expected gap of the two that are "
+        f"hardest to tell apart goes from {before.gap:.0f} to {after.gap:.0f}, and the probability of a decision from "
+        f"{before.probability:.0%} to {after.probability:.0%}"
     )
-    return _proposal(plan, limits, names, why, (before, after))
+    if often < _HOPELESS:
+        why = (
+            f"no profile within the limits of the chamber and {limits.budget_min / 60.0:g} h can tell them apart: with "
+            f"the best of {tried} tried, {promise}, and after {_MOST_RUNS} such runs it is {often:.0%}"
+        )
+    elif after.probability >= _ENOUGH:
+        why = f"{plan.reason}. Of {tried} profiles tried it is the shortest that decides: {promise}"
+    else:
+        why = f"{plan.reason}. Of {tried} profiles tried it is the best: {promise}; diagnose all runs together after it"
+        why += f", and again if it does not decide ({_MOST_RUNS} such runs: {often:.0%})"
+    found = _proposal(plan, limits, names, why, (before.gap, after.gap))
+    return replace(
+        found, expected=(before.probability, after.probability), after_repeats=often, decides=often >= _HOPELESS
+    )
 
 
 def _proposal(
@@ -191,51 +203,3 @@ def _proposal(
 ) -> Proposal:
     text = plan.to_yaml(limits, f"Tells apart: {', '.join(names)}. {why}.")
     return Proposal(names, why, *predicted, plan.duration_s / 60.0, plan.name, text)
-
-
-class Design:
-    """Rivals as fitted to the runs so far, and their predictions for any plan."""
-
-    def __init__(self, layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel) -> None:
-        self._layout, self._rivals, self._noise = layout, rivals, noise
-        self._base = layout.rows.bind(layout.theta, trial=True)[0]
-        self._beta = gls_of(layout.problem, layout.problem.base, noise.point)
-
-    def worst(self, plan: Plan | None) -> float:
-        """D of the pair of families that is hardest to tell apart, over the runs so far and then the plan's."""
-        stacked = self._layout if plan is None else self._with(plan)
-        problem = stacked.problem
-        known = len(self._layout.problem.y)
-        lattice = NoiseLattice(replace(problem, statics=()).records(), problem.interval_s)
-        candidates = [replace(stacked.candidate(r.effect, r.name), points=_POINTS) for r in self._rivals]
-        means = [self._mean(problem, c, r, known) for c, r in zip(candidates, self._rivals, strict=True)]
-        gaps = [
-            expected_gap(problem, means[i], candidates[j], lattice, self._noise.point, self._noise.sigma2)
-            for i, j in permutations(range(len(candidates)), 2)
-            if self._rivals[i].effect.family != self._rivals[j].effect.family
-        ]
-        return min(gaps)
-
-    def _mean(self, problem: Problem, candidate: Candidate, rival: Rival, known: int) -> FloatArray:
-        """Bias over all rows (n,) [deg/h] if this rival, as fitted to the known rows, is the truth."""
-        own = candidate.columns(rival.theta)
-        columns = own if candidate.kind == "abscissa" else np.column_stack([problem.base, own])
-        beta = gls_of(self._layout.problem, columns[:known], self._noise.point)
-        return np.asarray(columns @ beta)
-
-    def _with(self, plan: Plan) -> Layout:
-        """The layout with the planned run as one more record, its bias as the present model predicts it."""
-        records = self._layout.rows.records
-        planned = predicted_record(records, plan.setpoint(), records[0].interval_s)
-        bias = self._base.columns(planned) @ self._beta[: self._base.columns(planned).shape[1]]
-        planned = planned.with_channel("rate", bias)
-        rows = design.FitRows(
-            self._layout.rows.model, (*records, planned), (*self._layout.rows.masks, np.ones(len(planned), dtype=bool))
-        )
-        return replace(self._layout, rows=rows)
-
-
-def gls_of(problem: Problem, columns: FloatArray, point: Point) -> FloatArray:
-    """Coefficients (p,) of columns over the run's rows at this noise; zero for a column without a value there."""
-    lattice = NoiseLattice(problem.records()[:1], problem.interval_s)
-    return gls(columns, problem.y, lattice.at([point])[0][0]).beta

@@ -8,7 +8,7 @@ chamber than its lag.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from textwrap import fill
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from bench.base import CHANNELS, FloatArray, InputError
 from bench.record import Dataset
 
+_MOST_TIMES = 4
 _LEAST_RATE = 0.5  # degC/min
 _STEADY_S = 600.0  # rates are taken from what the unit kept up for this long
 
@@ -134,10 +135,21 @@ def minor_loops(limits: ChamberLimits) -> Plan:
     return _through(limits, ("minor_loops", _LOOPS), _SHARES, rests)
 
 
-def standing_still(limits: ChamberLimits) -> Plan:
-    """Six hours at one temperature, near the middle of the range: the noise of the unit and nothing else."""
-    at = round(limits.at(0.5) / 5.0) * 5.0
-    return Plan("isothermal", "it stands still", at, (Move(at, 1.0, 360.0),), 60.0)
+def isothermal_plan(limits: ChamberLimits) -> Plan:
+    """Four hours at rest in the middle of the range, the first of them to settle."""
+    return Plan("isothermal", "nothing moves but the noise", limits.at(0.5), (Move(limits.at(0.5), 1.0, 180.0),), 60.0)
+
+
+def repetitions(plan: Plan, limits: ChamberLimits) -> list[Plan]:
+    """A plan that ends where it began once, twice and so on, as often as the time budget allows."""
+    several = [plan]
+    while len(several) < _MOST_TIMES and plan.moves[-1].to_degc == plan.start_degc:
+        times = len(several) + 1
+        again = replace(plan, name=f"{plan.name}_{times}_times", moves=plan.moves * times)
+        if again.duration_s > 60.0 * limits.budget_min:
+            break
+        several.append(again)
+    return several
 
 
 def plans(limits: ChamberLimits) -> list[Plan]:

@@ -1,0 +1,172 @@
+"""Expected discrimination: how probably a planned run decides between rivals, over what the runs so far leave open.
+
+Parameters, amplitudes and noise are drawn from their posterior, not taken at their best values: from a weak first run
+the best values choose worse runs than a fixed habit does. Each draw of each rival is the truth in turn. D is the gap in
+2 ln L by which it beats the nearest rival of another family, all free parameters fitted again over all runs together
+(T-optimality; A. C. Atkinson, V. V. Fedorov, Biometrika 62 (1975) 57). The gap that is realised scatters about D with
+variance 4 D, so that D says how probable a decision is; its mean, weighted by evidence, is what a plan is judged by
+(as G. E. P. Box, W. J. Hill, Technometrics 9 (1967) 57).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
+from bench.analysis.diagnosis.limits import probability
+from bench.analysis.diagnosis.plan import Plan
+from bench.analysis.diagnosis.prediction import predicted_record
+from bench.analysis.diagnosis.refine import Refiner
+from bench.analysis.diagnosis.rivals import NoiseLevel, Rival
+from bench.analysis.diagnosis.suspects import Layout
+from bench.analysis.fit import design
+from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
+from bench.analysis.noise.whitening import Whitener
+from bench.base import FloatArray
+
+DRAWS = 24
+_HALF_DECADE = 8
+_NOISES = 3
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a plan promises: mean probability of a decision, and the median over draws of the gap D.
+
+    `gaps` (draws,) and their `weights` are behind both.
+    """
+
+    gaps: FloatArray
+    weights: FloatArray
+
+    @property
+    def probability(self) -> float:
+        """Of a right decision."""
+        return float(np.average([probability(gap) for gap in self.gaps], weights=self.weights))
+
+    @property
+    def gap(self) -> float:
+        """Median D."""
+        order = np.argsort(self.gaps)
+        share = np.cumsum(self.weights[order]) / np.sum(self.weights)
+        return float(self.gaps[order][np.searchsorted(share, 0.5)])
+
+    def after(self, before: Expected, runs: int) -> Expected:
+        """The same after this many runs of the plan instead of one."""
+        return replace(self, gaps=before.gaps + runs * np.maximum(self.gaps - before.gaps, 0.0))
+
+
+class Discrimination:
+    """Rivals as the runs so far leave them, and what any plan promises."""
+
+    def __init__(self, layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, seed: int = 0) -> None:
+        """`noise` is the most likely one; its neighbours on the lattice take part by their likelihood."""
+        self._layout, self._rivals, self._noise, self._seed = layout, rivals, noise, seed
+        self._base = layout.rows.bind(layout.theta, trial=True)[0]
+        self._candidates = [layout.candidate(rival.effect, rival.name) for rival in rivals]
+        problem = layout.problem
+        self._refiner = Refiner(problem, NoiseLattice(problem.records(), problem.interval_s))
+
+    @cached_property
+    def _points(self) -> tuple[list[Point], FloatArray, list[float]]:
+        """Noise points, their posterior weights, and the white variance at each."""
+        rivals = list(zip(self._rivals, self._candidates, strict=True))
+        best, candidate = max(rivals, key=lambda pair: pair[0].evidence)
+        points = NoiseLattice.around(self._noise.point, _HALF_DECADE)
+        heights = np.array([self._refiner.height(candidate, best.theta, point) for point in points])
+        order = np.argsort(heights)[:_NOISES]
+        weights = np.exp(0.5 * (heights[order[0]] - heights[order]))
+        kept = [points[i] for i in order]
+        variances = [self._refiner.sigma2(candidate, best.theta, point) for point in kept]
+        return kept, weights / weights.sum(), variances
+
+    @cached_property
+    def _drawn(self) -> list[list[Theta]]:
+        """Parameters of each rival drawn from their posterior on the grid, the best values first."""
+        rng = np.random.default_rng(self._seed)
+        drawn = []
+        for rival, candidate in zip(self._rivals, self._candidates, strict=True):
+            grid = candidate.grid()
+            heights = np.array([self._refiner.height(candidate, theta, self._noise.point) for theta in grid])
+            share = np.exp(0.5 * (heights.min() - heights))
+            chosen = rng.choice(len(grid), DRAWS - 1, p=share / share.sum())
+            drawn.append([rival.theta, *(grid[i] for i in chosen)])
+        return drawn
+
+    def expected(self, plan: Plan | None, noises: int = _NOISES) -> Expected:
+        """Over the runs so far and then the plan's."""
+        stacked = self._layout if plan is None else self._with(plan)
+        problem = replace(stacked.problem, statics=())
+        candidates = [stacked.candidate(rival.effect, rival.name) for rival in self._rivals]
+        every, likely, variances = self._points
+        points, weights = every[:noises], likely[:noises]
+        lattice = NoiseLattice(problem.records(), problem.interval_s)
+        evidence = np.array([rival.evidence for rival in self._rivals])
+        prior = np.exp(0.5 * (evidence - evidence.max()))
+        tried = [[(theta, c.columns(theta)) for theta in c.grid()] for c in candidates]
+        gaps, shares = [], []
+        for point, weight, sigma2, (way,) in zip(points, weights, variances[:noises], lattice.at(points), strict=True):
+            basis = orthonormal(way.apply(problem.base))
+            spaces = [self._spaces(c, own, way, basis) for c, own in zip(candidates, tried, strict=True)]
+            known = lattice_of(self._layout.problem).at([point])[0][0]
+            for i, rival in enumerate(self._rivals):
+                white = way.apply(self._means(problem, candidates[i], self._drawn[i], known, sigma2))
+                others = [j for j, other in enumerate(self._rivals) if other.effect.family != rival.effect.family]
+                least = [_least(white, outside(basis, white), candidates[j], spaces[j]) for j in others]
+                gaps.append(np.min(least, axis=0) / sigma2)
+                shares.append(np.full(DRAWS, weight * prior[i]))
+        return Expected(np.concatenate(gaps), np.concatenate(shares))
+
+    @staticmethod
+    def _spaces(
+        candidate: Candidate, tried: Sequence[tuple[Theta, FloatArray]], way: Whitener, basis: FloatArray
+    ) -> list[FloatArray]:
+        """Basis of what a rival may follow, beside the model, at each of its parameters."""
+        whitened = [way.apply(columns) for _, columns in tried]
+        return [orthonormal(c if candidate.kind == "abscissa" else outside(basis, c)) for c in whitened]
+
+    def _means(
+        self, problem: Problem, candidate: Candidate, drawn: Sequence[Theta], way: Whitener, sigma2: float
+    ) -> FloatArray:
+        """Bias (n, draws) [deg/h] if this rival is the truth, its amplitudes drawn beside what the known rows say."""
+        rng = np.random.default_rng([self._seed, 1])
+        y = self._layout.problem.y
+        means = np.empty((len(problem.y), len(drawn)))
+        for theta in dict.fromkeys(drawn):
+            own = candidate.columns(theta)
+            columns = own if candidate.kind == "abscissa" else np.column_stack([problem.base, own])
+            fit = gls(columns[: len(y)], y, way, sigma2)
+            values, vectors = np.linalg.eigh(fit.covariance)
+            half = vectors * np.sqrt(np.maximum(values, 0.0))
+            which = [i for i, each in enumerate(drawn) if each == theta]
+            scatter = half @ rng.standard_normal((len(values), len(which)))
+            means[:, which] = columns @ (fit.beta[:, None] + scatter)
+        return means
+
+    def _with(self, plan: Plan) -> Layout:
+        """The layout with the planned run as one more record, its bias as the present model predicts it."""
+        rows = self._layout.rows
+        planned = predicted_record(rows.records, plan.setpoint(), rows.records[0].interval_s)
+        columns = self._base.columns(planned)
+        known = lattice_of(self._layout.problem).at([self._noise.point])[0][0]
+        beta = gls(self._layout.problem.base, self._layout.problem.y, known).beta
+        planned = planned.with_channel("rate", columns @ beta[: columns.shape[1]])
+        masks = (*rows.masks, np.ones(len(planned), dtype=bool))
+        return replace(self._layout, rows=design.FitRows(rows.model, (*rows.records, planned), masks))
+
+
+def lattice_of(problem: Problem) -> NoiseLattice:
+    """Whiteners of the run's rows alone."""
+    return NoiseLattice(problem.records()[:1], problem.interval_s)
+
+
+def _least(white: FloatArray, residual: FloatArray, rival: Candidate, spaces: Sequence[FloatArray]) -> FloatArray:
+    """Square sum (draws,) that a rival leaves of whitened means at its best parameters."""
+    response = white if rival.kind == "abscissa" else residual
+    power = np.einsum("ij,ij->j", response, response)
+    gains = [np.sum((space.T @ response) ** 2, axis=0) for space in spaces]
+    return np.asarray(np.maximum(power - np.max(gains, axis=0), 0.0))
