@@ -134,11 +134,102 @@ def plume(w: World, rng: np.random.Generator) -> FloatArray:
     return far - w.case
 
 
+# The following were written after the search was frozen.
+
+
+def drying(w: World, rng: np.random.Generator) -> FloatArray:
+    """Moisture that leaves, faster when it is warm, and does not come back."""
+    wet, level, tau_s = np.empty(len(w.case)), 1.0, _log(rng, 4000, 12000)
+    for second, rate in enumerate(np.exp((w.case - 25.0) / 20.0).tolist()):
+        level -= level * rate / tau_s
+        wet[second] = level
+    return wet
+
+
+def heater_pickup(w: World, rng: np.random.Generator) -> FloatArray:
+    """The heater's current couples into the pick-off, in proportion to the quadrature."""
+    return follows(w.heater, rng.uniform(5.0, 30.0)) * w.quadrature
+
+
+def bimetal(w: World, rng: np.random.Generator) -> FloatArray:
+    """A gradient bends a part whose stiffness depends on temperature."""
+    return (w.case - follows(w.case, _log(rng, 100, 800))) * (1.0 + (w.case - 20.0) / rng.uniform(30.0, 60.0))
+
+
+def sticking_electrode(w: World, rng: np.random.Generator) -> FloatArray:
+    """The quadrature electrode follows its command only beyond a dead band."""
+    band, at = rng.uniform(0.15, 0.3) * float(np.ptp(w.quadrature)), float(w.quadrature[0])
+    stuck = np.empty(len(w.quadrature))
+    for second, value in enumerate(w.quadrature.tolist()):
+        at = min(max(at, value - band), value + band)
+        stuck[second] = at
+    return stuck - w.quadrature
+
+
+def rectified_supply(w: World, rng: np.random.Generator) -> FloatArray:
+    """What is fast of the supply is rectified in an amplifier."""
+    return follows((w.supply - follows(w.supply, 120.0)) ** 2, _log(rng, 60, 300))
+
+
+def starts_of_the_compressor(w: World, rng: np.random.Generator) -> FloatArray:
+    """Each start of the compressor shakes the mount, which settles."""
+    begins = np.clip(np.diff(w.compressor, prepend=w.compressor[0]), 0.0, None)
+    tau_s, level, pulse = _log(rng, 150, 900), 0.0, np.empty(len(begins))
+    for second, start in enumerate(begins.tolist()):
+        level += start - level / tau_s
+        pulse[second] = level
+    return pulse
+
+
+def two_walls(w: World, rng: np.random.Generator) -> FloatArray:
+    """One side of the unit sees the air, the other the fixture, each through a wall."""
+    return follows(w.air, _log(rng, 150, 500)) - follows(w.case, _log(rng, 20, 100))
+
+
+def activated_relaxation(w: World, rng: np.random.Generator) -> FloatArray:
+    """A glue relaxes towards the temperature, twice as fast for every 20 degC more."""
+    state, glue, tau_s = float(w.case[0]), np.empty(len(w.case)), _log(rng, 600, 2400)
+    for second, value in enumerate(w.case.tolist()):
+        state += (value - state) / tau_s * 2.0 ** ((value - 25.0) / 20.0)
+        glue[second] = state
+    return glue - w.case
+
+
+def drive_of_a_gradient(w: World, rng: np.random.Generator) -> FloatArray:
+    """Damping that differs across the unit, in proportion to the amplitude's deviation."""
+    return (w.drive - 2.5) * (w.case - follows(w.case, _log(rng, 100, 600)))
+
+
+def quadrature_that_moves(w: World, rng: np.random.Generator) -> FloatArray:
+    """The loop of the quadrature leaves an error while it moves."""
+    tau_s = _log(rng, 100, 400)
+    return (w.quadrature - follows(w.quadrature, tau_s)) / tau_s
+
+
+def warms_fast_and_cools_slowly(w: World, rng: np.random.Generator) -> FloatArray:
+    """A part in vacuum: it takes heat up faster than it gives it away."""
+    up_s, times = _log(rng, 100, 400), rng.uniform(2.0, 3.5)
+    part, state = np.empty(len(w.case)), float(w.case[0])
+    for second, value in enumerate(w.case.tolist()):
+        state += (value - state) / (up_s if value > state else times * up_s)
+        part[second] = state
+    return w.case - part
+
+
+def root_of_a_flow(w: World, rng: np.random.Generator) -> FloatArray:
+    """Convection that grows with the root of the difference that drives it."""
+    flow = follows(w.air, 30.0) - follows(w.case, _log(rng, 30, 120))
+    return np.asarray(np.sign(flow) * np.sqrt(np.abs(flow)))
+
+
 TRUTHS: dict[str, Truth] = {
     truth.__name__: truth
     for truth in (
         quadrature_of_a_gradient, radiation, stress_that_relaxes, etalon_of_a_mass, beat, regulator, compressor_heat,
         crossing_of_modes, melting, duffing, leak_by_the_air, friction_joints, brown_out, plume,
+        drying, heater_pickup, bimetal, sticking_electrode, rectified_supply, starts_of_the_compressor, two_walls,
+        activated_relaxation, drive_of_a_gradient, quadrature_that_moves, warms_fast_and_cools_slowly, root_of_a_flow,
     )
 }  # fmt: skip
-"""Written before the search was frozen."""
+FROZEN = tuple(TRUTHS)[14:]
+"""Written after the search was frozen."""

@@ -128,14 +128,14 @@ export function Suspects({ found, failed, busy, picked, onAdd, onPicture }) {
       <p lang="en">${first}</p>
       ${rest && html`<details><summary>${t("workbench.diagnosis.whole")}</summary><p lang="en">${rest}</p></details>`}
     </div>
+    <${Formulas} formulas=${found.formulas} busy=${busy} picked=${picked} onAdd=${onAdd} onPicture=${onPicture} />
     ${found.suspects.length > 0 && html`<h3>${t("workbench.suspect.title")}</h3>`}
     <ol class="wb-suspects">${shown.map((suspect, i) => html`<${Suspect} key=${suspect.effect} ...${{ suspect, found, most, busy, onAdd, onPicture }}
       first=${i === 0 && suspect.found} picked=${picked === suspect.effect} />`)}</ol>
     ${found.suspects.length > shown.length && html`<button type="button" class="wb-link" onClick=${() => setAll(true)}>
       ${t("workbench.suspect.more", { count: found.suspects.length - shown.length })}</button>`}
-    <${Formulas} formulas=${found.formulas} busy=${busy} picked=${picked} onAdd=${onAdd} onPicture=${onPicture} />
     <${Further} figures=${found.figures} picked=${picked} onPicture=${onPicture} />
-    <${Where} places=${found.verdict === "unknown_effect" ? [...found.unexplained, ...found.where] : found.where} />
+    <${Where} places=${found.verdict === "unknown_effect" && found.suspects.some((suspect) => suspect.found) ? [...found.unexplained, ...found.where] : found.where} />
     ${(found.notes?.length > 0 || found.not_excited?.length > 0) && html`<details><summary>${t("workbench.diagnosis.notes")}</summary><ul lang="en">
       ${found.noise_finding && html`<li>${found.noise_finding}</li>`}
       ${found.notes.map((note) => html`<li key=${note}>${note}</li>`)}
