@@ -67,14 +67,24 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class Finer:
-    """Rows that a record averages: `row` (m,) is the row of the record that each belongs to, -1 for none."""
+    """Rows that a record averages: `first` (m,) is the row that each belonged to when they were averaged."""
 
     record: Dataset
-    row: IntArray
+    first: IntArray
+    then: tuple[IntArray, ...] = ()
+    """What became of the rows since: -1 where they are gone."""
+
+    @cached_property
+    def row(self) -> IntArray:
+        """Row of the record that each belongs to (m,), -1 for none."""
+        row = self.first
+        for rows in self.then:
+            row = np.where(row >= 0, rows[row], -1)
+        return row
 
     def to(self, rows: IntArray) -> Finer:
         """The same for a record whose row i became `rows[i]`, -1 where it is gone."""
-        return Finer(self.record, np.where(self.row >= 0, rows[self.row], -1))
+        return Finer(self.record, self.first, (*self.then, rows))
 
 
 @dataclass(frozen=True, eq=False)

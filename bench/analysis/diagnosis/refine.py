@@ -22,7 +22,7 @@ from bench.analysis.diagnosis.candidates import (
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls, spanned
 from bench.analysis.noise.probability import chi2_quantile
 from bench.analysis.noise.whitening import Whitener
-from bench.base import FloatArray
+from bench.base import BoolArray, FloatArray
 
 _STARTS = 4
 _DIFFERENCE = 2e-3  # of a parameter's range, for slopes
@@ -88,22 +88,28 @@ class Refiner:
 
     def rss(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """Whitened residual square sum of the run under base and candidate."""
-        return self._judged(candidate, theta, point)[0]
+        return self._left(candidate, candidate.columns(theta), point)[0]
 
     def _judged(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[float, float]:
         """That square sum, and ln |X' C^-1 X| of base and candidate, the candidate's relative to white noise."""
-        at, flat, own = self._at(point), self._flat, candidate.columns(theta)
-        columns, white = self.lattice.at([point])[0][0].apply(own), self.lattice.white()[0].apply(own)
-        scale, response, volume = np.ones(own.shape[1]), at.white, flat.volume
+        own, flat = candidate.columns(theta), self._flat
+        rss, there, kept = self._left(candidate, own, point)
+        white, volume = self.lattice.white()[0].apply(own), flat.volume
+        if candidate.kind == "term":
+            white, volume = outside(flat.basis, white)[:, kept], self._at(point).volume
+        return rss, volume + there - spanned(white, np.ones(white.shape[1]))[1]
+
+    def _left(self, candidate: Candidate, own: FloatArray, point: Point) -> tuple[float, float, BoolArray]:
+        """Square sum beside base and own columns, ln |X' C^-1 X| of the latter, and which of them count."""
+        at, columns = self._at(point), self.lattice.at([point])[0][0].apply(own)
+        kept, response = np.ones(own.shape[1], dtype=bool), at.white
         if candidate.kind == "term":
             before = np.linalg.norm(columns, axis=0)
             columns = outside(at.basis, columns)
-            kept = np.linalg.norm(columns, axis=0) > 3e-5 * before
-            columns, white, scale = columns[:, kept], outside(flat.basis, white)[:, kept], scale[kept]
-            response, volume = at.residual, at.volume
-        basis, there = spanned(columns, scale)
+            kept, response = np.linalg.norm(columns, axis=0) > 3e-5 * before, at.residual
+        basis, volume = spanned(columns[:, kept], np.ones(int(kept.sum())))
         left = outside(basis, response)
-        return max(float(left @ left), 1e-300), volume + there - spanned(white, scale)[1]
+        return max(float(left @ left), 1e-300), volume, kept
 
     @cached_property
     def _flat(self) -> _Whitened:

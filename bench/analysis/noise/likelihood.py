@@ -22,6 +22,7 @@ from bench.base import FloatArray
 _PER_DECADE = 16
 _LOWEST, _HIGHEST = -3 * _PER_DECADE, 3 * _PER_DECADE
 _ZERO = _LOWEST - _PER_DECADE  # lattice index that stands for a ratio of exactly zero
+_PLAIN = 1e-7  # ratio of eigenvalues of the normal equations from which on they are solved as they stand
 _MOST_KEPT = 1000  # whiteners to an axis, half a megabyte each for a thousand rows; one diagnosis needs some 500
 Point = tuple[int, int]
 
@@ -225,9 +226,18 @@ def spanned(white: FloatArray, scale: FloatArray) -> tuple[FloatArray, float]:
     kept = norm > 0.0
     if not kept.any():
         return white[:, :0], 0.0
-    u, s, _ = np.linalg.svd(white[:, kept] / norm[kept], full_matrices=False)
+    scaled = white[:, kept] / norm[kept]
+    longer = float(np.log(norm[kept] / scale[kept]).sum())
+    if scaled.shape[1] == 1:
+        return scaled, 2.0 * longer
+    values, vectors = np.linalg.eigh(scaled.T @ scaled)
+    if values[0] > values[-1] * _PLAIN:  # twice through the normal equations: orthonormal to rounding
+        first = scaled @ (vectors / np.sqrt(values))
+        again, turned = np.linalg.eigh(first.T @ first)
+        return first @ (turned / np.sqrt(again)), float(np.log(values).sum() + np.log(again).sum()) + 2.0 * longer
+    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
     rank = int(np.sum(s > s[0] * 1e-10))
-    return u[:, :rank], 2.0 * float(np.log(s[:rank]).sum() + np.log(norm[kept] / scale[kept]).sum())
+    return u[:, :rank], 2.0 * (float(np.log(s[:rank]).sum()) + longer)
 
 
 def minus2logl(records: Sequence[Record], ways: Sequence[Whitener], restricted: bool) -> tuple[float, float]:

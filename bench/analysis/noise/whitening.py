@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -99,6 +100,8 @@ class Whitener:
 
     def apply(self, matrix: FloatArray) -> FloatArray:
         """W @ matrix for columns (n, k) or one vector (n,)."""
+        if self.ratios == Ratios():  # white noise: no row depends on another
+            return np.asarray(matrix * (self._diagonal if matrix.ndim == 1 else self._diagonal[:, None]))
 
         def whiten(transfer: FloatArray, work: FloatArray, states: int) -> FloatArray:
             result: FloatArray = transfer @ work
@@ -106,6 +109,12 @@ class Whitener:
             return result[states:]
 
         return self._through(matrix, whiten)
+
+    @cached_property
+    def _diagonal(self) -> FloatArray:
+        states = self.transfer.shape[1] - _BLOCK
+        own: FloatArray = np.diagonal(self.transfer[:, states:, states:], axis1=1, axis2=2).reshape(-1)[: self.rows]
+        return own
 
     def colour(self, matrix: FloatArray) -> FloatArray:
         """W^-1 @ matrix for columns (n, k): turns independent normal numbers into this noise with white variance 1."""
