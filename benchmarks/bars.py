@@ -71,8 +71,10 @@ def _bar(words: str, bar: float, results: Sequence[Result], true: Callable[[Resu
     test = binomtest(sum(map(true, results)), len(results))
     low, high = test.proportion_ci(method="wilson")
     reached = test.statistic >= bar if bar > 0 else test.statistic <= -bar
+    excluded = high < bar if bar > 0 else low > -bar
+    verdict = "yes" if reached else "**no**" if excluded else "not excluded"
     interval = f"{100 * low:.1f} to {100 * high:.1f} %"
-    return (words, asked, f"{100 * test.statistic:.1f} %", interval, str(len(results)), "yes" if reached else "**no**")
+    return (words, asked, f"{100 * test.statistic:.1f} %", interval, str(len(results)), verdict)
 
 
 def _number(words: str, most: float, values: Sequence[float], quantile: float) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ import os
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,8 @@ THERMAL = ("thermal_lag", "temperature_rate", "preisach", "bouc_wen")
 WEAK = 0.7
 """Strength of effects for a second run: found after one ramp at one rate, and often tied."""
 KINDS = ("single", "clean", "pair", "second")
+PARTS = ("outside", "clean_colours", "traps", "pairs", "weak_ties")
+"""Campaigns with commands of their own, whose results in the cache become parts of the page."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,9 @@ def main() -> None:
         for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ[variable] = "1"  # before a worker imports numpy
         campaign(options)
-    options.out.write_text(tabulate.document(lines(options.cache / "results.jsonl")), encoding="utf-8")
+    parts = [tabulate.document(lines(options.cache / "results.jsonl")).rstrip()]
+    parts += [import_module(f"benchmarks.{name}").section(options.cache / f"{name}.jsonl").strip() for name in PARTS]
+    options.out.write_text("\n\n".join(filter(None, parts)) + "\n", encoding="utf-8")
     print(f"wrote {options.out}")
 
 

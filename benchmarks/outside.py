@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.effects.model import Model
@@ -27,7 +28,8 @@ from bench.analysis.fit.fitting import fit_model
 from bench.base import FloatArray
 from bench.record.dataset import Dataset
 from benchmarks import campaigns, cases
-from benchmarks.outside_truths import TRUTHS, World
+from benchmarks.bars import table
+from benchmarks.outside_truths import FROZEN, TRUTHS, World
 from benchmarks.trials import MODEL
 
 RUN, CHECK = cases.TWO_RATES, cases.LOOPS
@@ -144,6 +146,45 @@ def summary(results: list[tuple[Trial, dict[str, Any]]]) -> dict[str, Any]:
             "missed": sorted({trial.truth for trial, found in own if found["share"] < LEAST_SHARE}),
         }
     return counted
+
+
+def section(path: Path) -> str:
+    """Part of docs/hidden_effects.md; empty without results."""
+    results = campaigns.read(path, _made)
+    if not results:
+        return ""
+    rows = []
+    for strength in sorted({trial.strength for trial, _ in results}):
+        for words, names in (("written before the search was frozen", set(TRUTHS) - set(FROZEN)), ("after", FROZEN)):
+            own = [found for trial, found in results if trial.strength == strength and trial.truth in names]
+            if own:
+                rows.append((f"{strength:g}, {words}", str(len(own)), _share(own, "share"), _share(own, "ratio"),
+                             *(f"{np.median([one[key] for one in own]):.2f}" for key in ("before", "ratio")),
+                             f"{np.median([one['cpu_s'] for one in own]):.1f}"))  # fmt: skip
+    head = ("strength", "runs", "right or equivalent first", "held-out within 1.15 of the true model's",
+            "before, median", "with the answer, median", "CPU [s], median")  # fmt: skip
+    missed: dict[str, list[str]] = {}
+    for trial, found in results:
+        if found["share"] < LEAST_SHARE:
+            missed.setdefault(trial.truth, []).append(found["formula"] or ", ".join(found["found"]) or "nothing")
+    listed = "; ".join(f"{name} {len(answers)} x" for name, answers in missed.items())
+    return (
+        f"## Outside the catalogue: {len(TRUTHS)} mechanisms that neither catalogue nor grammar hold\n\n"
+        "`python -m benchmarks.outside`. The first answer (a formula, else the effects named) is judged on a run of "
+        "another profile that no fit saw: right or equivalent, where it predicts at least 80 % of the variance that "
+        "the truth adds; errors are over that of the model from which the truth was taken away. Bar: 90 %.\n"
+        f"{table(head, rows)}\n\nNot described: {listed or 'none'}.\n"
+    )
+
+
+def _made(content: dict[str, Any]) -> tuple[Trial, dict[str, Any]]:
+    return Trial(**{key: value for key, value in content.items() if key != "found"}), content["found"]
+
+
+def _share(found: list[dict[str, Any]], key: str) -> str:
+    good = sum(one[key] >= LEAST_SHARE if key == "share" else one[key] <= MOST_RATIO for one in found)
+    low, high = binomtest(good, len(found)).proportion_ci(method="wilson")
+    return f"{100 * good / len(found):.0f} % ({100 * low:.0f} to {100 * high:.0f})"
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -53,6 +53,8 @@ def _content(found: Diagnosis) -> dict[str, Any]:
     ]
     return {
         "verdict": found.verdict,
+        "proved": found.proved,
+        "formula": next((formula.formula for formula in found.formulas), ""),
         "found": [s.effect for s in found.found],
         "alike": sorted({name for s in found.found for name in s.look_alikes}),
         "suspects": listed,
