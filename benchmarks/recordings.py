@@ -297,7 +297,8 @@ TRAPS: dict[str, Trap] = {
     ),
     "gradient above 30 degC": Trap("range", _PARTIAL, entries=_RATE, gate=_above(30.0, 5.0)),
     "gradient below 10 degC": Trap("range", _PARTIAL, entries=_RATE, gate=_below(10.0, 5.0)),
-    "loop above 35 degC": Trap("range", _PARTIAL, entries=_LOOP, gate=_above(35.0, 5.0)),
+    # The relays' mean rises with temperature, too: switched on at a place, it is a kink as well.
+    "loop above 35 degC": Trap("range", (*_PARTIAL, "bias_kink"), entries=_LOOP, gate=_above(35.0, 5.0)),
     "compressor through a mass": Trap("memory", ("compressor",), gated=compressor_through_mass),
     "quadrature by gradient": Trap("memory", ("lagged_product",), gated=quadrature_by_gradient),
     "turned in the fixture": Trap("moment", ("bias_jump",), gated=turned),

@@ -73,9 +73,12 @@ class Effect:
     name: ClassVar[str]
     """Name in models and reports; of a built-in effect the file's name."""
 
-    rarity: ClassVar[float] = 0.0
-    """Further parameters that a ranking counts for a cause that is rarer than its look-alikes: of two that fit equally
-    the usual one comes first, and the other is named beside it."""
+    @property
+    def rarity(self) -> float:
+        """Further parameters that a ranking counts for a cause that is rarer than its look-alikes: of two that fit
+        equally the usual one comes first, and the other is named beside it.
+        """
+        return 0.0
 
     @property
     def family(self) -> str:

@@ -20,6 +20,8 @@ from bench.analysis.effects.drive_amplitude import DriveAmplitude
 from bench.analysis.effects.expression import Expression
 from bench.analysis.effects.frost import Frost
 from bench.analysis.effects.hysteresis import Hysteresis
+from bench.analysis.effects.lagged_product import LaggedProduct
+from bench.analysis.effects.partial_range import PartialRange
 from bench.analysis.effects.plugin import check, load_class
 from bench.analysis.effects.polynomial import Polynomial
 from bench.analysis.effects.quadrature_leakage import QuadratureLeakage
@@ -63,6 +65,8 @@ _BUILT_IN = (
     ThermometerHysteresis,
     ThermometerOffset,
     ClockDelay,
+    LaggedProduct,
+    PartialRange,
     Expression,
 )
 _REGISTRY: dict[str, type[Effect]] = {kind.name: kind for kind in _BUILT_IN}

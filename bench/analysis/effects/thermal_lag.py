@@ -2,7 +2,8 @@
 
 Equation: tau dT_r/dt = T - T_r, and every term of the model is a function of T_r; the error of leaving it out is about
 -B'(T) tau dT/dt. Exact for ramps at any sampling; settled at the start of the record.
-Units: T sensor, T_r resonator [degC], tau [s].
+With `second` T_r passes a second such lag, of that share of tau: a module on a board.
+Units: T sensor, T_r resonator [degC], tau [s], second [1].
 Source: heat balance of one node behind one resistance; tau of a bonded die 5-60 s, of a module 60-600 s, of a
 hemispherical resonator in vacuum 1e3-1e4 s.
 When left out: loops over temperature that are as wide as the bias curve is steep, grow with the ramp rate and die in a
@@ -14,17 +15,19 @@ Separated by: ramps at two rates with soaks between; standing still and reversin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from bench.analysis.effects.base import Effect, Parameter, Theta
+from bench.analysis.effects.base import Effect, Parameter, Theta, check_number
 from bench.analysis.effects.operators import ramp_invariant_lag
 from bench.base import FloatArray
 from bench.record import Dataset
 
+_SECOND = 0.35
+
 
 @dataclass(frozen=True)
 class ThermalLag(Effect):
-    """Moves the abscissa of all terms; no terms of its own."""
+    """Moves the abscissa of all terms; `second` 0 to 1, time constant of a second pole as a share of the first."""
 
     name = "thermal_lag"
     family = "lag"
@@ -33,6 +36,21 @@ class ThermalLag(Effect):
         Parameter("tau_s", "s", 3.0, 1e4, 60.0, log=True, meaning="time constant between sensor and resonator"),
     )
 
+    second: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_number(self.name, "second", self.second, 0.0, 1.0)
+
+    @property
+    def rarity(self) -> float:
+        """A second pole is to show before it is counted."""
+        return 1.0 if self.second else 0.0
+
+    def shapes(self) -> tuple[Effect, ...]:
+        """One pole, or two, the second faster: one effect for a ranking."""
+        return (self,) if self.second else (self, replace(self, second=_SECOND))
+
     def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
         """Temperature of the resonator (n,) [degC]."""
-        return ramp_invariant_lag(record.time, record.channel("temperature"), theta["tau_s"])
+        first = ramp_invariant_lag(record.time, record.channel("temperature"), theta["tau_s"])
+        return ramp_invariant_lag(record.time, first, self.second * theta["tau_s"]) if self.second else first

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Effect, Fit, Theta
+from bench.analysis import Effect, Fit, Theta, options_of
 from bench.base import DPH_PER_DPS, FloatArray, InputError
 from bench.deliver.export import chebyshev
 from bench.deliver.export.delivery import MOST_BLOCKS, MOST_ORDER, MOST_SIGNALS, Block, Delivery, Kind, Shape, Signal
@@ -72,7 +72,7 @@ class _Builder:
     def move(self, key: str, effect: Effect) -> None:
         """Replace the temperature that all later terms use."""
         theta = self.fit.bound.theta[key]
-        if effect.name == "thermal_lag":
+        if effect.name == "thermal_lag" and not options_of(effect):
             source = self.signal("temperature")
             self._advance(effect, theta)
             box = self._range("temperature")
