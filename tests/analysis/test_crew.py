@@ -98,7 +98,7 @@ def test_the_number_of_workers_can_be_said(monkeypatch):
 
 
 SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
-RECURSIONS, WHITENERS, WHITENINGS = 24, 200, 1900  # the search for formulas included
+RECURSIONS, WHITENERS, WHITENINGS = 48, 360, 4000  # the search for formulas included
 FEW = [effects.make(name) for name in ("thermal_lag", "temperature_rate", "hysteresis", "supply_voltage", "aging")]
 
 
@@ -144,7 +144,6 @@ def test_a_diagnosis_makes_each_whitener_once_and_whitens_so_often(run, monkeypa
     monkeypatch.setattr(likelihood, "whiteners", counted)
     monkeypatch.setattr(Whitener, "apply", applied)
     answer(run, 1)
-    print(counts)
     costs(counts["recursions"], RECURSIONS)
     costs(counts["whiteners"], WHITENERS)
     costs(counts["whitenings"], WHITENINGS)

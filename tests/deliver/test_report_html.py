@@ -185,7 +185,7 @@ def test_an_unknown_effect_is_drawn_and_not_advised_as_something_else(tmp_path_f
     text = section(page, "Missing effects", "Compensation over time")
     assert "no effect of the catalogue explains" in text
     assert "period 1080 s" in text or "period 1" in text
-    assert "bench add '{expression" in text  # the formula that fits; the nearest effect is not advised
+    assert "bench add '{\"expression" in text  # the formula that fits; the nearest effect is not advised
     assert "sin(2*pi*time/" in text
     assert "fig-missing-formula-data" in page.figures()
 

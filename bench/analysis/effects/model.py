@@ -10,13 +10,12 @@ effects:
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect, options_of
@@ -80,7 +79,7 @@ def _entry(effect: Effect) -> Any:
 def entry_text(effect: Effect) -> str:
     """An effect as one line of YAML, as it stands in the list of a model file; `effect_from` reads it back."""
     entry = _entry(effect)
-    return entry if isinstance(entry, str) else yaml.safe_dump(entry, default_flow_style=True, width=10_000).strip()
+    return entry if isinstance(entry, str) else json.dumps(entry)  # double quotes: a shell takes it in single ones
 
 
 def effect_from(text: str) -> Effect:
