@@ -218,3 +218,12 @@ def test_a_diagnosis_with_look_alikes_gets_the_run_that_decides(runs):
     proposal = next_experiment(replace(found, suspects=(first, *found.suspects[1:])), [run], limits=LIMITS)
     assert set(proposal.separates) == set(HIDDEN)
     assert profile.profile_from_text(proposal.profile_yaml).name == proposal.profile_name
+
+
+def test_a_run_that_says_nothing_of_the_chamber_gets_no_experiment_and_no_error(runs):
+    run = runs["thermal_lag"]
+    found = replace(diagnose([run], MODEL, candidates=[effects.make("thermal_lag")]), suspects=(), verdict="undecided")
+    still = run.with_channel("temperature", np.full(len(run), 25.0))
+    assert next_experiment(found, [still]) is None
+    assert next_experiment(found, [run]) is not None
+    assert next_experiment(replace(found, verdict="adequate"), [run]) is None

@@ -33,7 +33,7 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
-from bench.base import finite
+from bench.base import InputError, finite
 from bench.record import Dataset
 
 _PREDICTABLE = {"time", "temperature", "chamber_temperature", "chamber_setpoint"}
@@ -103,9 +103,11 @@ def next_experiment(
     """
     open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes), None)
     if open_ is None:
-        undecided = diagnosis.verdict == "undecided"
-        telling = undecided or not diagnosis.found
-        return _telling(diagnosis, limits or chamber_limits(runs), static) if telling else None
+        open_word = diagnosis.verdict == "undecided" or (diagnosis.verdict == "unknown_effect" and not diagnosis.found)
+        try:
+            return _telling(diagnosis, limits or chamber_limits(runs), static) if open_word else None
+        except InputError:  # no temperature, or one that stands still: nothing says what the chamber can do
+            return None
     tied = (open_.effect, *open_.look_alikes)
     base = replace(open_.model, effects=open_.model.effects[:-1])
     with one_blas_thread():
