@@ -22,6 +22,12 @@ const WORDS = () => ({
   frost: t("workbench.effect.frost"),
   scale_factor_temperature: t("workbench.effect.scale_factor_temperature"),
   scale_factor_nonlinearity: t("workbench.effect.scale_factor_nonlinearity"),
+  thermometer_lag: t("workbench.effect.thermometer_lag"),
+  thermometer_hysteresis: t("workbench.effect.thermometer_hysteresis"),
+  thermometer_offset: t("workbench.effect.thermometer_offset"),
+  clock_delay: t("workbench.effect.clock_delay"),
+  lagged_product: t("workbench.effect.lagged_product"),
+  partial_range: t("workbench.effect.partial_range"),
   expression: t("workbench.effect.expression"),
 });
 
