@@ -3,7 +3,7 @@ import pytest
 from numpy.polynomial.chebyshev import chebvander
 
 from bench.analysis.diagnosis.candidates import Problem
-from bench.analysis.diagnosis.probes import despike, examine, usual
+from bench.analysis.diagnosis.probes import despike, examine, noise_test, usual
 from bench.analysis.noise.estimate import Noise
 from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface
 from bench.analysis.noise.whitening import covariance
@@ -74,6 +74,17 @@ def test_a_periodic_disturbance_gets_its_period_between_the_lines_of_the_grid_an
 def test_a_run_noisier_than_standing_still_is_said():
     found = {f.name: f for f in examined(0.0, run_noise=Noise(0.02, 0.03, 0.03)).findings}["noise"]
     assert found.p < 1e-6
+
+
+def test_heavy_tails_are_no_drift():
+    alarms = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        still = Record(TIME[:360], 0.1 * rng.standard_t(3.0, size=360), np.ones((360, 1)))
+        data = Problem(TIME, BASE.sum(axis=1) + 0.1 * rng.standard_t(3.0, size=ROWS), BASE, 30.0, (still,))
+        lattice = LATTICES.setdefault(0, NoiseLattice(data.records(), 30.0))
+        alarms += noise_test(data, lattice, (-16, -48)).p < 0.005
+    assert alarms == 0
 
 
 def test_despiking_finds_spikes_and_keeps_jumps():

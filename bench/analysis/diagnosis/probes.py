@@ -16,7 +16,7 @@ import scipy
 
 from bench.analysis.diagnosis.candidates import Problem, orthonormal, outside
 from bench.analysis.diagnosis.spectral_line import fitted, highest, rows_of
-from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
+from bench.analysis.noise.likelihood import NoiseLattice, Point, Record, Surface
 from bench.analysis.noise.probability import chi2_tail
 from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
@@ -140,10 +140,20 @@ def noise_test(problem: Problem, lattice: NoiseLattice, point: Point) -> Finding
         best = surface.descend(point)
         alone.append(surface.height(best))
         sizes.append(surface.known[best][1])
-    statistic = max(0.0, joint - sum(alone))
+    statistic = max(0.0, joint - sum(alone)) / _heaviness(problem.records(), lattice, point)
     ratio = float(np.sqrt(sizes[0] / sizes[1]))
     note = f"white noise of the run is {ratio:.2f} times that of the isothermal run"
     return Finding("noise", chi2_tail(statistic, 3), statistic, 3, np.zeros(len(problem.y)), note=note)
+
+
+def _heaviness(records: Sequence[Record], lattice: NoiseLattice, point: Point) -> float:
+    """Variance of a sample variance over that of normal noise, at least one: (kurtosis - 1) / 2 of what is whitened."""
+    left = [
+        outside(orthonormal(way.apply(record.X)), way.apply(record.y))
+        for record, way in zip(records, lattice.at([point])[0], strict=True)
+    ]
+    scaled = np.concatenate([each / max(float(np.std(each)), 1e-300) for each in left])
+    return max(1.0, 0.5 * (float(np.mean(scaled**4)) - 1.0))
 
 
 def cells(temperature: FloatArray, direction: FloatArray, bins: int = 8) -> Probe:

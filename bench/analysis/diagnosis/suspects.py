@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
-from bench.analysis.diagnosis.probes import Probe, usual
+from bench.analysis.diagnosis.probes import Probe, despike, usual
 from bench.analysis.diagnosis.resolution import Resolution, resolution
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
@@ -270,6 +270,7 @@ def isothermal(static: Dataset, interval_s: float) -> Record:
             f"still, at least {LEAST_STATIC_ROWS} are needed: record some hours at one temperature"
         )
     kept = record.select(still)
+    kept = kept.select(despike(kept.bias))  # as the runs are
     count = kept.count("rate")
     settling = np.exp((kept.time[0] - kept.time) / _SETTLES_S)
     temperature = kept.channel("temperature")
