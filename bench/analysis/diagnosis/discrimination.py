@@ -19,7 +19,7 @@ import numpy as np
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
 from bench.analysis.diagnosis.limits import probability
 from bench.analysis.diagnosis.plan import Plan
-from bench.analysis.diagnosis.prediction import predicted_record
+from bench.analysis.diagnosis.prediction import ChamberModel, chamber_model, predicted_record
 from bench.analysis.diagnosis.refine import Refiner
 from bench.analysis.diagnosis.rivals import NoiseLevel, Rival
 from bench.analysis.diagnosis.suspects import Layout
@@ -31,6 +31,7 @@ from bench.base import FloatArray
 DRAWS = 24
 _HALF_DECADE = 8
 _NOISES = 3
+_POINTS = 12
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,11 @@ class Discrimination:
         self._refiner = Refiner(problem, NoiseLattice(problem.records(), problem.interval_s))
 
     @cached_property
+    def _chamber(self) -> ChamberModel:
+        """Fitted once for all plans."""
+        return chamber_model(self._layout.rows.records)
+
+    @cached_property
     def _points(self) -> tuple[list[Point], FloatArray, list[float]]:
         """Noise points, their posterior weights, and the white variance at each."""
         rivals = list(zip(self._rivals, self._candidates, strict=True))
@@ -97,11 +103,13 @@ class Discrimination:
             drawn.append([rival.theta, *(grid[i] for i in chosen)])
         return drawn
 
-    def expected(self, plan: Plan | None, noises: int = _NOISES) -> Expected:
-        """Over the runs so far and then the plan's."""
+    def expected(self, plan: Plan | None, *, roughly: bool = False) -> Expected:
+        """Over the runs so far and then the plan's; roughly: at the likeliest noise, rivals on half of their grids."""
+        noises = 1 if roughly else _NOISES
         stacked = self._layout if plan is None else self._with(plan)
         problem = replace(stacked.problem, statics=())
         candidates = [stacked.candidate(rival.effect, rival.name) for rival in self._rivals]
+        candidates = [_coarse(candidate) if roughly else candidate for candidate in candidates]
         every, likely, variances = self._points
         points, weights = every[:noises], likely[:noises]
         lattice = NoiseLattice(problem.records(), problem.interval_s)
@@ -150,13 +158,18 @@ class Discrimination:
     def _with(self, plan: Plan) -> Layout:
         """The layout with the planned run as one more record, its bias as the present model predicts it."""
         rows = self._layout.rows
-        planned = predicted_record(rows.records, plan.setpoint(), rows.records[0].interval_s)
+        planned = predicted_record(rows.records, plan.setpoint(), rows.records[0].interval_s, self._chamber)
         columns = self._base.columns(planned)
         known = lattice_of(self._layout.problem).at([self._noise.point])[0][0]
         beta = gls(self._layout.problem.base, self._layout.problem.y, known).beta
         planned = planned.with_channel("rate", columns @ beta[: columns.shape[1]])
         masks = (*rows.masks, np.ones(len(planned), dtype=bool))
         return replace(self._layout, rows=design.FitRows(rows.model, (*rows.records, planned), masks))
+
+
+def _coarse(candidate: Candidate) -> Candidate:
+    """Half of the grid, to put plans in an order."""
+    return replace(candidate, points=_POINTS) if len(candidate.parameters) == 1 else candidate
 
 
 def lattice_of(problem: Problem) -> NoiseLattice:

@@ -170,7 +170,7 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits
     rated = Discrimination(layout, rivals, noise)
     before = rated.expected(None)
     library = plans(limits)
-    rough = sorted(library, key=lambda plan: -rated.expected(plan, noises=1).probability)
+    rough = sorted(library, key=lambda plan: -rated.expected(plan, roughly=True).probability)
     longer = [again for plan in rough[:_CLOSELY] for again in repetitions(plan, limits)]
     scored = [(rated.expected(plan), plan) for plan in longer]
     most = max(after.probability for after, _ in scored)

@@ -57,13 +57,16 @@ def chamber_model(records: Sequence[Dataset]) -> ChamberModel:
     return ChamberModel(slow, fast, float(solved.x[2]), rms)
 
 
-def predicted_record(records: Sequence[Dataset], setpoint: FloatArray, interval_s: float) -> Dataset:
+def predicted_record(
+    records: Sequence[Dataset], setpoint: FloatArray, interval_s: float, chamber: ChamberModel | None = None
+) -> Dataset:
     """The record of a run along a set point of every second, without its bias, in means over `interval_s`.
 
-    Further channels that all runs have are what they were on average at that temperature.
+    `chamber` is the model of these records, where it was fitted before. Further channels that all runs have are what
+    they were on average at that temperature.
     """
     seconds = np.arange(len(setpoint), dtype=np.float64)
-    temperature = chamber_model(records).temperature(seconds, setpoint)
+    temperature = (chamber or chamber_model(records)).temperature(seconds, setpoint)
     rows = len(setpoint) // max(1, round(interval_s))
     step = round(interval_s)
     mean = temperature[: rows * step].reshape(rows, step).mean(axis=1)
