@@ -68,7 +68,7 @@ class Describer:
         if found and (not steps or found[0].evidence > named + TIE):
             listed = self._listed(plain, layout)
             return Description((*self._two(layout, plain), *listed)[:_MOST], bool(steps))
-        if steps and explained.left:
+        if steps and (explained.left or explained.drifts):
             beside = FormulaSearch(explained.layout, self.lattice, self.seed)
             return Description(self._listed(beside, explained.layout, tuple(step.name for step in steps)))
         return Description()

@@ -157,7 +157,9 @@ class _Case:
             unexplained_residuals=improved.residuals,
             static=self.static,
         )
-        formulas, instead = self._formulas(explained, improved, Describer(lattice, check, seed))
+        formulas, instead = self._formulas(
+            explained, improved, Describer(lattice, check, seed), proved=bool(decision.proved)
+        )
         if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
             proved = False if answer.found else formulas[0].proof.proved
             nearest = answer.nearest or (answer.found[0].effect if answer.found else "")
@@ -175,13 +177,15 @@ class _Case:
         return float(np.sqrt(max(self.floor_dph**2 + white * (float(np.mean(self.layout.white)) - 1.0), 0.0)))
 
     def _formulas(
-        self, explained: Explanation, improved: Unseen, describer: Describer
+        self, explained: Explanation, improved: Unseen, describer: Describer, *, proved: bool
     ) -> tuple[tuple[DescribedFormula, ...], bool]:
         """What the catalogue does not hold, searched where its effects do not bring the error down to the noise.
 
         Only what unseen data do not contradict; and whether the best explains more than the effects found.
         """
-        if explained.word == "missing_effect" and improved.shape_dph <= EXPLAINED_RATIO * self.floor_dph:
+        if explained.word == "missing_effect" and proved and improved.shape_dph <= EXPLAINED_RATIO * self.floor_dph:
+            return (), False
+        if not explained.steps and self.layout.resolution.words():  # steps look like many things
             return (), False
         found = describer.describe(self.layout, explained)
         kept = tuple(formula for formula in found.formulas if formula.proof.proved is not False)

@@ -22,6 +22,7 @@ from bench.record import Dataset
 
 _LAGS_S = (60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0, 15000.0)
 _PLAYS_DEGC = (0.7, 1.5, 3.0, 6.0, 12.0, 25.0)
+_INNER_S = (60.0, 120.0, 220.0, 400.0)
 _PLACES = 11  # of a window, over the range of the channel
 _PERIODS = 48  # of a line over temperature
 _LEAST_RUN_S = 30.0
@@ -170,6 +171,8 @@ class Grammar:
         blocks = [
             Block("dT_dt", "dT/dt", "degC/min"),
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
+            Block("(dT_dt + abs(dT_dt))", "dT/dt of heating alone", "degC/min"),
+            Block("(dT_dt - abs(dT_dt))", "dT/dt of cooling alone", "degC/min"),
             Block("dT_dt**2", "(dT/dt)^2", "(degC/min)^2"),
             _lagged("dT_dt", "dT/dt", "degC/min", self.length_s),
             _lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.length_s, every=2),
@@ -226,9 +229,12 @@ class Grammar:
         frequencies = np.linspace(2.0 / span, 0.5 * _PERIODS / span, _PERIODS)
         grid = tuple((float(1.0 / f),) for f in frequencies)
         bounds = (("period_degc", (float(1.0 / frequencies[-1]), 0.6 * span)),)
+        lags = (("tau_s", (20.0, 2000.0)), *bounds)
+        # A lag that is a good part of a period apart between heating and cooling leaves nothing of the plain sine.
+        many = tuple((tau_s, *one) for tau_s in _INNER_S for one in grid)
         inner = Block("sin(2*pi*lag(temperature, {tau_s})/{period_degc})", "a sine over a temperature that lags", "",
-                      (("tau_s", (20.0, 2000.0)), *bounds), ((30.0,), (80.0,), (200.0,), (500.0,)))  # fmt: skip
-        return [Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid, looser=inner)]
+                      lags, many)  # fmt: skip
+        return [Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid), inner]
 
     def line(self, periods_s: Sequence[float]) -> Formula:
         """A sine over time with these periods to try."""
