@@ -85,7 +85,7 @@ def test_the_hidden_effect_is_found_added_and_taken_back(client: httpx.Client, s
 def test_the_next_experiment_is_a_plan(client: httpx.Client, store: Path) -> None:
     limits = chamber_limits([load(store / RUN)])
     text = minor_loops(limits).to_yaml(limits, "Tells apart: hysteresis, creep.")
-    proposal = Proposal(("hysteresis", "creep"), "they look alike", 2.0, 60.0, 150.0, "minor_loops", text)
+    proposal = Proposal(("hysteresis", "creep"), "they look alike", 2.0, 60.0, 150.0, "minor_loops", text, (0.1, 0.9))
     experiment = diagnosing.planned(proposal, store / ".web" / "plans", "20261121T060000Z_ramp")
     assert experiment["curve"][0][0] == 0.0
     assert experiment["probability_after"] > experiment["probability_before"]

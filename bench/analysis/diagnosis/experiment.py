@@ -111,7 +111,10 @@ def next_experiment(
     tied = (open_.effect, *open_.look_alikes)
     base = replace(open_.model, effects=open_.model.effects[:-1])
     with one_blas_thread():
-        fitted = fit_model(base, runs, covariance="none")
+        try:
+            fitted = fit_model(base, runs, covariance="none")
+        except InputError:  # these rows do not determine what was found before it: nothing can be predicted
+            return None
         rows = design.fit_rows(fitted.model, tuple(runs), [np.isfinite(r) for r in fitted.residuals])
         statics = () if static is None else (isothermal(static, runs[0].interval_s),)
         layout = Layout(rows, np.array(list(fitted.theta.values())), statics)
