@@ -31,7 +31,7 @@ from bench.base import FloatArray
 DRAWS = 24
 _HALF_DECADE = 8
 _NOISES = 3
-_POINTS = 12
+_POINTS = 6
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Discrimination:
         return drawn
 
     def expected(self, plan: Plan | None, *, roughly: bool = False) -> Expected:
-        """Over the runs so far and then the plan's; roughly: at the likeliest noise, rivals on half of their grids."""
+        """Over the runs so far and then the plan's; roughly: at the likeliest noise, rivals on coarse grids."""
         noises = 1 if roughly else _NOISES
         stacked = self._layout if plan is None else self._with(plan)
         problem = replace(stacked.problem, statics=())
@@ -168,7 +168,7 @@ class Discrimination:
 
 
 def _coarse(candidate: Candidate) -> Candidate:
-    """Half of the grid, to put plans in an order."""
+    """A coarse grid, to put plans in an order."""
     return replace(candidate, points=_POINTS) if len(candidate.parameters) == 1 else candidate
 
 
