@@ -34,7 +34,7 @@ REPORT = """run verdict sentence complete model rms_dph held_out_rms_dph held_ou
     registry"""
 COMPARE = "runs check floor_dph interval_s models refused"
 DIAGNOSE = """verdict proved nearest sentence runs check static model floor_dph rms_dph held_out_rms_dph held_out_by
-    where suspects next_experiment unexplained threshold not_excited smallest_detectable noise_finding notes"""
+    where suspects formulas next_experiment unexplained threshold not_excited smallest_detectable noise_finding notes"""
 IMPORT = "run file unit rows interval_s time columns segments warnings"
 REGISTRY = "registry archive rows differences unreadable digest"
 KEYS = {
