@@ -41,8 +41,17 @@ def found(
     return resumed(
         todo, lambda case: (case, run(case)), out, lambda result: result[0],
         lambda result: {**asdict(cast(Any, result[0])), "found": result[1]},
-        lambda content: (kind(**{key: value for key, value in content.items() if key != "found"}), content["found"]),
+        lambda content: _made(content, kind),
     )  # fmt: skip
+
+
+def known(path: Path, kind: Callable[..., C]) -> list[tuple[C, dict[str, Any]]]:
+    """What `found` left in a file: cases and results."""
+    return read(path, lambda content: _made(content, kind))
+
+
+def _made(content: dict[str, Any], kind: Callable[..., C]) -> tuple[C, dict[str, Any]]:
+    return kind(**{key: value for key, value in content.items() if key != "found"}), content["found"]
 
 
 def read(path: Path, made: Callable[[dict[str, Any]], O]) -> list[O]:

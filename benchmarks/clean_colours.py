@@ -194,7 +194,7 @@ def _share(true: Sequence[bool]) -> list[float]:
 
 def section(path: Path) -> str:
     """Part of docs/hidden_effects.md; empty without results."""
-    results = _read(path)
+    results = campaigns.known(path, Case)
     if not results:
         return ""
     rows = []
@@ -210,13 +210,6 @@ def section(path: Path) -> str:
 
 def _words(share: list[float], n: int) -> str:
     return f"{100 * share[0] / n:.1f} % ({100 * share[1]:.1f} to {100 * share[2]:.1f})"
-
-
-def _read(path: Path) -> list[tuple[Case, dict[str, Any]]]:
-    def made(line: dict[str, Any]) -> tuple[Case, dict[str, Any]]:
-        return Case(**{key: value for key, value in line.items() if key != "found"}), line["found"]
-
-    return campaigns.read(path, made)
 
 
 def main() -> None:

@@ -150,7 +150,7 @@ def summary(results: list[tuple[Trial, dict[str, Any]]]) -> dict[str, Any]:
 
 def section(path: Path) -> str:
     """Part of docs/hidden_effects.md; empty without results."""
-    results = campaigns.read(path, _made)
+    results = campaigns.known(path, Trial)
     if not results:
         return ""
     rows = []
@@ -175,10 +175,6 @@ def section(path: Path) -> str:
         "the truth adds; errors are over that of the model from which the truth was taken away. Bar: 90 %.\n"
         f"{table(head, rows)}\n\nNot described: {listed or 'none'}.\n"
     )
-
-
-def _made(content: dict[str, Any]) -> tuple[Trial, dict[str, Any]]:
-    return Trial(**{key: value for key, value in content.items() if key != "found"}), content["found"]
 
 
 def _share(found: list[dict[str, Any]], key: str) -> str:

@@ -62,7 +62,8 @@ class Describer:
 
     def describe(self, layout: Layout, explained: Explanation) -> Description:
         """Formulas beside the model alone, or beside the effects that were found where a misfit is left."""
-        plain, steps = FormulaSearch(layout, self.lattice, self.seed), explained.steps
+        steps = explained.steps
+        plain = FormulaSearch(layout, self.lattice, self.seed, explained.first.point)
         found = plain.answer.found
         named = _joint(explained, layout) if steps else 0.0
         if found and (not steps or found[0].evidence > named + TIE):

@@ -20,6 +20,7 @@ from bench.analysis.diagnosis.evidence import drawn
 from bench.analysis.diagnosis.grammar import Block, Formula, Grammar
 from bench.analysis.diagnosis.refine import Refiner, Start
 from bench.analysis.diagnosis.scan import Library
+from bench.analysis.diagnosis.spectral_line import rows_of
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.expression import Expression
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
@@ -50,7 +51,6 @@ class FoundFormula:
     deviations: FloatArray
     contribution: FloatArray
     white: FloatArray
-
     gains: FloatArray
     """Gain in 2 ln L up to each row (n,)."""
 
@@ -92,24 +92,23 @@ class FoundFormula:
 
 @dataclass(frozen=True, eq=False)
 class Formulas:
-    """What a search found, best first; `groups` are those that these data cannot tell from the first of each."""
+    """What a search found, best first, and in words those that these data cannot tell from each."""
 
     found: tuple[FoundFormula, ...]
     alike: tuple[tuple[str, ...], ...]
-    threshold: float
-    tried: int
 
 
 class FormulaSearch:
     """One search beside one layout."""
 
-    def __init__(self, layout: Layout, lattice: NoiseLattice, seed: int = 0) -> None:
-        """`lattice` may be that of an earlier evidence of the same rows."""
+    def __init__(self, layout: Layout, lattice: NoiseLattice, seed: int = 0, best: Point | None = None) -> None:
+        """`lattice` and the noise point `best` of the layout may be those of an earlier evidence beside it."""
         self._layout, self._lattice, self._seed = layout, lattice, seed
         self.grammar = Grammar(layout.seen, layout.rows.masks)
         self._values: dict[tuple[str, Theta], FloatArray] = {}
         self._surface = Surface.of(layout.problem.records(), lattice, restricted=True)
-        self._best = self._surface.search()
+        self._best = self._surface.search() if best is None else best
+        self._surface.visit([self._best])
         self._refiner = Refiner(layout.problem, lattice)
 
     @cached_property
@@ -123,7 +122,8 @@ class FormulaSearch:
         pairs = self.grammar.pairs()
         candidates = [*map(self._candidate, singles), *map(self._candidate, pairs)]
         formulas = [*singles, *pairs]
-        price = np.array([*[self._price(len(singles))] * len(singles), *[self._price(len(pairs))] * len(pairs)])
+        sizes = len(singles), len(pairs)
+        price = np.repeat([self._price(size) for size in sizes], sizes)
         library = Library(self._layout.problem, candidates)
         points = self._points()
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still())
@@ -141,9 +141,9 @@ class FormulaSearch:
         for one in found[:3]:
             found += self._grown(one, len(pairs))
         found.sort(key=lambda one: -one.evidence)
-        return self._answer(found, threshold, len(formulas))
+        return self._answer(found, threshold)
 
-    def _answer(self, found: list[FoundFormula], threshold: float, tried: int) -> Formulas:
+    def _answer(self, found: list[FoundFormula], threshold: float) -> Formulas:
         """Leaders of what cannot be told apart, and the others of their group in words."""
         above = [one for one in found if one.evidence > max(threshold, FORMULA_EVIDENCE)]
         leaders: list[FoundFormula] = []
@@ -155,7 +155,7 @@ class FormulaSearch:
                 groups.append([])
             elif one.formula != leaders[near].formula:
                 groups[near].append(one.text)
-        return Formulas(tuple(leaders), tuple(tuple(dict.fromkeys(group)) for group in groups), threshold, tried)
+        return Formulas(tuple(leaders), tuple(tuple(dict.fromkeys(group)) for group in groups))
 
     @staticmethod
     def _alike(one: FoundFormula, other: FoundFormula) -> bool:
@@ -209,11 +209,9 @@ class FormulaSearch:
 
     def _points(self) -> list[Point]:
         """The base's noise and less of it: what a formula explains is taken out of the noise."""
-        lower = {
-            tuple(max(i - _DECADE * d, -4 * _DECADE) for i, d in zip(self._best, steps, strict=True))
-            for steps in ((0, 0), (1, 0), (0, 1), (1, 1), (0, 2), (2, 2), (0, 4), (4, 4))
-        }
-        return sorted(lower, reverse=True)  # type: ignore[arg-type]
+        flicker, walk = self._best
+        decades = ((0, 0), (1, 0), (0, 1), (1, 1), (0, 2), (2, 2), (0, 4), (4, 4))
+        return sorted({(_lower(flicker, f), _lower(walk, w)) for f, w in decades}, reverse=True)
 
     def _chance(self, library: Library, points: Sequence[Point], paid: FloatArray) -> float:
         """The evidence that the best formula reaches in simulated runs without any effect, at the usual level."""
@@ -227,7 +225,7 @@ class FormulaSearch:
         return max(0.0, float(np.quantile(best, 1.0 - WRONGLY_NAMED)))
 
     def _leaders(self, rough: FloatArray, which: FloatArray, excited: FloatArray) -> list[int]:
-        """The best formulas on the grid, few of those that look alike."""
+        """The formulas that are best on the grid, each once."""
         found: list[int] = []
         for entry in np.argsort(-rough)[:400]:
             index = int(which[entry])
@@ -240,13 +238,12 @@ class FormulaSearch:
 
     def _refined(self, formula: Formula, candidate: Candidate, grid: Sequence[Start], price: float) -> FoundFormula:
         theta, point, reached = self._refiner.refine(candidate, grid, self._best)
-        paid = candidate.paid(self._layout.problem.base.shape[1], self.columns(formula, theta).shape[1])
+        columns, base = self.columns(formula, theta), self._layout.problem.base
+        paid = candidate.paid(base.shape[1], columns.shape[1])
         log_n = float(np.log(len(self._layout.problem.y)))
         evidence = self._surface.height(self._best) - reached - paid * log_n - price
         way = self._lattice.at([point])[0][0]
         sigma2 = self._refiner.sigma2(candidate, theta, point)
-        columns = self.columns(formula, theta)
-        base = self._layout.problem.base
         fit = gls(np.column_stack([base, columns]), self._layout.problem.y, way, sigma2)
         own = fit.beta[base.shape[1] :]
         contribution = columns @ own
@@ -279,15 +276,19 @@ class FormulaSearch:
         problem = self._layout.problem
         way = self._lattice.at([self._best])[0][0]
         rest = outside(orthonormal(way.apply(problem.base)), way.apply(problem.y))
-        step = np.minimum(np.rint(np.diff(problem.time_s, prepend=problem.time_s[0]) / problem.interval_s), 100)
-        filled = np.zeros(int(np.cumsum(step)[-1]) + 1)
-        filled[np.cumsum(step).astype(np.int64)] = rest
+        row = rows_of(problem.time_s, problem.interval_s)
+        filled = np.zeros(int(row[-1]) + 1)
+        filled[row] = rest
         size = _PADDED * len(filled)
         power = np.abs(np.fft.rfft(filled, size))
         inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
         inner = inner[inner > 1.5 * _PADDED]
         top = inner[np.argsort(-power[inner])[:_PEAKS]]
         return [float(size * problem.interval_s / i) for i in top] or [self.grammar.length_s / 4.0]
+
+
+def _lower(index: int, decades: int) -> int:
+    return max(index - _DECADE * decades, -4 * _DECADE)
 
 
 def numbers(theta: Theta) -> list[str]:

@@ -26,7 +26,7 @@ _INNER_S = (60.0, 120.0, 220.0, 400.0)
 _PLACES = 11  # of a window, over the range of the channel
 _PERIODS = 48  # of a line over temperature
 _LEAST_RUN_S = 30.0
-_FURTHER = ("frequency", "drive", "quadrature", "supply")
+_FURTHER = ("frequency", "drive", "quadrature", "supply", "applied_rate")
 _SWITCHED = ("compressor",)
 
 Bounds = tuple[float, float]
@@ -44,8 +44,6 @@ class Block:
     unit: str
     bounds: tuple[tuple[str, Bounds], ...] = ()
     grid: tuple[tuple[float, ...], ...] = ((),)
-    static: bool = False
-    """A function of the temperature alone: by itself the model's curve has it already."""
     places: int = 0
     """Parameters that are a place where something begins: each costs one count more."""
     looser: Block | None = None
@@ -134,19 +132,19 @@ class Grammar:
         self.moved = tuple(name for name in _FURTHER if self._moves(name))
         self.switched = tuple(name for name in _SWITCHED if self._moves(name))
         self.gap = self._moves("chamber_temperature")
-        self.turns = self._moves("applied_rate")
         self.length_s = max(float(np.ptp(record.time)) for record in records)
 
     def singles(self) -> list[Formula]:
         """Formulas of one block."""
-        alone = [Formula((block,)) for block in (*self.drivers(), *self.bends()) if not block.static]
+        alone = [Formula((block,)) for block in (*self.drivers(), *self.bends())]
         return [*alone, *(Formula((block,), pair=True) for block in self.lines())]
 
     def pairs(self) -> list[Formula]:
         """Products of a block that drives with one that modifies it."""
         found: dict[str, Formula] = {}
+        modifiers = self.modifiers()
         for driver in self.drivers():
-            for modifier in self.modifiers():
+            for modifier in modifiers:
                 if modifier.text != driver.text:
                     formula = Formula((driver, modifier))
                     key = "*".join(sorted((driver.text, modifier.text)))
@@ -163,7 +161,7 @@ class Grammar:
             if block.looser is not None:
                 before = sum(len(one.bounds) for one in formula.blocks[:number])
                 blocks = (*formula.blocks[:number], block.looser, *formula.blocks[number + 1 :])
-                grid = tuple((*values[:before], *one, *values[before:]) for one in block.looser.grid)  # its own follow
+                grid = tuple((*values[:before], *one, *values[before:]) for one in block.looser.grid)
                 yield replace(formula, blocks=blocks), grid
 
     def drivers(self) -> list[Block]:
@@ -182,7 +180,7 @@ class Grammar:
             gap = "(chamber_temperature - temperature)"
             words = "the gap between air and unit"
             blocks += [Block(gap, words, "degC"), _lagged(gap, words, "degC", self.length_s, every=2)]
-        for name in (*self.moved, *(("applied_rate",) if self.turns else ())):
+        for name in self.moved:
             blocks += self._channel(name)
         for name in self.switched:
             blocks += [Block(name, f"the {name}", ""), _lagged(name, f"the {name}", "", self.length_s, every=2)]
@@ -250,12 +248,12 @@ class Grammar:
         bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)))
         window = tuple((float(c), w) for c in centres for w in (0.05 * span, 0.15 * span))
         blocks = [
-            Block(f"(temperature - {middle:.4g})", "temperature", "degC", static=True),
-            Block(f"(temperature - {middle:.4g})**2", "temperature squared", "degC^2", static=True),
+            Block(f"(temperature - {middle:.4g})", "temperature", "degC"),
+            Block(f"(temperature - {middle:.4g})**2", "temperature squared", "degC^2"),
             Block("exp(-((temperature - {centre})/{width})**2)", "a window in temperature", "", bounds, window,
-                  static=True, places=1),
+                  places=1),
             Block("(1 + tanh((temperature - {centre})/{width}))", "a step over temperature", "", bounds, window[2:-2:2],
-                  static=True, places=1),
+                  places=1),
             Block("dT_dt", "dT/dt", "degC/min"),
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
             Block("(1 + direction)", "heating", ""),
@@ -263,7 +261,7 @@ class Grammar:
         ]  # fmt: skip
         if self.gap:
             blocks.append(Block("(chamber_temperature - temperature)", "the gap between air and unit", "degC"))
-        for name in (*self.moved, *(("applied_rate",) if self.turns else ())):
+        for name in self.moved:
             low, high = self._range(name)
             blocks.append(self._centred(name))
             if low * high < 0.0 or abs(high - low) > 0.05 * abs(high + low):  # else it is a constant, and not a factor

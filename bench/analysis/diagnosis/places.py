@@ -7,9 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Place
-from bench.analysis.diagnosis.probes import SIGNS, Finding
+from bench.analysis.diagnosis.probes import SIGNS, Finding, direction_of
 from bench.analysis.diagnosis.suspects import Layout
-from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
 from bench.base import BoolArray, FloatArray
 
 _PIECES = 20
@@ -69,7 +68,7 @@ def _cell(finding: Finding, temperature: FloatArray, slope: FloatArray) -> tuple
     score = np.abs(estimates / deviations)
     worst = int(np.nanargmax(score))
     direction, low, high = finding.cells[worst]
-    turning = np.where(np.abs(slope) < SETTLED_DEGC_PER_MIN, 0, np.sign(slope)) == SIGNS[direction]
+    turning = direction_of(slope) == SIGNS[direction]
     rows = turning & (temperature >= low) & (temperature <= high)
     note = f"{direction}: {estimates[worst]:+.3f} +- {deviations[worst]:.3f} deg/h"
     return (rows if rows.any() else turning), note, abs(float(estimates[worst]))

@@ -182,13 +182,17 @@ def spline(name: str, value: FloatArray, freedom: int = 6) -> Probe:
     return Probe(name, scipy.interpolate.BSpline.design_matrix(np.clip(value, inner[0], inner[-1]), knots, 3).toarray())
 
 
+def direction_of(rate_of_change: FloatArray) -> FloatArray:
+    """-1 cooling, 0 standing still, 1 heating (n,), from dT/dt [degC/min]."""
+    return np.where(np.abs(rate_of_change) < SETTLED_DEGC_PER_MIN, 0.0, np.sign(rate_of_change))
+
+
 def usual(
     time_s: FloatArray, temperature: FloatArray, rate_of_change: FloatArray, channels: Mapping[str, FloatArray]
 ) -> list[Probe]:
     """The probes of a run: cells, elapsed time, dT/dt [degC/min], fine temperature and each further channel."""
-    direction = np.where(np.abs(rate_of_change) < SETTLED_DEGC_PER_MIN, 0.0, np.sign(rate_of_change))
     return [
-        cells(temperature, direction),
+        cells(temperature, direction_of(rate_of_change)),
         spline("time", time_s, 8),
         spline("dT/dt", rate_of_change, 6),
         spline("fine temperature", temperature, 30),

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import orthonormal, outside
-from bench.analysis.diagnosis.probes import cells
+from bench.analysis.diagnosis.probes import cells, direction_of
 from bench.analysis.diagnosis.suspects import Layout
+from bench.analysis.noise.floor import stretches_of
 from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface
 from bench.analysis.noise.probability import chi2_quantile, chi2_tail
 from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
@@ -31,9 +32,7 @@ def structure(layout: Layout) -> str:
     surface = Surface.of(records, lattice.part(1, len(records)), restricted=True)
     region = surface.region(best := surface.search(), float(chi2_quantile(0.95, 2)), step=8)
     points = sorted(region, key=lambda point: (-point[1], -point[0]))[:_MOST_POINTS] or [best]
-    slope = layout.slope
-    direction = np.where(np.abs(slope) < SETTLED_DEGC_PER_MIN, 0.0, np.sign(slope))
-    probe = cells(layout.temperature, direction)
+    probe = cells(layout.temperature, direction_of(layout.slope))
     least = 0.0
     for point, ways in zip(points, lattice.at(points), strict=True):
         way = ways[0]
@@ -52,8 +51,7 @@ def _soaks(layout: Layout) -> tuple[Record, ...]:
     found = []
     for record, mask in zip(layout.rows.records, layout.rows.masks, strict=True):
         still = mask & (np.abs(np.nan_to_num(record.dT_dt, nan=np.inf)) < SETTLED_DEGC_PER_MIN)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-        for first, last in edges.reshape(-1, 2).tolist():
+        for first, last in stretches_of(still):
             rows = np.arange((first + last) // 2, last)
             if rows.size >= _LEAST_ROWS:
                 at = np.linspace(-1.0, 1.0, rows.size)

@@ -11,7 +11,7 @@ from bench.analysis.noise.allan import AllanCurve, allan_deviation
 from bench.analysis.noise.components import Stretch
 from bench.analysis.noise.estimate import Estimate, Noise, estimate_noise
 from bench.analysis.thresholds import LEAST_STRETCH_S, SETTLED_DEGC_PER_MIN, TURNING_DPS
-from bench.base import FloatArray, InputError, IntArray
+from bench.base import BoolArray, FloatArray, InputError, IntArray
 from bench.record import Dataset
 
 _AHEAD_S = 60.0
@@ -81,12 +81,17 @@ def _stretches(base: Dataset) -> list[tuple[str, IntArray]]:
         tails = [(name, _settled(base, rows)) for name, rows in pieces if rows.size]
     else:
         still = np.abs(np.nan_to_num(base.dT_dt, nan=np.inf)) < SETTLED_DEGC_PER_MIN
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-        runs = [np.arange(a, b) for a, b in edges.reshape(-1, 2).tolist()]
+        runs = [np.arange(a, b) for a, b in stretches_of(still)]
         tails = [(f"still at {np.nanmean(base.channel('temperature')[rows]):.0f} °C", rows) for rows in runs]
     long = [(name, rows) for name, rows in tails if rows.size and np.ptp(base.time[rows]) >= LEAST_STRETCH_S]
     at_rest = [(name, rows) for name, rows in long if not _turns(base, rows)]
     return at_rest or [(name, rows) for name, rows in long if not _changes(base, rows)]
+
+
+def stretches_of(flags: BoolArray) -> list[tuple[int, int]]:
+    """First row, and the row after the last, of each stretch of true flags (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(first, end) for first, end in edges.reshape(-1, 2).tolist()]
 
 
 def _turns(base: Dataset, rows: IntArray) -> bool:
