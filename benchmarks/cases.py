@@ -89,7 +89,7 @@ def absorbed(record: Dataset, values: FloatArray, model: Model) -> FloatArray:
     plain = replace(
         record, channels={**{k: v for k, v in record.channels.items() if k != "applied_rate"}, "rate": values}
     )
-    return fit_model(model, plain, covariance="none").residuals[0]
+    return fit_model(model, plain, covariance="none", weights="count").residuals[0]
 
 
 def rms(values: FloatArray) -> float:

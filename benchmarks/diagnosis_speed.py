@@ -1,10 +1,10 @@
-"""CPU and wall of `bench diagnose` on a three-hour run at 500 Hz after the first pass, with one worker and with two.
+"""CPU and wall of `bench diagnose` on a three-hour run at 500 Hz, with one worker and with two, and its parts.
 
     python -m benchmarks.diagnosis_speed [RUN ...] [--rounds 3]
 
-Without a run three hours are simulated. A process per result, numbers of workers in turn; the least value counts,
-imports are not counted. "own" is the CPU of the main process (two idle processors need at least that long), "all"
-includes copies.
+Without a run three hours are simulated. A process per result, numbers of workers in turn; the least value counts. In
+the first table imports are not counted; "own" is the CPU of the main process (two idle processors need at least that
+long), "all" includes copies. The second table has all that a new process does, with one worker.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.rounds import Table, spawn
 
 _PROFILE = """\
@@ -32,6 +34,7 @@ segments:
   - {kind: ramp, to_degc: 40, rate_degc_per_min: 1.0}
 """
 _WORKERS = (1, 2)
+_PARTS = ("start, imports", "means, floor", "catalogue", "next run")
 
 
 def _recorded(folder: Path) -> Path:
@@ -74,6 +77,51 @@ def once(path: Path, workers: int) -> dict[str, Any]:
     }
 
 
+def cold(path: Path) -> dict[str, Any]:
+    """CPU [s] of the parts of one diagnosis in this new process, imports included."""
+    from bench.analysis import diagnose, load_model, next_experiment
+    from bench.analysis.diagnosis.describing import Describer
+    from bench.commands.analysis import floor_of, recovered, usual_means
+
+    formulas = 0.0
+    describe = Describer.describe
+
+    def timed(*given: Any) -> Any:
+        nonlocal formulas
+        begun = time.process_time()
+        try:
+            return describe(*given)
+        finally:
+            formulas += time.process_time() - begun
+
+    Describer.describe = timed  # type: ignore[method-assign]
+    model = load_model("spline")
+    marks = [0.0, time.process_time()]
+    seconds = recovered([path])
+    runs = usual_means(seconds)
+    floor_dph = floor_of(seconds, runs[0].interval_s)
+    marks.append(time.process_time())
+    found = diagnose(runs, model, floor_dph=floor_dph, workers=1)
+    marks.append(time.process_time())
+    next_experiment(found, runs)
+    marks.append(time.process_time())
+    spent = dict(zip(_PARTS, np.diff(marks).tolist(), strict=True))
+    return spent | {"catalogue": spent["catalogue"] - formulas, "formulas": formulas}
+
+
+def measured_cold(path: Path, rounds: int) -> Table:
+    """The parts of a diagnosis in a new process."""
+    tries = [spawn("benchmarks.diagnosis_speed", "--cold", str(path.resolve())) for _ in range(rounds)]
+    failed = next((one["failed"] for one in tries if "failed" in one), "")
+    if failed:
+        return Table("Diagnosis, cold", failed, ("part",), ())
+    least = min(tries, key=lambda one: sum(one.values()))
+    answer = sum(least[part] for part in ("start, imports", "means, floor", "catalogue"))
+    rows = [[part, f"{seconds:.2f}"] for part, seconds in least.items()]
+    rows += [["until the catalogue's answer", f"{answer:.2f}"], ["all", f"{sum(least.values()):.2f}"]]
+    return Table(f"Diagnosis, cold: {path.name}", "A new process with one worker.", ("part", "CPU s"), rows)
+
+
 def measured(path: Path, rounds: int) -> Table:
     """All numbers of workers in turn."""
     tries: dict[int, list[dict[str, Any]]] = {workers: [] for workers in _WORKERS}
@@ -104,7 +152,8 @@ def measured(path: Path, rounds: int) -> Table:
 def tables(quick: bool, runs: Sequence[Path] = (), rounds: int = 3) -> list[Table]:
     """The tables of docs/performance.md."""
     with tempfile.TemporaryDirectory() as folder:
-        return [measured(path, 1 if quick else rounds) for path in runs or [_recorded(Path(folder))]]
+        paths = runs or [_recorded(Path(folder))]
+        return [of(path, 1 if quick else rounds) for path in paths for of in (measured, measured_cold)]
 
 
 def main() -> None:
@@ -113,7 +162,11 @@ def main() -> None:
     parser.add_argument("runs", nargs="*", type=Path)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--child", type=int, metavar="WORKERS")
+    parser.add_argument("--cold", action="store_true")
     options = parser.parse_args()
+    if options.cold:
+        print("\n" + json.dumps(cold(options.runs[0])))
+        return
     if options.child:
         print("\n" + json.dumps(once(options.runs[0], options.child)))
         return

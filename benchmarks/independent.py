@@ -61,7 +61,7 @@ def rms(values: FloatArray) -> float:
 
 def ours(data: Dataset, effect: str, options: dict[str, object] | None = None) -> float:
     """RMS of the residuals of one effect [deg/h]."""
-    return rms(fit_model(Model(effect, (make(effect, options),)), data).residuals[0])
+    return rms(fit_model(Model(effect, (make(effect, options),)), data, weights="count").residuals[0])
 
 
 def least(columns: FloatArray, y: FloatArray) -> float:
@@ -201,7 +201,7 @@ def scale_factor() -> Iterator[Row]:
     channels = {"temperature": celsius, "applied_rate": rate, "rate": error + 3600.0 * rate}
     data = Dataset("table", 30.0 * t, channels, np.zeros(t.size, dtype=np.int64), (), 30.0)
     effects = (make("polynomial", {"order": 1}), make("scale_factor_temperature"))
-    known = {c.key.split(".")[1]: c.value for c in fit_model(Model("sf", effects), data).coefficients}
+    known = {c.key.split(".")[1]: c.value for c in fit_model(Model("sf", effects), data, weights="count").coefficients}
     yield Row("scale factor at 25 degC [ppm]", "bench report", known["s0"], 40.0, "simulated truth")
     yield Row("its temperature sensitivity [ppm/degC]", "bench report", known["s1"], 60.0, "simulated truth")
 

@@ -25,11 +25,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import yaml
 
 from bench.acquisition.recording.assemble import assemble
 from bench.record.folder import RunFolder
+from bench.record.samples import read_samples
 from drivers.journal import Damage, read_blocks
 
 PROFILE = "name: killed\nsegments:\n  - {kind: ramp, to_degc: 85, rate_degc_per_min: 2}\n"
@@ -100,8 +100,8 @@ def kill_once(station: Path, out: Path, wait_s: float) -> Kill:
     last = list(read_blocks(run.journal / "bench.gtbj"))[-1]  # bench time beside calendar time
     killed_s = last.t_s + (killed_ns - last.wall_ns) * 1e-9
     manifest = assemble(run)
-    data = pq.read_table(run.data, columns=["time", "rate"])
-    times = data["time"].to_numpy()[np.isfinite(data["rate"].to_numpy())]
+    data = read_samples(run.data, "time", "rate")
+    times = data["time"][np.isfinite(data["rate"])]
     events = list(run.events())
     safe = any(event["kind"] == "watchdog" and event.get("ok") for event in events)
     moved = any(event["kind"] == "write" for event in events)

@@ -29,7 +29,7 @@ from bench.base import FloatArray
 from bench.record.dataset import Dataset
 from benchmarks import campaigns, cases
 from benchmarks.bars import table
-from benchmarks.outside_truths import FROZEN, TRUTHS, World
+from benchmarks.outside_truths import FROZEN, SECOND, TRUTHS, World
 from benchmarks.trials import MODEL
 
 RUN, CHECK = cases.TWO_RATES, cases.LOOPS
@@ -155,10 +155,14 @@ def section(path: Path) -> str:
         return ""
     rows = []
     for strength in sorted({trial.strength for trial, _ in results}):
-        for words, names in (("written before the search was frozen", set(TRUTHS) - set(FROZEN)), ("after", FROZEN)):
+        first = set(TRUTHS) - set(SECOND) - set(FROZEN)
+        groups = {"before the search was frozen": first, "after it was frozen, before it grew": set(SECOND),
+                  "after it was frozen again": set(FROZEN)}  # fmt: skip
+        for words, names in groups.items():
             own = [found for trial, found in results if trial.strength == strength and trial.truth in names]
             if own:
-                rows.append((f"{strength:g}, {words}", str(len(own)), _share(own, "share"), _share(own, "ratio"),
+                shares = _share(own, "share"), _share(own, "ratio")
+                rows.append((f"{strength:g}, written {words}", str(len(own)), *shares,
                              *(f"{np.median([one[key] for one in own]):.2f}" for key in ("before", "ratio")),
                              f"{np.median([one['cpu_s'] for one in own]):.1f}"))  # fmt: skip
     head = ("strength", "runs", "right or equivalent first", "held-out within 1.15 of the true model's",

@@ -134,7 +134,8 @@ def plume(w: World, rng: np.random.Generator) -> FloatArray:
     return far - w.case
 
 
-# The following were written after the search was frozen.
+# The following were written after the search was first frozen, and led to memories of powers, plays of channels, lags
+# that change with temperature or direction, starts, and exposure.
 
 
 def drying(w: World, rng: np.random.Generator) -> FloatArray:
@@ -158,7 +159,7 @@ def bimetal(w: World, rng: np.random.Generator) -> FloatArray:
 
 def sticking_electrode(w: World, rng: np.random.Generator) -> FloatArray:
     """The quadrature electrode follows its command only beyond a dead band."""
-    band, at = rng.uniform(0.15, 0.3) * float(np.ptp(w.quadrature)), float(w.quadrature[0])
+    band, at = rng.uniform(0.0045, 0.009), float(w.quadrature[0])
     stuck = np.empty(len(w.quadrature))
     for second, value in enumerate(w.quadrature.tolist()):
         at = min(max(at, value - band), value + band)
@@ -222,6 +223,89 @@ def root_of_a_flow(w: World, rng: np.random.Generator) -> FloatArray:
     return np.asarray(np.sign(flow) * np.sqrt(np.abs(flow)))
 
 
+# The following were written after the search was frozen again, and changed nothing.
+
+
+def diffusion(w: World, rng: np.random.Generator) -> FloatArray:
+    """Heat on its way into a thick wall of twenty layers; the gyro feels the surface against the tenth layer."""
+    layers, share = np.full(20, float(w.case[0])), 1.0 / _log(rng, 8, 30)
+    felt = np.empty(len(w.case))
+    for second, value in enumerate(w.case.tolist()):
+        beside = np.concatenate([[value], layers, layers[-1:]])
+        layers = layers + share * np.diff(beside, 2)
+        felt[second] = value - layers[10]
+    return felt
+
+
+def saturating_gradient(w: World, rng: np.random.Generator) -> FloatArray:
+    """A gradient bends a part until it meets a stop."""
+    gradient = w.case - follows(w.case, _log(rng, 100, 500))
+    return np.asarray(np.clip(gradient / (rng.uniform(0.3, 0.6) * 8.0), -1.0, 1.0))
+
+
+def condensation(w: World, rng: np.random.Generator) -> FloatArray:
+    """A film grows while the case is colder than the air, and dries twice as fast."""
+    film, level, tau_s = np.empty(len(w.case)), 0.0, _log(rng, 1000, 4000)
+    for second, gap in enumerate((w.air - w.case).tolist()):
+        level = max(0.0, level + (gap if gap > 0.0 else 2.0 * gap) / tau_s)
+        film[second] = level
+    return film
+
+
+def supply_by_inner_temperature(w: World, rng: np.random.Generator) -> FloatArray:
+    """The rejection of a regulator depends on its own temperature, which lags."""
+    inner = follows(w.case, _log(rng, 400, 1500))
+    return (w.supply - np.median(w.supply)) * (inner - rng.uniform(-20.0, 60.0))
+
+
+def frequency_pulling(w: World, rng: np.random.Generator) -> FloatArray:
+    """The mode is pulled each time its frequency passes a line of a comb."""
+    return np.asarray(np.sin(2.0 * np.pi * w.frequency / rng.uniform(1.5, 3.0) + rng.uniform(0, 6.28)))
+
+
+def quadrature_by_frequency(w: World, rng: np.random.Generator) -> FloatArray:
+    """The phase of the demodulator follows the frequency; quadrature leaks through it."""
+    return w.quadrature * (w.frequency - rng.uniform(13998.0, 14005.0))
+
+
+def compressor_when_cold(w: World, rng: np.random.Generator) -> FloatArray:
+    """Lubricant stiffens: the compressor shakes the mount below a temperature only."""
+    return w.compressor / (1.0 + np.exp((w.case - rng.uniform(-20.0, 10.0)) / 3.0))
+
+
+def exposure_above(w: World, rng: np.random.Generator) -> FloatArray:
+    """A getter releases gas above a temperature, and keeps nothing back."""
+    return np.cumsum(np.clip(w.case - rng.uniform(40.0, 65.0), 0.0, None)) / 3600.0
+
+
+def first_heating(w: World, rng: np.random.Generator) -> FloatArray:
+    """Stress that is lost whenever the temperature is higher than it ever was."""
+    return np.maximum.accumulate(w.case) + rng.uniform(0.0, 0.5) * np.minimum.accumulate(w.case)
+
+
+def ringing_mount(w: World, rng: np.random.Generator) -> FloatArray:
+    """A mount of two masses exchanges heat like a damped oscillation after each change of the ramp."""
+    omega, damping = 2.0 * np.pi / _log(rng, 600, 1800), rng.uniform(0.2, 0.4)
+    place = speed = 0.0
+    rung = np.empty(len(w.case))
+    for second, step in enumerate(np.diff(w.case, prepend=w.case[0]).tolist()):
+        speed += omega * (step - 2.0 * damping * speed) - omega**2 * place
+        place += speed
+        rung[second] = place
+    return rung
+
+
+def dissipation_of_the_drive(w: World, rng: np.random.Generator) -> FloatArray:
+    """The power of the drive warms the resonator, which warms slowly."""
+    return follows(w.drive**2, _log(rng, 300, 1200))
+
+
+def dead_zone_of_the_gap(w: World, rng: np.random.Generator) -> FloatArray:
+    """A door seal moves once the air is far enough from the case."""
+    gap = w.air - w.case
+    return np.sign(gap) * np.clip(np.abs(gap) - rng.uniform(1.0, 3.0), 0.0, None)
+
+
 TRUTHS: dict[str, Truth] = {
     truth.__name__: truth
     for truth in (
@@ -229,7 +313,10 @@ TRUTHS: dict[str, Truth] = {
         crossing_of_modes, melting, duffing, leak_by_the_air, friction_joints, brown_out, plume,
         drying, heater_pickup, bimetal, sticking_electrode, rectified_supply, starts_of_the_compressor, two_walls,
         activated_relaxation, drive_of_a_gradient, quadrature_that_moves, warms_fast_and_cools_slowly, root_of_a_flow,
+        diffusion, saturating_gradient, condensation, supply_by_inner_temperature, frequency_pulling,
+        quadrature_by_frequency, compressor_when_cold, exposure_above, first_heating, ringing_mount,
+        dissipation_of_the_drive, dead_zone_of_the_gap,
     )
 }  # fmt: skip
-FROZEN = tuple(TRUTHS)[14:]
-"""Written after the search was frozen."""
+SECOND, FROZEN = tuple(TRUTHS)[14:26], tuple(TRUTHS)[26:]
+"""Written after the search was frozen for the first time, and after the last time."""

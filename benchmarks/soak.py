@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run.runner import Job, run_job
@@ -33,6 +32,7 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import Station
 from bench.base import config
 from bench.record.folder import RunFolder
+from bench.record.samples import SampleFile
 from benchmarks.soak_data import DATA_S, random_data, spoiled
 from drivers.wire import load_dbc
 
@@ -192,13 +192,12 @@ def episodes(run: RunFolder) -> dict[str, int]:
 def axis(run: RunFolder) -> dict[str, Any]:
     """Number of samples, and whether their time stamps increase."""
     samples, last_s, backwards = 0, -1.0, 0
-    with pq.ParquetFile(run.data) as file:
-        for group in range(file.num_row_groups):
-            table = file.read_row_group(group, columns=["time", "rate"])
-            times = table["time"].to_numpy()
+    with SampleFile(run.data) as file:
+        for table in file.batches(["time", "rate"], 1 << 19):
+            times = table["time"]
             backwards += int(np.count_nonzero(np.diff(times, prepend=last_s) <= 0))
             last_s = float(times[-1])
-            samples += int(np.count_nonzero(np.isfinite(table["rate"].to_numpy())))
+            samples += int(np.count_nonzero(np.isfinite(table["rate"])))
     return {"samples": samples, "last_s": round(last_s, 3), "time_stamps_not_increasing": backwards}
 
 

@@ -28,7 +28,6 @@ from unittest.mock import patch
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow.parquet as pq
 
 import bench.acquisition.station.station as opening
 from bench.acquisition.profile.profile import profile_from_text
@@ -38,6 +37,7 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.analysis.judging.judge import analyse
 from bench.base import config
 from bench.record import RunFolder
+from bench.record.samples import read_samples
 from benchmarks import campaigns
 from drivers.sim.station import SimulatedStation
 
@@ -286,12 +286,11 @@ def run_case(case: Case, seed: int, folder: Path) -> Outcome:
 def _times(run: RunFolder, case: Case) -> tuple[float, float]:
     """How long of the record was spoiled, and how long of it has no value [s], from the table itself."""
     name = "chamber_temperature" if case.kind.startswith("air") else "rate"
-    table = pq.read_table(run.data, columns=["time", name, "chamber_setpoint"])
-    time = table["time"].to_numpy()
-    value = table[name].to_numpy(zero_copy_only=False)
+    table = read_samples(run.data, "time", name, "chamber_setpoint")
+    time, value = table["time"], table[name]
     hz = RATE_HZ
     if name != "rate":
-        read = np.isfinite(table["chamber_setpoint"].to_numpy(zero_copy_only=False))
+        read = np.isfinite(table["chamber_setpoint"])
         time, value, hz = time[read], value[read], 1
     spoiled = (time >= AT_S) & (time < AT_S + case.length_s)
     return np.count_nonzero(spoiled) / hz, np.count_nonzero(np.isnan(value.astype(float))) / hz

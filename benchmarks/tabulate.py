@@ -88,8 +88,12 @@ def _peer_first(result: Result, peer: str) -> bool:
 
 
 def _limit(clean: Sequence[Result], peer: str) -> float:
-    scores = [r[peer]["score"] for r in clean if peer in r]
+    scores = [r[peer]["score"] for r in _with(clean, peer)]
     return float(np.quantile(scores, _LEVEL)) if scores else float("nan")
+
+
+def _with(results: Sequence[Result], peer: str) -> list[Result]:
+    return [r for r in results if peer in r]
 
 
 def _share(results: Sequence[Result], true: Callable[[Result], bool]) -> str:
@@ -105,9 +109,9 @@ def _strengths(single: Sequence[Result], limits: dict[str, float]) -> str:
     for strength in sorted({r["strength"] for r in single}):
         own = [r for r in single if r["strength"] == strength]
         found = [r for r in own if r["found"]]
-        peers_first = [_share(own, lambda r, p=peer: _peer_first(r, p)) for peer in _PEERS]  # type: ignore[misc]
+        peers_first = [_share(_with(own, peer), lambda r, p=peer: _peer_first(r, p)) for peer in _PEERS]  # type: ignore[misc]
         peers_named = [
-            _share(own, lambda r, p=peer: _peer_first(r, p) and r[p]["score"] > limits[p])  # type: ignore[misc]
+            _share(_with(own, peer), lambda r, p=peer: _peer_first(r, p) and r[p]["score"] > limits[p])  # type: ignore[misc]
             for peer in _PEERS
         ]
         rows.append((f"{strength:g}", str(len(own)), _share(own, lambda r: bool(r["found"])), _share(own, named),
@@ -122,7 +126,7 @@ def _clean(clean: Sequence[Result]) -> str:
         own = [r for r in clean if r["profile"] == profile]
         rows.append((profile, str(len(own)), _share(own, lambda r: bool(r["found"])),
                      _share(own, unknown),
-                     *(_share(own, lambda r, p=peer: r[p]["default"]) for peer in _PEERS)))  # type: ignore[misc] # fmt: skip
+                     *(_share(_with(own, peer), lambda r, p=peer: r[p]["default"]) for peer in _PEERS)))  # type: ignore[misc] # fmt: skip
     return table(("profile", "runs", "named", "unknown", "FROLS names, own rule", "STLSQ names, own rule"), rows)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ MODEL = Model("spline", (effects.make("spline", {"intervals": 8}),))
 _CHECKED = 1.0
 """Least strength at which the models are tried on an unseen run, of every fourth seed: it takes as long to simulate as
 the first."""
+_PEERS = ("sysidentpy", "pysindy")  # of the extra "peers"; without them a case is the bench's alone
 _CHECK, _AGAIN, _SECOND, _STILL = 1, 2, 3, 4  # numbers of the runs of one unit
 
 
@@ -40,9 +42,10 @@ def run(kind: str, hidden: tuple[str, ...], strength: float, seed: int, profile:
     result = {"processor_s": round(time.process_time() - began, 2), **_content(found)}
     if unseen:
         result |= _held_out(case, first, unseen[0], found)
-    given = peers.shelf(first, MODEL)
-    for name, choice in (("frols", peers.frols(given)), ("stlsq", peers.stlsq(given))):
-        result[name] = {"ranking": choice.ranking[:3], "score": choice.score, "default": choice.default}
+    if all(map(find_spec, _PEERS)):
+        given = peers.shelf(first, MODEL)
+        for name, choice in (("frols", peers.frols(given)), ("stlsq", peers.stlsq(given))):
+            result[name] = {"ranking": choice.ranking[:3], "score": choice.score, "default": choice.default}
     return result
 
 

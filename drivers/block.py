@@ -9,6 +9,7 @@ import numpy as np
 
 from drivers.samples import FloatArray, IntArray
 from drivers.states import BoolArray
+from drivers.wire import Signal
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,31 @@ class Beats:
 class Thermometer:
     """The unit's own temperature on its wire."""
 
+    channel: str
+    """Its channel: `temperature`, or `temperature_1`."""
     lowest_degc: float
     highest_degc: float
     """Values outside are no measurements [degC]."""
     step_degc: float
     every: int | None
     """A sample after so many rate samples; None: the DBC does not say."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """A channel on its wire: value = (raw * scale + offset) * factor, in the unit of the channel."""
+
+    bits: int
+    """Of the raw value; 0: it is no integer."""
+    signed: bool
+    scale: float
+    offset: float
+    factor: float
+
+    @classmethod
+    def of(cls, signal: Signal, factor: float) -> Code:
+        """That of a signal of the DBC."""
+        return cls(0 if signal.is_float else signal.length, signal.signed, signal.scale, signal.offset, factor)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from typing import Protocol
 import can
 import numpy as np
 
+from drivers.can_record import CLASSICAL_BYTES
 from drivers.capture import Recorder, event, raise_priority, stop_when, summarise
 from drivers.errors import DriverError, LinkError, one_line
 from drivers.frames import NO_FRAMES, joined, to_frames, to_record
@@ -57,7 +58,9 @@ class InProcessCapture:
         writer: JournalWriter,
         stamp: Callable[[float], int] | None = None,
         now: Callable[[], float] | None = None,
+        room: int = CLASSICAL_BYTES,
     ) -> None:
+        self._room = room
         self._bus = bus
         self._writer = writer
         self._stamp = stamp
@@ -128,8 +131,8 @@ class InProcessCapture:
         try:
             while (message := self._bus.recv(0.0)) is not None:
                 try:
-                    records.append(to_record(message, stamp(message.timestamp)))
-                except ValueError:  # CAN FD with more than 8 bytes
+                    records.append(to_record(message, stamp(message.timestamp), 0, self._room))
+                except ValueError:  # CAN FD on a bus that is said to have none
                     self._tally.unreadable += 1
         except (can.CanError, OSError):
             if not records:  # frames from before the failure are kept; the next poll meets the failure again
@@ -222,7 +225,7 @@ def _capture_process(
     writer = None
     try:
         writer = JournalWriter(journal_path)
-        recorder = Recorder(lambda: open_bus(settings), writer, beat, start_monotonic_ns)
+        recorder = Recorder(lambda: open_bus(settings), writer, beat, start_monotonic_ns, settings.room)
         recorder.run(lambda: control.send(None), lambda: bool(received) or stop_requested())
     except DriverError as error:  # the bus did not open; the parent raises it
         control.send(error)

@@ -16,6 +16,7 @@ from typing import Any
 import can
 
 from drivers.backoff import BackOff
+from drivers.can_record import CLASSICAL_BYTES
 from drivers.errors import DriverError, one_line
 from drivers.frames import to_record
 from drivers.health import Beat, Tally
@@ -33,7 +34,16 @@ ERROR_BUS_OFF = 0x40
 class Recorder:
     """Receives from a bus into a journal until it is stopped; opens the bus again when it fails."""
 
-    def __init__(self, open_bus: Callable[[], can.BusABC], writer: JournalWriter, beat: Beat, start_ns: int) -> None:
+    def __init__(
+        self,
+        open_bus: Callable[[], can.BusABC],
+        writer: JournalWriter,
+        beat: Beat,
+        start_ns: int,
+        room: int = CLASSICAL_BYTES,
+    ) -> None:
+        """`room` is how many bytes of data the longest frame of the bus has."""
+        self._room = room
         self._open_bus = open_bus
         self._writer = writer
         self._beat = beat
@@ -91,7 +101,7 @@ class Recorder:
                         break
                     age_ns = self._lag.age_ns(now_ns, time.time_ns() - round(message.timestamp * 1e9))
                     t_ns = now_ns - age_ns - self._start_ns
-                    records.append(to_record(message, t_ns))
+                    records.append(to_record(message, t_ns, 0, self._room))
                 except ValueError:  # a long CAN FD frame, or a line that the interface cannot parse
                     self._tally.unreadable += 1
                     if within_ns:

@@ -13,7 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drivers.can_record import CLASSICAL_BYTES, FD_BYTES
 from drivers.errors import ConfigError, LinkError, one_line
+from drivers.layout import layout_of
 from drivers.wire import load_dbc
 
 if TYPE_CHECKING:
@@ -65,6 +67,11 @@ class BusSettings:
     timing: Mapping[str, Any] | None = None
     filters: Sequence[Mapping[str, Any]] = ()
 
+    @property
+    def room(self) -> int:
+        """Bytes of data that its longest frames have."""
+        return FD_BYTES if self.fd else CLASSICAL_BYTES
+
     def __str__(self) -> str:
         return f"CAN bus {self.interface}:{self.channel}"
 
@@ -96,14 +103,17 @@ def open_bus(settings: BusSettings) -> can.BusABC:
     return bus
 
 
-def unit_filters(units: Iterable[tuple[str | Path, int]]) -> list[dict[str, Any]]:
-    """python-can filters that let through the frames of these units, given as (layout, number), and nothing else.
+def unit_filters(units: Iterable[tuple[str | Path | None, int, Mapping[str, Any] | None]]) -> list[dict[str, Any]]:
+    """python-can filters that let through the frames of these units, and nothing else.
+
+    Each is given as its DBC, its number and the mapping of its signals.
 
     SocketCAN filters in the kernel and still reports error frames; interfaces that filter in python-can drop those.
     """
     rules = []
-    for layout, number in units:
-        for message in load_dbc(layout).values():
+    for dbc, number, signals in units:
+        messages = load_dbc(dbc).values() if signals is None and dbc is not None else layout_of(dbc, signals).messages
+        for message in messages:
             mask = 0x1FFFFFFF if message.extended else 0x7FF
             rules.append({"can_id": message.id + number, "can_mask": mask, "extended": message.extended})
     return rules

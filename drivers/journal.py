@@ -3,21 +3,52 @@
 Each block is written by one `write` call: header with its CRC-32, payload, and a CRC-32 over all. A reader accepts
 every block whose CRC is right, resynchronises on the magic after a damaged one, and reports the bytes it skipped.
 The header has a separate CRC so that a damaged length cannot make a reader wait for bytes that never arrive. One
-writer per file. Readers may follow a file while it grows.
+writer per file. Readers may follow a file while it grows. `drivers.packing` packs the blocks of a finished journal;
+`read_blocks` returns them as they were.
 """
 
 from __future__ import annotations
 
+import fcntl
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
+
+from drivers.can_record import (
+    FLAG_ERROR,
+    FLAG_EXTENDED,
+    FLAG_FAST,
+    FLAG_FD,
+    FLAG_REMOTE,
+    FRAME,
+    FrameArray,
+    packed,
+    records,
+    unpacked,
+)
+
+__all__ = [
+    "FLAG_ERROR",
+    "FLAG_EXTENDED",
+    "FLAG_FAST",
+    "FLAG_FD",
+    "FLAG_REMOTE",
+    "FRAME",
+    "Block",
+    "Damage",
+    "FrameArray",
+    "JournalTail",
+    "JournalWriter",
+    "Kind",
+    "read_blocks",
+]
 
 MAGIC = b"GTBJ"
 _HEADER = struct.Struct("<4sHHIIIdQ")  # magic, version, kind, sequence, count, payload bytes, bench time, wall ns
@@ -25,32 +56,16 @@ _CRC = struct.Struct("<I")
 VERSION = 1
 MAX_PAYLOAD = 1 << 24
 
-FRAME = np.dtype(
-    [
-        ("t_ns", "<i8"),
-        ("id", "<u4"),
-        ("flags", "u1"),
-        ("len", "u1"),
-        ("channel", "u1"),
-        ("pad", "u1"),
-        ("data", "u1", (8,)),
-    ]
-)
-"""One captured CAN frame, 24 bytes; `t_ns` is bench time [ns] at reception."""
-
-FrameArray = npt.NDArray[np.void]
-
-FLAG_EXTENDED, FLAG_REMOTE, FLAG_ERROR = 1, 2, 4
-
 
 class Kind(IntEnum):
     """Content of a block."""
 
-    FRAMES = 1  # FRAME records
+    FRAMES = 1  # FRAME records, or longer ones from a bus with CAN FD
     READING = 2  # chamber readings, float64 rows
     EVENT = 3  # one JSON object
     META = 4  # one JSON object: what is needed to decode this file by itself
     TABLE = 5  # encoder readings of the rate table, TABLE records
+    PACKED = 6  # blocks of a finished journal
 
 
 _KINDS = frozenset(Kind)
@@ -68,8 +83,16 @@ class Block:
     payload: bytes
 
     def frames(self) -> FrameArray:
-        """The FRAME records of a FRAMES block, shape (count,)."""
-        return np.frombuffer(self.payload, dtype=FRAME)
+        """The records of a FRAMES block, shape (count,)."""
+        return records(self.payload, self.count)
+
+    def encoded(self) -> bytes:
+        """The block as it is written: header, its CRC, payload, and the CRC of all."""
+        size = len(self.payload)
+        head = _HEADER.pack(MAGIC, VERSION, self.kind, self.sequence, self.count, size, self.t_s, self.wall_ns)
+        head += _CRC.pack(zlib.crc32(head))
+        crc = zlib.crc32(self.payload, zlib.crc32(head))
+        return b"".join((head, self.payload, _CRC.pack(crc)))
 
 
 class JournalWriter:
@@ -78,14 +101,13 @@ class JournalWriter:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(self._fd, fcntl.LOCK_SH | fcntl.LOCK_NB)  # a journal that is written is not packed
         self._sequence = 0
 
     def append(self, kind: Kind, payload: bytes, count: int, t_s: float, wall_ns: int = 0) -> None:
         """Write one block with a single system call; OSError (a full disk) reaches the caller."""
-        head = _HEADER.pack(MAGIC, VERSION, int(kind), self._sequence, count, len(payload), t_s, wall_ns)
-        head += _CRC.pack(zlib.crc32(head))
-        crc = zlib.crc32(payload, zlib.crc32(head))
-        block = b"".join((head, payload, _CRC.pack(crc)))
+        block = Block(kind, self._sequence, count, t_s, wall_ns, payload).encoded()
         written = os.write(self._fd, block)
         if written != len(block):  # a full disk may store a part of the block; the reader skips it by its CRC
             raise OSError(28, "journal block written only in part (disk full?)", str(self.path))
@@ -141,7 +163,23 @@ class Damage:
 
 
 def read_blocks(path: Path, damage: Damage | None = None, chunk_bytes: int = 1 << 24) -> Iterator[Block]:
-    """All intact blocks of a finished or killed journal, in constant memory; counts the other bytes in `damage`."""
+    """All intact blocks of a finished or killed journal, in constant memory; counts the other bytes in `damage`.
+
+    Packed blocks are returned as those that they were made of.
+    """
+    damage = damage if damage is not None else Damage()
+    for block in stored_blocks(path, damage, chunk_bytes):
+        if block.kind is not Kind.PACKED:
+            yield block
+            continue
+        try:
+            yield from unpacked_blocks(block)
+        except (ValueError, struct.error, OSError):  # its CRC is right: it was made wrong
+            damage.skipped_bytes += len(block.payload)
+
+
+def stored_blocks(path: Path, damage: Damage | None = None, chunk_bytes: int = 1 << 24) -> Iterator[Block]:
+    """The same with packed blocks as they are in the file."""
     damage = damage if damage is not None else Damage()
     rest = b""
     with path.open("rb") as file:
@@ -158,6 +196,48 @@ def read_blocks(path: Path, damage: Damage | None = None, chunk_bytes: int = 1 <
         damage.skipped_bytes += left_out
     else:
         damage.torn_bytes += left_out
+
+
+_HEADS = np.dtype(
+    [("kind", "<u2"), ("sequence", "<u4"), ("count", "<u4"), ("size", "<u4"), ("t_s", "<f8"), ("wall_ns", "<u8")]
+)
+_PARTS = struct.Struct("<II")  # bytes of the heads and of the packed frames; what is left are the other payloads
+
+
+def packed_block(blocks: Sequence[Block], sequence: int) -> Block:
+    """One block that contains these; those with frames must have records of one size."""
+    from pyarrow import compress  # slow to import; a capture never needs it
+
+    heads = np.array([(b.kind, b.sequence, b.count, len(b.payload), b.t_s, b.wall_ns) for b in blocks], dtype=_HEADS)
+    kept = [block.frames() for block in blocks if block.kind is Kind.FRAMES and block.count]
+    frames = packed(np.concatenate([part.view(np.uint8) for part in kept]).view(kept[0].dtype)) if kept else b""
+    others = b"".join(b.payload for b in blocks if not (b.kind is Kind.FRAMES and b.count))
+    columns = b"".join(heads[name].tobytes() for name in _HEADS.names or ())
+    head, rest = (compress(part, "zstd", asbytes=True) for part in (columns, others))
+    payload = b"".join((_PARTS.pack(len(head), len(frames)), head, frames, rest))
+    return Block(Kind.PACKED, sequence, len(blocks), blocks[-1].t_s, 0, payload)
+
+
+def unpacked_blocks(block: Block) -> Iterator[Block]:
+    """The blocks in a packed one; ValueError where it was made wrong."""
+    from pyarrow import Codec
+
+    zstd, data = Codec("zstd"), block.payload
+    head_bytes, frame_bytes = _PARTS.unpack_from(data)
+    start = _PARTS.size + head_bytes
+    columns = zstd.decompress(data[_PARTS.size : start], block.count * _HEADS.itemsize, asbytes=True)
+    heads, offset = np.zeros(block.count, dtype=_HEADS), 0
+    for name in _HEADS.names or ():
+        heads[name] = np.frombuffer(columns, _HEADS[name], block.count, offset)
+        offset += _HEADS[name].itemsize * block.count
+    framed = (heads["kind"] == Kind.FRAMES) & (heads["count"] > 0)
+    frames = unpacked(data[start : start + frame_bytes]).tobytes() if frame_bytes else b""
+    others = zstd.decompress(data[start + frame_bytes :], int(heads["size"][~framed].sum()), asbytes=True)
+    sources, at = {True: frames, False: others}, {True: 0, False: 0}
+    for (kind, sequence, count, size, t_s, wall_ns), is_framed in zip(heads.tolist(), framed.tolist(), strict=True):
+        payload = sources[is_framed][at[is_framed] : at[is_framed] + size]
+        at[is_framed] += size
+        yield Block(Kind(kind), sequence, count, t_s, wall_ns, payload)
 
 
 def _parse(data: bytes, final: bool = False) -> tuple[list[Block], int, int]:

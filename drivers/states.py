@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,22 +41,27 @@ class States:
         self._valid = _watched(message, VALID, _USUALLY_VALID)
         self._raw = _watched(message, RAW, _USUALLY_RAW)
         signals = [signal for signal, _ in (*self._valid, *self._raw)]
-        self.tells_correction = bool(self._raw)
-        self._mask = np.uint64(0)
+        self.watched, self.tells_correction = bool(signals), bool(self._raw)
+        mask = 0
         for signal in signals:
-            self._mask |= np.uint64(signal.bits((1 << signal.length) - 1))
-        self._known: dict[int, tuple[tuple[str, ...], bool]] = {}
+            mask |= signal.bits((1 << signal.length) - 1) << 8 * signal.first
+        self._mask = np.frombuffer(mask.to_bytes(max(message.width, 8), "little"), dtype=np.uint8)
+        self._known: dict[bytes, tuple[tuple[str, ...], bool]] = {}
 
     def read(self, data: ByteArray) -> tuple[Mapping[str, BoolArray], BoolArray | None]:
-        """Which payloads (n, 8) are not valid, by reason, and which carry a corrected rate; None: none does."""
+        """Which payloads (n, width) are not valid, by reason, and which carry a corrected rate; None: none does."""
         faults: dict[str, BoolArray] = {}
         corrected: BoolArray | None = None
-        if not self._mask or not len(data):
+        if not self.watched or not len(data):
             return faults, corrected
-        words = data.view(_WORD)[:, 0] & self._mask
+        words: npt.NDArray[Any]
+        if len(self._mask) == 8:
+            words = data.view(_WORD)[:, 0] & self._mask.view(_WORD)[0]
+        else:
+            words = (data & self._mask).view(f"V{len(self._mask)}")[:, 0]
         patterns = words[:1] if (words == words[0]).all() else np.unique(words)
         for pattern in patterns:
-            reasons, corrects = self._judged(int(pattern))
+            reasons, corrects = self._judged(pattern.tobytes())
             if reasons or corrects:
                 here: BoolArray = words == pattern
                 for why in reasons:
@@ -64,9 +70,13 @@ class States:
                     corrected = here if corrected is None else corrected | here
         return faults, corrected
 
-    def _judged(self, pattern: int) -> tuple[tuple[str, ...], bool]:
+    def sound(self) -> dict[str, int]:
+        """Raw values of the status signals with which samples are valid and raw."""
+        return {signal.name: allowed[0].start for signal, allowed in (*self._valid, *self._raw)}
+
+    def _judged(self, pattern: bytes) -> tuple[tuple[str, ...], bool]:
         if pattern not in self._known:
-            data = np.array([pattern], dtype=_WORD).view(np.uint8).reshape(1, 8)
+            data = np.frombuffer(pattern, dtype=np.uint8).reshape(1, -1)
             wrong = tuple(
                 _said(signal, value)
                 for signal, allowed in self._valid

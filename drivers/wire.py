@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -138,6 +138,15 @@ class Signal:
             raise LimitError(f"{self.name} = {wrong:g} [{self.unit}] does not fit its signal ({limits})")
         return raw.astype(np.int64 if self.signed else np.uint64)
 
+    @property
+    def places(self) -> IntArray:
+        """Where its bits are in the message, the most significant first (length,); bit 7 of byte 0 is number 0."""
+        if self.big_endian:
+            return 8 * self.first + self.shift_up + np.arange(self.length)
+        low = 8 * self.first + 64 - self.shift_up - self.length  # the least significant one, as a DBC counts
+        places = low + np.arange(self.length)[::-1]
+        return 8 * (places // 8) + 7 - places % 8
+
     def bits(self, raw: int) -> int:
         """The eight bytes, as a little-endian number, that contain only `raw`."""
         word = (raw & (1 << self.length) - 1) << 64 - self.length >> self.shift_up
@@ -164,7 +173,7 @@ class Message:
 
     @cached_property
     def is_simple(self) -> bool:
-        """At most 8 bytes, every signal in every frame: the bench sends, and reads from a live gyro, only such ones."""
+        """At most 8 bytes, every signal in every frame: what numpy packs as one word."""
         return self.length <= 8 and all(signal.choice is None for signal in self.signals.values())
 
     @property
@@ -184,6 +193,10 @@ class Message:
             columns[name] = Column(signal.physical(data if rows is None else data[rows]), rows)
         return columns
 
+    def present(self, signal: Signal, data: ByteArray) -> npt.NDArray[np.bool_] | None:
+        """Which payloads (n, width) carry a signal; None: all do."""
+        return self._present(signal, data, {})
+
     def _present(
         self, signal: Signal, data: ByteArray, raw: dict[str, npt.NDArray[Any]]
     ) -> npt.NDArray[np.bool_] | None:
@@ -198,12 +211,12 @@ class Message:
         return chosen if before is None else chosen & before
 
     def pack(self, count: int, values: Mapping[str, npt.ArrayLike]) -> ByteArray:
-        """Payloads (count, 8) from physical values, scalars or (count,); every signal but Crc8 must be given.
+        """Payloads (count, width) from physical values, scalars or (count,); every signal but Crc8 must be given.
 
-        ConfigError for a message that is not simple.
+        ConfigError for a message that is multiplexed.
         """
         if not self.is_simple:
-            raise ConfigError(f"{self.name}: {NOT_SIMPLE}")
+            return self._pack_wide(count, values)
         known = self.signals.keys()
         if wrong := (known - values.keys() - {"Crc8"}) | (values.keys() - known):
             raise ConfigError(f"{self.name}: signals missing or unknown: {', '.join(sorted(wrong))}")
@@ -226,6 +239,21 @@ class Message:
         little |= np.uint64(constant)
         return little.view(np.uint8).reshape(count, 8)
 
+    def _pack_wide(self, count: int, values: Mapping[str, npt.ArrayLike]) -> ByteArray:
+        """The same of a message longer than 8 bytes."""
+        if any(signal.choice is not None for signal in self.signals.values()):
+            raise ConfigError(f"{self.name}: is multiplexed; the bench sends no such messages")
+        bits = np.zeros((count, 8 * self.width), dtype=np.uint8)
+        for name, value in values.items():
+            signal = self.signals[name]
+            raw = np.broadcast_to(signal.raw(value), count)
+            words = np.ascontiguousarray(
+                raw.astype(">i8" if raw.dtype.kind == "i" else f">{raw.dtype.kind}{raw.itemsize}")
+            )
+            own = np.unpackbits(words.view(np.uint8).reshape(count, -1), axis=1)[:, -signal.length :]
+            bits[:, signal.places] = own
+        return np.packbits(bits, axis=1)
+
     def crc(self, data: ByteArray, data_id: int) -> ByteArray:
         """CRC-8/SAE-J1850 (n,) over the bytes before the last one of the message, then the data identifier."""
         tables, start = _crc_tables(self.length)
@@ -235,9 +263,6 @@ class Message:
         for column, table in enumerate(tables[1:], 1):
             crc ^= table.take(words[:, column])
         return crc
-
-
-NOT_SIMPLE = "is multiplexed or longer than 8 bytes; the bench reads such messages from a log, not from a live gyro"
 
 
 def load_dbc(path_or_name: str | Path) -> dict[str, Message]:
@@ -277,6 +302,65 @@ def read_layouts(path: Path) -> dict[str, Message]:
 
 
 _load = lru_cache(maxsize=16)(read_layouts)
+
+
+def described(signals: Sequence[Mapping[str, Any]]) -> dict[str, Message]:
+    """Messages of signals that no DBC describes, by name `0x123`; ConfigError where they do not fit.
+
+    Each has `id`, `start` and `length` as a DBC counts them, and may have `extended` (left out: above 0x7FF), `order`
+    (little or big), `type` (unsigned, signed or float), `scale`, `offset`, `unit`, `low` and `high`, `cycle_ms`, and
+    `bytes` of the message (left out: as many as the signals need). Signals are named `bit<start>`.
+    """
+    from cantools.database import can
+    from cantools.database.conversion import BaseConversion
+
+    groups: dict[tuple[int, bool], list[Mapping[str, Any]]] = {}
+    for one in signals:
+        groups.setdefault((one["id"], bool(one.get("extended", one["id"] > 0x7FF))), []).append(one)
+    found = {}
+    for (identifier, extended), members in groups.items():
+        parts = [
+            can.Signal(
+                f"bit{one['start']}",
+                one["start"],
+                one["length"],
+                byte_order="big_endian" if one.get("order") == "big" else "little_endian",
+                is_signed=one.get("type") == "signed",
+                conversion=BaseConversion.factory(
+                    one.get("scale", 1.0), one.get("offset", 0.0), is_float=one.get("type") == "float"
+                ),
+                minimum=one.get("low"),
+                maximum=one.get("high"),
+                unit=one.get("unit", ""),
+            )
+            for one in {one["start"]: one for one in members}.values()
+        ]
+        stated = {int(one["bytes"]) for one in members if "bytes" in one}
+        length = max(stated) if stated else _fitting(max(_last_byte(part) for part in parts) + 1)
+        cycles = {float(one["cycle_ms"]) for one in members if "cycle_ms" in one}
+        name = f"0x{identifier:X}"
+        try:
+            message = can.Message(identifier, name, length, parts, is_extended_frame=extended, strict=True)
+        except Exception as error:  # cantools raises its own errors
+            raise ConfigError(f"signals of {name}: {' '.join(str(error).split())}") from error
+        found[name] = replace(_message(message), cycle_ms=min(cycles) if cycles else None)
+    return found
+
+
+LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Bytes that a frame can have; more than 8 with CAN FD (ISO 11898-1)."""
+
+
+def _fitting(count: int) -> int:
+    return next((length for length in LENGTHS if length >= count), count)
+
+
+def _last_byte(signal: Any) -> int:
+    """The last byte that a signal touches; a big-endian one starts at its most significant bit."""
+    if signal.byte_order == "little_endian":
+        return int((signal.start + signal.length - 1) // 8)
+    inside = 7 - signal.start % 8
+    return int(signal.start // 8 + (inside + signal.length - 1) // 8)
 
 
 def _message(message: Any) -> Message:

@@ -1,3 +1,4 @@
+from .importer.columns import IMPORTED as IMPORTED
 from .importer.columns import ColumnMap as ColumnMap
 from .importer.columns import UnclearColumnError as UnclearColumnError
 from .importer.columns import column_map as column_map
@@ -15,8 +16,8 @@ from .importer.plan import plan_table as plan_table
 from .importer.plan import write_import as write_import
 from .importer.reading import read_confined as read_confined
 from .importer.table import Table as Table
+from .importer.table import table_of as table_of
 from .importer.tables import read_table as read_table
-from .importer.tables import table_of as table_of
 from .importer.units import examples as examples
 from .profile.preflight import Finding as Finding
 from .profile.preflight import Recording as Recording
@@ -66,3 +67,4 @@ from .station.serve import until_signal as until_signal
 from .station.settings.station import StationSettings as StationSettings
 from .station.settings.unit import UnitSettings as UnitSettings
 from .station.station import Station as Station
+from .station.wires import wire_findings as wire_findings

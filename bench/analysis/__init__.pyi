@@ -20,9 +20,11 @@ from .diagnosis.experiment import next_experiment as next_experiment
 from .diagnosis.improve import Improvement as Improvement
 from .diagnosis.improve import add_effect as add_effect
 from .diagnosis.improve import improve as improve
+from .diagnosis.kernel import Kernel as Kernel
 from .diagnosis.sentences import UNSEEN as UNSEEN
 from .diagnosis.sentences import made_from as made_from
 from .diagnosis.sentences import ranking_reason as ranking_reason
+from .diagnosis.surface import ResidualSurface as ResidualSurface
 from .effects.base import Effect as Effect
 from .effects.base import Parameter as Parameter
 from .effects.base import Physical as Physical
@@ -60,6 +62,15 @@ from .fit.rate_surface import points_of as points_of
 from .fit.samples import Samples as Samples
 from .fit.so_far import SoFar as SoFar
 from .fit.solve import one_blas_thread as one_blas_thread
+from .imu.diagnosis import diagnose_imu as diagnose_imu
+from .imu.fitting import Estimate as Estimate
+from .imu.identify import after as after
+from .imu.identify import refuse_undetermined as refuse_undetermined
+from .imu.mounting import Finding as Finding
+from .imu.plan import ImuPlan as ImuPlan
+from .imu.plan import load_imu_plan as load_imu_plan
+from .imu.rows import ImuRows as ImuRows
+from .imu.rows import rows_of as rows_of
 from .judging.analysis import LIMITS_YAML as LIMITS_YAML
 from .judging.analysis import Analysis as Analysis
 from .judging.branches import branch_gap as branch_gap
@@ -78,6 +89,9 @@ from .judging.earlier import SAVED as SAVED
 from .judging.judge import BASELINES as BASELINES
 from .judging.judge import analyse as analyse
 from .judging.judge import judged_by as judged_by
+from .judging.likeness import Cells as Cells
+from .judging.likeness import Likeness as Likeness
+from .judging.likeness import likeness as likeness
 from .judging.limits import COVERAGE as COVERAGE
 from .judging.limits import DECISION_RULE as DECISION_RULE
 from .judging.limits import MEANING as MEANING
@@ -89,6 +103,9 @@ from .judging.limits import Result as Result
 from .judging.limits import Verdict as Verdict
 from .judging.limits import judge_limits as judge_limits
 from .judging.limits import load_limits as load_limits
+from .judging.lot import Lot as Lot
+from .judging.lot import by_unit as by_unit
+from .judging.lot import calibrate_lot as calibrate_lot
 from .judging.quantities import of_data as of_data
 from .judging.quantities import standing as standing
 from .judging.quantities import turning as turning

@@ -21,6 +21,7 @@ from .fleet.page import render as render
 from .fleet.page import sentence as sentence
 from .fleet.refit import Record as Record
 from .fleet.refit import write_records as write_records
+from .fleet.selection import Selection as Selection
 from .fleet.statistics import Statistics as Statistics
 from .fleet.statistics import statistics as statistics
 from .fleet.statistics import to_csv as to_csv

@@ -1,6 +1,9 @@
 from .channels import CHANNELS as CHANNELS
 from .channels import DPH_PER_DPS as DPH_PER_DPS
 from .channels import DPH_PER_RADPS as DPH_PER_RADPS
+from .channels import OUTPUTS as OUTPUTS
+from .channels import RATES as RATES
+from .channels import THERMOMETERS as THERMOMETERS
 from .channels import BoolArray as BoolArray
 from .channels import Channel as Channel
 from .channels import FloatArray as FloatArray

@@ -50,7 +50,17 @@ CHANNELS: dict[str, Channel] = {
         Channel("chamber_setpoint", "degC", "set point in force"),
         Channel("compressor", "0/1", "compressor running"),
         Channel("applied_rate", "deg/s", "rate table, from its own encoder"),
+        *(Channel(f"rate_{axis}", "deg/h", f"output of the gyro {axis}, raw") for axis in "xyz"),
+        *(Channel(f"acceleration_{axis}", "m/s^2", f"output of the accelerometer {axis}, raw") for axis in "xyz"),
+        *(Channel(f"temperature_{number}", "degC", f"thermometer {number} of the unit") for number in range(1, 10)),
     )
 }
+
+RATES = ("rate", "rate_x", "rate_y", "rate_z")
+"""Outputs of gyros."""
+OUTPUTS = (*RATES, "acceleration_x", "acceleration_y", "acceleration_z")
+"""What a unit measures; every unit has one of them or more."""
+THERMOMETERS = ("temperature", *(f"temperature_{number}" for number in range(1, 10)))
+"""A unit's own sensors; the first that it has is the one of its models."""
 
 REQUIRED = tuple(name for name, channel in CHANNELS.items() if channel.required)

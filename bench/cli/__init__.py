@@ -19,11 +19,11 @@ SECTIONS: dict[str, Sequence[click.Command]] = {
     "Live runs": (measure.status, measure.hold, measure.pause, measure.resume, measure.abort),
     "Understand": (
         analyse.report, analyse.compare, analyse.noise, analyse.diagnose, analyse.add, analyse.improve, analyse.effects,
-        analyse.import_, analyse.replay, analyse.diff, analyse.mystery, analyse.reveal,
+        analyse.import_, analyse.imu, analyse.replay, analyse.diff, analyse.mystery, analyse.reveal,
     ),
     "Deliver": (deliver.calibrate, deliver.export, deliver.flash, deliver.verify, deliver.certificate),
     "In a browser": (pages.ui,),
-    "Many units": (stock.fleet, stock.registry, stock.verify_archive),
+    "Many units": (stock.fleet, stock.lot, stock.registry, stock.verify_archive),
 }  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from bench.cli.options import (
     model_argument,
     model_option,
     out_option,
+    output_option,
     path_argument,
     path_option,
     registers,
@@ -33,33 +34,28 @@ if TYPE_CHECKING:
 @unseen_options
 @click.option("--every-sample", is_flag=True, help="Fit every sample, in one pass over the run, instead of its means.")
 @click.option("--lot", is_flag=True, help="One fit to runs of several units, which are refused otherwise.")
+@output_option
 @answers
-def compare(
-    runs: tuple[Path, ...],
-    models: tuple[str, ...],
-    check_runs: tuple[Path, ...],
-    static: Path | None,
-    every_sample: bool,
-    lot: bool,
-) -> Result:
+def compare(every_sample: bool, check_runs: tuple[Path, ...], **options: Any) -> Result:
     """Compare models with the measurement: in-sample and held-out error of each, and the noise floor."""
     from bench import commands
 
     compare = commands.compare_every_sample if every_sample else commands.compare
-    return compare(runs, models, check_runs, static, lot)
+    return compare(check=check_runs, **options)
 
 
 @click.command()
 @runs_argument
+@output_option
 @answers
-def noise(runs: tuple[Path, ...]) -> Result:
+def noise(runs: tuple[Path, ...], output: str | None) -> Result:
     """The noise of RUN where its temperature stands still: Allan deviation, N, B, K, Q and R with 95 % intervals.
 
     A record of some hours at one temperature (profiles/static_25.yaml) tells B and K; the soaks of a ramp mostly N.
     """
     from bench import commands
 
-    return commands.noise(runs)
+    return commands.noise(runs, output)
 
 
 @click.command()
@@ -68,10 +64,16 @@ def noise(runs: tuple[Path, ...]) -> Result:
 @effect_option
 @unseen_options
 @limits_option
+@path_option("--figures", help="Instead: draw the figures as SVG and PNG, with their data as CSV, into this folder.")
 @answers
 @registers(begin=False)
 def report(
-    run_folder: Path, models: tuple[str, ...], check_runs: tuple[Path, ...], static: Path | None, limits: Path | None
+    run_folder: Path,
+    models: tuple[str, ...],
+    check_runs: tuple[Path, ...],
+    static: Path | None,
+    limits: Path | None,
+    figures: Path | None,
 ) -> Result:
     """Analyse RUN again and write its report; a killed run is recovered from its journals first.
 
@@ -80,6 +82,10 @@ def report(
     """
     from bench import commands
 
+    if figures is not None:
+        if check_runs or limits is not None:
+            raise click.UsageError("--figures draws the run and its models; it takes neither --check nor --limits")
+        return commands.figures(run_folder, models, static, figures)
     return commands.report(run_folder, models, check_runs, static, limits)
 
 
@@ -135,19 +141,19 @@ def import_(out: Path, preview: bool, **options: Any) -> Result:
 @model_argument
 @unseen_options
 @path_option("--plan", help="Write the profile that separates look-alikes here.")
+@click.option(
+    "--surface",
+    metavar="CHANNEL,CHANNEL",
+    help="Show what is left in cells of two channels, such as temperature,rate_of_temperature.",
+)
 @effect_option
+@output_option
 @answers
-def diagnose(
-    runs: tuple[Path, ...],
-    check_runs: tuple[Path, ...],
-    static: Path | None,
-    model: str,
-    plan: Path | None,
-) -> Result:
+def diagnose(check_runs: tuple[Path, ...], **options: Any) -> Result:
     """Find where the model fails, which physical effect is missing, and which experiment would show it."""
     from bench import commands
 
-    return commands.diagnose(runs, check_runs, static, model, plan)
+    return commands.diagnose(check=check_runs, **options)
 
 
 @click.command()
@@ -225,3 +231,19 @@ def reveal(folder: Path, model: str) -> Result:
     from bench import commands
 
     return commands.reveal(folder, model)
+
+
+@click.command()
+@path_argument("table")
+@path_option("--plan", "plan_file", required=True, help="Plan (YAML): place, and the attitude of each stay.")
+@path_option("--out", help="CSV file for the parameters with their U.")
+@answers
+def imu(table: Path, plan_file: Path, out: Path | None) -> Result:
+    """Calibrate a whole inertial unit from TABLE: three gyros and three accelerometers over temperature.
+
+    TABLE has the channels time, rate_x … acceleration_z, temperatures and applied_rate, as CSV, Parquet or MF4. Exit
+    code 1 where outputs, fixture, place or the model of an axis are not as they should be.
+    """
+    from bench import commands
+
+    return commands.imu(table, plan_file, out)

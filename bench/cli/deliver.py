@@ -105,6 +105,7 @@ def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Re
 @path_option("--image", help="Write this image (docs/eeprom.md) unchanged.")
 @click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
 @click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
+@path_option("--check", help="With a lot's calibration as --run: a run of UNIT, which shows that it is like the lot.")
 @click.option("--older", is_flag=True, help="Write a calibration that is older than the one in the unit.")
 @station_option
 @out_option

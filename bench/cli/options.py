@@ -37,6 +37,9 @@ def together(*options: Callable[[C], C]) -> Callable[[C], C]:
     return lambda command: reduce(lambda made, option: option(made), reversed(options), command)
 
 
+output_option = click.option(
+    "--output", help="Which output of a unit with several: rate_x, rate_y or rate_z; default: the only one."
+)
 station_option = path_option("--station", help="Station file (YAML); default: the embedded simulator.")
 model_option = click.option(
     "--model", "models", multiple=True, help="Model file or name; may be repeated. Default: the three of the papers."
@@ -48,7 +51,12 @@ unseen_options = together(
     path_option("--check", "check_runs", multiple=True, help="Held-out run; repeatable."),
     path_option("--static", help="Isothermal run of the same unit; shows its noise."),
 )
-effect_option = click.option("--effect", "own_effects", multiple=True, help="User-defined effect: file.py:Class.")
+effect_option = click.option(
+    "--effect",
+    "own_effects",
+    multiple=True,
+    help="Own effect, file.py:Class; or those of a kind of gyro: fog, rlg, whole_angle.",
+)
 limits_option = path_option("--limits", help="Limits file (YAML); also gives a verdict against it.")
 out_option = path_option("--out", default=Path("reports"), show_default=True, help="Folder of the run folders.")
 quiet_option = click.option("--quiet", is_flag=True, help="No progress display.")

@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bench.cli.options import answer, answers, archive_options, json_option, model_argument, out_option, path_option
+from bench.cli.options import (
+    answer,
+    answers,
+    archive_options,
+    effect_option,
+    json_option,
+    model_argument,
+    out_option,
+    path_argument,
+    path_option,
+    runs_argument,
+)
 
 if TYPE_CHECKING:
     from bench.commands import Result
@@ -129,8 +140,12 @@ def verify_archive(out: Path) -> Result:
     return commands.verify_archive(out)
 
 
+profile_option = click.option("--profile", help="Only runs of this profile. Default: the one that most units have run.")
+
+
 @click.group(invoke_without_command=True)
 @click.option("--unit-filter", "pattern", metavar="REGEX", help="Only units whose whole serial matches.")
+@profile_option
 @path_option("--limits", help="Limits file (YAML): yield and Cpk are against it.")
 @path_option("--html", help="Write the page here.")
 @path_option("--csv", help="Write one line per unit and quantity here.")
@@ -147,6 +162,7 @@ def fleet(context: click.Context, /, out: Path, as_json: bool, **options: Any) -
 
 @fleet.command("refit")
 @model_argument
+@profile_option
 @path_option("--moments", help="Moments file. Default: that of the registry's runs.")
 @path_option("--records", help="Write the records here. Default: beside the moments.")
 @click.option(
@@ -163,7 +179,40 @@ def fleet(context: click.Context, /, out: Path, as_json: bool, **options: Any) -
 def fleet_refit(
     model: str, moments: Path | None, records: Path | None, out: Path, where: str | None, **work: Any
 ) -> Result:
-    """Refit every unit from the moments of its newest run; a failure does not stop the others."""
+    """Refit every unit from the moments of its newest run of the profile; a failure does not stop the others."""
     from bench import commands
 
     return commands.refit(model, out, where, moments, records, commands.RefitOptions(**work))
+
+
+@click.group()
+def lot() -> None:
+    """One calibration for a lot of units."""
+
+
+@lot.command("calibrate")
+@click.argument("name", metavar="LOT")
+@runs_argument
+@model_argument
+@effect_option
+@out_option
+@answers
+def lot_calibrate(name: str, runs: tuple[Path, ...], model: str, out: Path) -> Result:
+    """Fit one model to runs of all units of LOT, and tell what each unit loses by it.
+
+    The calibration stands in a run folder of LOT; `bench export` and `bench flash --run` deliver it.
+    """
+    from bench import commands
+
+    return commands.calibrate_lot(runs, name, model, out)
+
+
+@lot.command("check")
+@path_argument("folder", metavar="LOT_FOLDER")
+@runs_argument
+@answers
+def lot_check(folder: Path, runs: tuple[Path, ...]) -> Result:
+    """Tell whether the unit of each RUN is like the lot; exit code 1 where one is not."""
+    from bench import commands
+
+    return commands.check_lot(folder, runs)

@@ -40,6 +40,8 @@ from .analysis import DEFAULT_MODELS as DEFAULT_MODELS
 from .analysis import compare as compare
 from .analysis import compare_every_sample as compare_every_sample
 from .noise_reading import noise as noise
+from .imu import imu as imu
+from .analysis import figures as figures
 from .analysis import import_table as import_table
 from .analysis import recover as recover
 from .analysis import report as report
@@ -60,7 +62,9 @@ from .results.analyse import Differs as Differs
 from .results.analyse import EffectAdded as EffectAdded
 from .results.analyse import Effects as Effects
 from .results.analyse import EffectShown as EffectShown
+from .results.analyse import FiguresDrawn as FiguresDrawn
 from .results.analyse import Imported as Imported
+from .results.analyse import ImuCalibrated as ImuCalibrated
 from .results.analyse import Improved as Improved
 from .results.analyse import MysteryMade as MysteryMade
 from .results.analyse import NoiseCoefficient as NoiseCoefficient
@@ -94,6 +98,8 @@ from .results.deliver import Verified as Verified
 
 # Many units
 from .fleet import fleet as fleet
+from .lots import calibrate_lot as calibrate_lot
+from .lots import check_lot as check_lot
 from .refitting import RefitOptions as RefitOptions
 from .refitting import refit as refit
 from .registering import add_equipment as add_equipment
@@ -106,6 +112,8 @@ from .registering import registry_tell as registry_tell
 from .results.stock import CertificatesListed as CertificatesListed
 from .results.stock import EquipmentListed as EquipmentListed
 from .results.stock import FleetJudged as FleetJudged
+from .results.stock import LotCalibrated as LotCalibrated
+from .results.stock import LotChecked as LotChecked
 from .results.stock import Noted as Noted
 from .results.stock import Refitted as Refitted
 from .results.stock import RegisteredRuns as RegisteredRuns

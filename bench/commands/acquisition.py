@@ -92,12 +92,12 @@ def conduct(profile: Path | Document, station: Path | Document | None, task: Tas
 
 def job_of(profile: Path | Document, station: Path | Document | None, task: Task) -> Job:
     """What `run_job` executes, read and checked; InputError where the station cannot run the profile."""
-    from bench.acquisition import Job, check_profile, load_profile, refuse_errors
+    from bench.acquisition import Job, check_profile, load_profile, refuse_errors, wire_findings
 
     own = profile if isinstance(profile, Document) else read_yaml(profile)
     place = station_file(station)
     loaded, settings = load_profile(own), station_of(place).remembering(task.out)
-    refuse_errors(check_profile(loaded, settings.limits()))
+    refuse_errors([*check_profile(loaded, settings.limits()), *wire_findings(settings)])
     texts = Papers.of_station(settings).texts() | dict(task.texts)
     return Job(
         profile=loaded,
@@ -169,22 +169,23 @@ def _registered(out: Path, where: str | None) -> str:
 
 def check(profile_path: Path, station_path: Path | None) -> Checked:
     """`bench check`: everything about a profile that can be known before anything moves."""
-    from bench.acquisition import check_profile, load_profile, refuse_errors
+    from bench.acquisition import check_profile, load_profile, refuse_errors, wire_findings
 
     profile, station = load_profile(profile_path), load_station(station_path)
-    refuse_errors(check_profile(profile, station.limits()))
+    refuse_errors([*check_profile(profile, station.limits()), *wire_findings(station)])
     return check_on(profile, station)
 
 
 def check_on(profile: Profile, station: StationSettings) -> Checked:
     """A profile without errors, rehearsed on a station."""
-    from bench.acquisition import Recording, check_profile, guards_told, rehearse
+    from bench.acquisition import Recording, check_profile, guards_told, rehearse, wire_findings
 
     segments = rehearse(profile, station)
     duration_s, units = segments[-1].to_s, len(station.units)
     recording = Recording(bytes_per_s=BYTES_PER_S, units=units, free_bytes=shutil.disk_usage(Path.cwd()).free)
     guarded = guards_told(station.standing_guards())
-    findings = check_profile(profile, station.limits(), recording, lambda _: duration_s, guarded)
+    about = check_profile(profile, station.limits(), recording, lambda _: duration_s, guarded)
+    findings = (*about, *wire_findings(station))
     return Checked(profile, station, segments, findings, round(duration_s * BYTES_PER_S * units))
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from bench.base import BenchError, InputError
 from bench.commands.clocks import tell_ahead
-from bench.commands.files import tell_unproven
-from bench.commands.results.analyse import Compared, ComparedSamples, Imported, Reported
+from bench.commands.files import tell_unproven, write
+from bench.commands.results.analyse import Compared, ComparedSamples, FiguresDrawn, Imported, Reported
 from bench.record import MANIFEST, RunFolder, clear_partial, listed, open_run, use
 
 if TYPE_CHECKING:
@@ -55,6 +55,19 @@ def report(
     return report_on(folder, chosen, None, check, static, limits)
 
 
+def figures(path: Path, models: Sequence[str], static: Path | None, out: Path) -> FiguresDrawn:
+    """`bench report --figures`: the figures of a run as files in `out`; the run folder stays as it is."""
+    from bench.deliver import figure_files
+
+    run = recover(path).path
+    compared = compare([run], models, (), static)
+    dataset = usual_means(recovered([run]))[0]
+    made = figure_files(dataset, compared.comparison)
+    for name, content in made.items():
+        write(out / name, content)
+    return FiguresDrawn(run, tuple(out / name for name in made), compared.comparison.refused)
+
+
 def recover(path: Path) -> RunFolder:
     """The run folder at `path`, its tables made from the journals when the bench was killed before it could.
 
@@ -76,11 +89,18 @@ def recover(path: Path) -> RunFolder:
     return run
 
 
-def recovered(paths: Sequence[Path]) -> list[Dataset]:
-    """1 s means of runs, recovered first where they have to be."""
+def recovered(paths: Sequence[Path], output: str | None = None) -> list[Dataset]:
+    """1 s means of one output of each run, recovered first where they have to be.
+
+    InputError where a unit has several outputs and none is named.
+    """
     from bench.record import seconds_of
 
-    return [seconds_of(recover(path).path) for path in paths]
+    found = [seconds_of(recover(path).path, output) for path in paths]
+    for one in found:
+        if len(one.outputs) > 1:
+            one.channel("rate")
+    return found
 
 
 def usual_means(seconds: Sequence[Dataset]) -> list[Dataset]:
@@ -120,6 +140,7 @@ def compare(
     check: Sequence[Path],
     static: Path | None = None,
     lot: bool = False,
+    output: str | None = None,
 ) -> Compared:
     """`bench compare`: models side by side, in-sample and held-out, beside the noise floor."""
     from bench.analysis import compare as compare_models
@@ -127,8 +148,8 @@ def compare(
     from bench.record import refuse_mixed
 
     chosen = [load_model(model) for model in models or DEFAULT_MODELS]
-    seconds, still = recovered(runs), recovered([static] if static else [])
-    datasets, checks = usual_means(seconds), usual_means(recovered(check))
+    seconds, still = recovered(runs, output), recovered([static] if static else [], output)
+    datasets, checks = usual_means(seconds), usual_means(recovered(check, output))
     if not lot:
         refuse_mixed((*datasets, *checks, *still))
     floor_dph = floor_of(seconds, datasets[0].interval_s, still)
@@ -145,6 +166,7 @@ def compare_every_sample(
     check: Sequence[Path],
     static: Path | None = None,
     lot: bool = False,
+    output: str | None = None,
 ) -> ComparedSamples:
     """`bench compare --every-sample`: the same fitted to all samples of the runs in one pass over each."""
     from bench.analysis import SampledRun, Samples, load_model, of_seconds
@@ -153,6 +175,8 @@ def compare_every_sample(
 
     if check:
         raise InputError("--every-sample scores blocks and segments left out; a check run is scored on means", check[0])
+    if output is not None:
+        raise InputError("--every-sample reads runs of units with one output; leave --output or --every-sample out")
     chosen = [load_model(model) for model in models or DEFAULT_MODELS]
     seconds, still = recovered(runs), recovered([static] if static else [])
     fine = [averaged(run, 1.0) for run in seconds]

@@ -40,19 +40,22 @@ def show_effect(name: str) -> EffectShown:
     return EffectShown(entry(name), doc(name).strip(), signature(name))
 
 
-def diagnose(
+def diagnose(  # noqa: PLR0913, PLR0917 - options of one command
     runs: Sequence[Path],
     check: Sequence[Path],
     static: Path | None,
     model: str,
     plan: Path | None,
+    surface: str | None = None,
+    output: str | None = None,
 ) -> Diagnosed:
     """`bench diagnose`: where the model fails, which effect is missing, which experiment would tell."""
     from bench.analysis import diagnose as find
     from bench.analysis import load_model, next_experiment
 
-    datasets, checks, isothermal, floor_dph = _data(runs, check, static)
-    found = find(datasets, load_model(model), check=checks, static=isothermal, floor_dph=floor_dph)
+    channels = tuple(surface.replace(" ", "").split(",")) if surface else ()
+    datasets, checks, isothermal, floor_dph = _data(runs, check, static, output)
+    found = find(datasets, load_model(model), check=checks, static=isothermal, floor_dph=floor_dph, surface=channels)
     proposal = next_experiment(found, datasets, static=isothermal)
     if proposal is not None:
         profile = plan or runs[0] / "next.yaml"
@@ -63,13 +66,13 @@ def diagnose(
 
 
 def _data(
-    runs: Sequence[Path], check: Sequence[Path], static: Path | None
+    runs: Sequence[Path], check: Sequence[Path], static: Path | None, output: str | None = None
 ) -> tuple[list[Dataset], list[Dataset], Dataset | None, float]:
     """Means of runs, check runs and isothermal run, and the noise floor [deg/h]; each run is read once."""
-    seconds, still = recovered(runs), recovered([static] if static else [])
+    seconds, still = recovered(runs, output), recovered([static] if static else [], output)
     datasets = usual_means(seconds)
     floor_dph = floor_of(seconds, datasets[0].interval_s, still)
-    return datasets, usual_means(recovered(check)), next(iter(usual_means(still)), None), floor_dph
+    return datasets, usual_means(recovered(check, output)), next(iter(usual_means(still)), None), floor_dph
 
 
 def add(effect: str, model: str, out: Path) -> EffectAdded:

@@ -51,11 +51,16 @@ class AlreadyThereError(Exception):
     """The unit holds this very image in force."""
 
 
-def from_run(folder: Path, unit: UnitSettings, form: str | None = None, model: str | None = None) -> Calibration:
-    """The calibration of a run; InputError where it is of another unit, did not pass, or may not be delivered."""
+def from_run(
+    folder: Path, unit: UnitSettings, form: str | None = None, model: str | None = None, *, of_lot: bool = False
+) -> Calibration:
+    """The calibration of a run, or of the unit's lot.
+
+    InputError where it is of another unit, did not pass, or may not be delivered.
+    """
     manifest = Manifest.read(folder)
     refuse_foreign(folder)
-    if manifest.unit != unit.serial:
+    if manifest.unit != unit.serial and not of_lot:
         raise InputError(f"is a run of unit {manifest.unit}, this is unit {unit.serial}", folder)
     if manifest.purpose == "verification":
         raise InputError("is a verification: its unit corrected itself, nothing is fitted to it", folder)

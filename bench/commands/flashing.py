@@ -12,9 +12,10 @@ from bench.base import Document, InputError, read_yaml
 from bench.commands.acquisition import Task, conduct, load_station, station_file, station_of
 from bench.commands.flash_record import AlreadyThereError, Calibration, from_file, from_run, newest_record, newest_run
 from bench.commands.flash_record import flash as flash_unit
+from bench.commands.lots import refuse_unlike
 from bench.commands.results.deliver import Flashed, Verified
 from bench.deliver import read, to_words
-from bench.record import FlashRecord, RunFolder, faults, prove, slug
+from bench.record import FlashRecord, LotRecord, RunFolder, faults, prove, slug
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,8 @@ class FlashOptions:
     form: str | None = None
     model: str | None = None
     older: bool = False
+    check: Path | None = None
+    """Run of the unit, which shows that it is like the lot whose calibration it gets."""
 
 
 def flash(
@@ -55,7 +58,12 @@ def _calibration(unit: UnitSettings, options: FlashOptions, out: Path) -> Calibr
         if options.run is not None or options.form is not None or options.model is not None:
             raise InputError("--image is written as it is: leave out --run, --form and --model")
         return from_file(options.image)
-    return from_run(options.run or newest_run(out, unit.serial), unit, options.form, options.model)
+    run = options.run or newest_run(out, unit.serial)
+    if of_lot := LotRecord.find(run) is not None:
+        refuse_unlike(run, unit.serial, options.check)
+    elif options.check is not None:
+        raise InputError("--check shows that a unit is like its lot; this is no calibration of a lot", run)
+    return from_run(run, unit, options.form, options.model, of_lot=of_lot)
 
 
 def verify(

@@ -11,11 +11,11 @@ from bench.commands.results.analyse import NoiseCoefficient, NoiseFound
 from bench.record import DEFAULT_INTERVAL_S, averaged, refuse_mixed
 
 
-def noise(runs: Sequence[Path]) -> NoiseFound:
+def noise(runs: Sequence[Path], output: str | None = None) -> NoiseFound:
     """`bench noise`: Allan deviation and the coefficients of IEEE 952 from where the temperature stands still."""
     from bench.analysis import noise_floor
 
-    datasets = [averaged(run, 1.0) for run in recovered(runs)]
+    datasets = [averaged(run, 1.0) for run in recovered(runs, output)]
     refuse_mixed(datasets)
     floor = noise_floor(datasets, DEFAULT_INTERVAL_S)
     if floor.noise is None or floor.estimate is None:

@@ -23,11 +23,12 @@ SMALL = 4
 
 @dataclass(frozen=True)
 class RefitOptions:
-    """Where to compute; `workers` None: one a processor."""
+    """Where to compute, and the runs of which profile; `workers` None: one a processor."""
 
     engine: str = "auto"
     workers: int | None = None
     scheduler: str | None = None
+    profile: str | None = None
 
 
 def refit(
@@ -40,8 +41,9 @@ def refit(
     model = load_model(model_name)
     check(model)
     refused: list[str] = []
+    left_out: tuple[str, ...] = ()
     if moments is None:
-        moments, refused = _collected(root, where)
+        moments, refused, left_out = _collected(root, where, options.profile)
     units = stored_count(moments)
     target = records or moments.with_name(f"refit_{model.name.replace(' ', '_')}.parquet")
     name, engine = _engine(options, -(-units // GROUP))
@@ -54,6 +56,7 @@ def refit(
         units=count,
         failed=failed,
         without_moments=refused,
+        left_out=left_out,
         engine=name,
         seconds=took_s,
         units_per_s=count / took_s,
@@ -63,18 +66,21 @@ def refit(
     )
 
 
-def _collected(root: Path, where: str | None) -> tuple[Path, list[str]]:
-    from bench.archive import archive, collect, is_archive
+def _collected(root: Path, where: str | None, profile: str | None) -> tuple[Path, list[str], tuple[str, ...]]:
+    from bench.archive import Selection, archive, collect, is_archive
     from bench.commands.registering import open_in
 
     if not is_archive(root):
         raise InputError("no registered runs here; make the registry with `bench registry rebuild`", root)
     path = root / "moments.parquet"
     with open_in(root, where) as registry:
-        done = collect(registry, archive(root), path)
+        done = collect(registry, archive(root), path, Selection(profile))
     if not done.rows:
-        raise InputError(f"no finished run has moments: {'; '.join(done.refused[:1]) or 'none is registered'}", root)
-    return path, done.refused
+        raise InputError(
+            f"no finished run has moments: {'; '.join([*done.refused[:1], *done.left_out]) or 'none is registered'}",
+            root,
+        )
+    return path, done.refused, done.left_out
 
 
 def _engine(options: RefitOptions, groups: int) -> tuple[str, Engine]:

@@ -37,6 +37,7 @@ from .report.described import described as described
 from .report.described import floor_words as floor_words
 from .report.described import ladder_words as ladder_words
 from .report.described import summary_of as summary_of
+from .report.figure_files import figure_files as figure_files
 from .report.figures_diagnosis import coordinate as coordinate
 from .report.figures_diagnosis import drawable_coordinates as drawable_coordinates
 from .report.figures_diagnosis import improvement_ladder as improvement_ladder

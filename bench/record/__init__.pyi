@@ -30,6 +30,7 @@ from .files import clear_partial as clear_partial
 from .files import copy_whole as copy_whole
 from .files import sha256 as sha256
 from .files import share as share
+from .files import share_again as share_again
 from .files import staged as staged
 from .files import write_atomically as write_atomically
 from .folder import HASHED_PATTERNS as HASHED_PATTERNS
@@ -39,7 +40,6 @@ from .folder import create_run as create_run
 from .folder import new_folder as new_folder
 from .folder import open_run as open_run
 from .folder import slug as slug
-from .means import floats as floats
 from .means import write_means as write_means
 from .records.calibration import CalibrationRecord as CalibrationRecord
 from .records.calibration import Coefficient as Coefficient
@@ -61,6 +61,8 @@ from .records.judged import Judged as Judged
 from .records.judged import JudgedQuantity as JudgedQuantity
 from .records.judged import LimitsRecord as LimitsRecord
 from .records.judged import VerificationRecord as VerificationRecord
+from .records.lot import LotRecord as LotRecord
+from .records.lot import LotUnit as LotUnit
 from .records.manifest import Begun as Begun
 from .records.manifest import Capture as Capture
 from .records.manifest import Companion as Companion
@@ -76,5 +78,10 @@ from .records.manifest import UnitIdentity as UnitIdentity
 from .records.start import StartRecord as StartRecord
 from .records.stored import Record as Record
 from .records.stored import Stored as Stored
+from .samples import Code as Code
+from .samples import SampleFile as SampleFile
+from .samples import channel_of as channel_of
+from .samples import floats as floats
+from .samples import read_samples as read_samples
 from .signing import keep_secret as keep_secret
 from .signing import keys_folder as keys_folder

@@ -11,11 +11,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.base import CHANNELS, DPH_PER_DPS, BoolArray, FloatArray, InputError, IntArray
+from bench.base import CHANNELS, DPH_PER_DPS, OUTPUTS, RATES, THERMOMETERS, BoolArray, FloatArray, InputError, IntArray
 from bench.record.chain import use
 from bench.record.earth import EARTH, earth_rate
-from bench.record.means import floats, write_means
+from bench.record.means import write_means
 from bench.record.records.manifest import ExecutedSegment, Manifest
+from bench.record.samples import floats
 
 __all__ = ["Dataset", "Segment", "load", "write_means"]
 
@@ -113,6 +114,8 @@ class Dataset:
     """Serial number of the unit; empty where it is not known."""
     finer: Finer | None = field(default=None, repr=False)
     """The rows that this record averages."""
+    output: str = "rate"
+    """Which output of the unit `rate` is."""
     moved: frozenset[str] = frozenset()
     """Channels that were replaced since: their finer rows are of another channel."""
 
@@ -133,6 +136,11 @@ class Dataset:
             return self.time
         if name not in self.channels or not np.any(np.isfinite(self.channels[name])):
             have = ", ".join(sorted(self.channels))
+            if name == "rate" and len(self.outputs) > 1:
+                rates = ", ".join(one for one in self.outputs if one in RATES)
+                raise InputError(
+                    f"{self.name}: the unit has {len(self.outputs)} outputs; choose one of {rates} with --output"
+                )
             unit = f" [{CHANNELS[name].unit}]" if name in CHANNELS else ""
             raise InputError(f"{self.name}: channel '{name}'{unit} is missing; the run has {have}")
         return self.channels[name]
@@ -142,6 +150,26 @@ class Dataset:
         if name in self.counts:
             return self.counts[name]
         return np.isfinite(self.channel(name)).astype(np.float64)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """What the unit measures: `rate`, or rates and accelerations by axis."""
+        return tuple(name for name in OUTPUTS if name in self.channels)
+
+    def of(self, output: str) -> Dataset:
+        """The same with one output as its `rate`, without the others; InputError for one that is no rate."""
+        if output not in self.outputs or output not in RATES:
+            rates = ", ".join(name for name in self.outputs if name in RATES)
+            raise InputError(f"{self.name}: '{output}' is not a rate of this unit; choose one of {rates} with --output")
+        gone = set(self.outputs) - {output}
+
+        def chosen(columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+            return {"rate" if name == output else name: column for name, column in columns.items() if name not in gone}
+
+        return replace(
+            self, channels=chosen(self.channels), counts=chosen(self.counts), variances=chosen(self.variances),
+            output=output,
+        )  # fmt: skip
 
     @cached_property
     def own_rate(self) -> FloatArray:
@@ -303,9 +331,9 @@ def refuse_mixed(records: Iterable[Dataset]) -> None:
         )
 
 
-def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
-    """Dataset of a finished or recovered run, `averaged` to `interval_s` [s]; InputError as `seconds_of`."""
-    return averaged(seconds_of(run_folder), interval_s)
+def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S, output: str | None = None) -> Dataset:
+    """Dataset of a run `averaged` to `interval_s` [s]; `output` and InputError as `seconds_of`."""
+    return averaged(seconds_of(run_folder, output), interval_s)
 
 
 def averaged(seconds: Dataset, interval_s: float, *, whole: bool = False) -> Dataset:
@@ -319,9 +347,10 @@ def averaged(seconds: Dataset, interval_s: float, *, whole: bool = False) -> Dat
     return base.select(_lasting(base, interval_s / 2)).average(interval_s)
 
 
-def seconds_of(run_folder: Path | str) -> Dataset:
+def seconds_of(run_folder: Path | str, output: str | None = None) -> Dataset:
     """All 1 s means of a finished or recovered run, from its `means.parquet` and `manifest.json`.
 
+    `output` makes one of several outputs the `rate` of the dataset; without it, a unit with several has no `rate`.
     Raises InputError, one line, when the folder, the manifest or the means are missing, broken or without rows.
     """
     folder = Path(run_folder)
@@ -339,10 +368,13 @@ def seconds_of(run_folder: Path | str) -> Dataset:
         raise InputError(f"not a readable Parquet file ({error})", path) from error
     if table.num_rows == 0:
         raise InputError("holds zero rows: nothing was captured", path)
-    for name in ("time", "rate", "temperature"):
-        if name not in table.column_names:
-            raise InputError(f"required column '{name}' is missing; it has {', '.join(table.column_names)}", path)
-    return _dataset(table, manifest, folder)
+    have = table.column_names
+    for name, some in (("time", ("time",)), ("rate", OUTPUTS), ("temperature", THERMOMETERS)):
+        if not set(some) & set(have):
+            raise InputError(f"required column '{name}' is missing; it has {', '.join(have)}", path)
+    whole = _dataset(table, manifest, folder)
+    rates = [name for name in whole.outputs if name in RATES]
+    return whole.of(output or rates[0]) if output or len(rates) == 1 else whole
 
 
 def _steady(base: Dataset) -> BoolArray:
@@ -373,6 +405,10 @@ def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
     names = [name for name in CHANNELS if name in columns and name != "time"]
     time = columns["time"]
     channels = {name: columns[name] for name in names}
+    own = next(name for name in THERMOMETERS if name in names)
+    channels.setdefault("temperature", channels[own])
+    columns |= {f"temperature{of}": columns[f"{own}{of}"] for of in ("_count", "_var") if f"{own}{of}" in columns}
+    names = [*channels]
     if manifest.orientation is not None:
         channels[EARTH] = earth_rate(manifest.orientation, time, columns.get("applied_rate"))
     segment = columns["segment"] if "segment" in columns else np.full(time.shape, -1.0)
@@ -383,13 +419,8 @@ def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
         segment=np.where(np.isnan(segment), -1, segment).astype(np.int64),
         segments=tuple(map(Segment.of, manifest.segments)),
         interval_s=1.0,
-        corrected=_is_corrected(manifest),
+        corrected=manifest.corrected,
         counts={name: columns[f"{name}_count"] for name in names if f"{name}_count" in columns},
         variances={name: columns[f"{name}_var"] for name in names if f"{name}_var" in columns},
         unit="" if manifest.unit == UNKNOWN_UNIT else manifest.unit,
     )
-
-
-def _is_corrected(manifest: Manifest) -> bool:
-    identity = manifest.unit_identity
-    return manifest.purpose == "verification" or bool(identity and identity.coefficient_set)

@@ -79,6 +79,14 @@ def share(source: Path, target: Path) -> bool:
     return True
 
 
+def share_again(source: Path, target: Path) -> None:
+    """Make `target`, which exists, another name of the file `source`; it stays what it is where that fails."""
+    partial = target.with_name(f".{target.name}.part")
+    partial.unlink(missing_ok=True)
+    if share(source, partial):
+        partial.replace(target)
+
+
 def copy_whole(source: Path, target: Path) -> None:
     """Copy a file so that `target` is never seen in part."""
     partial = target.with_name(f".{target.name}.part")

@@ -10,9 +10,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.base import FloatArray, InputError, IntArray
+from bench.record.samples import SampleFile
 
 INTERVAL_S = 1.0
 _BATCH_ROWS = 1 << 16
+_GROUP_ROWS = 1 << 18
+"""Rows of a row group: the means of three days are read in one piece."""
 
 
 def write_means(data_parquet: Path | str, out: Path | str) -> int:
@@ -23,21 +26,22 @@ def write_means(data_parquet: Path | str, out: Path | str) -> int:
     `<channel>_var` is their sample variance, null below two. Memory does not grow with the record.
     Raises InputError when the file cannot be read or its time runs backwards.
     """
-    try:
-        source = pq.ParquetFile(data_parquet, pre_buffer=False, page_checksum_verification=True)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"not a readable Parquet file ({error})", data_parquet) from error
-    names = [name for name in source.schema_arrow.names if name not in {"time", "segment"}]
-    if "time" not in source.schema_arrow.names:
+    source = SampleFile(data_parquet)
+    names = [name for name in source.names if name not in {"time", "segment"}]
+    if "time" not in source.names:
         raise InputError("has no column 'time'", data_parquet)
-    rows = 0
-    with source, pq.ParquetWriter(out, _schema(names), compression="zstd", write_page_checksum=True) as writer:
+    rows, waiting, schema = 0, list[pa.Table](), _schema(names)
+    with source, pq.ParquetWriter(out, schema, compression="zstd", write_page_checksum=True) as writer:
         for columns in _whole_seconds(source, names, data_parquet):
             means = _means(columns, names)
-            arrays = [pa.array(means[item.name], type=item.type, from_pandas=True) for item in _schema(names)]
-            table = pa.Table.from_arrays(arrays, schema=_schema(names))
-            writer.write_table(table)
-            rows += table.num_rows
+            arrays = [pa.array(means[item.name], type=item.type, from_pandas=True) for item in schema]
+            waiting.append(pa.Table.from_arrays(arrays, schema=schema))
+            rows += len(waiting[-1])
+            if sum(map(len, waiting)) >= _GROUP_ROWS:
+                writer.write_table(pa.concat_tables(waiting))
+                waiting = []
+        if waiting:
+            writer.write_table(pa.concat_tables(waiting))
     return rows
 
 
@@ -49,14 +53,12 @@ def _schema(names: list[str]) -> pa.Schema:
     return pa.schema([*fields, pa.field("segment", pa.int16())])
 
 
-def _whole_seconds(source: pq.ParquetFile, names: list[str], where: Path | str) -> Iterator[dict[str, FloatArray]]:
+def _whole_seconds(source: SampleFile, names: list[str], where: Path | str) -> Iterator[dict[str, FloatArray]]:
     """Batches of float columns that end at a second's end; the started second is carried into the next batch."""
-    wanted = [name for name in ("time", "segment", *names) if name in source.schema_arrow.names]
+    wanted = [name for name in ("time", "segment", *names) if name in source.names]
     carried: dict[str, FloatArray] = {}
-    for batch in source.iter_batches(batch_size=_BATCH_ROWS, columns=wanted):
-        columns = {name: floats(batch.column(name)) for name in wanted}
-        if carried:
-            columns = {name: np.concatenate([carried[name], columns[name]]) for name in wanted}
+    for new in source.batches(wanted, _BATCH_ROWS):
+        columns = {name: np.concatenate([carried[name], new[name]]) for name in wanted} if carried else new
         time = columns["time"]
         if time.size == 0:
             continue
@@ -68,26 +70,6 @@ def _whole_seconds(source: pq.ParquetFile, names: list[str], where: Path | str) 
             yield {name: column[:split] for name, column in columns.items()}
     if carried:
         yield carried
-
-
-def floats(column: pa.Array) -> FloatArray:
-    """Values of a column (n,) as numbers, NaN where there is none."""
-    if pa.types.is_boolean(column.type):
-        column = column.cast(pa.uint8())
-    column = column.cast(pa.float64())
-    pieces = column.chunks if isinstance(column, pa.ChunkedArray) else [column]
-    return np.concatenate([_floats(piece) for piece in pieces]) if pieces else np.empty(0)
-
-
-def _floats(column: pa.Array) -> FloatArray:
-    """The same of one piece of doubles. `to_numpy` would import pandas, a tenth of the time of a short command."""
-    present, values = column.buffers()
-    rows = slice(column.offset, column.offset + len(column))
-    numbers: FloatArray = np.frombuffer(values, dtype=np.float64)[rows]
-    if not column.null_count:
-        return numbers
-    bits = np.unpackbits(np.frombuffer(present, dtype=np.uint8), bitorder="little")[rows]
-    return np.where(bits == 1, numbers, np.nan)
 
 
 def _means(columns: dict[str, FloatArray], names: list[str]) -> dict[str, FloatArray | IntArray]:

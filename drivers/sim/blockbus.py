@@ -15,6 +15,7 @@ from typing import Any
 import can
 import numpy as np
 
+from drivers.can_record import CLASSICAL_BYTES, FD_BYTES
 from drivers.frames import NO_FRAMES, joined, to_frames, to_messages, to_record
 from drivers.journal import FLAG_EXTENDED, FrameArray
 
@@ -35,8 +36,10 @@ class BlockBus(can.BusABC):
         can_filters: Any = None,
         receive_own_messages: bool = False,
         preserve_timestamps: bool = False,
+        fd: bool = False,
         **_: Any,
     ) -> None:
+        self._room = FD_BYTES if fd else CLASSICAL_BYTES
         self.channel_id = str(channel)
         self.channel_info = f"Block bus channel {self.channel_id}"
         self.receive_own_messages = receive_own_messages
@@ -51,10 +54,10 @@ class BlockBus(can.BusABC):
             _members[self.channel_id].append(self)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send one message; CanOperationError for CAN FD or on a closed bus."""
+        """Send one message; CanOperationError for one that is too long, or on a closed bus."""
         t_s = msg.timestamp if self.preserve_timestamps else time.time()
         try:
-            record = to_record(msg, round(t_s * 1e9))
+            record = to_record(msg, round(t_s * 1e9), 0, self._room)
         except ValueError as error:
             raise can.CanOperationError(str(error)) from None
         self.send_block(to_frames([record]))

@@ -1,7 +1,8 @@
 """Physics of a thermal chamber with its controller and load: no I/O, no clock.
 
-One lumped heat capacity of 3.29 kJ/K, a 465 W heater and a cooling power that falls with temperature reproduce the
-printed pull-down times of a TestEquity 107 (manual p. 7-1 and 8-4); `tests/drivers/test_plant.py` compares them. The
+By default one lumped heat capacity of 3.29 kJ/K, a 465 W heater and a cooling power that falls with temperature
+reproduce the printed pull-down times of a TestEquity 107 (manual p. 7-1 and 8-4), which
+`tests/drivers/test_plant.py` compares. The station file may describe another chamber (`chamber: simulation:`). The
 fixture and the gyro's case are coupled to the air by conductances, so they lag it by minutes.
 """
 
@@ -11,8 +12,9 @@ import math
 import random
 from bisect import bisect_right
 from dataclasses import dataclass
+from itertools import pairwise
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 NET_COOLING_W = (
     (-45.4, 0.0),
@@ -47,6 +49,9 @@ class PlantParameters(_Strict):
         2.0, ge=0.0, description="conductance of the wall [W/K]; the cooling table is net of it"
     )
     ambient_degc: float = Field(23.0, description="room [degC]")
+    net_cooling_w: tuple[tuple[float, float], ...] = Field(
+        NET_COOLING_W, min_length=1, description="heat that full cooling removes beyond the wall's share [degC, W]"
+    )
     cooling_lag_s: float = Field(11.0, gt=0.0, description="evaporator [s]")
     sensor_lag_s: float = Field(12.0, gt=0.0, description="the controller's sensor [s]")
     sensor_noise_k: float = Field(0.01, ge=0.0, description="its noise [K]")
@@ -81,6 +86,21 @@ class PlantParameters(_Strict):
         0.4, ge=0.0, le=1.0, description="of the room's air that the chamber was closed with"
     )
 
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Set points that its controller accepts [degC]."""
+        return float(math.ceil(self.net_cooling_w[0][0])), self.net_cooling_w[-1][0]
+
+    @field_validator("net_cooling_w")
+    @classmethod
+    def _cooling_rises(cls, pairs: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        for (before, _), (after, _) in pairwise(pairs):
+            if after <= before:
+                raise ValueError(f"temperatures must rise from pair to pair; {after:g} follows {before:g} degC")
+        if any(watts < 0.0 for _, watts in pairs):
+            raise ValueError("cooling cannot be negative; 0 W is the lowest that the chamber reaches")
+        return pairs
+
 
 @dataclass(frozen=True, slots=True)
 class PlantState:
@@ -108,14 +128,14 @@ class PlantState:
     """Relative humidity at room temperature of the gas inside, 0 to 1."""
 
 
-def net_cooling_w(air_degc: float) -> float:
-    """Heat that full cooling removes beyond the wall's share [W] at an air temperature [degC]."""
-    i = bisect_right(NET_COOLING_W, (air_degc, math.inf))
+def net_cooling_w(air_degc: float, table: tuple[tuple[float, float], ...] = NET_COOLING_W) -> float:
+    """Heat that full cooling removes beyond the wall's share [W] at an air temperature [degC]; 0 below the table."""
+    i = bisect_right(table, (air_degc, math.inf))
     if i == 0:
         return 0.0
-    if i == len(NET_COOLING_W):
-        return NET_COOLING_W[-1][1]
-    (t0, w0), (t1, w1) = NET_COOLING_W[i - 1], NET_COOLING_W[i]
+    if i == len(table):
+        return table[-1][1]
+    (t0, w0), (t1, w1) = table[i - 1], table[i]
     return w0 + (w1 - w0) * (air_degc - t0) / (t1 - t0)
 
 
@@ -231,7 +251,7 @@ class Plant:
             self._controller.follow(self._measured)
         running = self._compressor.step(dt_s, power, on)
         wall_w = p.wall_w_per_k * (self.ambient_degc - self._bulk)
-        demand_w = max(0.0, net_cooling_w(self._bulk) + wall_w) * max(-power, 0.0) if running else 0.0
+        demand_w = max(0.0, net_cooling_w(self._bulk, p.net_cooling_w) + wall_w) * max(-power, 0.0) if running else 0.0
         self._cooling_w += (demand_w - self._cooling_w) * (1.0 - math.exp(-dt_s / p.cooling_lag_s))
         air = self._bulk + self._disturbance
         to_fixture_w = p.fixture_w_per_k * (air - self._fixture)

@@ -9,30 +9,51 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
+import can
 import numpy as np
 
 from drivers.registers import RegisterMap
-from drivers.sim.can_gyro import CanGyro
 from drivers.sim.cia402_table import SimulatedTable
 from drivers.sim.flash_port import FlashPort, serve
 from drivers.sim.modbus_chamber import ModbusChamber
 from drivers.sim.plant import Plant
 from drivers.sim.power_ons import PowerOns
-from drivers.sim.resonator import DIVIDER, Environment, Resonator
+from drivers.sim.resonator import DIVIDER, Environment
 from drivers.sim.scpi_supply import ScpiSupply
 from drivers.sim.truth.base import FloatArray
 
 SAMPLE_RATE_HZ = 500
 
 
+class Physics(Protocol):
+    """What a unit measures."""
+
+    def advance(self, environment: Environment) -> Any:
+        """Signals of a piece of time."""
+
+
+class Wire(Protocol):
+    """What sends them."""
+
+    bus: can.BusABC
+    sample_s: float
+    serial: int
+
+    def send(self, t0_s: float, signals: Any, /) -> None:
+        """Send the frames of signals from bench time `t0_s` [s] on."""
+
+    def reboot(self) -> None:
+        """Start anew."""
+
+
 @dataclass
 class SimulatedUnit:
-    """One gyro: its physics, its wire, and its calibration memory if it has one."""
+    """One unit: its physics, its wire, and its calibration memory if it has one."""
 
-    physics: Resonator
-    wire: CanGyro
+    physics: Physics
+    wire: Wire
     port: FlashPort | None = None
     power_ons: PowerOns = field(default_factory=PowerOns)
     _powered: bool = True
@@ -69,7 +90,7 @@ class SimulatedUnit:
             else:
                 self.port.power_up()
         if self.port is not None:
-            signals, self.wire.status = self.port.memory.correct(signals)
+            signals, self.port.wire.status = self.port.memory.correct(signals)
         self.wire.send(environment.t0_s, signals)
 
 
@@ -88,7 +109,9 @@ class SimulatedStation:
         self.plant = plant
         self.table, self.supply = table, supply
         self.units = list(units)
-        self.chamber = ModbusChamber(register_map, port=modbus_port, temperature=plant.state.process_value)
+        self.chamber = ModbusChamber(
+            register_map, limits=plant.parameters.reach, port=modbus_port, temperature=plant.state.process_value
+        )
         self.shown: dict[str, Any] = {}
         """Values that the controller shows instead of the true ones, as arguments of `ModbusChamber.publish`."""
         self._samples_due = 0.0

@@ -9,6 +9,7 @@ from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run import rehearsal
 from bench.acquisition.run.rehearsal import rehearse
 from bench.cli import main
+from drivers.sim.plant import Plant
 from tests.support import acquisition
 
 SOAK = (
@@ -45,8 +46,8 @@ def test_of_a_long_soak_the_end_is_not_modelled_and_the_times_are_the_same(monke
 @pytest.mark.slow
 def test_a_soak_of_ten_weeks_and_a_ramp_of_one_are_answered(monkeypatch):
     calls = []
-    step = rehearsal.Plant.step
-    monkeypatch.setattr(rehearsal.Plant, "step", lambda *a, **k: calls.append(1) or step(*a, **k))
+    step = Plant.step
+    monkeypatch.setattr(Plant, "step", lambda *a, **k: calls.append(1) or step(*a, **k))
     soak = rehearse(profile_from_text(SOAK.format("1e5")), acquisition.station())
     assert soak[0].to_s == pytest.approx(6e6, rel=1e-3)
     assert len(calls) < 20_000

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 import bench.acquisition.run.runner
@@ -28,6 +27,7 @@ from bench.acquisition.station.settings.faults import PANEL
 from bench.base import config
 from bench.base.errors import BenchError
 from bench.record.folder import RunFolder
+from bench.record.samples import read_samples
 from benchmarks.spoiled_unit_data import Case as Spoiling
 from benchmarks.spoiled_unit_data import Wire
 from drivers.errors import DriverError
@@ -234,7 +234,7 @@ def real(number):
             code = process.wait(PATIENCE_S)
             process.stderr.read()
             assemble(run)
-            data = pq.read_table(run.data)["time"].to_numpy()
+            data = read_samples(run.data)["time"]
             assert data[-1] >= last_ns * 1e-9 - 1.0
             return Outcome([run], code, run.manifest().cause, SAFE)
         finally:
@@ -410,8 +410,7 @@ def check_losses(case: Case, losses, struck):
 
 def check_data(case: Case, run, losses):
     """No time stamp twice, and each sample is there or counted as lost."""
-    data = pq.read_table(run.data, columns=["time", "rate"])
-    times, rates = data["time"].to_numpy(), data["rate"].to_numpy()
+    times, rates = read_samples(run.data, "time", "rate").values()
     assert np.all(np.diff(times) > 0), "time stamps"
     heard = times[np.isfinite(rates)]
     if case.how == "rehearsal" and case.data.startswith(("whole", "frames whole")):

@@ -1,12 +1,17 @@
 """Foreign tables: read exactly, converted by pint's units, cut into branches, or refused with file and line."""
 
+import gzip
+import struct
 import subprocess
 import sys
 from pathlib import Path
 
 import can
 import cantools
+import h5py
+import nptdms
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -67,9 +72,9 @@ def test_a_quoted_header_may_hold_the_delimiter(tmp_path):
 
 
 def test_comments_and_blank_lines_between_rows_keep_the_line_numbers(tmp_path):
-    text = "# one\r\ntime,rate,temperature\r\n0,1,20\r\n\r\n# stop\r\n2,1,20\r\n1,1,20\r\n"
+    text = "# one\r\ntime,rate,temperature\r\n0,1,20\r\n\r\n# stop\r\n2,1,20\r\n1.9,1,20\r\n"
     assert refusal(write(tmp_path, text)).startswith("FILE:7: time runs backwards")
-    assert plan_import(write(tmp_path, text.replace("\n1,1", "\n3,1"))).time.tolist() == [0, 2, 3]
+    assert plan_import(write(tmp_path, text.replace("\n1.9,1", "\n3,1"))).time.tolist() == [0, 2, 3]
 
 
 def test_numbers_are_read_to_the_last_digit(tmp_path):
@@ -94,11 +99,16 @@ def test_numbers_are_read_to_the_last_digit(tmp_path):
         ("time,rate,temperature\n0,1\n1,1,20\n", "FILE:2: has 2 fields, the header 3"),
         ("time,rate,temperature\n0,1,5,1,20,5,3\n1,1,20\n", "FILE:2: has 7 fields"),
         ("time,rate,temperature\n0,5,1,5,20,5\n1,5,1,5,20,5\n", "FILE:2: has 6 fields, the header 3: decimal commas?"),
-        ("time;rate;temperature\n0;1,5;20\n", "FILE:2: 'rate' is '1,5', not a number: decimal commas are not read"),
+        ("time;rate;temperature\n0;1,5;20\n1;1.5;20\n", "FILE:2: 'rate' is '1,5', not a number: decimal commas in"),
+        ("time;rate;temperature\n03/04/2026 10:00;1;20\n03/05/2026 10:01;1;20\n",
+         "FILE:2: 'time' is '03/04/2026 10:00': the day or the month first?"),
+        ("time,rate [grad/s],temperature\n0,1,20\n1,1,20\n", "FILE: 'grad/s' has two meanings: degree, or gon"),
         ("# x\ntime,rate,temperature\n0,1,20\n1,fault,20\n", "FILE:4: 'rate' is 'fault', not a number"),
         ("time,rate,temperature\n0,1,20\n1,inf,20\n", "FILE:3: 'rate' is infinite"),
         ("time,rate,temperature\n0,1,20\n", "FILE: holds one row"),
         ("time,rate,temperature\n0,1,20\n5,1,20\n4,1,20\n", "FILE:4: time runs backwards: 'time' is 4 after 5"),
+        ("time,rate,temperature\n2026-10-25 02:00:00,1,20\n2026-10-25 02:59:00,1,20\n2026-10-25 02:00:00,1,20\n"
+         "2026-10-25 02:59:00,1,20\n", "FILE:4: time runs backwards: 'time' is 0 after 3540; is it the end of summer"),
         ("time,rate,temperature\n0,1,20\n1,1,20\n1,1,20\n", "FILE:4: time stands still: 'time' is 1 after 1"),
         ("time,rate,temperature\n0,1,20\n,1,20\n", "FILE:3: 'time' (time) has no value"),
         ("time,rate,temperature\n0,,20\n1,,20\n", "FILE: column 'rate' (rate) has no value in any row"),
@@ -124,7 +134,86 @@ def test_files_that_are_not_what_they_say_are_refused(tmp_path):
     assert "not a readable Parquet file" in refusal(write(tmp_path, b"PAR1 nonsense", "x.parquet"))
     assert "not a readable MF4 file" in refusal(write(tmp_path, b"nonsense", "x.mf4"))
     assert "a CAN log needs the description of its frames" in refusal(write(tmp_path, "x", "x.asc"))
-    assert ":2: is not text in UTF-8" in refusal(write(tmp_path, b"time,rate\n\xb0,1\n"))
+    assert ":1: is no text table (byte 1 in it)" in refusal(write(tmp_path, b"\x01\x02time\n"))
+    assert "not a readable gzip file" in refusal(write(tmp_path, gzip.compress(b"time,rate\n1,2\n")[:-6], "x.csv.gz"))
+    assert "holds no channels of numbers" in refusal(write(tmp_path, b"nonsense", "x.tdms"))
+    for ending in ("xlsx", "ulg", "h5"):
+        assert f"not a readable .{ending} file" in refusal(write(tmp_path, b"nonsense", f"x.{ending}"))
+
+
+TABLE = pd.DataFrame({"time": [0.0, 60.0, 120.0], "rate": [1.5, -2.25, np.nan], "temperature": [20.0, 21.5, 22.0]})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time;rate;temperature\n0;1,5;20\n60;-2,25;21,5\n120;;22\n",
+        "time [min];rate;temperature;state\n0;1,5;20;ok\n1;-2,25;21,5;ok\n2;;22;fault, 7\n",
+        "\ufefftime,rate,temperature\n2026-11-22T10:00:00Z,1.5,20\n2026-11-22T11:01:00+01:00,-2.25,21.5\n"
+        "2026-11-22T10:02:00Z,,22\n",
+        "time,rate,temperature\n2026-11-22 10:00:00,1.5,20\n2026-11-22 10:01:00.000,-2.25,21.5\n"
+        "2026-11-22 10:02:00,,22\n",
+        "time;rate;temperature\n22.11.2026 23:59:00;1,5;20\n23.11.2026 00:00:00;-2,25;21,5\n23.11.2026 00:01:00;;22\n",
+        "time,rate,temperature\n11/22/2026 11:59 PM,1.5,20\n11/23/2026 12:00 AM,-2.25,21.5\n11/23/2026 12:01 AM,,22\n",
+        "time,rate,temperature\n23:59:00,1.5,20\n00:00:00,-2.25,21.5\n00:01:00.0,,22\n",
+        "time,rate,temperature\n120,,22\n0,1.5,20\n60,-2.25,21.5\n",
+        'time,rate,"temperature"\n0,1.5,"20"\n60,-2.25,"21.5"\n120,NaN,"22"\n',
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("way", ["utf-8", "utf-16", "cp1252", "gzip"])
+def test_a_table_is_read_as_laboratories_write_it(tmp_path, text, way):
+    header, body = text.removeprefix("\ufeff").split("\n", 1)
+    text = f"{header.replace('temperature', 'temperature [°C]')}\n{body}"
+    path = tmp_path / ("table.csv.gz" if way == "gzip" else "table.csv")
+    path.write_bytes(gzip.compress(text.encode()) if way == "gzip" else text.encode(way))
+    plan = plan_import(path)
+    np.testing.assert_array_equal(plan.time, TABLE["time"])
+    np.testing.assert_array_equal(plan.channels["rate"], TABLE["rate"])
+    np.testing.assert_array_equal(plan.channels["temperature"], TABLE["temperature"])
+
+
+def test_logs_and_spreadsheets_are_read_by_their_libraries(tmp_path):
+    TABLE.to_excel(tmp_path / "x.xlsx", index=False)
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        for name in TABLE:
+            file[f"log/{name}"] = TABLE[name].to_numpy()
+        file["log/rate"].attrs["unit"], file["log/once"] = "deg/h", [1.0]
+    with nptdms.TdmsWriter(tmp_path / "x.tdms") as writer:
+        timing = {"wf_start_offset": 0.0, "wf_increment": 60.0}
+        writer.write_segment([
+            nptdms.ChannelObject("log", name, TABLE[name].to_numpy(), {**timing, "unit_string": unit})
+            for name, unit in (("rate", "deg/h"), ("temperature", "degC"))
+        ])  # fmt: skip
+    for ending in ("xlsx", "h5", "tdms"):
+        plan = plan_import(tmp_path / f"x.{ending}")
+        np.testing.assert_array_equal(plan.time, TABLE["time"])
+        np.testing.assert_array_equal(plan.channels["rate"], TABLE["rate"])
+        np.testing.assert_array_equal(plan.channels["temperature"], TABLE["temperature"])
+
+
+def test_a_flight_log_is_read_topic_by_topic(tmp_path):
+    """ULog: https://docs.px4.io/main/en/dev_log/ulog_file_format.html, written here byte by byte."""
+
+    def message(kind: bytes, content: bytes) -> bytes:
+        return struct.pack("<H", len(content)) + kind + content
+
+    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0) + message(b"B", bytes(40))
+    data += message(b"F", b"imu:uint64_t timestamp;float gyro;float temperature;")
+    data += message(b"A", struct.pack("<BH", 0, 0) + b"imu")
+    for row in TABLE.fillna(0.0).itertuples():
+        values = struct.pack("<Qff", int(1e6 * row.time), row.rate, row.temperature)
+        data += message(b"D", struct.pack("<H", 0) + values)
+    columns = ColumnMap(rate=ChannelSource(column="imu.gyro", unit="deg/h"))
+    plan = plan_import(write(tmp_path, data, "x.ulg"), columns)
+    np.testing.assert_array_equal(plan.channels["rate"], TABLE["rate"].fillna(0.0))
+    np.testing.assert_array_equal(plan.time, TABLE["time"])
+
+
+def test_a_text_column_is_an_error_only_where_it_is_wanted(tmp_path):
+    path = write(tmp_path, "time,rate,temperature,note\n0,1,20,warm\n1,1,20,\n2,oops,20,\n")
+    assert refusal(path).startswith("FILE:4: 'rate' is 'oops', not a number")
+    plan = plan_import(write(tmp_path, "time,rate,temperature,note\n0,1,20,warm\n1,1,20,\n2,1,20,\n"))
+    assert "not used             note" in plan.preview()
 
 
 # Units and columns ------------------------------------------------------------------------------------------------
@@ -438,7 +527,7 @@ def test_a_capital_t_in_degrees_is_a_temperature_and_no_time(tmp_path):
 
 
 def test_a_header_that_no_person_wrote_is_refused_before_it_is_taken_apart(tmp_path):
-    for header, said in (("a," * 60_000, "bytes"), ("c,b" + ",a" * 2000, "columns"), ("time,ra\0te", "control")):
+    for header, said in (("a," * 60_000, "bytes"), ("c,b" + ",a" * 2000, "columns"), ("time,ra\0te", "byte 0")):
         (tmp_path / "odd.csv").write_text(f"{header}\n1,2\n")
         with pytest.raises(InputError, match=said):
             plan_import(tmp_path / "odd.csv")

@@ -5,7 +5,6 @@ import re
 import threading
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
@@ -21,6 +20,7 @@ from bench.analysis.judging.quantities import of_data
 from bench.base import load_config, parse_yaml
 from bench.cli import main
 from bench.record import RunFolder, averaged, load, open_run, seconds_of
+from bench.record.samples import read_samples
 from drivers.clock import SimClock
 from drivers.errors import IdentityError, LinkError, ReadBackError
 from drivers.power_supply import PowerSupply, SupplyLine
@@ -91,7 +91,8 @@ def test_what_is_missing_while_the_power_is_off_is_planned_and_not_lost(run):
         name: manifest.losses[name] for name in ("lost", "slow_lost", "resets", "corrupt", "late")
     } == dict.fromkeys(("lost", "slow_lost", "resets", "corrupt", "late"), 0)
     assert manifest.left_out == ()
-    time = pq.read_table(run.data, columns=["time", "rate"]).to_pandas().dropna()["time"].to_numpy()
+    data = read_samples(run.data, "time", "rate")
+    time = data["time"][np.isfinite(data["rate"])]
     steps = np.diff(time)
     assert np.sort(steps)[-2:] == pytest.approx([60.0, 60.0], abs=1.5)
     assert np.count_nonzero(steps > 0.003) == 2

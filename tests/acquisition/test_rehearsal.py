@@ -4,6 +4,7 @@ import pytest
 
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run.rehearsal import rehearse
+from bench.acquisition.station.settings.chamber import ChamberSettings
 from bench.base.errors import InputError
 from tests.support import acquisition
 
@@ -27,3 +28,13 @@ def test_it_says_which_segment_would_time_out():
     ramp, _ = rehearse(profile_from_text(text), acquisition.station())
     assert ramp.outcome == "timeout"
     assert "chamber air is" in ramp.reason
+
+
+def test_the_chamber_of_the_station_file_is_rehearsed():
+    settings = acquisition.station()
+    text = "name: p\nsegments:\n  - {kind: ramp, to_degc: -40, rate_degc_per_min: 5}\n"
+    weak = {"net_cooling_w": [[-45, 0], [23, 100]]}
+    slow = settings.model_copy(
+        update={"chamber": ChamberSettings.model_validate({**settings.chamber.model_dump(), "simulation": weak})}
+    )
+    assert rehearse(profile_from_text(text), slow)[0].to_s > 1.5 * rehearse(profile_from_text(text), settings)[0].to_s

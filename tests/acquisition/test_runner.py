@@ -23,6 +23,7 @@ from bench.acquisition.run.runner import run_job
 from bench.acquisition.run.wiring import Continue, Stop
 from bench.base.errors import EquipmentError, InputError, RunAborted
 from bench.record import RunFolder, open_run, sha256
+from bench.record.samples import read_samples
 from drivers.journal import Kind, read_blocks
 from drivers.sim.station import SimulatedStation
 from tests.support import acquisition
@@ -117,7 +118,7 @@ def test_the_same_seed_makes_the_same_run_and_another_seed_another(short_run, tm
     again = run_job(acquisition.job(tmp_path)).run
     assert sha256(again.data) == sha256(short_run.data)
     other = run_job(acquisition.job(tmp_path, settings=acquisition.station(seed=2))).run
-    first, second = (pq.read_table(run.data)["rate"].to_numpy()[:1000] for run in (again, other))
+    first, second = (read_samples(run.data)["rate"][:1000] for run in (again, other))
     assert not np.array_equal(first, second)
 
 
@@ -349,8 +350,8 @@ def test_kill_9_loses_nothing_but_the_tick_it_fell_into(start, tmp_path, ticks):
     assert (manifest.state, manifest.segments[-1].outcome) == ("aborted", "interrupted")
     assert "killed; recovered from its journals" in manifest.cause
     assert manifest.losses["lost"] == 0
-    data = pq.read_table(run.data)
-    time = data["time"].to_numpy()[np.isfinite(data["rate"].to_numpy())]
+    data = read_samples(run.data)
+    time = data["time"][np.isfinite(data["rate"])]
     assert time[-1] >= last_s - 0.003
     assert np.allclose(np.diff(time), 0.002)
 

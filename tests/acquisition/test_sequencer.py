@@ -85,7 +85,7 @@ class FakeBench:
     def __init__(self, *guards, native_ramp=True, hooks=None, link=None, **wiring):
         self.clock = SimClock()
         self.chamber = FakeChamber(self.clock, native_ramp)
-        self.unit = SimpleNamespace(newest_frame_s=None, temperature=None, doubted_s=0.0)
+        self.unit = SimpleNamespace(newest_frame_s=None, temperature=None, doubted_s=0.0, thermometer="temperature")
         self.units, self.missing, self.polled = [self.unit], 2, 0
         self.settings = SimpleNamespace(
             ambient_degc=23.0,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
@@ -20,6 +19,7 @@ from bench.base.errors import EquipmentError, InputError, RunAborted
 from bench.cli import main, rendering
 from bench.commands.several import report_on_all
 from bench.record import Begun, GyroKind, RunFolder, create_run, open_run, sha256
+from bench.record.samples import read_samples
 from drivers.clock import SimClock
 from tests.support import acquisition
 from tests.support.acquisition import at
@@ -71,7 +71,7 @@ def test_every_unit_gets_a_run_folder_of_its_own_that_names_its_companions(whole
 
 
 def test_units_have_noise_of_their_own(whole):
-    rates = [pq.read_table(unit.run.data)["rate"].to_numpy()[:1000] for unit in whole.units]
+    rates = [read_samples(unit.run.data)["rate"][:1000] for unit in whole.units]
     for n, rate in enumerate(rates):
         assert not any(np.array_equal(rate, other) for other in rates[:n])
 
@@ -106,7 +106,7 @@ def test_a_bench_that_is_killed_leaves_folders_that_can_all_be_recovered(tmp_pat
         manifest = assemble(RunFolder(folder))
         assert (manifest.unit, manifest.state) == (SERIALS[n], "aborted")
         assert manifest.losses["lost"] == 0
-        assert np.count_nonzero(np.isfinite(pq.read_table(folder / "data.parquet")["rate"].to_numpy())) == 20 * 500
+        assert np.count_nonzero(np.isfinite(read_samples(folder / "data.parquet")["rate"])) == 20 * 500
 
 
 def test_a_file_system_without_links_gets_copies(whole, tmp_path, monkeypatch):
@@ -130,7 +130,7 @@ def test_a_unit_that_falls_silent_in_mid_ramp_leaves_alone_with_its_reason(dying
     assert (manifest.state, manifest.cause) == ("failed", "no sound rate frame for 5.0 s, 5 s allowed")
     assert [segment.outcome for segment in manifest.segments] == ["interrupted"]
     assert manifest.segments[0].reason == manifest.cause
-    rates = pq.read_table(gone.data)["rate"].to_numpy()
+    rates = read_samples(gone.data)["rate"]
     assert np.count_nonzero(np.isfinite(rates)) == 20 * 500
     for unit in dying.units[:1] + dying.units[2:]:
         assert unit.run.manifest().state == "done"
@@ -153,8 +153,8 @@ def test_another_unit_in_the_place_of_one_drops_that_one_and_what_is_not_its_own
     result = run_job(job(tmp_path), at(20, swap))
     assert [unit.error is None for unit in result.units] == [True, True, False, True]
     assert "unit SIM-0003: 77 answers as number 0, the station file says identity 3" in str(result.error)
-    data = pq.read_table(result.units[2].run.data)
-    times = data["time"].to_numpy()[np.isfinite(data["rate"].to_numpy())]
+    data = read_samples(result.units[2].run.data)
+    times = data["time"][np.isfinite(data["rate"])]
     assert 17 < times[-1] <= 20
     assert result.units[2].run.manifest().unit_identity.serial == 3
 

@@ -49,6 +49,19 @@ def test_a_real_station_is_read():
     assert station.limits().low_degc == -40.0
 
 
+@pytest.mark.parametrize(
+    ("physics", "words"),
+    [
+        ({"heater_w": 900}, "only a simulated chamber has it; this station is real"),
+        ({"ambient_degc": 20}, "the room has the station's ambient_degc; remove it here"),
+        ({"heater_kw": 1}, "heater_kw"),
+    ],
+)
+def test_the_physics_of_a_chamber_are_those_of_a_simulated_one(physics, words):
+    with pytest.raises(InputError, match=words):
+        load({**REAL, "chamber": {**CHAMBER, "simulation": physics}})
+
+
 def test_a_watchdog_that_would_take_a_slow_chamber_for_a_hanging_bench_is_refused():
     slow = {**CHAMBER, "connection": {"url": "tcp://127.0.0.1:1", "timeout_s": 2.0}}
     text = json.dumps({**REAL, "chamber": slow, "watchdog": {"silent_s": 10.0}})

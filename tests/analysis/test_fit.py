@@ -43,7 +43,7 @@ def test_nist_certified_coefficients(name):
     x, y = np.array(data["x"]), np.array(data["y"])
     time = np.arange(x.size, dtype=float)
     record = Dataset(name, time, {"rate": y, "temperature": x}, np.zeros(x.size, dtype=np.int64))
-    found = fit_model(model("polynomial", order=data["order"]), record, covariance="none")
+    found = fit_model(model("polynomial", order=data["order"]), record, covariance="none", weights="count")
     values = [coefficient.value for coefficient in found.coefficients]
     np.testing.assert_allclose(values, data["coefficients"], rtol=1e-8)
     left = x.size - data["order"] - 1
@@ -67,7 +67,7 @@ def high_precision(columns, y):
 def test_fifth_power_of_temperature_agrees_with_80_digits():
     record = noisy().select(np.arange(720) % 9 == 0)
     fitted, beta = high_precision([(record.channels["temperature"], 5)], record.bias)
-    found = fit_model(model("polynomial", order=5), record, covariance="none")
+    found = fit_model(model("polynomial", order=5), record, covariance="none", weights="count")
     np.testing.assert_allclose(found.predict(record).bias, fitted, rtol=0, atol=1e-12)
     np.testing.assert_allclose([c.value for c in found.coefficients], beta, rtol=1e-9)
 
@@ -80,7 +80,7 @@ def test_a_14_khz_frequency_that_moves_by_a_thousandth_agrees_with_80_digits():
     record = with_bias(record, truth)
     channels = [(record.channels[name], 3) for name in ("temperature", "frequency", "drive", "quadrature")]
     fitted, beta = high_precision(channels, record.bias)
-    found = fit_model(load_model("regression"), record, covariance="none")
+    found = fit_model(load_model("regression"), record, covariance="none", weights="count")
     np.testing.assert_allclose(found.predict(record).bias, fitted, rtol=0, atol=1e-10)
     np.testing.assert_allclose([c.value for c in found.coefficients], beta, rtol=1e-7)
     assert found.condition < 1e6
@@ -90,7 +90,7 @@ def test_the_cubic_agrees_with_statsmodels():
     record = noisy()
     scaled = record.channels["temperature"] / 85.0
     reference = sm.OLS(record.bias, np.vander(scaled, 4, increasing=True)).fit()
-    found = fit_model(load_model("polynomial"), record)
+    found = fit_model(load_model("polynomial"), record, weights="count")
     values = np.array([c.value for c in found.coefficients]) * 85.0 ** np.arange(4)
     np.testing.assert_allclose(values, reference.params, rtol=1e-9)
     np.testing.assert_allclose(found.rms_dph, np.sqrt(reference.ssr / 720), rtol=1e-12)
@@ -102,7 +102,7 @@ def test_counts_weigh_the_rows_as_statsmodels_does():
     record = Dataset("d", record.time, record.channels, record.segment, (), 30.0, {"rate": counts})
     scaled = record.channels["temperature"] / 85.0
     reference = sm.WLS(record.bias, np.vander(scaled, 4, increasing=True), weights=counts).fit()
-    found = fit_model(load_model("polynomial"), record, covariance="none")
+    found = fit_model(load_model("polynomial"), record, covariance="none", weights="count")
     np.testing.assert_allclose(found.predict(record).bias, reference.fittedvalues, rtol=1e-9)
 
 
@@ -122,7 +122,7 @@ def test_constrained_splines_agree_with_the_constrained_optimum(ends):
     """Independent: all piece coefficients as unknowns, continuity and ends as constraints (KKT system)."""
     record = noisy()
     m = 6
-    found = fit_model(model("spline", intervals=m, ends=ends), record, covariance="none")
+    found = fit_model(model("spline", intervals=m, ends=ends), record, covariance="none", weights="count")
     knots = np.array(found.bound.effects[0].state()["knots"])
     width = knots[1] - knots[0]
     temperature = record.channels["temperature"]
@@ -189,7 +189,7 @@ def test_a_spline_of_bins_needs_a_number_of_intervals_and_its_ends():
 def test_contributions_sum_to_the_prediction_and_the_constant_is_there_once():
     record = noisy()
     both = Model("both", (effects.make("spline", {"intervals": 8}), Warming()))
-    found = fit_model(both, record, covariance="none")
+    found = fit_model(both, record, covariance="none", weights="count")
     parts = found.contributions(record)
     assert set(parts) == {"constant", "spline", "warming"}
     np.testing.assert_allclose(sum(parts.values()), found.predict(record).bias, atol=1e-12)
@@ -197,7 +197,7 @@ def test_contributions_sum_to_the_prediction_and_the_constant_is_there_once():
 
 
 def test_an_effect_without_a_place_for_it_gets_a_constant_of_its_own():
-    found = fit_model(Model("warm", (Warming(),)), noisy(), covariance="none")
+    found = fit_model(Model("warm", (Warming(),)), noisy(), covariance="none", weights="count")
     assert list(by_key(found)) == ["constant", "warming.amplitude"]
 
 
@@ -227,16 +227,16 @@ def test_two_runs_are_fitted_as_one():
     whole = noisy()
     early = np.arange(720) < 300
     parts = [whole.select(early), whole.select(~early)]
-    together, apart = fit_model(load_model("spline"), whole), fit_model(load_model("spline"), parts)
+    together, apart = (fit_model(load_model("spline"), data, weights="count") for data in (whole, parts))
     np.testing.assert_allclose(apart.predict(whole).bias, together.predict(whole).bias, rtol=1e-9)
 
 
 def test_an_automatic_spline_chooses_enough_intervals_but_not_the_most():
-    found = fit_model(model("spline"), noisy(), covariance="none")
+    found = fit_model(model("spline"), noisy(), covariance="none", weights="count")
     assert 8 <= found.model.effects[0].intervals <= 24
     record = thermal_cycle()
     straight = with_bias(record, 2.0 + 0.1 * record.channels["temperature"] + white(record, 0.2))
-    assert fit_model(model("spline"), straight, covariance="none").model.effects[0].intervals <= 4
+    assert fit_model(model("spline"), straight, covariance="none", weights="count").model.effects[0].intervals <= 4
 
 
 def test_heating_only_fits_the_heating_branch_only():
@@ -328,7 +328,7 @@ def test_an_effect_may_move_the_abscissa_of_all_others_wherever_it_stands_in_the
 def test_a_start_replaces_the_grid():
     record = with_bias(thermal_cycle(), 4.0 * np.exp(-thermal_cycle().time / 1800.0))
     both = Model("m", (effects.make("polynomial"), Warming()))
-    again = fit_model(both, record, start={"warming.tau_s": 1500.0}, covariance="none")
+    again = fit_model(both, record, start={"warming.tau_s": 1500.0}, covariance="none", weights="count")
     np.testing.assert_allclose(again.theta["warming.tau_s"], 1800.0, rtol=1e-3)
 
 
@@ -350,8 +350,8 @@ def test_memory_sees_the_whole_record_and_rows_are_masked_afterwards():
     both = Model("m", (effects.make("spline", {"intervals": 16}), Delayed()))
     hole = np.abs((np.arange(720) % 120) - 60) < 40
     masked, cut = (
-        fit_model(both, biased, [hole], covariance="none"),
-        fit_model(both, biased.select(hole), covariance="none"),
+        fit_model(both, biased, [hole], covariance="none", weights="count"),
+        fit_model(both, biased.select(hole), covariance="none", weights="count"),
     )
     assert masked.rms_dph < 0.1 * cut.rms_dph
 
@@ -363,7 +363,7 @@ def test_a_trial_parameter_that_empties_an_interval_is_judged_and_not_forbidden(
     biased = with_bias(record, curve(late))
     both = Model("m", (effects.make("spline", {"intervals": 24}), Delayed()))
     with pytest.raises(InputError, match="interval 19 of 24"):  # of the true delay, not of some other
-        fit_model(both, biased, [(np.arange(720) % 100) > 40], covariance="none")
+        fit_model(both, biased, [(np.arange(720) % 100) > 40], covariance="none", weights="count")
 
 
 # --- uncertainty ----------------------------------------------------------------------------------
@@ -394,7 +394,7 @@ def test_bands_know_that_noise_wanders():
         slope = by_key(found)["polynomial.a1"]
         inside.append(abs(slope.value - 0.05) < 1.96 * slope.std)
         reference = sm.OLS(walk, np.vander(temperature, 4, increasing=True)).fit()
-        naive.append(abs(slope.value - 0.05) < 1.96 * reference.bse[1])
+        naive.append(abs(reference.params[1]) < 1.96 * reference.bse[1])
     assert np.mean(inside) > 0.8
     assert np.mean(naive) < 0.5
 

@@ -62,8 +62,11 @@ def test_every_formula_of_the_grammar_is_one_that_a_model_file_may_hold(quiet):
     grammar = Grammar([run], [np.isfinite(run.bias)])
     formulas = [*grammar.singles(), *grammar.pairs(), grammar.line([600.0, 900.0])]
     assert len(formulas) > 300
-    for formula in formulas:
-        theta = formula.grid()[0]
+    grown = [one for formula in grammar.singles() for one in grammar.grown(formula, formula.grid()[0])]
+    assert {"lag(dT_dt, tau_s * exp(-faster * (temperature - 25)))", "delay(dT_dt, late_s)"} <= {
+        formula.product(formula.names) for formula, _ in grown
+    }
+    for formula, theta in [*((formula, formula.grid()[0]) for formula in formulas), *((f, g[0]) for f, g in grown)]:
         effect = effect_from(entry_text(formula.near(theta)))
         assert effect == formula.near(theta)
         assert [p.low < value < p.high for p, value in zip(effect.parameters, theta, strict=True)] == [True] * len(

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.integrate import solve_ivp
+from scipy.integrate import cumulative_trapezoid, solve_ivp
 
-from bench.analysis.effects.operators import play, ramp_invariant_lag
+from bench.analysis.effects.operators import integral, play, ramp_invariant_lag
 
 
 def triangle(time_s):
@@ -30,6 +30,28 @@ def test_lag_behind_a_ramp_is_slope_times_tau_whatever_the_sampling():
     for step_s in (1.0, 30.0, 300.0):
         time_s = np.arange(0.0, 6001.0, step_s)
         assert_allclose(ramp_invariant_lag(time_s, 0.02 * time_s, 200.0)[-1], 0.02 * (6000.0 - 200.0), rtol=1e-9)
+
+
+def test_a_lag_whose_time_constant_changes_solves_its_equation_too():
+    time_s = np.arange(300) * 30.0
+    value, tau_s = triangle(time_s), 300.0 * np.exp(-0.02 * (triangle(time_s) - 25.0))
+    tau_s[100] = np.nan  # of a gap: the straight line between its neighbours
+    known = np.isfinite(tau_s)
+    solution = solve_ivp(
+        lambda t, x: (np.interp(t, time_s, value) - x) / np.interp(t, time_s[known], tau_s[known]),
+        (0.0, time_s[-1]), value[:1], t_eval=time_s, max_step=5.0, rtol=1e-8,
+    )  # fmt: skip
+    assert_allclose(ramp_invariant_lag(time_s, value, tau_s), solution.y[0], atol=2e-3)
+
+
+def test_an_integral_begins_with_the_run_and_bridges_a_gap():
+    time_s = np.cumsum(np.random.default_rng(1).uniform(5.0, 90.0, 50))
+    value = triangle(time_s)
+    assert_allclose(integral(time_s, value), cumulative_trapezoid(value, time_s, initial=0.0))
+    value[20] = np.nan
+    whole = np.delete(np.arange(50), 20)
+    assert_allclose(integral(time_s, value)[whole], cumulative_trapezoid(value[whole], time_s[whole], initial=0.0))
+    assert np.isnan(integral(time_s, value)[20])
 
 
 def test_no_lag_returns_the_record():

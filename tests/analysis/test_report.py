@@ -106,7 +106,7 @@ def evaluate(entry: dict, record: Dataset) -> np.ndarray:
     return sum(table[piece, j] * (temperature - knots[piece]) ** j for j in range(4))
 
 
-@pytest.mark.parametrize(("name", "tolerance"), [("polynomial", 1e-9), ("regression", 1e-5), ("spline", 1e-9)])
+@pytest.mark.parametrize(("name", "tolerance"), [("polynomial", 1e-9), ("regression", 3e-5), ("spline", 1e-9)])
 def test_another_program_can_evaluate_the_calibration(whole: Analysis, name: str, tolerance: float) -> None:
     assert whole.comparison is not None
     assert whole.dataset is not None

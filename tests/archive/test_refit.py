@@ -168,7 +168,7 @@ def test_registered_runs_are_refitted_to_what_a_fit_of_their_rows_finds(reports)
     done = refit(reports)
     assert (done["units"], done["failed"], done["engine"]) == (2, 0, "serial")
     (beta, _) = pq.read_table(done["records"]).column("beta").to_pylist()
-    direct = fit_model(MODEL, load(reports / "U-1" / "r1"), covariance="none")
+    direct = fit_model(MODEL, load(reports / "U-1" / "r1"), covariance="none", weights="count")
     np.testing.assert_allclose(beta, direct.beta, rtol=0, atol=1e-9 * np.max(np.abs(direct.beta)))
 
 
@@ -186,6 +186,30 @@ def test_moments_are_made_once_and_again_only_for_a_newer_run(reports, monkeypat
     rebuild(reports)
     assert refit(reports)["units"] == 2
     assert made == ["r2"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ({"purpose": "verification"}, "1 of units that corrected themselves"),
+        ({"state": "aborted"}, "1 that did not end as planned"),
+        ({"profile": "one_rate"}, "1 of other profiles (one_rate; --profile)"),
+    ],
+)
+def test_a_newer_run_of_another_kind_does_not_replace_the_calibration(reports, kind, words):
+    later = {"run": "r2", "created": "2026-11-02T00:00:00+00:00", **kind}
+    make_run(reports / "U-1" / "r2", **ramp_run(seed=5), unit="U-1", **later)
+    rebuild(reports)
+    done = refit(reports)
+    assert done["left_out"] == [words]
+    assert [run.endswith("U-1/r1") for run in pq.read_table(done["records"]).column("run").to_pylist()] == [True, False]
+
+
+def test_real_units_and_simulated_ones_do_not_stand_in_one_figure(reports):
+    for simulated, unit in ((True, "U-1"), (False, "U-2")):
+        make_run(reports / unit / "r3", **ramp_run(seed=5), unit=unit, run="r3", simulated=simulated)
+    rebuild(reports)
+    assert "simulated" in " ".join(refit(reports)["left_out"])
 
 
 def test_a_run_without_moments_is_named_and_the_rest_refitted(reports):

@@ -9,6 +9,7 @@ from itertools import count
 import pytest
 import sqlalchemy
 
+from bench.archive.registry import ledger as ledger_module
 from bench.archive.registry.ledger import archive
 from bench.archive.registry.opening import SCHEMA, open_registry
 from bench.archive.registry.rebuild import rebuild
@@ -207,6 +208,21 @@ def test_stations_at_once_lose_no_row(where, root):
     assert found.differences == ()
     assert found.counts["runs"] == stations * each
     assert found.counts["operators"] == stations * each
+
+
+def test_a_ledger_that_others_write_meanwhile_is_read_again(root, monkeypatch):
+    ours, theirs, overtaken = archive(root), archive(root), []
+    check = ledger_module.check
+
+    def late(folder, name, data):
+        if not overtaken:
+            overtaken.append(name)
+            for number in (1, 2, 3):
+                theirs.append({"kind": "operator", "name": f"operator {number}"})
+        check(folder, name, data)
+
+    monkeypatch.setattr(ledger_module, "check", late)
+    assert [entry.get("name") for entry in ours.entries()] == ["operator 1", "operator 2", "operator 3"]
 
 
 def test_the_migrations_make_the_tables_that_the_code_means(where):

@@ -34,7 +34,8 @@ REPORT = """run verdict sentence complete model rms_dph held_out_rms_dph held_ou
     registry"""
 COMPARE = "runs check floor_dph interval_s models refused"
 DIAGNOSE = """verdict proved nearest sentence runs check static model floor_dph rms_dph held_out_rms_dph held_out_by
-    where suspects formulas next_experiment unexplained threshold not_excited smallest_detectable noise_finding notes"""
+    where suspects formulas kernel surface next_experiment unexplained threshold not_excited smallest_detectable
+    noise_finding notes"""
 IMPORT = "run file unit rows interval_s time columns segments warnings"
 REGISTRY = "registry archive rows differences unreadable digest"
 KEYS = {
@@ -66,8 +67,8 @@ KEYS = {
     "registry operator Ada --out ROOT": "ledger kind name",
     "registry equipment add c s --kind chamber --out ROOT": "ledger kind name serial type calibrated_on due_on",
     "registry equipment list --out ROOT": "on equipment",
-    "fleet refit --model polynomial --out ROOT": """model units failed without_moments engine seconds units_per_s
-        rms_dph failures records""",
+    "fleet refit --model polynomial --out ROOT": """model units failed without_moments left_out engine seconds
+        units_per_s rms_dph failures records""",
 }
 NO_SUBSET = {"effects show aging", "registry show U-1 --out ROOT"}
 """These have further keys by what there is: sections of the documentation, tables."""

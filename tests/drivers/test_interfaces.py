@@ -110,7 +110,7 @@ def test_a_station_file_that_contradicts_itself_is_refused():
 def test_filters_let_through_the_units_of_the_station_and_nothing_else():
     units = [UnitSettings(serial="a", bus="b", number=2), UnitSettings(serial="c", bus="b", number=5)]
     filters = Bus(interface="blocks", channel="x").to_driver(units).filters
-    assert filters == unit_filters([("vibratory", 2), ("vibratory", 5)])
+    assert filters == unit_filters([("vibratory", 2, None), ("vibratory", 5, None)])
     assert len(filters) == 10
     everything = Bus(interface="blocks", channel="x", filtered=False).to_driver(units)
     assert not everything.filters

@@ -46,6 +46,17 @@ def test_live_load_at_the_printed_temperatures():
     assert net_cooling_w(150.0) == net_cooling_w(130.0)
 
 
+def test_another_chamber_goes_as_low_as_its_cooling_lets_it():
+    two_stage = PlantParameters(net_cooling_w=((-72.0, 0.0), (-40.0, 210.0), (23.0, 380.0)))
+    assert values(record(two_stage, 0.0, -55.0, 60))[-600:].mean() == pytest.approx(-55.0, abs=0.1)
+    assert values(record(PlantParameters(), 0.0, -55.0, 60)).min() > -46.0
+    assert (two_stage.reach, PlantParameters().reach) == ((-72.0, 23.0), (-45.0, 130.0))
+    with pytest.raises(ValidationError, match=r"must rise from pair to pair; -40 follows 23 degC"):
+        PlantParameters(net_cooling_w=((23.0, 380.0), (-40.0, 210.0)))
+    with pytest.raises(ValidationError, match="cooling cannot be negative"):
+        PlantParameters(net_cooling_w=((-40.0, -1.0),))
+
+
 def test_full_heating_near_ambient_is_8_5_degrees_a_minute():
     pv = values(record(EMPTY, 23.0, 130.0, 5))
     seconds = np.argmax(pv >= 45.0) - np.argmax(pv >= 30.0)

@@ -92,6 +92,10 @@ class ColumnMap(BaseModel):
         return source
 
 
+IMPORTED = tuple(name for name in CHANNELS if name in ColumnMap.model_fields)
+"""Channels that a table may hold: one output, of a unit with one."""
+
+
 def column_map(table: Table, columns: Mapping[str, str], units: Mapping[str, str]) -> ColumnMap:
     """Column map from a column's name and a unit by channel, as a program gives them.
 
@@ -100,8 +104,8 @@ def column_map(table: Table, columns: Mapping[str, str], units: Mapping[str, str
     """
     obvious = guess(table)
     for channel in (*columns, *units):
-        if channel not in CHANNELS:
-            text = f"'{channel}' is not a channel{nearest(channel, CHANNELS)}; known are {', '.join(CHANNELS)}"
+        if channel not in IMPORTED:
+            text = f"'{channel}' is not a channel{nearest(channel, IMPORTED)}; known are {', '.join(IMPORTED)}"
             raise InputError(text, table.path)
     unclear = [channel for channel in units if channel not in {**columns, **obvious}]
     if unclear:
@@ -153,7 +157,7 @@ def split_header(name: str, stated: str | None = None) -> tuple[str, str | None]
 
 def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
     """Channels but time that the map names or a header makes obvious; InputError when a required one is unclear."""
-    named = {name: columns.channel(name) for name in CHANNELS if name != "time"}
+    named = {name: columns.channel(name) for name in IMPORTED if name != "time"}
     found = {name: _mapped(table, name, source) for name, source in named.items() if source is not None}
     taken = {mapped.column for mapped in found.values()} | {columns.time.column if columns.time else None}
     for channel, candidates in _obvious(table, taken).items():
@@ -170,7 +174,7 @@ def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
         if channel not in found:
             advice = f"name it in a column map, `{channel}: {{column: …, unit: {examples(channel)[0]}}}`"
             raise UnclearColumnError(f"no column is {channel}; the table has {', '.join(table.columns)}", advice, table)
-    return {channel: found[channel] for channel in CHANNELS if channel in found}
+    return {channel: found[channel] for channel in IMPORTED if channel in found}
 
 
 def find_time(table: Table, columns: ColumnMap) -> TimeSource:
@@ -181,6 +185,7 @@ def find_time(table: Table, columns: ColumnMap) -> TimeSource:
         return columns.time
     candidates = _obvious(table, set()).get("time", [])
     if len(candidates) == 1:
+        _existing(table, "time", candidates[0])
         return TimeSource(column=candidates[0])
     if candidates:
         advice = f"choose one in a column map, `time: {{column: {candidates[0]}}}`"
@@ -207,9 +212,9 @@ def guess(table: Table) -> dict[str, str]:
 def _obvious(table: Table, taken: set[str | None]) -> dict[str, list[str]]:
     """Columns by the channel that their header names."""
     found: dict[str, list[str]] = {}
-    for name in table.columns:
+    for name in (*table.columns, *table.unread):
         word, unit = split_header(name, table.units.get(name))
-        channel = name if name in CHANNELS else _BY_WORD.get(_word(word))
+        channel = name if name in IMPORTED else _BY_WORD.get(_word(word))
         if channel == "time" and unit is not None and _measures(unit, "temperature"):
             channel = "temperature"  # T in degC is no time
         if channel is not None and name not in taken:
@@ -251,6 +256,9 @@ def _convert(table: Table, unit: str, channel: str) -> Conversion:
 
 
 def _existing(table: Table, channel: str, column: str) -> None:
+    if column in table.unread:
+        reason, line = table.unread[column]
+        raise InputError(reason, table.path, line)
     if column not in table.columns:
         known: Mapping[str, object] = table.columns
         raise InputError(f"column '{column}' for {channel} does not exist{nearest(column, known)}; it has "

@@ -35,6 +35,9 @@ from bench.record import (
     write_means,
 )
 
+_LEAST_SORTED = 3
+_HOUR_S = 3600.0
+
 
 @dataclass(frozen=True, eq=False)
 class ImportPlan:
@@ -77,7 +80,7 @@ class ImportPlan:
                 f"  {mapped.channel:<20} {known.min():.6g} to {known.max():.6g} {unit}, {known.size:,} values, {how}"
             )
         used = {self.time_source.column, *(m.column for m in self.mapped)}
-        left_out = [name for name in self.table.columns if name not in used]
+        left_out = [name for name in (*self.table.columns, *self.table.unread) if name not in used]
         lines.append(f"  not used             {', '.join(left_out)}" if left_out else "  every column is used")
         lines += [f"  branch {b.as_segment(i).name}, {(b.to_s - b.from_s) / 60:.0f} min, {b.rate_degc_per_min:.2g} "
                   "degC/min" for i, b in enumerate(self.branches)]  # fmt: skip
@@ -113,6 +116,7 @@ def plan_table(table: Table, columns: ColumnMap, serial: str) -> ImportPlan:
     """Judge a table that was read; InputError when it cannot become a run."""
     source = find_time(table, columns)
     mapped = find_channels(table, columns)
+    table = _in_order(table, source)
     time = _time(table, source)
     with np.errstate(over="ignore"):  # what is beyond every number is refused below
         channels = {name: entry.convert(table.columns[entry.column]) for name, entry in mapped.items()}
@@ -174,6 +178,20 @@ def _write(plan: ImportPlan, run: RunFolder, created: datetime, operator: str | 
     return run
 
 
+def _in_order(table: Table, source: TimeSource) -> Table:
+    """The rows in the order of their times, where nothing but their order is wrong: no time twice, none between two."""
+    if source.column is None:
+        return table
+    values = table.columns[source.column]
+    if values.size < _LEAST_SORTED or not np.all(np.isfinite(values)) or np.all(np.diff(values) > 0.0):
+        return table
+    order = np.argsort(values, kind="stable")
+    steps = np.diff(values[order])
+    if steps.min() <= 0.5 * np.median(steps):
+        return table
+    return table.take(order, f"its rows were put in the order of '{source.column}'")
+
+
 def _time(table: Table, source: TimeSource) -> FloatArray:
     """Time of each row since the first [s]; InputError with the line where it stands still, runs back or is missing."""
     if source.column is None:
@@ -192,7 +210,13 @@ def _time(table: Table, source: TimeSource) -> FloatArray:
         row = int(wrong[0]) + 1
         verb = "stands still" if time[row] == time[row - 1] else "runs backwards"
         text = f"time {verb}: '{source.column}' is {values[row]:.10g} after {values[row - 1]:.10g}"
-        raise InputError(f"{text}; sort the rows, or give sample numbers with interval_s", table.path, table.line(row))
+        hour = abs(float(time[row] - time[row - 1]) + _HOUR_S) < 0.1 * _HOUR_S
+        advice = (
+            "is it the end of summer time? export times with their zone"
+            if hour
+            else ("remove what stands twice, or give sample numbers with interval_s")
+        )
+        raise InputError(f"{text}; {advice}", table.path, table.line(row))
     return time
 
 

@@ -40,7 +40,8 @@ def read_confined(path: Path, dbc: Path | None = None, confines: Confines | None
             found = pa.ipc.open_file(source).read_all()
         columns = {name: found.column(i).to_numpy() for i, name in enumerate(told["names"])}
         lines = np.load(folder / _LINES) if told["lines"] == "file" else told["lines"] and range(*told["lines"])
-    return Table(path, columns, told["units"], lines, tuple(told["notes"]))
+    unread = {name: (reason, line) for name, (reason, line) in told["unread"].items()}
+    return Table(path, columns, told["units"], lines, tuple(told["notes"]), unread)
 
 
 def _read(wanted: Mapping[str, Any]) -> dict[str, Any]:
@@ -68,7 +69,10 @@ def _read(wanted: Mapping[str, Any]) -> dict[str, Any]:
         np.save(folder / _LINES, lines)
         lines = "file"
     names = list(table.columns)
-    return {"names": names, "units": dict(table.units), "lines": lines, "notes": list(table.notes)}
+    return {
+        "names": names, "units": dict(table.units), "lines": lines, "notes": list(table.notes),
+        "unread": dict(table.unread),
+    }  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from bench.base import FloatArray, InputError, IntArray
 
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+
 MOST_COLUMNS = 2000
+TIME = "time"
 _COPIES = 3
 """A table in memory, what is made of it, and what reading takes."""
 
@@ -23,11 +31,19 @@ class Table:
     lines: IntArray | range | None = None
     """Line of each row in a text file."""
     notes: tuple[str, ...] = ()
+    unread: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+    """Columns that hold no numbers: why, and the line of the first value that is none."""
 
     @property
     def rows(self) -> int:
         """Number of rows."""
         return next((int(column.size) for column in self.columns.values()), 0)
+
+    def take(self, rows: IntArray, note: str) -> Table:
+        """The same table with these rows, and a note that says so."""
+        columns = {name: column[rows] for name, column in self.columns.items()}
+        lines = None if self.lines is None else np.asarray(self.lines)[rows]
+        return replace(self, columns=columns, lines=lines, notes=(*self.notes, note))
 
     def line(self, row: int) -> int | None:
         """Line of a row in a text file; None for other files."""
@@ -46,3 +62,69 @@ def refuse_large(rows: int, columns: int, most_bytes: int, path: Path) -> None:
             "allow more: `bench import --memory GB`",
             path,
         )
+
+
+def table_of(frame: pd.DataFrame, name: str | Path = "DataFrame") -> Table:
+    """Columns of a DataFrame; `name` stands for its file in messages.
+
+    An index with a name is a column, too, and one of dates is the time. Raises InputError where there
+    are no rows, or something that no table holds.
+    """
+    import pandas as pd
+    import pyarrow as pa
+
+    dated = isinstance(frame.index, pd.DatetimeIndex) and frame.index.name is None
+    named = frame.rename_axis(index=TIME) if dated else frame
+    named = named.reset_index() if any(named.index.names) else named
+    try:
+        table = of_arrow(pa.Table.from_pandas(named, preserve_index=False), Path(name))
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        raise InputError(f"not a table of numbers ({' '.join(str(error).split())})", name) from None
+    if table.rows == 0:
+        raise InputError("holds zero rows", name)
+    return table
+
+
+def of_arrow(table: pa.Table, path: Path) -> Table:
+    """Columns of numbers; times in seconds; columns of anything else are left out with a note."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    columns, units, notes = {}, {}, []
+    for item in table.schema:
+        values = table.column(item.name)
+        if pa.types.is_timestamp(item.type):
+            values = pc.divide(values.cast(pa.timestamp("ns")).cast(pa.int64()).cast(pa.float64(), safe=False), 1e9)
+            units[item.name] = "s"
+        elif pa.types.is_boolean(item.type):
+            values = values.cast(pa.uint8())
+        elif not (pa.types.is_integer(item.type) or pa.types.is_floating(item.type)):
+            notes.append(f"column '{item.name}' ({item.type}) holds no numbers and is left out")
+            continue
+        columns[item.name] = values.cast(pa.float64(), safe=False).to_numpy()
+        if item.metadata and b"unit" in item.metadata:
+            units[item.name] = item.metadata[b"unit"].decode()
+    return Table(path, columns, units, notes=tuple(notes))
+
+
+Series = tuple[FloatArray, FloatArray]
+"""Times [s] and values of one signal."""
+
+
+def on_one_time_base(
+    path: Path, signals: Mapping[str, Series], units: Mapping[str, str], most_bytes: int | None = None
+) -> Table:
+    """Signals with times of their own on the union of all times; NaN where a signal has no sample."""
+    if not any(times.size for times, _ in signals.values()):
+        raise InputError("holds no samples", path)
+    time = last = np.array([])
+    for times, _ in signals.values():
+        if not np.array_equal(times, last):  # those of a group have the same
+            time, last = np.union1d(time, times), times
+    if most_bytes is not None:
+        refuse_large(time.size, len(signals) + 1, most_bytes, path)
+    columns: dict[str, FloatArray] = {TIME: time}
+    for name, (times, values) in signals.items():
+        columns[name] = np.full(time.size, np.nan)
+        columns[name][np.searchsorted(time, times)] = values
+    return Table(path, columns, {TIME: "s", **units})

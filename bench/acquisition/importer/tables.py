@@ -1,4 +1,4 @@
-"""Tables that somebody else recorded, as columns of numbers: CSV, Parquet, MF4, and CAN logs with their DBC.
+"""Tables that somebody else recorded, as columns of numbers: text, Parquet, MF4, logs, and CAN logs with their DBC.
 
 A gap stays NaN. What cannot be read exactly is refused with file and line; nothing is guessed, dropped or filled.
 """
@@ -7,23 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bench.acquisition.importer.confines import memory_for
-from bench.acquisition.importer.table import Table, refuse_large
+from bench.acquisition.importer.loggers import READERS, read_log
+from bench.acquisition.importer.table import Series, Table, of_arrow, on_one_time_base, refuse_large
 from bench.acquisition.importer.text import read_text_table
-from bench.base import FloatArray, InputError
+from bench.base import InputError
 from drivers.errors import ConfigError
 from drivers.wire import Message, read_layouts
 
-if TYPE_CHECKING:
-    import pandas as pd
-    import pyarrow as pa
-
 CAN_LOGS = (".blf", ".asc", ".log", ".trc")
-TIME = "time"
 
 
 def read_table(path: Path | str, dbc: Path | str | None = None, most_bytes: int | None = None) -> Table:
@@ -43,8 +38,10 @@ def read_table(path: Path | str, dbc: Path | str | None = None, most_bytes: int 
         return _read_can_log(path, dbc, most_bytes)
     if ending == ".parquet":
         table = _read_parquet(path, most_bytes)
+    elif ending in READERS:
+        table = read_log(path, most_bytes)
     else:
-        table = _read_mf4(path, most_bytes) if ending in {".mf4", ".mdf"} else read_text_table(path)
+        table = _read_mf4(path, most_bytes) if ending in {".mf4", ".mdf"} else read_text_table(path, most_bytes)
     if table.rows == 0:
         raise InputError("holds zero rows: there is a header, and no data", path)
     return table
@@ -59,78 +56,12 @@ def _read_parquet(path: Path, most_bytes: int) -> Table:
             known = file.metadata
             refuse_large(known.num_rows, known.num_columns, most_bytes, path)
             names = file.schema_arrow.names
-            parts = [_of_arrow(file.read(columns=[name]), path) for name in dict.fromkeys(names)]
+            parts = [of_arrow(file.read(columns=[name]), path) for name in dict.fromkeys(names)]
     except (OSError, ValueError, pa.ArrowException) as error:
         raise InputError(f"not a readable Parquet file ({' '.join(str(error).split())})", path) from None
     columns = {name: column for part in parts for name, column in part.columns.items()}
     units = {name: unit for part in parts for name, unit in part.units.items()}
     return Table(path, columns, units, notes=tuple(note for part in parts for note in part.notes))
-
-
-def table_of(frame: pd.DataFrame, name: str = "DataFrame") -> Table:
-    """Columns of a DataFrame; `name` stands for its file in messages.
-
-    An index with a name is a column, too, and one of dates is the time. Raises InputError where there
-    are no rows, or something that no table holds.
-    """
-    import pandas as pd
-    import pyarrow as pa
-
-    dated = isinstance(frame.index, pd.DatetimeIndex) and frame.index.name is None
-    named = frame.rename_axis(index=TIME) if dated else frame
-    named = named.reset_index() if any(named.index.names) else named
-    try:
-        table = _of_arrow(pa.Table.from_pandas(named, preserve_index=False), Path(name))
-    except (pa.ArrowException, TypeError, ValueError) as error:
-        raise InputError(f"not a table of numbers ({' '.join(str(error).split())})", name) from None
-    if table.rows == 0:
-        raise InputError("holds zero rows", name)
-    return table
-
-
-def _of_arrow(table: pa.Table, path: Path) -> Table:
-    """Columns of numbers; times in seconds; columns of anything else are left out with a note."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    columns, units, notes = {}, {}, []
-    for item in table.schema:
-        values = table.column(item.name)
-        if pa.types.is_timestamp(item.type):
-            values = pc.divide(values.cast(pa.timestamp("ns")).cast(pa.int64()).cast(pa.float64(), safe=False), 1e9)
-            units[item.name] = "s"
-        elif pa.types.is_boolean(item.type):
-            values = values.cast(pa.uint8())
-        elif not (pa.types.is_integer(item.type) or pa.types.is_floating(item.type)):
-            notes.append(f"column '{item.name}' ({item.type}) holds no numbers and is left out")
-            continue
-        columns[item.name] = values.cast(pa.float64(), safe=False).to_numpy()
-        if item.metadata and b"unit" in item.metadata:
-            units[item.name] = item.metadata[b"unit"].decode()
-    return Table(path, columns, units, notes=tuple(notes))
-
-
-Series = tuple[FloatArray, FloatArray]
-"""Times [s] and values of one signal."""
-
-
-def on_one_time_base(
-    path: Path, signals: Mapping[str, Series], units: Mapping[str, str], most_bytes: int | None = None
-) -> Table:
-    """Signals with times of their own on the union of all times; NaN where a signal has no sample."""
-    if not any(times.size for times, _ in signals.values()):
-        raise InputError("holds no samples", path)
-    time = last = np.array([])
-    for times, _ in signals.values():
-        if not np.array_equal(times, last):  # those of a group have the same
-            time, last = np.union1d(time, times), times
-    if most_bytes is not None:
-        refuse_large(time.size, len(signals) + 1, most_bytes, path)
-    columns: dict[str, FloatArray] = {TIME: time}
-    for name, (times, values) in signals.items():
-        columns[name] = np.full(time.size, np.nan)
-        columns[name][np.searchsorted(time, times)] = values
-    return Table(path, columns, {TIME: "s", **units})
 
 
 def _read_mf4(path: Path, most_bytes: int) -> Table:

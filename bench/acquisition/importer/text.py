@@ -2,27 +2,40 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
+import gzip
+import io
+import zlib
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.acquisition.importer.confines import memory_for
 from bench.acquisition.importer.table import MOST_COLUMNS, Table
-from bench.base import FloatArray, InputError, IntArray, read_text
+from bench.acquisition.importer.values import GAPS, number, numbers
+from bench.base import InputError, IntArray
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 _DELIMITERS = (";", "\t", ",", "|", " ")
-_GAPS = {"", "nan", "na", "n/a", "null", "none"}
 LONGEST_HEADER = 100_000
 """Bytes of a header line that a person or a logger may have written."""
-_SHOWN = 60
-"""Characters of a value in a message."""
+_LOOKED_AT = 100_000
+"""Bytes of the beginning in which what is no text shows."""
+KNOWN = "text tables (also .gz), .parquet, .mf4, .blf, .asc, .log, .trc, .xlsx, .tdms, .ulg and .h5"
 
 
-def read_text_table(path: Path) -> Table:
-    """Tidy files go to the parser whole; comments, blank lines and everything wrong take the slow way, line by line."""
-    data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+def read_text_table(path: Path, most_bytes: int | None = None) -> Table:
+    """Tidy files go to the parser whole; comments, blank lines and everything wrong take the slow way, line by line.
+
+    A column that holds neither numbers nor times is unread: an error only where it is wanted.
+    """
+    data, notes = decoded(path, most_bytes)
     start = 0
     line = 1
     while start < len(data):
@@ -34,88 +47,131 @@ def read_text_table(path: Path) -> Table:
         raise InputError("holds no table: every line is empty or a comment", path)
     if end - start > LONGEST_HEADER:
         raise InputError(f"the header has {end - start:,} bytes, allowed are {LONGEST_HEADER:,}: no table", path, line)
-    header = data[start:end].decode("utf-8", errors="replace").strip("\r\n")
+    header = data[start:end].decode().strip("\r\n")
     delimiter = _delimiter(header, path, line)
     names = [name.strip() for name in _split(header, delimiter)]
     _check_header(names, path, line)
     body = data[end:].rstrip(b"\r\n")
     if not body.strip():
         raise InputError("holds zero rows: there is a header, and no data", path)
-    notes = () if data.endswith((b"\n", b"\r")) else ("the last line has no line end: its last number may be cut off",)
+    if not data.endswith((b"\n", b"\r")):
+        notes.append("the last line has no line end: its last number may be cut off")
     tidy = delimiter != " " and not any(mark in body for mark in (b"#", b"\n\n", b"\n\r"))
     columns = _parse(body, delimiter, names) if tidy else None
     where: range | IntArray = range(line + 1, line + 2 + body.count(b"\n"))
     del body
-    if columns is None or any(len(column) != len(where) for column in columns.values()):
-        where, columns = _read_lines(path, line, delimiter, names)
-    for name, column in columns.items():
-        bad = np.flatnonzero(np.isinf(column))
+    if columns is None or any(len(column) != len(where) for column in columns):
+        where, columns = _read_lines(path, data, line, delimiter, names)
+    read = {name: numbers(name, column) for name, column in zip(names, columns, strict=True)}
+    notes += dict.fromkeys(column.note for column in read.values() if column.note)
+    unread = {n: (c.reason, int(where[c.row])) for n, c in read.items() if c.values is None}
+    known = {name: column.values for name, column in read.items() if column.values is not None}
+    for name, values in known.items():
+        bad = np.flatnonzero(np.isinf(values))
         if bad.size:
             text = f"'{name}' is infinite; leave the field empty where there is no value"
             raise InputError(text, path, int(where[int(bad[0])]))
-    return Table(path, columns, lines=where, notes=notes)
+    units = {name: column.unit for name, column in read.items() if column.unit}
+    return Table(path, known, units, lines=where, notes=tuple(notes), unread=unread)
+
+
+def decoded(path: Path, most_bytes: int | None) -> tuple[bytes, list[str]]:
+    """A text file in UTF-8, unpacked, and what is to be said of it; InputError where it is no text, with the line."""
+    data = path.read_bytes()
+    if path.suffix.lower() == ".gz":
+        data = _unpacked(path, most_bytes)
+    for mark, encoding in (
+        (codecs.BOM_UTF8, "utf-8"),
+        (codecs.BOM_UTF16_LE, "utf-16"),
+        (codecs.BOM_UTF16_BE, "utf-16"),
+    ):
+        if data.startswith(mark):
+            data = data.removeprefix(mark) if encoding == "utf-8" else _as_utf8(data, encoding, path)
+    for at, byte in enumerate(data[:_LOOKED_AT]):
+        if byte < 32 and byte not in b"\t\n\r\f":
+            line = data.count(b"\n", 0, at) + 1
+            raise InputError(f"is no text table (byte {byte} in it); known are {KNOWN}", path, line)
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return _as_utf8(data, "cp1252", path), ["it is not UTF-8, and was read as Windows-1252"]
+    return data, []
+
+
+def _as_utf8(data: bytes, encoding: str, path: Path) -> bytes:
+    try:
+        return data.decode(encoding).encode()
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"is no text in UTF-8, UTF-16 or Windows-1252; known are {KNOWN}", path, line) from None
+
+
+def _unpacked(path: Path, most_bytes: int | None) -> bytes:
+    most = (most_bytes or memory_for(path.stat().st_size)) // 3
+    try:
+        with gzip.open(path) as file:
+            data = file.read(most + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"not a readable gzip file ({error}): is it cut off?", path) from None
+    if len(data) > most:
+        raise InputError(f"unpacks to more than {most / 1e9:.2g} GB, a third of the memory for reading it: allow more "
+                         "with `bench import --memory GB`", path)  # fmt: skip
+    return data
 
 
 def _read_lines(
-    path: Path, header_line: int, delimiter: str, names: list[str]
-) -> tuple[IntArray, dict[str, FloatArray]]:
-    """Lines and columns of a file with comments or blank lines in it; InputError that names the first wrong line.
+    path: Path, data: bytes, header_line: int, delimiter: str, names: list[str]
+) -> tuple[IntArray, list[pa.ChunkedArray]]:
+    """Lines and columns of a file with comments or blank lines in it; InputError that names the first ragged line.
 
     One line at a time: a list of the lines of a large file takes forty times its size.
     """
-    read_text(path)  # is it text?
     where, tidy = array("q"), bytearray()
     separator = "\t" if delimiter == " " else delimiter
-    rows = _rows(path, header_line)
-    for number, row in rows:
+    rows = _rows(data, header_line)
+    for line, row in rows:
         fields = row.split() if delimiter == " " else None
         found = row.count(delimiter) + 1 if fields is None else len(fields)
         if found != len(names) or '"' in row:
-            split = _split(row, delimiter)
             if row.count('"') % 2:
-                raise InputError('a quoted field has no end: the second " is missing', path, number)
-            if len(split) != len(names):
-                raise _wrong_width(found, len(names), delimiter, next(rows, None) is None, InputError("", path, number))
-            if bad := _bad_value(split, names, path, number):
-                raise bad
+                raise InputError('a quoted field has no end: the second " is missing', path, line)
+            if len(_split(row, delimiter)) != len(names):
+                raise _wrong_width(found, len(names), delimiter, next(rows, None) is None, InputError("", path, line))
         tidy += (row if fields is None else "\t".join(fields)).encode() + b"\n"
-        where.append(number)
+        where.append(line)
     if not where:
         raise InputError("holds zero rows: there is a header, and no data", path)
     columns = _parse(bytes(tidy).rstrip(b"\n"), separator, names)
-    if columns is None:
-        for number, row in _rows(path, header_line):
-            if bad := _bad_value(_split(row, delimiter), names, path, number):
-                raise bad
-        raise InputError("holds something that is not a number", path)
+    if columns is None or any(len(column) != len(where) for column in columns):
+        raise InputError("holds something that is no table of one value a field", path)
     return np.array(where, dtype=np.int64), columns
 
 
-def _rows(path: Path, header_line: int) -> Iterator[tuple[int, str]]:
+def _rows(data: bytes, header_line: int) -> Iterator[tuple[int, str]]:
     """Lines with content after the header, with their numbers."""
-    with path.open("rb") as file:
-        for number, raw in enumerate(file, 1):
-            line = raw.removesuffix(b"\n").removesuffix(b"\r").decode("utf-8-sig")
-            if number > header_line and line.strip() and not line.lstrip().startswith("#"):
-                yield number, line
+    for line, raw in enumerate(io.BytesIO(data), 1):
+        row = raw.removesuffix(b"\n").removesuffix(b"\r").decode()
+        if line > header_line and row.strip() and not row.lstrip().startswith("#"):
+            yield line, row
 
 
-def _parse(body: bytes, delimiter: str, names: list[str]) -> dict[str, FloatArray] | None:
-    """Columns of numbers, exact to the last digit; None when anything is not a number or a row is ragged."""
+def _parse(body: bytes, delimiter: str, names: list[str]) -> list[pa.ChunkedArray] | None:
+    """Columns of numbers, exact to the last digit, or all of texts; None where a row is ragged."""
     import pyarrow as pa
     from pyarrow import csv as arrow_csv
 
-    gaps = sorted({spelled for gap in _GAPS for spelled in (gap, gap.upper(), gap.title(), "NaN")})
-    try:
-        found = arrow_csv.read_csv(
-            pa.BufferReader(body),
-            arrow_csv.ReadOptions(column_names=names),
-            arrow_csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
-            arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=gaps),
-        )
-    except (pa.ArrowException, ValueError):
-        return None
-    return {name: found.column(name).to_numpy() for name in names}
+    gaps = sorted({spelled for gap in GAPS for spelled in (gap, gap.upper(), gap.title(), "NaN")})
+    for kind, empty in ((pa.float64(), gaps), (pa.string(), [])):
+        try:
+            return list(arrow_csv.read_csv(
+                pa.BufferReader(body),
+                arrow_csv.ReadOptions(column_names=names, use_threads=False),
+                arrow_csv.ParseOptions(delimiter=delimiter, ignore_empty_lines=False),
+                arrow_csv.ConvertOptions(column_types=dict.fromkeys(names, kind), null_values=empty),
+            ).columns)  # fmt: skip
+        except (pa.ArrowException, ValueError):
+            continue
+    return None
 
 
 def _delimiter(header: str, path: Path, line: int) -> str:
@@ -136,7 +192,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _check_header(names: list[str], path: Path, line: int) -> None:
-    if all(_number(name) is not None for name in names):
+    if all(number(name) is not None for name in names):
         raise InputError("the first line holds numbers, not names; add a header line", path, line)
     if len(names) > MOST_COLUMNS:
         raise InputError(f"has {len(names):,} columns, allowed are {MOST_COLUMNS:,}", path, line)
@@ -157,23 +213,3 @@ def _wrong_width(found: int, width: int, delimiter: str, last: bool, place: Inpu
     elif delimiter == "," and found == 2 * width:
         text += ": decimal commas? export with decimal points"
     return InputError(text, place.file, place.line)
-
-
-def _bad_value(fields: Sequence[str], names: list[str], path: Path, line: int) -> InputError | None:
-    """What is not a number in a line."""
-    for name, value in zip(names, fields, strict=False):
-        if value.strip().lower() in _GAPS or _number(value) is not None:
-            continue
-        shown = value.strip()
-        text = f"'{name}' is '{shown if len(shown) <= _SHOWN else shown[:_SHOWN] + '…'}', not a number"
-        if _number(value.replace(",", ".")) is not None:
-            text += ": decimal commas are not read; export with decimal points"
-        return InputError(text, path, line)
-    return None
-
-
-def _number(text: str) -> float | None:
-    try:
-        return float(text) if "_" not in text else None
-    except ValueError:
-        return None

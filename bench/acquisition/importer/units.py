@@ -17,9 +17,11 @@ _SPELLINGS = {
     "deg_h": "degree/hour", "deg_hr": "degree/hour", "deg/hr": "degree/hour", "deg_s": "degree/second",
     "mv": "millivolt", "v": "volt", "uv": "microvolt", "hz": "hertz", "khz": "kilohertz", "mhz": "",
     "s": "second", "sec": "second", "ms": "millisecond", "us": "microsecond", "ns": "nanosecond", "min": "minute",
-    "h": "hour", "hr": "hour",
+    "h": "hour", "hr": "hour", "grad": "", "grad/s": "", "grad/h": "", "grad/sec": "", "grad/min": "", "grad_s": "",
 }  # fmt: skip
 """Spellings of the trade where pint reads something else (C is coulomb to it) or nothing; "" is ambiguous."""
+
+_MEANINGS = {"grad": ": degree, or gon, the 400th part of a turn (gon/s)", "mhz": ": mHz or MHz"}
 
 _TARGETS = {"degC": "degC", "deg/h": "degree/hour", "deg/s": "degree/second", "Hz": "hertz", "V": "volt", "s": "second"}
 
@@ -44,6 +46,9 @@ def conversion(unit: str, channel: str) -> Conversion:
     registry = _registry()
     goal = registry.Unit(_TARGETS[target])
     given = _parse(unit)
+    if given is None and _SPELLINGS.get(unit.lower()) == "":
+        raise InputError(f"'{unit}' has two meanings{_MEANINGS.get(unit.lower()[:4], '')}; {channel} may be in "
+                         f"{', '.join(examples(channel))}")  # fmt: skip
     if given is None:
         raise InputError(f"'{unit}' is not a unit that is known; {channel} may be in {', '.join(examples(channel))}")
     # Roots, not dimensions: the radian has none, and would let Hz pass for a rate.

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from bench.acquisition.recording import parts as parted
-from bench.acquisition.recording.journals import BenchJournal, bus_blocks, fetch, read_bench
+from bench.acquisition.recording.journals import BenchJournal, bus_blocks, fetch, pack_journals, read_bench
 from bench.acquisition.recording.parts import Counted
 from bench.acquisition.recording.tables import Grid, write_data
 from bench.acquisition.recording.telling import Found, left_out, told
 from bench.acquisition.recording.validity import LAG_MIN, MARGIN_DEGC, Cleaner, Spell, Validity
-from bench.record import EVENTS, ExecutedSegment, Manifest, RunFolder, write_events, write_means
+from bench.record import EVENTS, ExecutedSegment, GyroKind, Manifest, RunFolder, write_events, write_means
 from drivers.frames import joined
 from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
 from drivers.journal import Damage, FrameArray
@@ -51,7 +51,7 @@ class _Part:
 
     def decoder(self) -> GyroDecoder:
         """A decoder that has seen nothing yet."""
-        return GyroDecoder(self.journal.gyro.layout, self.journal.gyro.number)
+        return decoder_of(self.journal.gyro)
 
     def grid(self, segments: Sequence[ExecutedSegment]) -> Grid:
         """Where readings of chamber and table can be placed: no sample, no clock to place them on."""
@@ -64,11 +64,12 @@ class _Part:
         return Counted(decoder.samples, decoder.restarts, self.seen.clock, decoder.counter_bits)
 
 
-def assemble(run: RunFolder, live: Decoded | None = None) -> Manifest:
+def assemble(run: RunFolder, live: Decoded | None = None, *, keep: bool = False) -> Manifest:
     """Make the tables and the manifest of a run from the journals of all its parts; returns the manifest.
 
-    `live` saves a pass over the frames of the last part when they were decoded already. InputError when there is
-    nothing to make a run from, OSError when the disk does not take the tables.
+    `live` saves a pass over the frames of the last part when they were decoded already. The journals are packed, unless
+    `keep` says to leave them as they are. InputError when there is nothing to make a run from, OSError when the disk
+    does not take the tables.
     """
     damage = Damage()
     bus_events: list[dict[str, Any]] = []
@@ -83,6 +84,9 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> Manifest:
     capture, news = _capture(bus_events)
     events = sorted((*events, *news, *told(found)), key=lambda event: float(event["t_s"]))
     write_events(run.path / EVENTS, events)
+    if not keep:
+        for part in parts:
+            pack_journals(part.run, part.journal.meta)
     seen = max((part.seen for part in parts), key=lambda seen: seen.decoder.samples)
     losses = [decoder.losses.as_dict() for decoder in decoders]
     identities = [identity for decoder in decoders if (identity := decoder.identity) is not None]
@@ -110,6 +114,11 @@ def assemble(run: RunFolder, live: Decoded | None = None) -> Manifest:
     manifest = Manifest.model_validate(content)
     manifest.write(run.path)
     return manifest
+
+
+def decoder_of(gyro: GyroKind) -> GyroDecoder:
+    """A decoder that has seen nothing yet."""
+    return GyroDecoder(gyro.layout or None, gyro.number, gyro.signals)
 
 
 def _capture(said: Sequence[dict[str, Any]]) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
@@ -145,7 +154,8 @@ def _tables(
         _watched(part.blocks(decoder, damage, bus_events), judge)
         for part, decoder, judge in zip(parts, decoders, judges, strict=True)
     ]
-    rows = write_data(run.data, list(zip(streams, grids, strict=True)))
+    wires = [decoder.codes for decoder in decoders]  # the first output first
+    rows = write_data(run.data, list(zip(streams, grids, strict=True)), wires)
     spells = [_spells(*each) for each in zip(parts, judges, grids, strict=True)]
     cleaners = [Cleaner(found) for found in spells]
     if any(spells):
@@ -153,7 +163,7 @@ def _tables(
             cleaner.clean(part.blocks(part.decoder(), Damage(), []))
             for part, cleaner in zip(parts, cleaners, strict=True)
         ]
-        rows = write_data(run.data, list(zip(cleaned, grids, strict=True)))
+        rows = write_data(run.data, list(zip(cleaned, grids, strict=True)), wires)
     found = [Found.of(cleaner, grid) for cleaner, grid in zip(cleaners, grids, strict=True)]
     return rows, decoders, found
 
@@ -179,13 +189,15 @@ def _part(run: RunFolder, live: Decoded | None, damage: Damage) -> _Part:
     gyro = bench.gyro
     source = run.journal / f"{gyro.bus}.gtbj"
     fetch(run, bench.meta, source.relative_to(run.path))
+    if live is not None and not live.decoder.counter_bits:
+        live = None  # what is counted by times of arrival depends on how the frames were cut into blocks
     return _Part(run, bench, live or _decode_all(source, bench))
 
 
 def _decode_all(source: Path, bench: BenchJournal) -> Decoded:
     """A first pass over the frames: their losses and the unit's clock."""
     gyro, on_ns = bench.gyro, bench.power_ons_ns()
-    decoder = GyroDecoder(gyro.layout, gyro.number)
+    decoder = decoder_of(gyro)
     clock = SampleClock(decoder.interval_s)
     for decoded in _decoded(decoder, _joined(bus_blocks(source, Damage(), [], bench.sound_until_ns())), on_ns):
         clock.add(decoded.index, decoded.t_ns)

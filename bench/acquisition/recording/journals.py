@@ -17,8 +17,18 @@ import numpy as np
 
 from bench.acquisition.recording.recorder import BENCH_JOURNAL, READING
 from bench.base import InputError
-from bench.record import Begun, ExecutedSegment, GyroKind, RunFolder, copy_whole, read_events
+from bench.record import (
+    MANIFEST,
+    Begun,
+    ExecutedSegment,
+    GyroKind,
+    RunFolder,
+    copy_whole,
+    read_events,
+    share_again,
+)
 from drivers.journal import Damage, FrameArray, Kind, read_blocks
+from drivers.packing import pack
 from drivers.rate_table import TABLE
 
 WATCHDOG = "watchdog.jsonl"
@@ -134,6 +144,22 @@ def fetch(run: RunFolder, meta: Begun, name: Path) -> None:
         if source.exists():
             copy_whole(source, run.path / name)
             return
+
+
+def pack_journals(run: RunFolder, meta: Begun) -> None:
+    """Pack the journals of one part of a run that has ended; those that units in one chamber share stay one file."""
+    for path in sorted(run.journal.glob("*.gtbj")):
+        name = path.relative_to(run.path)
+        shared = [
+            other
+            for companion in meta.companions
+            if (other := run.path / companion.run / name).exists()
+            and other.samefile(path)
+            and not (run.path / companion.run / MANIFEST).exists()  # it lists the file as it is
+        ]
+        if pack(path):
+            for other in shared:
+                share_again(path, other)
 
 
 def bus_blocks(

@@ -42,7 +42,7 @@ class Counted:
 
 def power(before: Counted, after: Counted, gap_s: float) -> tuple[Power, float | None]:
     """Whether the unit kept its power over a gap, and how far its counter is from where it should be then [s]."""
-    if not before.samples or not after.samples or before.resets:
+    if not before.samples or not after.samples or before.resets or not before.bits:
         return "unknown", None
     interval_s, allowed_s = before.clock.interval_s, HOST_S + HOST_PPM * 1e-6 * gap_s
     whole = 1 << before.bits

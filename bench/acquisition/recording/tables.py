@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +11,25 @@ import pyarrow.parquet as pq
 
 from bench.acquisition.recording.journals import Readings
 from bench.acquisition.recording.validity import sound_air
-from bench.base import CHANNELS, FloatArray, IntArray
-from bench.record import ExecutedSegment
+from bench.base import CHANNELS, OUTPUTS, THERMOMETERS, FloatArray, IntArray
+from bench.record import Code, ExecutedSegment, channel_of
+from drivers.block import Code as Wire
 from drivers.gyro import GyroBlock, SampleClock
 
 ROWS_PER_GROUP = 1 << 19
 HOLD_BACK = 2000
 """Newest samples that wait for their slow frames before a row group is written."""
 
+MOST_BITS = 32
+"""A channel with longer raw values is kept as numbers."""
+Wires = Mapping[str, Wire]
+"""Channels on the wire, by name."""
+
 _CHAMBER = {"chamber_temperature": "temperature", "chamber_setpoint": "working_setpoint", "compressor": "compressor"}
+
+
+USUAL = {"time", "rate", "temperature", "frequency", "drive", "quadrature", "supply", *_CHAMBER}
+"""Columns of every unit with one output."""
 
 
 class Grid:
@@ -44,6 +54,11 @@ class Grid:
             index = self.nearest(table["t_s"])
             new = np.diff(index, prepend=-1) > 0  # two readings at one tick: stamps of a host that was late
             self._sources.append((index[new], {"applied_rate": table["rate_dps"][new]}))
+
+    def air_for_unit(self) -> None:
+        """The air of the chamber is the temperature of a unit that sends none."""
+        chamber = self._sources[0][1]
+        chamber["temperature"] = chamber["chamber_temperature"]
 
     def nearest(self, t_s: FloatArray) -> IntArray:
         """Tick nearest to each bench time (r,); without a time no clock is needed."""
@@ -80,16 +95,17 @@ class Grid:
 class _Pending:
     """Decoded samples that are not written yet."""
 
-    def __init__(self) -> None:
+    def __init__(self, output: str) -> None:
         self.count = 0
         self.newest = 0
-        self._parts: dict[str, list[tuple[IntArray, FloatArray]]] = {"rate": []}
+        self._output = output
+        self._parts: dict[str, list[tuple[IntArray, FloatArray]]] = {output: []}
 
     def add(self, block: GyroBlock) -> None:
         if len(block.index):
             self.newest = int(block.index[-1])
         self.count += len(block.index)
-        self._parts["rate"].append((block.index, block.rate_dph))
+        self._parts[self._output].append((block.index, block.rate_dph))
         for name, series in block.slow.items():
             self._parts.setdefault(name, []).append((series.index, series.value))
 
@@ -102,57 +118,80 @@ class _Pending:
             cut = len(index) if end is None else int(np.searchsorted(index, end))
             taken[name] = index[:cut], value[:cut]
             self._parts[name] = [(index[cut:], value[cut:])]
-        self.count -= len(taken["rate"][0])
+        self.count -= len(taken[self._output][0])
         return taken
 
 
-def write_data(path: Path, parts: Sequence[tuple[Iterator[GyroBlock], Grid]]) -> int:
-    """Write `data.parquet` in row groups, in constant memory; returns the number of rows."""
-    options = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": ["segment"]}
+def write_data(path: Path, parts: Sequence[tuple[Iterator[GyroBlock], Grid]], wires: Sequence[Wires] = ()) -> int:
+    """Write `data.parquet` in row groups, in constant memory; returns the number of rows.
+
+    `wires` are the channels of each part on its wire: where all agree, integers are kept as integers.
+    """
     turns = any(grid.turns for _, grid in parts)
-    floats = [name for name in CHANNELS if name != "applied_rate" or turns]
-    splits = dict.fromkeys(floats, "BYTE_STREAM_SPLIT")
-    schema = pa.schema([*(pa.field(name, pa.float64()) for name in floats), pa.field("segment", pa.int16())])
-    with pq.ParquetWriter(path, schema, column_encoding=splits, **options) as writer:
-        return sum(_write_part(writer, blocks, grid) for blocks, grid in parts)
+    sent = set(wires[0]) if wires else {"rate", "temperature"}
+    usual = USUAL if "rate" in sent else {"time", *_CHAMBER}
+    names = [name for name in CHANNELS if name in usual | sent or (name == "applied_rate" and turns)]
+    if not sent & set(THERMOMETERS):  # the air of the chamber takes its place
+        names.insert(2, "temperature")
+        for _, grid in parts:
+            grid.air_for_unit()
+    codes, output = _codes(wires), next((name for name in OUTPUTS if name in sent), "rate")
+    fields = [codes[name].field(name) if name in codes else pa.field(name, pa.float64()) for name in names]
+    schema = pa.schema([*fields, pa.field("segment", pa.int16())])
+    encodings = {
+        field.name: "BYTE_STREAM_SPLIT" if field.type == pa.float64() else "DELTA_BINARY_PACKED" for field in fields
+    }
+    options = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": ["segment"]}
+    with pq.ParquetWriter(path, schema, column_encoding=encodings, **options) as writer:
+        return sum(_write_part(writer, blocks, grid, codes, output) for blocks, grid in parts)
 
 
-def _write_part(writer: pq.ParquetWriter, blocks: Iterator[GyroBlock], grid: Grid) -> int:
-    pending = _Pending()
+def _codes(wires: Sequence[Wires]) -> dict[str, Code]:
+    """Channels that are kept as integers."""
+    return {
+        name: Code(wire.scale, wire.offset, wire.factor, wide=wire.bits - wire.signed > MOST_BITS - 1)
+        for name, wire in (wires[0] if wires else {}).items()
+        if 0 < wire.bits <= MOST_BITS and all(other.get(name) == wire for other in wires)
+    }
+
+
+def _write_part(
+    writer: pq.ParquetWriter, blocks: Iterator[GyroBlock], grid: Grid, codes: Mapping[str, Code], output: str
+) -> int:
+    pending = _Pending(output)
     rows, first = 0, None
     for block in blocks:
         pending.add(block)
         if pending.count >= ROWS_PER_GROUP + HOLD_BACK:
             end = pending.newest - HOLD_BACK
-            rows += _write_group(writer, pending.take(end), grid, first, end)
+            rows += _write_group(writer, {**pending.take(end), **grid.between(first, end)}, grid, codes)
             first = end
-    return rows + _write_group(writer, pending.take(None), grid, first, None)
+    return rows + _write_group(writer, {**pending.take(None), **grid.between(first, None)}, grid, codes)
 
 
 def _write_group(
     writer: pq.ParquetWriter,
     parts: dict[str, tuple[IntArray, FloatArray]],
     grid: Grid,
-    first: int | None,
-    end: int | None,
+    codes: Mapping[str, Code],
 ) -> int:
-    parts = {**parts, **grid.between(first, end)}
     index = _union([part[0] for part in parts.values()])
     if not len(index):
         return 0
     time = grid.clock.time(index)
     columns = []
     for item in writer.schema:
-        if item.name == "time":
+        name = channel_of(item)
+        if name == "time":
             columns.append(pa.array(time))
-        elif item.name == "segment":
+        elif name == "segment":
             columns.append(pa.array(grid.segment(time).astype(np.int16)))
         else:
             column = np.full(len(index), np.nan)
-            if item.name in parts:
-                where, value = parts[item.name]
+            if name in parts:
+                where, value = parts[name]
                 column[np.searchsorted(index, where)] = value
-            columns.append(pa.array(column, from_pandas=True))
+            columns.append(codes[name].array(column) if name in codes else pa.array(column, from_pandas=True))
     writer.write_table(pa.Table.from_arrays(columns, schema=writer.schema), row_group_size=len(index))
     return len(index)
 

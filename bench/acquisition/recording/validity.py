@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.acquisition.recording.physics import Frozen, Pace, UnitExcess
-from bench.base import BoolArray, FloatArray, IntArray
+from bench.base import OUTPUTS, THERMOMETERS, BoolArray, FloatArray, IntArray
 from drivers.block import GyroBlock, Series
 from drivers.gyro import GyroDecoder
 
@@ -106,8 +106,8 @@ class Validity:
             )
         sound = slice(None) if not block.faults else block.valid
         self._rate.take(index[sound], block.rate_dph[sound])
-        if self._thermometer is not None and TEMPERATURE in block.slow:
-            self._take_temperature(block, block.slow[TEMPERATURE])
+        if self._thermometer is not None and self._thermometer.channel in block.slow:
+            self._take_temperature(block, block.slow[self._thermometer.channel])
         self._take_beats(block)
         if len(index):
             self._count, self._newest = self._count + len(index), int(index[-1])
@@ -257,8 +257,8 @@ class Cleaner:
             self.samples[number] += int(end - first)
             self.nulled += int(np.count_nonzero(np.isfinite(rate[first:end])))
             rate[first:end] = np.nan
-            if spell.channel == TEMPERATURE and TEMPERATURE in slow:
-                slow[TEMPERATURE] = _outside(slow[TEMPERATURE], spell)
+            gone = OUTPUTS if spell.channel == RATE else (*OUTPUTS, *THERMOMETERS)
+            slow |= {name: _outside(slow[name], spell) for name in gone if name in slow}
         return replace(block, rate_dph=rate, slow=slow)
 
 

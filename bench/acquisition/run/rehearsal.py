@@ -21,9 +21,7 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.base import BenchError
 from drivers.chamber import ChamberReading
 from drivers.clock import SimClock
-from drivers.gyro import GyroDecoder
 from drivers.registers import load_map
-from drivers.sim.plant import Plant, PlantParameters
 
 if TYPE_CHECKING:
     from bench.acquisition.station.station import Station
@@ -42,7 +40,7 @@ class _Chamber:
 
     def __init__(self, settings: StationSettings, clock: SimClock) -> None:
         self.limits = settings.chamber.lowest_degc, settings.chamber.highest_degc
-        self.plant = Plant(PlantParameters(ambient_degc=settings.ambient_degc), seed=settings.seed)
+        self.plant = settings.plant(settings.seed)
         self._clock = clock
         self._target = settings.ambient_degc
         self._rate: float | None = None
@@ -73,6 +71,7 @@ class _Unit:
     clock: SimClock
     newest_frame_s: float | None = None
     doubted_s = 0.0
+    thermometer = "temperature"
 
     @property
     def temperature(self) -> Signal:
@@ -116,7 +115,7 @@ def rehearse(profile: Profile, settings: StationSettings) -> Sequence[SegmentRes
     has the times that it says itself.
     """
     for unit in settings.units:
-        GyroDecoder(unit.gyro, unit.number)
+        unit.decoder()
     standing = [one.guard for one in settings.standing_guards()]
     guards_of(settings.guards, profile.guards, told_by(load_map(settings.chamber.map)), standing=standing)
     sequencer = Sequencer(cast("Station", _Bench(settings)), Guards(()), cast(Recorder, _NoRecorder()), Wiring())

@@ -34,6 +34,7 @@ from bench.acquisition.run.wiring import Decider, Wiring
 from bench.acquisition.station.memory import Compensated, Output
 from bench.acquisition.station.occasion import Occasion, power_ons_file
 from bench.acquisition.station.settings.station import StationSettings
+from bench.acquisition.station.settings.unit import UnitSettings
 from bench.acquisition.station.station import LiveUnit, Station, open_station
 from bench.base import BenchError, EquipmentError, InputError, package_versions
 from bench.record import Begun, Companion, GyroKind, RunFolder, create_run
@@ -191,7 +192,7 @@ def _begun(
         purpose="calibration" if job.compensation == "off" else "verification",
         unit_margin_degc=job.station.protection.unit_margin_degc,
         unit_lag_min=job.station.protection.unit_lag_min,
-        gyro=GyroKind(layout=settings.gyro, number=settings.number, bus=settings.bus),
+        gyro=_kind(settings),
         seeds=job.station.seeds(job.profile.name),
         orientation=stated(job.station.orientation, job.profile.orientation)[0],
         power_on=occasion.power_ons.get(unit.serial),
@@ -203,6 +204,10 @@ def _begun(
         ),
         **people,
     )
+
+
+def _kind(settings: UnitSettings) -> GyroKind:
+    return GyroKind(layout=settings.dbc or "", number=settings.number, bus=settings.bus, signals=settings.mapping)
 
 
 def _finish(folder: RunFolder, unit: LiveUnit) -> BenchError | None:

@@ -305,4 +305,10 @@ class Sequencer:
         return round(min(max(self._air(), low), high), 1)
 
     def _unit_degc(self) -> list[float]:
-        return [math.nan if unit.temperature is None else unit.temperature.value for unit in self._station.units]
+        """Of each unit; the air of the chamber where a unit has no thermometer, NaN where it was not heard."""
+        air = self._fresh_air()
+        found = [unit.temperature if unit.thermometer else None for unit in self._station.units]
+        return [
+            air if not unit.thermometer else math.nan if own is None else own.value
+            for unit, own in zip(self._station.units, found, strict=True)
+        ]

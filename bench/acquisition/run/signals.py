@@ -103,7 +103,9 @@ class Signals:
         if frames and len(frames) == len(units):
             signals["frame_age"] = Signal(now_s - min(frames), now_s)
         signals["unit_doubted_s"] = Signal(max((unit.doubted_s for unit in units), default=0.0), now_s)
-        known = [unit.temperature for unit in units if unit.temperature is not None]
+        air_now = None if self._reading is None else Signal(self._reading.temperature, self._reading.t_s)
+        felt = [unit.temperature if unit.thermometer else air_now for unit in units]
+        known = [signal for signal in felt if signal is not None]
         if known and len(known) == len(units):
             oldest_s = min(signal.t_s for signal in known)
             signals["unit_temperature"] = Signal(max(signal.value for signal in known), oldest_s)

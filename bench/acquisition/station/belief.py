@@ -20,6 +20,7 @@ class Belief:
 
     def __init__(self, decoder: GyroDecoder) -> None:
         thermometer = decoder.thermometer
+        self._channel = "" if thermometer is None else thermometer.channel
         self._limits = (thermometer.lowest_degc, thermometer.highest_degc) if thermometer else (0.0, 0.0)
         self._pace = Pace(max(JUMP_DEGC, 3.0 * (thermometer.step_degc if thermometer else 0.0)), SLOPE_DEGC_PER_S)
         self._blocks = self._changing = self._still = 0
@@ -37,7 +38,7 @@ class Belief:
                 self._faults |= {why for why in block.beats.why if why}
         elif len(block.beats.index):
             self._ill = False
-        series = block.slow.get("temperature")
+        series = block.slow.get(self._channel)
         if series is None or not len(series.value):
             return
         value = series.value

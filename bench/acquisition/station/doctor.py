@@ -20,12 +20,12 @@ from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.chamber import ChamberSettings
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
+from drivers.can_record import FD_BYTES
 from drivers.canbus import open_bus
 from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
 from drivers.errors import DriverError, IdentityError, LimitError, LinkError, RefusedError
 from drivers.frames import to_frames, to_record
-from drivers.gyro import GyroDecoder
 from drivers.modbus import ModbusLink
 from drivers.registers import RegisterMap, load_map
 
@@ -233,7 +233,7 @@ def _bus(found: Examination, name: str, bus: Bus, units: list[UnitSettings], clo
     silence: Verdict = "disagrees" if units else "unknown"
     found.add(what, "agrees" if records else silence, f"{len(records)} frames in {listen_s:g} s")
     for unit in units:
-        decoder = GyroDecoder(unit.gyro, unit.number)
+        decoder = unit.decoder()
         samples = len(decoder.decode(frames).t_ns)
         said = None if decoder.identity is None else decoder.identity.serial
         text = f"{samples} samples as number {unit.number}, serial number {'not heard' if said is None else said}"
@@ -256,5 +256,4 @@ def _heard(recv: Callable[[float], Any], clock: Clock, listen_s: float) -> Itera
 def _drain(recv: Callable[[float], Any], clock: Clock, wait_s: float) -> Iterator[bytes]:
     until_s = clock.now() + _DRAIN_S  # a live bus never falls silent; a simulated one stands still meanwhile
     while clock.now() < until_s and (message := recv(wait_s)) is not None:
-        if not message.is_fd:
-            yield to_record(message, round(clock.now() * 1e9))
+        yield to_record(message, round(clock.now() * 1e9), 0, FD_BYTES)

@@ -140,7 +140,9 @@ class Output:
 
 
 def _is_known(unit: LiveUnit) -> bool:
-    return unit.decoder.identity is not None
+    """Whether it has said who it is, if it ever does."""
+    beat = unit.decoder.layout.beat
+    return beat is None or "serial" not in beat.signals or unit.decoder.identity is not None
 
 
 def _set_of(unit: LiveUnit) -> int:

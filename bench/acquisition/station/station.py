@@ -33,13 +33,15 @@ from drivers.canbus import Capture, CaptureHealth, InProcessCapture, ProcessCapt
 from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
 from drivers.journal import FrameArray, JournalWriter
+from drivers.layout import layout_of
 from drivers.modbus import ModbusLink
 from drivers.registers import RegisterMap, load_map
+from drivers.sim.axes import Axes
 from drivers.sim.can_gyro import CanGyro
+from drivers.sim.can_unit import CanUnit
 from drivers.sim.eeprom import Eeprom
 from drivers.sim.flash_port import FlashPort
 from drivers.sim.memory import CalibrationMemory
-from drivers.sim.plant import Plant, PlantParameters
 from drivers.sim.power_ons import PowerOns
 from drivers.sim.resonator import PowerOn, Resonator, default_unit
 from drivers.sim.resonator import UnitSettings as GyroPhysics
@@ -133,7 +135,8 @@ class Station:
         if name in self.local_buses:
             writer = JournalWriter(path)
             recorder.keep_synced(writer)
-            return InProcessCapture(self.local_buses[name], writer, now=self.clock.now)
+            room = self.buses[name].to_driver().room
+            return InProcessCapture(self.local_buses[name], writer, now=self.clock.now, room=room)
         started_ns = self.clock.started_monotonic_ns if isinstance(self.clock, WallClock) else 0
         heard = [unit.settings for unit in self.everyone if unit.settings.bus == name]
         return ProcessCapture(self.settings.buses[name].to_driver(heard), path, started_ns)
@@ -332,14 +335,18 @@ def simulate(
     """The simulated chamber and units of a station file, on these buses; `stack` closes the buses."""
     occasion = occasion or Occasion()
     seed, lasting = (settings.seeds(name)["run"] for name in (occasion.noise, occasion.name))
-    plant = Plant(PlantParameters(ambient_degc=settings.ambient_degc), seed=seed)
+    plant = settings.plant(seed)
     simulated = []
     wires: dict[str, can.BusABC] = {}  # one connection a bus: one that only sends would collect what the others send
     for unit in units:
-        physics = default_unit() if unit.simulation is None else GyroPhysics.parse(unit.simulation)
         if unit.bus not in wires:
             wires[unit.bus] = open_bus(buses[unit.bus].to_driver())
             stack.callback(wires[unit.bus].shutdown)
+        if unit.signals is not None:
+            fd = buses[unit.bus].fd
+            simulated.append(_several_axes(settings, unit, (wires[unit.bus], fd), (seed, lasting), occasion))
+            continue
+        physics = default_unit() if unit.simulation is None else GyroPhysics.parse(unit.simulation)
         identity = unit.identity or unit.number + 1
         wire = CanGyro(wires[unit.bus], unit.number, identity, layout=unit.gyro)
         wire.sample_s *= 1.0 + 1e-6 * physics.clock_ppm
@@ -357,6 +364,24 @@ def simulate(
     table = simulate_table(settings, buses, stack, seed)
     supply = ScpiSupply() if settings.supply is not None and occasion.switches_power else None
     return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table, supply)
+
+
+def _several_axes(
+    settings: StationSettings,
+    unit: UnitSettings,
+    bus: tuple[can.BusABC, bool],
+    seeds: tuple[int, int],
+    occasion: Occasion,
+) -> SimulatedUnit:
+    """A simulated unit whose signals the station file maps, on a bus with CAN FD or without."""
+    layout = layout_of(unit.dbc, unit.mapping)
+    number, place = occasion.power_ons.get(unit.serial, 1), settings.units.index(unit)
+    power = PowerOn(number, occasion.start_s, seeds[1] + 1000 * place)
+    wire = CanUnit(bus[0], layout, unit.number, unit.identity or unit.number + 1, fd=bus[1])
+    if occasion.start_s > 0.0:
+        wire.go_on(round(occasion.start_s / wire.sample_s))
+    physics = Axes(layout, unit.simulation, seeds[0] + 1000 * place, power)
+    return SimulatedUnit(physics, wire, None, PowerOns(power_ons_file(settings, unit), number))
 
 
 def _private_buses(settings: StationSettings) -> dict[str, Bus]:

@@ -17,7 +17,6 @@ from bench.acquisition.station.belief import Belief
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import FloatArray, InputError
 from drivers.clock import Clock
-from drivers.gyro import GyroDecoder
 from drivers.journal import FrameArray
 from drivers.samples import SampleClock
 
@@ -65,13 +64,15 @@ class LiveUnit:
 
     def __init__(self, settings: UnitSettings, clock: Clock) -> None:
         self.settings = settings
-        self.decoder = GyroDecoder(settings.gyro, settings.number)
+        self.decoder = settings.decoder()
         self.sample_clock = SampleClock(self.decoder.interval_s)
         self.temperature: Signal | None = None
         self.newest_frame_s: float | None = None
         self.rates = Envelope()
         """Of all samples since an onlooker took them [deg/h]."""
         self.level = Level()
+        self.thermometer = "" if self.decoder.thermometer is None else self.decoder.thermometer.channel
+        """Channel of its temperature; empty: it has none."""
         self._belief = Belief(self.decoder)
         self._doubted_s: float | None = None
         self._clock = clock
@@ -96,9 +97,10 @@ class LiveUnit:
         self.level.add(block.rate_dph)
         if len(block.t_ns):
             self.newest_frame_s = float(block.t_ns[-1]) * 1e-9
-        if "temperature" in block.slow and len(block.slow["temperature"].value):
+        own = block.slow.get(self.thermometer)
+        if own is not None and len(own.value):
             at_s = self.newest_frame_s if self.newest_frame_s is not None else self._clock.now()
-            self.temperature = Signal(float(block.slow["temperature"].value[-1]), at_s)
+            self.temperature = Signal(float(own.value[-1]), at_s)
 
     def expect_power_on(self) -> None:
         """Its power, which was switched off on purpose, comes back now."""
@@ -113,7 +115,7 @@ class LiveUnit:
         """What was not heard of the unit yet; None when it is there."""
         if self.newest_frame_s is None:
             return "no sound rate frame"
-        if self.temperature is None:
+        if self.thermometer and self.temperature is None:
             return "no temperature"
         if self.settings.identity is not None and self.decoder.identity is None:
             return "no heartbeat with its serial number"

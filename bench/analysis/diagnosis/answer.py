@@ -9,7 +9,9 @@ from typing import Any, Literal
 
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.diagnosis.described import DescribedFormula
+from bench.analysis.diagnosis.kernel import Kernel
 from bench.analysis.diagnosis.proof import Proof
+from bench.analysis.diagnosis.surface import ResidualSurface
 from bench.analysis.effects.model import Model
 from bench.base import CHANNELS, FloatArray, finite
 
@@ -187,6 +189,10 @@ class Diagnosis:
     """Name of the isothermal run that tells the noise; empty without."""
     formulas: tuple[DescribedFormula, ...] = ()
     """What the catalogue does not hold, best first."""
+    kernel: Kernel | None = None
+    """The memory of what is left, where neither an effect nor a formula that is proved describes it."""
+    surface: ResidualSurface | None = None
+    """What is left over two channels, where that was asked for or what is left is not described."""
     proved: bool | None = None
     """Whether unseen data bear the verdict out; None where none could judge it."""
     nearest: str = ""
@@ -220,6 +226,8 @@ class Diagnosis:
             "where": [place.to_json() for place in self.where],
             "suspects": [suspect.to_json() for suspect in self.suspects],
             "formulas": [formula.to_json() for formula in self.formulas],
+            "kernel": None if self.kernel is None else self.kernel.to_json(),
+            "surface": None if self.surface is None else self.surface.to_json(),
             "next_experiment": None if self.next_experiment is None else dict(self.next_experiment),
             "unexplained": [place.to_json() for place in self.unexplained],
             "threshold": finite(self.threshold),

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from bench.analysis.effects.base import Parameter
-from bench.analysis.noise.likelihood import Record
+from bench.analysis.noise.likelihood import Record, spanned
 from bench.base import FloatArray
 
 Theta = tuple[float, ...]
@@ -105,15 +105,9 @@ def joint(problem: Problem, candidate: Candidate, theta: Theta) -> FloatArray:
     return own if candidate.kind == "abscissa" else np.column_stack([problem.base, own])
 
 
-def orthonormal(columns: FloatArray, least: float = 1e-10) -> FloatArray:
-    """Basis (n, r) of the columns' span; columns that depend on the others to `least` give nothing."""
-    norm = np.linalg.norm(columns, axis=0)
-    kept: FloatArray = columns[:, norm > 0.0] / norm[norm > 0.0]
-    if kept.shape[1] == 0:
-        return kept
-    u, s, _ = np.linalg.svd(kept, full_matrices=False)
-    basis: FloatArray = u[:, s > s[0] * least]
-    return basis
+def orthonormal(columns: FloatArray) -> FloatArray:
+    """Basis (n, r) of the columns' span; columns that depend on the others give nothing."""
+    return spanned(columns, np.ones(columns.shape[1]))[0]
 
 
 def outside(basis: FloatArray, values: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_corrected
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES
-from bench.base import BoolArray, FloatArray, InputError, IntArray, finite
+from bench.base import BoolArray, FloatArray, InputError, IntArray, finite, number
 from bench.record import Dataset, refuse_mixed
 
 BLOCKS = 20
@@ -50,6 +50,14 @@ class HeldOut:
     reason: str = ""
 
 
+@dataclass(frozen=True)
+class Counted:
+    """Errors [deg/h] of the same model with rows that count by their samples, not by their noise."""
+
+    rms_dph: float
+    held_out: HeldOut
+
+
 @dataclass(frozen=True, eq=False)
 class Score:
     """One model: its fit, its error over all rows of the same runs, on rows left out, and in every segment [deg/h].
@@ -66,6 +74,8 @@ class Score:
     by_blocks: HeldOut
     by_segments: HeldOut
     segments: tuple[SegmentScore, ...]
+    counted: Counted | None = None
+    """None where the rows of the model itself count by their samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +88,14 @@ class Comparison:
     interval_s: float
     scores: tuple[Score, ...]
     refused: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def by_counts(self) -> str:
+        """Errors of the models with rows that count by their samples alone, one line; empty where none differ."""
+        both = [(score.model.name, score.counted) for score in self.scores if score.counted is not None]
+        parts = [f"{name} {number(one.rms_dph)}, {number(one.held_out.rms_dph)}" for name, one in both]
+        listed = "; ".join(parts)
+        return f"rows weighted by their samples, not their noise, in-sample and held-out: {listed}" if parts else ""
 
     def to_json(self) -> dict[str, Any]:
         """The object of `bench compare --json`; null where a number does not exist."""
@@ -175,11 +193,18 @@ def _score(model: Model, records: tuple[Dataset, ...], checks: tuple[Dataset, ..
     residuals = tuple(record.bias - fit.predict(record).bias for record in records)
     # Automatic options stay as all rows settled them; parameters are searched again from where all rows put them.
     settled = replace(fit.model, name=model.name)
-    by_blocks = _left_out(settled, fit, records, "blocks", [_blocks(len(record), BLOCKS) for record in records])
+    blocks = "blocks", [_blocks(len(record), BLOCKS) for record in records]
+    by_blocks = _left_out(settled, fit, records, *blocks)
     by_segments = _left_out(settled, fit, records, "segments", [record.segment for record in records])
+    counted = None
+    if plain := fit.counted:
+        left = tuple(record.bias - plain.predict(record).bias for record in records)
+        outside = _checked(plain, checks) if checks else _left_out(settled, plain, records, *blocks, hold=True)
+        counted = Counted(_rms(records, left), outside)
     return Score(
         model=settled,
         fit=fit,
+        counted=counted,
         rms_dph=_rms(records, residuals),
         interval_dph=_interval(records, residuals),
         held_out=_checked(fit, checks) if checks else by_blocks,
@@ -207,8 +232,13 @@ def error_of(
     return HeldOut(by, rms, interval, peak, out_of_range)
 
 
-def _left_out(model: Model, whole: Fit, records: tuple[Dataset, ...], by: str, pieces: Sequence[IntArray]) -> HeldOut:
-    """Refit without each piece in turn and predict it; a fold that cannot be fitted leaves only its reason."""
+def _left_out(
+    model: Model, whole: Fit, records: tuple[Dataset, ...], by: str, pieces: Sequence[IntArray], hold: bool = False
+) -> HeldOut:
+    """Refit without each piece in turn and predict it; a fold that cannot be fitted leaves only its reason.
+
+    With `hold` the nonlinear parameters stay those of the whole fit.
+    """
     folds = [(i, piece) for i, own in enumerate(pieces) for piece in np.unique(own).tolist()]
     if len(folds) < 2:
         return HeldOut(by, reason=f"the data is one piece: nothing can be left out by {by}")
@@ -218,7 +248,9 @@ def _left_out(model: Model, whole: Fit, records: tuple[Dataset, ...], by: str, p
         out = pieces[i] == piece
         rows = [~out if j == i else np.ones(len(record), dtype=bool) for j, record in enumerate(records)]
         try:
-            part = fit_model(model, records, rows, covariance="none", start=whole.theta)
+            part = fit_model(
+                model, records, rows, covariance="none", weights=whole.weights or "count", start=whole.theta, hold=hold
+            )
         except InputError as error:
             return HeldOut(by, reason=f"without {_named(records[i], by, piece)}: {error}")
         predicted = part.predict(records[i])
@@ -305,6 +337,10 @@ def _score_json(score: Score) -> dict[str, Any]:
             {"name": s.name, "run": s.run, "rms_dph": finite(s.rms_dph), "floor_ratio": finite(s.floor_ratio)}
             for s in score.segments
         ],
+        "weights": score.fit.weights_json(),
+        "counted": None
+        if score.counted is None
+        else {"rms_dph": finite(score.counted.rms_dph), "held_out_rms_dph": finite(score.counted.held_out.rms_dph)},
         "parameters": score.fit.to_json()["parameters"],
         "warnings": list(score.fit.warnings),
     }

@@ -17,6 +17,7 @@ from bench.analysis.diagnosis.decision import decide
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.held_out import Unseen, unseen
+from bench.analysis.diagnosis.kernel import kernel_of
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
 from bench.analysis.diagnosis.places import places, steps_places
@@ -24,6 +25,7 @@ from bench.analysis.diagnosis.probes import despike
 from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.diagnosis.slow import structure
+from bench.analysis.diagnosis.surface import RATE_OF_TEMPERATURE, ResidualSurface, channels_of, residual_surface
 from bench.analysis.diagnosis.suspects import Layout, Offer, catalogued, isothermal, offer, resolved
 from bench.analysis.diagnosis.verdict import Explanation, Search
 from bench.analysis.effects.base import Effect
@@ -32,6 +34,7 @@ from bench.analysis.effects.spline import Spline
 from bench.analysis.fit.design import fit_rows
 from bench.analysis.fit.fitting import Fit, fit_model
 from bench.analysis.fit.solve import one_blas_thread
+from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice
 from bench.analysis.thresholds import EXPLAINED_RATIO
@@ -52,21 +55,25 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     static: Dataset | None = None,
     candidates: Sequence[Effect] | None = None,
     floor_dph: float | None = None,
+    surface: Sequence[str] = (),
     seed: int = 0,
     workers: int | None = None,
 ) -> Diagnosis:
     """Diagnose a model on runs of one unit; `candidates` replace the effects of the catalogue that the model lacks.
 
     `check` are runs that no fit sees; `static` is a run at constant temperature that tells the noise. `floor_dph` is
-    the noise floor of these means, read from finer rows (NaN: not known); None reads it from these rows.
-    `workers` processes share the work, by default those of `crew.usual_workers`; the answer is the same for any number.
+    the noise floor of these means, read from finer rows (NaN: not known); None reads it from these rows. `surface` are
+    two channels over which what is left is shown in cells. `workers` processes share the work, by default those of
+    `crew.usual_workers`; the answer is the same for any number.
     Raises InputError: no run, runs of several units, or the model cannot be fitted.
     """
     refuse_mixed((*runs, *check, *([] if static is None else [static])))
     with one_blas_thread():
-        return _Case.of(tuple(runs), model, static, candidates, floor_dph).diagnosis(
-            tuple(check), seed, usual_workers() if workers is None else workers
-        )
+        case = _Case.of(tuple(runs), model, static, candidates, floor_dph)
+        if surface:
+            channels_of(case.layout, surface)
+        answer = case.diagnosis(tuple(check), seed, usual_workers() if workers is None else workers)
+        return case.shown(answer, surface)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +86,7 @@ class _Case:
     floor_dph: float
     noise: str
     notes: tuple[str, ...]
-    static: str = ""
+    static: Dataset | None = None
 
     @classmethod
     def of(
@@ -116,7 +123,7 @@ class _Case:
         if steps := layout.resolution.words():
             notes.append(f"{steps}: no effect smaller than that is named")
             noise = f"{noise}; {steps}" if noise else steps
-        return cls(fit, layout, offered, floor, noise, tuple(notes), "" if static is None else static.name)
+        return cls(fit, layout, offered, floor, noise, tuple(notes), static)
 
     def diagnosis(self, check: tuple[Dataset, ...], seed: int, workers: int = 1) -> Diagnosis:
         """The answer."""
@@ -155,7 +162,7 @@ class _Case:
             improved=explained.layout.rows.model,
             residuals=base.residuals,
             unexplained_residuals=improved.residuals,
-            static=self.static,
+            static="" if self.static is None else self.static.name,
         )
         formulas, instead = self._formulas(
             explained, improved, Describer(lattice, check, seed), proved=bool(decision.proved)
@@ -166,6 +173,23 @@ class _Case:
             answer = replace(answer, verdict="unknown_effect", nearest=nearest, proved=proved)
         answer = replace(answer, formulas=formulas)
         return replace(answer, sentence=sentence(answer, explained.drifts, decision.why))
+
+    def shown(self, answer: Diagnosis, channels: Sequence[str] = ()) -> Diagnosis:
+        """The answer with pictures of what nothing describes: the memory, and cells over two channels."""
+        described = any(formula.proof.proved for formula in answer.formulas) or self.layout.resolution.words()
+        if answer.verdict in {"unknown_effect", "undecided"} and not described:
+            lattice = NoiseLattice(self.layout.problem.records(), self.layout.problem.interval_s)
+            answer = replace(answer, kernel=kernel_of(self.layout, lattice))
+            channels = channels or ("temperature", RATE_OF_TEMPERATURE)
+        return replace(answer, surface=self._surface(channels)) if channels else answer
+
+    def _surface(self, channels: Sequence[str]) -> ResidualSurface:
+        problem, records = self.layout.problem, self.layout.rows.records
+        noise = noise_floor(records, problem.interval_s, self.static, intervals=False).noise
+        if noise is None:
+            noise = profile_noise(problem.base, problem.y, problem.time_s, problem.statics, problem.interval_s).noise
+        residual = self.layout.stacked(self.fit.residuals)
+        return residual_surface(self.layout, residual, channels, noise)
 
     @property
     def _expected_dph(self) -> float:
@@ -192,7 +216,8 @@ class _Case:
         return kept, bool(kept) and found.replaces and kept[0] is found.formulas[0]
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
-        alarms = [f for f in explained.before.alarms if f.name != "noise"]
+        seen = explained.before.places if explained.steps else explained.before.alarms
+        alarms = [f for f in seen if f.name != "noise"]
         found = places(self.layout, alarms, self._stacked(base), self.floor_dph)
         return (*found, *steps_places(self.layout, self._stacked(base), self.floor_dph))
 
@@ -232,12 +257,12 @@ class _Case:
 
 def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:
     """The fit to diagnose, with enough intervals in an automatic spline, and the note that says so."""
-    fit = fit_model(model, runs, covariance="none")
+    fit = fit_model(model, runs, covariance="none", weights="count")
     finer = tuple(map(_finer, model.effects, fit.model.effects))
     if finer == model.effects:
         return fit, []
     try:
-        fit = fit_model(replace(model, effects=finer), runs, covariance="none")
+        fit = fit_model(replace(model, effects=finer), runs, covariance="none", weights="count")
     except InputError:  # too few rows in one of the intervals
         return fit, []
     text = (

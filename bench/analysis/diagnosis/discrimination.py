@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from bench.analysis.diagnosis.refine import Refiner
 from bench.analysis.diagnosis.rivals import NoiseLevel, Rival
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.fit import design
-from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
+from bench.analysis.noise.likelihood import NoiseLattice, Point, coordinates, gls
 from bench.analysis.noise.whitening import Whitener
 from bench.base import FloatArray
 
@@ -32,6 +33,7 @@ DRAWS = 24
 _HALF_DECADE = 8
 _NOISES = 3
 _POINTS = 6
+_RULED_OUT = 100.0  # of -2 ln L: a truth that is told from all other parameters is told from these, too
 
 
 @dataclass(frozen=True)
@@ -91,31 +93,41 @@ class Discrimination:
         return kept, weights / weights.sum(), variances
 
     @cached_property
+    def _heights(self) -> list[FloatArray]:
+        """-2 ln L of each rival over its grid, at the likeliest noise."""
+        point = self._noise.point
+        return [np.array([self._refiner.height(c, theta, point) for theta in c.grid()]) for c in self._candidates]
+
+    @cached_property
+    def _open(self) -> list[list[Theta]]:
+        """Parameters of each rival's grid that the runs so far do not rule out."""
+        pairs = zip(self._candidates, self._heights, strict=True)
+        return [[c.grid()[i] for i in np.flatnonzero(own <= own.min() + _RULED_OUT)] for c, own in pairs]
+
+    @cached_property
     def _drawn(self) -> list[list[Theta]]:
         """Parameters of each rival drawn from their posterior on the grid, the best values first."""
         rng = np.random.default_rng(self._seed)
         drawn = []
-        for rival, candidate in zip(self._rivals, self._candidates, strict=True):
+        for rival, candidate, heights in zip(self._rivals, self._candidates, self._heights, strict=True):
             grid = candidate.grid()
-            heights = np.array([self._refiner.height(candidate, theta, self._noise.point) for theta in grid])
             share = np.exp(0.5 * (heights.min() - heights))
             chosen = rng.choice(len(grid), DRAWS - 1, p=share / share.sum())
             drawn.append([rival.theta, *(grid[i] for i in chosen)])
         return drawn
 
     def expected(self, plan: Plan | None, *, roughly: bool = False) -> Expected:
-        """Over the runs so far and then the plan's; roughly: at the likeliest noise, rivals on coarse grids."""
+        """Over the runs so far and then the plan's; roughly: at the likeliest noise, rivals at few parameters."""
         noises = 1 if roughly else _NOISES
         stacked = self._layout if plan is None else self._with(plan)
         problem = replace(stacked.problem, statics=())
-        candidates = [stacked.candidate(rival.effect, rival.name) for rival in self._rivals]
-        candidates = [_coarse(candidate) if roughly else candidate for candidate in candidates]
+        candidates = [_kept(stacked.candidate(rival.effect, rival.name)) for rival in self._rivals]
+        tried = [_some(thetas) if roughly else thetas for thetas in self._open]
         every, likely, variances = self._points
         points, weights = every[:noises], likely[:noises]
         lattice = NoiseLattice(problem.records(), problem.interval_s)
         evidence = np.array([rival.evidence for rival in self._rivals])
         prior = np.exp(0.5 * (evidence - evidence.max()))
-        tried = [[(theta, c.columns(theta)) for theta in c.grid()] for c in candidates]
         gaps, shares = [], []
         for point, weight, sigma2, (way,) in zip(points, weights, variances[:noises], lattice.at(points), strict=True):
             basis = orthonormal(way.apply(problem.base))
@@ -130,12 +142,10 @@ class Discrimination:
         return Expected(np.concatenate(gaps), np.concatenate(shares))
 
     @staticmethod
-    def _spaces(
-        candidate: Candidate, tried: Sequence[tuple[Theta, FloatArray]], way: Whitener, basis: FloatArray
-    ) -> list[FloatArray]:
-        """Basis of what a rival may follow, beside the model, at each of its parameters."""
-        whitened = [way.apply(columns) for _, columns in tried]
-        return [orthonormal(c if candidate.kind == "abscissa" else outside(basis, c)) for c in whitened]
+    def _spaces(candidate: Candidate, tried: Sequence[Theta], way: Whitener, basis: FloatArray) -> list[_Space]:
+        """What a rival may follow, beside the model, at each of these parameters."""
+        whitened = [way.apply(candidate.columns(theta)) for theta in tried]
+        return [_Space.of(c if candidate.kind == "abscissa" else outside(basis, c)) for c in whitened]
 
     def _means(
         self, problem: Problem, candidate: Candidate, drawn: Sequence[Theta], way: Whitener, sigma2: float
@@ -167,9 +177,34 @@ class Discrimination:
         return replace(self._layout, rows=design.FitRows(rows.model, (*rows.records, planned), masks))
 
 
-def _coarse(candidate: Candidate) -> Candidate:
-    """A coarse grid, to put plans in an order."""
-    return replace(candidate, points=_POINTS) if len(candidate.parameters) == 1 else candidate
+class _Space(NamedTuple):
+    """Columns (n, k), and the matrix that makes coordinates in their span of products with them."""
+
+    columns: FloatArray
+    coordinates: FloatArray
+
+    @classmethod
+    def of(cls, columns: FloatArray) -> _Space:
+        """The span of columns, dependent ones included."""
+        found = coordinates(columns)
+        if found is not None:
+            return cls(columns, found)
+        basis = orthonormal(columns)
+        return cls(basis, np.eye(basis.shape[1]))
+
+    def power(self, response: FloatArray) -> FloatArray:
+        """Square sum (m,) of the part of responses (n, m) inside."""
+        return np.asarray(np.sum((self.coordinates @ (self.columns.T @ response)) ** 2, axis=0))
+
+
+def _kept(candidate: Candidate) -> Candidate:
+    """The candidate with its columns kept: all noises and draws of one plan share them."""
+    return replace(candidate, columns=cache(candidate.columns))
+
+
+def _some(thetas: Sequence[Theta]) -> list[Theta]:
+    """A few of these parameters, evenly spaced, to put plans in an order."""
+    return [thetas[i] for i in np.unique(np.linspace(0, len(thetas) - 1, _POINTS).round().astype(int))]
 
 
 def lattice_of(problem: Problem) -> NoiseLattice:
@@ -177,9 +212,9 @@ def lattice_of(problem: Problem) -> NoiseLattice:
     return NoiseLattice(problem.records()[:1], problem.interval_s)
 
 
-def _least(white: FloatArray, residual: FloatArray, rival: Candidate, spaces: Sequence[FloatArray]) -> FloatArray:
+def _least(white: FloatArray, residual: FloatArray, rival: Candidate, spaces: Sequence[_Space]) -> FloatArray:
     """Square sum (draws,) that a rival leaves of whitened means at its best parameters."""
     response = white if rival.kind == "abscissa" else residual
     power = np.einsum("ij,ij->j", response, response)
-    gains = [np.sum((space.T @ response) ** 2, axis=0) for space in spaces]
+    gains = [space.power(response) for space in spaces]
     return np.asarray(np.maximum(power - np.max(gains, axis=0), 0.0))

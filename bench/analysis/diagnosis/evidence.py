@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +24,8 @@ from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, joint
 from bench.analysis.diagnosis.crew import Aside, shared
 from bench.analysis.diagnosis.refine import Interval, Refiner, Start
 from bench.analysis.diagnosis.scan import DEPENDENT, Library
-from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
-from bench.analysis.noise.whitening import Ratios
+from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Surface, gls
+from bench.analysis.noise.whitening import Ratios, Whitener
 from bench.analysis.thresholds import TIE, WRONGLY_NAMED
 from bench.base import FloatArray
 
@@ -37,14 +38,11 @@ _TAIL = 0.1  # of simulated nulls, for what a smaller share exceeds
 _USUAL = 2.5  # evidence that one candidate alone may reach by chance as often as a wrong name is allowed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Suspect:
-    """One candidate after refinement.
+    """One candidate after refinement; `excited` is False where the run cannot show it.
 
-    `amplitudes` and `deviations` (k,) belong to its own columns (empty for an abscissa), the uncertainty of the
-    parameters included; `parameters` carry 95 % intervals at the noise found. `contribution` (n,) is what the candidate
-    adds to the fitted bias [deg/h]. `cumulative` (n,) is the gain in 2 ln L up to each row, whitening being causal.
-    `excited` is False where the run cannot show it.
+    What is computed from the fit is computed when it is asked for: most suspects are only ranked.
     """
 
     name: str
@@ -53,17 +51,70 @@ class Suspect:
     evidence: float
     weight: float
     theta: Theta
-    parameters: dict[str, Interval]
-    amplitudes: FloatArray
-    deviations: FloatArray
     excited: bool
     charged: float
     """What the evidence was charged for a rare cause: without it, causes that fit equally are equal."""
     point: Point
-    ratios: Ratios
-    sigma2: float
-    contribution: FloatArray
-    cumulative: FloatArray
+    candidate: Candidate = field(repr=False)
+    refiner: Refiner = field(repr=False)
+
+    @property
+    def ratios(self) -> Ratios:
+        """Of the noise beside it."""
+        return self.refiner.lattice.ratios(self.point)
+
+    @cached_property
+    def sigma2(self) -> float:
+        """White variance of one mean beside it [(deg/h)^2]."""
+        return self.refiner.sigma2(self.candidate, self.theta, self.point)
+
+    @cached_property
+    def parameters(self) -> dict[str, Interval]:
+        """Nonlinear parameters with their 95 % intervals at the noise found."""
+        return self.refiner.intervals(self.candidate, self.theta, self.point)
+
+    @property
+    def amplitudes(self) -> FloatArray:
+        """Of its own columns (k,), none for an abscissa."""
+        return self._fit.beta[self._first :]
+
+    @cached_property
+    def deviations(self) -> FloatArray:
+        """Standard deviations (k,) of the amplitudes, the uncertainty of the parameters included."""
+        size = len(self._fit.beta)
+        return self.refiner.deviations(self.candidate, self.theta, self._fit.beta, self.point)[self._first : size]
+
+    @property
+    def contribution(self) -> FloatArray:
+        """What the candidate adds to the fitted bias (n,) [deg/h]."""
+        if self.candidate.kind == "abscissa":
+            return np.asarray((self._columns - self.refiner.problem.base) @ self._fit.beta)
+        return np.asarray(self._columns[:, self._first :] @ self.amplitudes)
+
+    @property
+    def cumulative(self) -> FloatArray:
+        """Gain in 2 ln L up to each row (n,), whitening being causal."""
+        problem = self.refiner.problem
+        before = gls(problem.base, problem.y, self._way, self.sigma2)
+        return np.asarray(np.cumsum(before.residual**2 - self._fit.residual**2) / self.sigma2)
+
+    @property
+    def _first(self) -> int:
+        """First of its own columns."""
+        columns = self._columns if self.candidate.kind == "abscissa" else self.refiner.problem.base
+        return int(columns.shape[1])
+
+    @property
+    def _way(self) -> Whitener:
+        return self.refiner.lattice.at([self.point])[0][0]
+
+    @cached_property
+    def _columns(self) -> FloatArray:
+        return joint(self.refiner.problem, self.candidate, self.theta)
+
+    @cached_property
+    def _fit(self) -> Gls:
+        return gls(self._columns, self.refiner.problem.y, self._way, self.sigma2)
 
 
 @dataclass(frozen=True)
@@ -138,6 +189,14 @@ class _Scanned:
     excited: bool
 
 
+class _Reached(NamedTuple):
+    """Where refinement ended."""
+
+    theta: Theta
+    point: Point
+    evidence: float
+
+
 @dataclass(frozen=True, eq=False)
 class _Weighing:
     """What the steps of `weigh` share; `best` is the noise point of the base."""
@@ -158,15 +217,15 @@ class _Weighing:
         order = _foremost(sorted(self._scan(), key=lambda each: -each.rough))
         several = [order[: self.workers], order[self.workers :]]
         parts = several if self.workers > 1 else [[each] for each in order]
-        suspects: list[Suspect] = []
+        reached: list[_Reached] = []
         for part in parts:
-            least = _least(suspects)
+            least = _least(reached)
             tasks = [partial(self._refined, each, each.hope >= least) for each in part]
-            for each, suspect in zip(part, shared(tasks, self.workers), strict=True):
+            for each, own in zip(part, shared(tasks, self.workers), strict=True):
                 # One worker would have known of all before it: the answer is the same for any number.
-                needless = least <= each.hope < _least(suspects)
-                suspects.append(self._refined(each, False) if needless else suspect)
-        return suspects
+                needless = least <= each.hope < _least(reached)
+                reached.append(self._refined(each, False) if needless else own)
+        return [self._suspect(*pair) for pair in zip(order, reached, strict=True)]
 
     def _scan(self) -> list[_Scanned]:
         problem, points = self.library.problem, _points_for_candidates(self.best)
@@ -183,10 +242,24 @@ class _Weighing:
             scanned.append(_Scanned(candidate, grid, float(paid[own[0]]), float(rough[own].max()), hope, excited))
         return scanned
 
-    def _refined(self, scanned: _Scanned, closely: bool) -> Suspect:
-        theta, point, reached = self.refiner.refine(scanned.candidate, scanned.grid, self.best, closely=closely)
-        evidence = self.surface.height(self.best) - reached - scanned.paid
-        return _suspect(self.refiner, scanned, theta, point, evidence)
+    def _refined(self, scanned: _Scanned, closely: bool) -> _Reached:
+        theta, point, height = self.refiner.refine(scanned.candidate, scanned.grid, self.best, closely=closely)
+        return _Reached(theta, point, self.surface.height(self.best) - height - scanned.paid)
+
+    def _suspect(self, scanned: _Scanned, reached: _Reached) -> Suspect:
+        candidate = scanned.candidate
+        return Suspect(
+            name=candidate.name,
+            effect=candidate.effect or candidate.name,
+            evidence=reached.evidence,
+            weight=0.0,
+            theta=reached.theta,
+            excited=scanned.excited,
+            charged=candidate.rarity * float(np.log(len(self.library.problem.y))),
+            point=reached.point,
+            candidate=candidate,
+            refiner=self.refiner,
+        )
 
     def chance(self, runs: int, seed: int) -> FloatArray:
         """Evidence of each candidate (candidates, runs) in runs simulated from the fitted base and its noise alone."""
@@ -224,43 +297,14 @@ def _foremost(order: Sequence[_Scanned]) -> list[_Scanned]:
     return kept
 
 
-def _least(suspects: Sequence[Suspect]) -> float:
+def _least(reached: Sequence[_Reached]) -> float:
     """Evidence that a candidate has to come near to, beside those judged so far."""
-    return max([0.0, *(s.evidence for s in suspects)]) - TIE
+    return max([0.0, *(each.evidence for each in reached)]) - TIE
 
 
 def _points_for_candidates(best: Point) -> list[Point]:
     """Noise points a decade apart up to a decade above the base's: an effect explained leaves less noise, not more."""
     return [p for p in NoiseLattice.coarse(_DECADE) if all(i <= b + _DECADE for i, b in zip(p, best, strict=True))]
-
-
-def _suspect(refiner: Refiner, scanned: _Scanned, theta: Theta, point: Point, evidence: float) -> Suspect:
-    """Everything there is to say about one candidate at its best."""
-    problem, candidate = refiner.problem, scanned.candidate
-    way = refiner.lattice.at([point])[0][0]
-    sigma2 = refiner.sigma2(candidate, theta, point)
-    columns = joint(problem, candidate, theta)
-    fit = gls(columns, problem.y, way, sigma2)
-    first = columns.shape[1] if candidate.kind == "abscissa" else problem.base.shape[1]
-    moved = columns - problem.base if candidate.kind == "abscissa" else columns[:, first:]
-    before = gls(problem.base, problem.y, way, sigma2)
-    return Suspect(
-        name=candidate.name,
-        effect=candidate.effect or candidate.name,
-        evidence=evidence,
-        weight=0.0,
-        theta=theta,
-        parameters=refiner.intervals(candidate, theta, point),
-        amplitudes=fit.beta[first:],
-        deviations=refiner.deviations(candidate, theta, fit.beta, point)[first : columns.shape[1]],
-        excited=scanned.excited,
-        charged=candidate.rarity * float(np.log(len(problem.y))),
-        point=point,
-        ratios=refiner.lattice.ratios(point),
-        sigma2=sigma2,
-        contribution=moved @ (fit.beta if candidate.kind == "abscissa" else fit.beta[first:]),
-        cumulative=np.cumsum(before.residual**2 - fit.residual**2) / sigma2,
-    )
 
 
 def _weighted(suspects: Sequence[Suspect]) -> list[Suspect]:

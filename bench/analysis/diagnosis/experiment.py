@@ -112,7 +112,7 @@ def next_experiment(
     base = replace(open_.model, effects=open_.model.effects[:-1])
     with one_blas_thread():
         try:
-            fitted = fit_model(base, runs, covariance="none")
+            fitted = fit_model(base, runs, covariance="none", weights="count")
         except InputError:  # these rows do not determine what was found before it: nothing can be predicted
             return None
         rows = design.fit_rows(fitted.model, tuple(runs), [np.isfinite(r) for r in fitted.residuals])

@@ -11,13 +11,14 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
+from bench.analysis.diagnosis.blocks import Block, Bounds
 from bench.analysis.diagnosis.candidates import Candidate, Theta, orthonormal, outside
 from bench.analysis.diagnosis.evidence import drawn
-from bench.analysis.diagnosis.grammar import Block, Formula, Grammar
+from bench.analysis.diagnosis.grammar import Formula, Grammar
 from bench.analysis.diagnosis.refine import Refiner, Start
 from bench.analysis.diagnosis.scan import Library
 from bench.analysis.diagnosis.spectral_line import rows_of
@@ -29,6 +30,10 @@ from bench.base import FloatArray, InputError
 
 _DECADE = 16
 _BEAM = 6  # leaders that are refined, and grown
+_GROWN = 3  # leaders that grow
+_STEPS = 3  # by which each of them grows at most
+_BRANCHES = 2  # that are refined in each step
+_NEAR = 10.0  # evidence that refinement may add to what the grid shows
 _NULLS = 60
 _ALIKE = 0.97  # correlation of whitened columns beside the model: these data cannot tell the two apart
 _PEAKS = 6  # of the periodogram
@@ -138,7 +143,7 @@ class FormulaSearch:
             grid = [Start(scan.entries[i][1], points[scan.where[i, 0]], float(scan.values[i, 0])) for i in own]
             found.append(self._refined(formulas[index], candidates[index], grid, float(price[index])))
         found.sort(key=lambda one: -one.evidence)
-        for one in found[:3]:
+        for one in found[:_GROWN]:
             found += self._grown(one, len(pairs))
         found.sort(key=lambda one: -one.evidence)
         return self._answer(found, threshold)
@@ -194,9 +199,8 @@ class FormulaSearch:
         if key not in self._values:
             if len(self._values) > 4000:
                 self._values.clear()
-            names = [name for name, _ in block.bounds]
-            effect = Expression(f"k * {text.format(**{name: name for name in names})}", dict(block.bounds))
-            named = dict(zip(names, own, strict=True))
+            effect = _expression(text, block.bounds)
+            named = dict(zip(effect.bounds, own, strict=True))
             try:
                 columns = [effect.columns(record, named)[:, 0] for record in self._layout.seen]
                 self._values[key] = self._layout.stacked(columns)
@@ -254,22 +258,35 @@ class FormulaSearch:
         return FoundFormula(formula, theta, evidence, point, sigma2, own, deviations, contribution, white, gains)
 
     def _grown(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
-        """The formula with one block more, where that pays."""
+        """The formula with a block or a parameter more, and again, while that pays."""
+        found: list[FoundFormula] = []
+        for _ in range(_STEPS):
+            better = self._longer(one, tried)
+            if not better or better[0].evidence <= one.evidence:
+                break
+            found += better
+            one = better[0]
+        return found
+
+    def _longer(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
+        """The most promising of what the formula becomes in one step, refined, best first."""
         longer = list(self.grammar.grown(one.formula, one.theta))
-        candidates = [replace(self._candidate(formula), tried=tried_) for formula, tried_ in longer]
-        if not candidates:
+        if not longer:
             return []
+        candidates = [replace(self._candidate(formula), tried=tried_) for formula, tried_ in longer]
         library = Library(self._layout.problem, candidates)
         points = [one.point, self._best]
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still())
         price = self._price(tried * len(longer) // 3)
         rough = self._surface.height(self._best) - scan.values[:, 0] - library.paid(candidates) - price
-        entry = int(np.argmax(rough))
-        if rough[entry] <= one.evidence:
-            return []
-        index = scan.entries[entry][0]
-        start = Start(scan.entries[entry][1], points[scan.where[entry, 0]], float(scan.values[entry, 0]))
-        return [self._refined(longer[index][0], candidates[index], [start], price)]
+        which = np.array([index for index, _ in scan.entries])
+        found = []
+        for index in self._leaders(rough, which, scan.excited)[:_BRANCHES]:
+            own = np.flatnonzero(which == index)
+            if rough[own].max() > one.evidence - _NEAR:
+                grid = [Start(scan.entries[i][1], points[scan.where[i, 0]], float(scan.values[i, 0])) for i in own]
+                found.append(self._refined(longer[index][0], candidates[index], grid, price))
+        return sorted(found, key=lambda each: -each.evidence)
 
     def _periods(self) -> list[float]:
         """Periods [s] of the largest lines of the whitened residual, between the frequencies of the transform."""
@@ -285,6 +302,12 @@ class FormulaSearch:
         inner = inner[inner > 1.5 * _PADDED]
         top = inner[np.argsort(-power[inner])[:_PEAKS]]
         return [float(size * problem.interval_s / i) for i in top] or [self.grammar.length_s / 4.0]
+
+
+@lru_cache(maxsize=512)
+def _expression(text: str, bounds: tuple[tuple[str, Bounds], ...]) -> Expression:
+    """A block as an effect; parsed once for all its parameters."""
+    return Expression(f"k * {text.format(**{name: name for name, _ in bounds})}", dict(bounds))
 
 
 def _lower(index: int, decades: int) -> int:

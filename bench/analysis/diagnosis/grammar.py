@@ -2,7 +2,8 @@
 
 A *block* is what a formula multiplies: a channel, its memory (lag, play), a window in temperature. Blocks have
 parameters (time constants, widths, places); these are tried on a coarse grid here and refined continuously afterwards.
-A *formula* is a product of blocks with one amplitude, a sine and cosine pair, or more than one of them.
+A *formula* is a product of blocks with one amplitude, a sine and cosine pair, or more than one of them. A formula grows
+by a further block, or by what one of its blocks becomes with one parameter more (`variants`).
 """
 
 from __future__ import annotations
@@ -14,40 +15,19 @@ from itertools import product
 
 import numpy as np
 
+from bench.analysis.diagnosis.blocks import Block, Bounds, lagged, lags, loop, unit_of
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.effects.base import Parameter
 from bench.analysis.effects.expression import Expression
-from bench.base import CHANNELS, BoolArray
+from bench.base import BoolArray
 from bench.record import Dataset
 
-_LAGS_S = (60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0, 15000.0)
-_PLAYS_DEGC = (0.7, 1.5, 3.0, 6.0, 12.0, 25.0)
 _INNER_S = (60.0, 120.0, 220.0, 400.0)
 _PLACES = 11  # of a window, over the range of the channel
 _PERIODS = 48  # of a line over temperature
 _LEAST_RUN_S = 30.0
 _FURTHER = ("frequency", "drive", "quadrature", "supply", "applied_rate")
 _SWITCHED = ("compressor",)
-
-Bounds = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Block:
-    """A factor of a formula: its text with `{name}` for each parameter, their bounds and the grid that is tried.
-
-    `unit` is the unit of its value, `words` says what it is.
-    """
-
-    text: str
-    words: str
-    unit: str
-    bounds: tuple[tuple[str, Bounds], ...] = ()
-    grid: tuple[tuple[float, ...], ...] = ((),)
-    places: int = 0
-    """Parameters that are a place where something begins: each costs one count more."""
-    looser: Block | None = None
-    """The same with one parameter more, which comes first: its reference value, or the lag of what it sees."""
 
 
 @dataclass(frozen=True)
@@ -136,14 +116,15 @@ class Grammar:
 
     def singles(self) -> list[Formula]:
         """Formulas of one block."""
-        alone = [Formula((block,)) for block in (*self.drivers(), *self.bends())]
+        alone = [Formula((block,)) for block in (*self.drivers(), *self.alone(), *self.bends())]
         return [*alone, *(Formula((block,), pair=True) for block in self.lines())]
 
     def pairs(self) -> list[Formula]:
         """Products of a block that drives with one that modifies it."""
         found: dict[str, Formula] = {}
         modifiers = self.modifiers()
-        for driver in self.drivers():
+        drifts = [Block("time", "time", "s"), *(replace(block, grid=block.grid[::2]) for block in self.bends())]
+        for driver in (*self.drivers(), *drifts):
             for modifier in modifiers:
                 if modifier.text != driver.text:
                     formula = Formula((driver, modifier))
@@ -158,11 +139,13 @@ class Grammar:
             if block.text not in have:
                 yield replace(formula, blocks=(*formula.blocks, block)), tuple((*values, *one) for one in block.grid)
         for number, block in enumerate(formula.blocks):
-            if block.looser is not None:
-                before = sum(len(one.bounds) for one in formula.blocks[:number])
-                blocks = (*formula.blocks[:number], block.looser, *formula.blocks[number + 1 :])
-                grid = tuple((*values[:before], *one, *values[before:]) for one in block.looser.grid)
-                yield replace(formula, blocks=blocks), grid
+            if formula.pair and number == 0:
+                continue
+            end = sum(len(one.bounds) for one in formula.blocks[: number + 1])
+            for variant in block.variants(self.length_s):
+                blocks = (*formula.blocks[:number], variant, *formula.blocks[number + 1 :])
+                tried = dict.fromkeys(one[-1] for one in variant.grid)
+                yield replace(formula, blocks=blocks), tuple((*values[:end], one, *values[end:]) for one in tried)
 
     def drivers(self) -> list[Block]:
         """What may act by itself: the rate of change and its memory, the loop, the gap to the air, each channel."""
@@ -172,26 +155,53 @@ class Grammar:
             Block("(dT_dt + abs(dT_dt))", "dT/dt of heating alone", "degC/min"),
             Block("(dT_dt - abs(dT_dt))", "dT/dt of cooling alone", "degC/min"),
             Block("dT_dt**2", "(dT/dt)^2", "(degC/min)^2"),
-            _lagged("dT_dt", "dT/dt", "degC/min", self.length_s),
-            _lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.length_s, every=2),
-            _loop(self.temperature),
+            lagged("dT_dt", "dT/dt", "degC/min", self.length_s),
+            lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.length_s, every=2),
+            loop("temperature", self.temperature, "degC"),
         ]
         if self.gap:
             gap = "(chamber_temperature - temperature)"
             words = "the gap between air and unit"
-            blocks += [Block(gap, words, "degC"), _lagged(gap, words, "degC", self.length_s, every=2)]
+            blocks += [Block(gap, words, "degC"), lagged(gap, words, "degC", self.length_s, every=2)]
         for name in self.moved:
             blocks += self._channel(name)
         for name in self.switched:
-            blocks += [Block(name, f"the {name}", ""), _lagged(name, f"the {name}", "", self.length_s, every=2)]
+            blocks += [Block(name, f"the {name}", ""), lagged(name, f"the {name}", "", self.length_s, every=2)]
+        return [replace(block, drives=True) for block in blocks]
+
+    def alone(self) -> list[Block]:
+        """What acts by itself and is scaled by nothing: starts, exposure that adds up, what is fast of a channel."""
+        length_s, (low, high) = self.length_s, self.temperature
+        rates = tuple((f, h) for f in (0.02, 0.05, 0.1) for h in (0.05, 0.2, 0.8))
+        blocks = [
+            Block(f"total((temperature - {0.5 * (low + high):.4g}))", "time spent warm", "degC h"),
+            Block("total(abs(dT_dt))", "all change of temperature so far", "degC/min h"),
+            Block("exp(-total(exp({faster} * (temperature - 25))) * {per_h})", "a loss that is faster when it is warm",
+                  "", (("faster", (0.0, 0.15)), ("per_h", (0.01, 5.0))), rates),
+        ]  # fmt: skip
+        for name in self.switched:
+            for words, text in (("starts", f"({name} - lag({name}, 30))"), ("stops", f"(lag({name}, 30) - {name})")):
+                rises = f"({text} + abs({text}))"
+                blocks.append(replace(lagged(rises, f"the {words} of the {name}", "", length_s), drives=True))
+        for name in self.moved:
+            low, high = self._range(name)
+            slow = f"({name} - {0.5 * (low + high):.6g})"
+            fast = f"({name} - lag({name}, {{tau_s}}))**2"
+            ends, tried = (("tau_s", (30.0, max(length_s / 4.0, 100.0))),), lags(length_s / 4.0, 2)
+            blocks += [
+                lagged(slow, f"the {name}", unit_of(name), length_s / 2.0, every=2),
+                replace(loop(name, (low, high), unit_of(name)), drives=True),
+                Block(fast, f"the square of what is fast of the {name}", f"{unit_of(name)}^2", ends, tried,
+                      drives=True),
+            ]  # fmt: skip
         return blocks
 
     def _channel(self, name: str) -> list[Block]:
         low, high = self._range(name)
         half = 0.5 * (high - low)
-        unit = _unit(name)
+        unit = unit_of(name)
         lag = f"({name} - lag({name}, {{tau_s}}))"
-        lags = (("tau_s", (30.0, max(self.length_s / 2.0, 100.0))),)
+        ends = (("tau_s", (30.0, max(self.length_s / 2.0, 100.0))),)
         return [
             self._centred(name),
             Block(f"({name} - {{centre}})**2", f"the {name} squared, from a value", f"{unit}^2",
@@ -200,14 +210,14 @@ class Grammar:
                   (("centre", (low, high)),), tuple((float(c),) for c in np.linspace(low, high, 7)[1:-1]), places=1),
             Block(f"tanh(({name} - {{centre}})/{max(half / 8.0, 1e-12):.3g})", f"a step over the {name}", "",
                   (("centre", (low, high)),), tuple((float(c),) for c in np.linspace(low, high, 9)[1:-1]), places=1),
-            Block(lag, f"the change of the {name} in the last while", unit, lags, _lags(self.length_s / 2.0, 2)),
+            Block(lag, f"the change of the {name} in the last while", unit, ends, lags(self.length_s / 2.0, 2)),
         ]  # fmt: skip
 
     def _centred(self, name: str) -> Block:
         """A channel from the middle of its range, or from a value that is searched."""
         low, high = self._range(name)
         middle, span = 0.5 * (low + high), high - low
-        words, unit = f"the {name}", _unit(name)
+        words, unit = f"the {name}", unit_of(name)
         bounds = (("centre", (low - 3.0 * span, high + 3.0 * span)),)
         grid = tuple((float(middle + d * span),) for d in (-2.0, -0.6, -0.2, 0.2, 0.6, 2.0))
         looser = Block(f"({name} - {{centre}})", f"{words}, from a value", unit, bounds, grid)
@@ -216,7 +226,7 @@ class Grammar:
     def bends(self) -> list[Block]:
         """Functions of time that are no line: the start."""
         bounds = (("tau_s", (120.0, max(self.length_s, 200.0))),)
-        grid = _lags(self.length_s / 2.0, 1)[1:] or ((0.5 * self.length_s,),)
+        grid = lags(self.length_s / 2.0, 1)[1:] or ((0.5 * self.length_s,),)
         return [Block("exp(-time/{tau_s})", "a decay from the start", "", bounds, grid)]
 
     def lines(self) -> list[Block]:
@@ -227,12 +237,18 @@ class Grammar:
         frequencies = np.linspace(2.0 / span, 0.5 * _PERIODS / span, _PERIODS)
         grid = tuple((float(1.0 / f),) for f in frequencies)
         bounds = (("period_degc", (float(1.0 / frequencies[-1]), 0.6 * span)),)
-        lags = (("tau_s", (20.0, 2000.0)), *bounds)
+        both = (("tau_s", (20.0, 2000.0)), *bounds)
         # A lag that is a good part of a period apart between heating and cooling leaves nothing of the plain sine.
         many = tuple((tau_s, *one) for tau_s in _INNER_S for one in grid)
         inner = Block("sin(2*pi*lag(temperature, {tau_s})/{period_degc})", "a sine over a temperature that lags", "",
-                      lags, many)  # fmt: skip
-        return [Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid), inner]
+                      both, many)  # fmt: skip
+        found = [Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid), inner]
+        for name in self.moved:
+            low, high = self._range(name)
+            periods = tuple((float((high - low) / turns),) for turns in np.linspace(1.0, 8.0, 15))
+            ends = (("period", (periods[-1][0], 2.0 * periods[0][0])),)
+            found.append(Block(f"sin(2*pi*{name}/{{period}})", f"a sine over the {name}", "", ends, periods))
+        return found
 
     def line(self, periods_s: Sequence[float]) -> Formula:
         """A sine over time with these periods to try."""
@@ -248,7 +264,7 @@ class Grammar:
         bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)))
         window = tuple((float(c), w) for c in centres for w in (0.05 * span, 0.15 * span))
         blocks = [
-            Block(f"(temperature - {middle:.4g})", "temperature", "degC"),
+            self._centred("temperature"),
             Block(f"(temperature - {middle:.4g})**2", "temperature squared", "degC^2"),
             Block("exp(-((temperature - {centre})/{width})**2)", "a window in temperature", "", bounds, window,
                   places=1),
@@ -265,7 +281,7 @@ class Grammar:
             low, high = self._range(name)
             blocks.append(self._centred(name))
             if low * high < 0.0 or abs(high - low) > 0.05 * abs(high + low):  # else it is a constant, and not a factor
-                blocks.append(Block(name, f"the {name}", _unit(name)))
+                blocks.append(Block(name, f"the {name}", unit_of(name)))
         blocks += [Block(name, f"the {name}", "") for name in self.switched]
         return blocks
 
@@ -290,24 +306,3 @@ def _about(parameter: Parameter, value: float) -> Bounds:
         return float(f"{value / 4.0:.6g}"), float(f"{4.0 * value:.6g}")
     half = 0.1 * (parameter.high - parameter.low)
     return float(f"{value - half:.8g}"), float(f"{value + half:.8g}")
-
-
-def _lagged(text: str, words: str, unit: str, length_s: float, every: int = 1) -> Block:
-    bounds = (("tau_s", (20.0, max(length_s, 200.0))),)
-    return Block(f"lag({text}, {{tau_s}})", f"the memory of {words}", unit, bounds, _lags(length_s, every))
-
-
-def _lags(below_s: float, every: int) -> tuple[tuple[float, ...], ...]:
-    """Time constants to try, below the longest that is searched."""
-    return tuple((t,) for t in _LAGS_S[::every] if t < below_s) or ((_LAGS_S[0],),)
-
-
-def _loop(span: Bounds) -> Block:
-    wide = span[1] - span[0]
-    grid = tuple((w,) for w in _PLAYS_DEGC if w < 0.4 * wide)
-    return Block("(temperature - play(temperature, {width}))", "the play of the temperature", "degC",
-                 (("width", (0.2, 0.45 * wide)),), grid)  # fmt: skip
-
-
-def _unit(name: str) -> str:
-    return CHANNELS[name].unit

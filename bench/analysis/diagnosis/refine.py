@@ -19,7 +19,7 @@ from bench.analysis.diagnosis.candidates import (
     outside,
     to_unit,
 )
-from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls, spanned
+from bench.analysis.noise.likelihood import STEPS, NoiseLattice, Point, Surface, beside, gls, spanned
 from bench.analysis.noise.probability import chi2_quantile
 from bench.analysis.noise.whitening import Whitener
 from bench.base import BoolArray, FloatArray
@@ -74,6 +74,7 @@ class Refiner:
         """Shares the whiteners of the lattice."""
         self.problem, self.lattice = problem, lattice
         self._kept: dict[Point, _Whitened] = {}
+        self._last: tuple[FloatArray, BoolArray, float] | None = None
 
     def height(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """-2 ln L of base and candidate."""
@@ -92,12 +93,19 @@ class Refiner:
 
     def _judged(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[float, float]:
         """That square sum, and ln |X' C^-1 X| of base and candidate, the candidate's relative to white noise."""
-        own, flat = candidate.columns(theta), self._flat
+        own = candidate.columns(theta)
         rss, there, kept = self._left(candidate, own, point)
-        white, volume = self.lattice.white()[0].apply(own), flat.volume
-        if candidate.kind == "term":
-            white, volume = outside(flat.basis, white)[:, kept], self._at(point).volume
-        return rss, volume + there - spanned(white, np.ones(white.shape[1]))[1]
+        volume = self._at(point).volume if candidate.kind == "term" else self._flat.volume
+        return rss, volume + there - self._flat_volume(candidate, own, kept)
+
+    def _flat_volume(self, candidate: Candidate, own: FloatArray, kept: BoolArray) -> float:
+        """Volume ln |X' X| of own columns beside the base under white noise, kept for further points."""
+        if self._last is None or self._last[0] is not own or not np.array_equal(self._last[1], kept):
+            white = self.lattice.white()[0].apply(own)
+            if candidate.kind == "term":
+                white = outside(self._flat.basis, white)[:, kept]
+            self._last = own, kept, beside(white, np.zeros(len(white)))[1]
+        return self._last[2]
 
     def _left(self, candidate: Candidate, own: FloatArray, point: Point) -> tuple[float, float, BoolArray]:
         """Square sum beside base and own columns, ln |X' C^-1 X| of the latter, and which of them count."""
@@ -107,9 +115,8 @@ class Refiner:
             before = np.linalg.norm(columns, axis=0)
             columns = outside(at.basis, columns)
             kept, response = np.linalg.norm(columns, axis=0) > 3e-5 * before, at.residual
-        basis, volume = spanned(columns[:, kept], np.ones(int(kept.sum())))
-        left = outside(basis, response)
-        return max(float(left @ left), 1e-300), volume, kept
+        left, volume = beside(columns[:, kept] if not kept.all() else columns, response)
+        return max(left, 1e-300), volume, kept
 
     @cached_property
     def _flat(self) -> _Whitened:
@@ -145,8 +152,8 @@ class Refiner:
         if candidate.parameters:
             starts = [self._search(candidate, start) for start in starts]
         best = min(starts, key=lambda start: start.height)
-        for _ in range((2 if candidate.parameters else 1) if closely else 0):
-            best = self._denoise(candidate, best, base)
+        for steps in (STEPS, STEPS[-1:])[: (2 if candidate.parameters else 1) if closely else 0]:
+            best = self._denoise(candidate, best, base, steps)  # the second time the noise hardly moves
             if candidate.parameters:
                 best = self._search(candidate, best)
         return best.theta, best.point, best.height
@@ -158,13 +165,13 @@ class Refiner:
             starts = [self._search(candidate, start, self.rss) for start in starts]
         return min(start.height for start in starts)
 
-    def _denoise(self, candidate: Candidate, start: Start, base: Point) -> Start:
+    def _denoise(self, candidate: Candidate, start: Start, base: Point, steps: Sequence[int]) -> Start:
         """The noise profiled at fixed parameters, from the better of the start's and the base's."""
         own = candidate.columns(start.theta)
         fixed = replace(candidate, columns=lambda _: own)
         surface = Surface(self.lattice, lambda point: (self.height(fixed, start.theta, point), np.nan))
         surface.visit([start.point, base])
-        point = surface.descend(min((start.point, base), key=surface.height))
+        point = surface.descend(min((start.point, base), key=surface.height), steps=steps)
         return Start(start.theta, point, surface.height(point))
 
     def _search(self, candidate: Candidate, start: Start, goal: Goal | None = None) -> Start:

@@ -135,6 +135,14 @@ class Library:
                 excited[which] = 1.0
                 continue
             before = np.einsum("ij,ij->j", columns, columns)
+            if use == _ADDS and width == 1:  # the residual is outside the base already
+                norm = before - np.einsum("ij,ij->j", inside := q.T @ columns, inside)
+                share = norm / np.maximum(before, 1e-300)
+                norm[share < DEPENDENT] = 0.0
+                excited[which] = np.maximum(excited[which], share)
+                gain, volumes[which] = _single(norm, columns.T @ residual)
+                rss[which] = np.maximum(rss0 - gain, 1e-300)
+                continue
             columns = outside(q, columns)
             if use == _SHIFTS:
                 own = np.einsum("ij,ij->j", columns, columns)
@@ -158,10 +166,7 @@ def _use(candidate: Candidate) -> str:
 def _explained(columns: FloatArray, width: int, response: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Square sum that each group of `width` columns explains of each response (groups, m), and ln |X'X| (groups,)."""
     if width == 1:
-        norm = np.einsum("ij,ij->j", columns, columns)
-        product = columns.T @ response
-        volume = np.log(norm, where=norm > 0.0, out=np.zeros_like(norm))
-        return np.asarray(product**2 / np.where(norm > 0.0, norm, np.inf)[:, None]), volume
+        return _single(np.einsum("ij,ij->j", columns, columns), columns.T @ response)
     groups = columns.T.reshape(-1, width, len(columns))
     norms = np.linalg.norm(groups, axis=2, keepdims=True)
     scaled = groups / np.maximum(norms, 1e-300)
@@ -174,6 +179,12 @@ def _explained(columns: FloatArray, width: int, response: FloatArray) -> tuple[F
     volume = np.log(np.where(known, values, 1.0)).sum(axis=1)
     volume += 2.0 * np.log(np.where(present, norms[:, :, 0], 1.0)).sum(axis=1)
     return np.asarray(np.einsum("gk,gkm->gm", inverse, turned**2)), np.asarray(volume)
+
+
+def _single(norm: FloatArray, product: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same for single columns, from their square sums (groups,) and products with the responses (groups, m)."""
+    volume = np.log(norm, where=norm > 0.0, out=np.zeros_like(norm))
+    return np.asarray(product**2 / np.where(norm > 0.0, norm, np.inf)[:, None]), volume
 
 
 def _left(basis: FloatArray, response: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any, cast
 
 from bench.analysis.effects.base import Effect, Parameter
-from bench.analysis.effects.registry import doc, effect_names, get, make
+from bench.analysis.effects.registry import PACKED, PACKS, doc, effect_names, get, make
 
 SECTIONS = ("Equation", "Units", "Source", "When left out", "Look-alikes", "Separated by")
 _EXAMPLE = "k * dT_dt * quadrature"
@@ -76,13 +76,18 @@ def _options(name: str, effect: Effect) -> dict[str, Any]:
 
 def markdown() -> str:
     """docs/effects.md: a table of all built-in effects, then a chapter for each."""
-    entries = [one for one in catalogue() if get(one.name).__module__.startswith("bench.analysis.effects.")]
+    names = [name for name in effect_names() if get(name).__module__.startswith("bench.analysis.effects.")]
+    entries = [entry(name) for name in (*names, *(name for name in PACKED if name not in names))]
+    packs = "; ".join(f"`{pack}` ({', '.join(kind.name for kind in kinds)})" for pack, kinds in PACKS.items())
     lines = [
         "# Effects",
         "",
         "Written by `python -m bench.analysis.effects` from its docstrings; do not edit. The bias is one constant plus "
         "the sum of the effects in the model. Amplitudes are solved exactly; nonlinear parameters are searched between "
         "the bounds given here. The places of jumps, kinks and loops are searched within what the run visits.",
+        "",
+        "Some effects exist in one kind of gyro only. Every model may contain them, but a diagnosis suspects them only "
+        f"with `--effect KIND`: {packs}.",
         "",
         "| effect | what for | family | needs | nonlinear parameters |",
         "|---|---|---|---|---|",

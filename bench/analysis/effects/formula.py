@@ -13,18 +13,21 @@ import threading
 import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
 
-from bench.analysis.effects.operators import play, ramp_invariant_lag, slope
-from bench.base import CHANNELS, FloatArray, InputError, closest
+from bench.analysis.effects.operators import integral, play, ramp_invariant_lag, shifted, slope
+from bench.base import CHANNELS, RATES, FloatArray, InputError, closest
 from bench.record import STILL_DEGC_PER_MIN, Dataset
 
 FUNCTIONS: dict[str, int] = {
-    "lag": 2, "play": 2, "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1, "sign": 1,
+    "lag": 2, "delay": 2, "play": 2, "total": 1,
+    "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1, "sign": 1,
 }  # fmt: skip
-"""Functions and their numbers of arguments: lag(x, tau_s), play(x, width) in the unit of x."""
+"""Functions and their numbers of arguments: lag(x, tau_s), delay(x, late_s), play(x, width) in the unit of x, total(x),
+the integral over hours since the run began. The time constant of a lag may change with a channel."""
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {
     "abs": np.abs, "exp": np.exp, "log": np.log, "sqrt": np.sqrt,
@@ -45,7 +48,7 @@ Terms = dict[str, ast.expr]
 
 def variables() -> tuple[str, ...]:
     """Names that a formula may use as data; the rate is what is modelled."""
-    return (*(name for name in CHANNELS if name not in {"rate", "time"}), *_DERIVED)
+    return (*(name for name in CHANNELS if name not in {*RATES, "time"}), *_DERIVED)
 
 
 @dataclass(frozen=True)
@@ -58,11 +61,15 @@ class Formula:
     nonlinear: tuple[str, ...]
     needs: tuple[str, ...]
 
+    @cached_property
+    def _follows_rate(self) -> bool:
+        return any(_names(factor) & {"dT_dt", "direction"} for factor in self.factors)
+
     def columns(self, record: Dataset, theta: Mapping[str, float]) -> FloatArray:
         """Factors (n, k) of the whole record, NaN in gaps; InputError where one has no value in a row without a gap."""
         data: dict[str, Any] = {name: record.channel(name) for name in self.needs}
         data |= {"time": record.time, "pi": math.pi, **theta}
-        if "temperature" in data:
+        if self._follows_rate:
             data["dT_dt"] = 60.0 * slope(record.time, data["temperature"], 60.0)
             data["direction"] = np.where(np.abs(data["dT_dt"]) < STILL_DEGC_PER_MIN, 0.0, np.sign(data["dT_dt"]))
         with np.errstate(all="ignore"):
@@ -86,7 +93,7 @@ def parse(text: str, bounded: Collection[str] = ()) -> Formula:
     free = names - set(variables()) - set(bounded) - {"pi"}
     for name in free:
         if name.startswith("_") or not name.isascii() or name in CHANNELS:
-            why = "the rate is what is modelled" if name == "rate" else "names are letters, digits and _ inside"
+            why = "the rate is what is modelled" if name in RATES else "names are letters, digits and _ inside"
             raise InputError(f"expression: '{name}' is not allowed: {why}")
     terms = _terms(tree, free)
     if "" in terms:
@@ -146,7 +153,10 @@ def _allow_call(node: ast.Call) -> None:
     wanted = FUNCTIONS[node.func.id]
     if node.keywords or len(node.args) != wanted:
         raise InputError(f"expression: {node.func.id} takes {wanted} argument{'s' * (wanted > 1)}, in order")
-    if wanted == 2 and (_names(node.args[1]) & set(variables())):
+    if wanted == 1:
+        return
+    inside, data = _names(node.args[1]) - set(FUNCTIONS), set(variables())
+    if inside & data and (node.func.id != "lag" or inside <= data):
         raise InputError(f"expression: the second argument of {node.func.id} is a number or a parameter, not a channel")
 
 
@@ -230,6 +240,10 @@ def _called(name: str, arguments: list[Any], time_s: FloatArray) -> Any:
     if name in _PLAIN:
         return _PLAIN[name](arguments[0])
     record = np.broadcast_to(np.asarray(arguments[0], dtype=np.float64), time_s.shape)
+    if name == "total":
+        return integral(time_s, record) / 3600.0
     if name == "play":
         return play(record, float(arguments[1]))
-    return ramp_invariant_lag(time_s, record, float(arguments[1]))
+    if name == "delay":
+        return shifted(time_s, record, float(arguments[1]))
+    return ramp_invariant_lag(time_s, record, arguments[1])

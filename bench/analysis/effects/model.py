@@ -110,7 +110,7 @@ def load_model(source: str | Path | Document) -> Model:
     for folder in _libraries():
         if (folder / f"{name}.yaml").is_file():
             return _read(folder / f"{name}.yaml")
-    if name in effects.effect_names():
+    if name in effects.effect_names() or name in effects.PACKED:
         return Model(name, (effects.make(name),))
     known = {file.stem for folder in _libraries() for file in folder.glob("*.yaml")} | set(effects.effect_names())
     raise InputError(f"unknown model '{name}'{nearest_or_all(name, tuple(sorted(known)))}")

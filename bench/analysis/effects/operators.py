@@ -16,13 +16,18 @@ from bench.base import FloatArray
 _LEAST_WINDOW_S = 60.0
 
 
-def ramp_invariant_lag(time_s: FloatArray, value: FloatArray, tau_s: float) -> FloatArray:
+def ramp_invariant_lag(time_s: FloatArray, value: FloatArray, tau_s: float | FloatArray) -> FloatArray:
     """First-order lag x' = (u - x) / tau of a record (n,) that is straight between its samples; starts settled.
 
     Exact for ramps at any sampling (first-order hold), where holding each sample would add half a sample to tau.
-    With tau = 0 the record itself is returned.
+    With tau = 0 the record itself is returned. A `tau_s` (n,) may change; between two rows their mean holds.
     """
-    return _bridged(lambda time, u: _lag(time, u, tau_s), time_s, value)
+    if np.ndim(tau_s) == 0:
+        return _bridged(lambda time, u: _lag(time, u, float(tau_s)), time_s, value)
+    known = np.isfinite(tau_s)
+    return _bridged(
+        lambda time, u: _varying_lag(time, u, np.interp(time, time_s[known], np.asarray(tau_s)[known])), time_s, value
+    )
 
 
 def play(value: FloatArray, half_width: float) -> FloatArray:
@@ -69,6 +74,13 @@ def shifted(time_s: FloatArray, value: FloatArray, delay_s: float) -> FloatArray
     return _bridged(lambda time, u: np.asarray(np.interp(time - delay_s, time, u)), time_s, value)
 
 
+def integral(time_s: FloatArray, value: FloatArray) -> FloatArray:
+    """Integral (n,) of a record over time [its unit times s] since its first row, by the trapezoidal rule."""
+    return _bridged(
+        lambda time, u: np.concatenate([[0.0], np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(time))]), time_s, value
+    )
+
+
 def _bridged(
     operator: Callable[[FloatArray, FloatArray], FloatArray], time_s: FloatArray, value: FloatArray
 ) -> FloatArray:
@@ -90,27 +102,41 @@ def _lag(time_s: FloatArray, value: FloatArray, tau_s: float) -> FloatArray:
     # behind = x - u obeys behind' = decay * behind - slope * tau * (1 - decay)
     drive = step / step_s * tau_s * np.expm1(-step_s / tau_s)
     if np.ptp(step_s) <= 1e-9 * step_s[0]:
-        behind = scipy.signal.lfilter([1.0], [1.0, -decay[0]], drive)
-    else:
-        behind = np.empty_like(drive)
-        last = 0.0
-        for row, (fade, push) in enumerate(zip(decay.tolist(), drive.tolist(), strict=True)):
-            last = fade * last + push
-            behind[row] = last
+        return _added(value, scipy.signal.lfilter([1.0], [1.0, -decay[0]], drive))
+    return _added(value, _faded(decay, drive))
+
+
+def _varying_lag(time_s: FloatArray, value: FloatArray, tau_s: FloatArray) -> FloatArray:
+    if len(value) < 2:
+        return value.copy()
+    step_s, step = np.diff(time_s), np.diff(value)
+    tau = np.maximum(0.5 * (tau_s[1:] + tau_s[:-1]), 1e-6 * step_s)
+    return _added(value, _faded(np.exp(-step_s / tau), step / step_s * tau * np.expm1(-step_s / tau)))
+
+
+def _faded(decay: FloatArray, drive: FloatArray) -> FloatArray:
+    """A state (n - 1,) that fades by a factor of its own in each step, and is pushed."""
+    behind, fade, reach = drive.copy(), decay.copy(), 1
+    while reach < len(behind):  # each row knows the last `reach` rows, then twice as many
+        behind[reach:] += fade[reach:] * behind[:-reach]
+        fade[reach:] = fade[reach:] * fade[:-reach]
+        reach *= 2
+    return behind
+
+
+def _added(value: FloatArray, behind: FloatArray) -> FloatArray:
     lagged: FloatArray = value + np.concatenate([[0.0], behind])
     return lagged
 
 
 def _play(value: FloatArray, half_width: float) -> FloatArray:
-    followed = np.empty(len(value))
-    state = float(value[0]) if len(value) else 0.0
-    for row, now in enumerate(value.tolist()):
-        if state < now - half_width:
-            state = now - half_width
-        elif state > now + half_width:
-            state = now + half_width
-        followed[row] = state
-    return followed
+    # A row clips the state to its own band, and two clips are one: bands of the last 1, 2, 4 … rows by doubling.
+    low, high, reach = value - half_width, value + half_width, 1
+    low[:1] = high[:1] = value[:1]
+    while reach < len(value):
+        low[reach:], high[reach:] = (np.clip(end[:-reach], low[reach:], high[reach:]) for end in (low, high))
+        reach *= 2
+    return low
 
 
 def _bouc_wen(value: FloatArray, length: float) -> FloatArray:

@@ -21,7 +21,9 @@ from bench.analysis.effects.expression import Expression
 from bench.analysis.effects.frost import Frost
 from bench.analysis.effects.hysteresis import Hysteresis
 from bench.analysis.effects.lagged_product import LaggedProduct
+from bench.analysis.effects.lock_in import LockIn
 from bench.analysis.effects.partial_range import PartialRange
+from bench.analysis.effects.pattern_angle import PatternAngle
 from bench.analysis.effects.plugin import check, load_class
 from bench.analysis.effects.polynomial import Polynomial
 from bench.analysis.effects.quadrature_leakage import QuadratureLeakage
@@ -29,6 +31,7 @@ from bench.analysis.effects.regression import Regression
 from bench.analysis.effects.resonance_frequency import ResonanceFrequency
 from bench.analysis.effects.scale_factor_nonlinearity import ScaleFactorNonlinearity
 from bench.analysis.effects.scale_factor_temperature import ScaleFactorTemperature
+from bench.analysis.effects.shupe import Shupe
 from bench.analysis.effects.spline import Spline
 from bench.analysis.effects.supply_voltage import SupplyVoltage
 from bench.analysis.effects.surface import Surface
@@ -69,6 +72,13 @@ _BUILT_IN = (
     PartialRange,
     Expression,
 )
+PACKS: Mapping[str, tuple[type[Effect], ...]] = {
+    "fog": (Shupe,),
+    "rlg": (LockIn,),
+    "whole_angle": (PatternAngle,),
+}
+"""Effects of one kind of gyro. Every model may contain them; suspects they are where their pack was loaded."""
+PACKED: Mapping[str, type[Effect]] = {kind.name: kind for pack in PACKS.values() for kind in pack}
 _REGISTRY: dict[str, type[Effect]] = {kind.name: kind for kind in _BUILT_IN}
 _BROKEN: dict[str, str] = {}
 """Why an entry point gave no effect; said when somebody asks for it."""
@@ -82,12 +92,14 @@ def effect_names() -> tuple[str, ...]:
 
 def get(name: str) -> type[Effect]:
     """Class of an effect; InputError with the nearest known name, or why a plug-in gave no effect."""
+    if name in PACKED:
+        return PACKED[name]
     if name not in _REGISTRY:
         _discover()
     if name in _BROKEN:
         raise InputError(_BROKEN[name])
     if name not in _REGISTRY:
-        raise InputError(f"unknown effect '{name}'{nearest_or_all(name, effect_names())}")
+        raise InputError(f"unknown effect '{name}'{nearest_or_all(name, (*effect_names(), *PACKED))}")
     return _REGISTRY[name]
 
 
@@ -95,17 +107,20 @@ def register(kind: object, source: str) -> str:
     """Take a class into the registry, where it is like the built-in ones; its name. InputError as `plugin.check`."""
     effect = check(kind, source)
     name = effect.name
-    if _REGISTRY.get(name, effect) in _BUILT_IN:
+    if _REGISTRY.get(name, effect) in _BUILT_IN or PACKED.get(name, effect) is not effect:
         raise InputError(f"{source}: the name '{name}' is a built-in effect's; choose another")
     _REGISTRY[name] = effect
     return name
 
 
 def load_effect(spec: str) -> str:
-    """Name of the effect in `mine.py:Class` or `package.module:Class`, registered from now on.
+    """Name of the effect in `mine.py:Class` or `package.module:Class`, registered from now on; or of a pack's effects.
 
     Raises InputError: no such file or class, an error in the file, or a class that is not an effect (what is missing).
     """
+    if spec in PACKS:
+        _REGISTRY.update({kind.name: kind for kind in PACKS[spec]})
+        return ", ".join(kind.name for kind in PACKS[spec])
     return register(load_class(spec), spec)
 
 

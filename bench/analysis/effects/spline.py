@@ -84,12 +84,12 @@ class Spline(StaticEffect):
         m, scale = self._m, self._scale
         v = (record.channel("temperature") - scale.low) * (m / (scale.high - scale.low))
         inside = np.clip(v, 0.0, float(m))
-        basis, (begin, end) = _basis(m, self.ends), _tangents(m, self.ends)
-        present = np.isfinite(v)
-        out = np.full((v.size, basis.shape[1]), np.nan)
-        out[present] = scipy.interpolate.BSpline.design_matrix(inside[present], _knots(m), 3) @ basis
-        beyond = (v - inside)[:, None]
-        return out + np.where(beyond < 0, beyond * begin, beyond * end)
+        begin, end = _tangents(m, self.ends)
+        out: FloatArray = _spline(m, self.ends)(inside)
+        beyond = v - inside
+        for side, slope in ((beyond < 0, begin), (beyond > 0, end)):
+            out[side] += beyond[side, None] * slope
+        return out
 
     def physical(self) -> Physical:
         """Coefficients a0..a3 of every interval [deg/h/degC^j]."""
@@ -99,7 +99,7 @@ class Spline(StaticEffect):
         for j in range(4):
             # The third derivative jumps at the knots: read it inside the interval.
             at: FloatArray = np.arange(float(m)) + (0.5 if j == 3 else 0.0)
-            matrix[j::4, 1:] = _derivative(m, self.ends, j, at) / (factorial(j) * width**j)
+            matrix[j::4, 1:] = _spline(m, self.ends, j)(at) / (factorial(j) * width**j)
         labels = tuple(f"piece{i + 1}.a{j}" for i in range(m) for j in range(4))
         return Physical(labels, tuple(powers_unit("temperature", j) for j in range(4)) * m, matrix)
 
@@ -150,14 +150,14 @@ def _basis(m: int, ends: str) -> FloatArray:
     return basis
 
 
-def _derivative(m: int, ends: str, order: int, at: FloatArray) -> FloatArray:
-    """Derivatives of the basis at v (n, k), per interval width."""
+@lru_cache(maxsize=64)
+def _spline(m: int, ends: str, order: int = 0) -> scipy.interpolate.BSpline:
+    """The splines of the basis, or their derivatives per interval width: v (n,) to (n, k), NaN to NaN."""
     spline = scipy.interpolate.BSpline(_knots(m), _basis(m, ends), 3)
-    values: FloatArray = (spline.derivative(order) if order else spline)(at)
-    return values
+    return spline.derivative(order) if order else spline
 
 
 @lru_cache(maxsize=64)
 def _tangents(m: int, ends: str) -> tuple[FloatArray, FloatArray]:
-    slope = _derivative(m, ends, 1, np.array([0.0, float(m)]))
+    slope = _spline(m, ends, 1)(np.array([0.0, float(m)]))
     return slope[0], slope[1]

@@ -104,17 +104,18 @@ class FitRows:
     def bind(self, values: FloatArray, trial: bool = False) -> tuple[Bound, FloatArray]:
         """Effects prepared for these parameters (m,), and their columns (rows, 1 + k); a `trial` demands no rows."""
         theta, moved, prepared = self._split(values), self.records, {}
+        selected = self._selected
         pairs = list(zip(self.model.keys, self.model.effects, strict=True))
         for moves in (True, False):  # terms are scaled to the temperature that they will see
             for key, effect in pairs:
                 if effect.moves_abscissa is not moves:
                     continue
-                selected = [r.select(m) for r, m in zip(moved, self.masks, strict=True)]
                 prepared[key] = ready = effect.prepare(selected)
                 if not trial:
                     ready.demand(selected)
                 if ready.moves_abscissa:
                     moved = tuple(r.with_channel("temperature", ready.abscissa(r, theta[key])) for r in moved)
+                    selected = [r.select(m) for r, m in zip(moved, self.masks, strict=True)]
         slices, parts, at = {}, [np.ones((self.y.size, 1))], 1
         for key in self.model.keys:
             part = [prepared[key].columns(r, theta[key])[m] for r, m in zip(moved, self.masks, strict=True)]
@@ -132,6 +133,11 @@ class FitRows:
             low, high = (curve(np.where(np.arange(values.size) == i, end, values)) for end in ends)
             slopes.append((high - low) / (ends[1] - ends[0]))
         return slopes
+
+    @cached_property
+    def _selected(self) -> list[Dataset]:
+        """The rows to fit of each record, where nothing moves its temperature."""
+        return [r.select(m) for r, m in zip(self.records, self.masks, strict=True)]
 
     def _split(self, values: FloatArray) -> dict[str, Theta]:
         given = iter(values.tolist())

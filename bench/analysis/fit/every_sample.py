@@ -217,7 +217,7 @@ def _sample(records: Sequence[SampledRun], needs: Sequence[str]) -> tuple[dict[s
 
 def _general(model: Model, records: Sequence[SampledRun], block_s: float) -> Pass:
     """Any model, laid out by its fit to the means."""
-    fit = fit_model(model, tuple(record.means for record in records), covariance="none")
+    fit = fit_model(model, tuple(record.means for record in records), covariance="none", weights="count")
     bound = fit.bound
     moves = any(effect.moves_abscissa for effect in bound.effects)
     direct = [isinstance(effect, StaticEffect) and not moves for effect in bound.effects]

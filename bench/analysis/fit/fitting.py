@@ -1,9 +1,9 @@
 """A model fitted to runs: least squares in one piece, variable projection for time constants, honest covariance.
 
-The estimate is ordinary (count-weighted) least squares, as in the source papers. Its covariance is that of this
-estimate under noise that is not white: white + flicker + random walk, estimated beside the columns
-(`covariance="noise"`), or the block sandwich, which assumes nothing but short memory (`"sandwich"`). White-noise bands
-would be ten times too narrow.
+Rows count by the noise that the fit itself shows (`weights="noise"`, see `weighting`), or by the samples behind each,
+as in the source papers (`"count"`). The covariance is that of the estimate under this noise, white + flicker + random
+walk (`covariance="noise"`), or the block sandwich, which assumes nothing but short memory (`"sandwich"`). White-noise
+bands would be ten times too narrow.
 """
 
 from __future__ import annotations
@@ -15,22 +15,27 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import Parameter, options_of
+from bench.analysis.effects.base import options_of
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import Bound, FitRows, fit_rows
+from bench.analysis.fit.parameters import choose, nonlinear, refuse
 from bench.analysis.fit.quantisation import coarse_temperature
 from bench.analysis.fit.solve import (
-    Solution,
-    dependent_column,
-    left_out_rms,
     one_blas_thread,
-    projected,
-    search,
     solve,
 )
-from bench.analysis.fit.uncertainty import CovarianceKind, estimate_covariance
+from bench.analysis.fit.uncertainty import CovarianceKind, counted_covariance, jacobian_of
+from bench.analysis.fit.weighting import (
+    NoiseWeights,
+    WeightsKind,
+    lacking,
+    noise_weights,
+    solved,
+)
+from bench.analysis.fit.weighting import (
+    covariance as noise_covariance,
+)
 from bench.analysis.noise.estimate import Noise
-from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import CHANNELS, BoolArray, FloatArray, InputError, finite
 from bench.record import Dataset
 
@@ -76,6 +81,12 @@ class Fit:
     warnings: tuple[str, ...] = ()
     residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     """Measured minus modelled [deg/h] of each dataset (n,), NaN where a row was not fitted."""
+    weights: NoiseWeights | None = field(default=None, repr=False)
+    """The noise that weighed the rows; None where the samples behind each did."""
+    weights_reason: str = ""
+    """Why the rows were not weighed by their noise, where that was asked for."""
+    counted: Fit | None = field(default=None, repr=False)
+    """The same model with rows that count by their samples, without covariance, where the noise weighed the rows."""
 
     @property
     def theta(self) -> dict[str, float]:
@@ -140,6 +151,7 @@ class Fit:
                 for (key, value), std in zip(self.theta.items(), self.theta_std.values(), strict=True)
             ],
             "scaled": self.beta.tolist(),
+            "weights": self.weights_json(),
             "rms_dph": self.rms_dph,
             "condition": self.condition,
             "rows": self.rows,
@@ -149,40 +161,112 @@ class Fit:
             "warnings": list(self.warnings),
         }
 
+    def weights_json(self) -> dict[str, str]:
+        """How the rows count, `noise` or `count`, and why by count where the noise was asked for."""
+        return {"by": "count" if self.weights is None else "noise", "reason": self.weights_reason}
+
     def _effects_json(self) -> list[dict[str, Any]]:
         pairs = zip(self.model.effects, self.bound.effects, strict=True)
         return [{"effect": e.name, "options": options_of(e), "state": p.state()} for e, p in pairs]
 
 
-def fit_model(
+def fit_model(  # noqa: PLR0913 - options of one fit, by keyword
     model: Model,
     datasets: Dataset | Sequence[Dataset],
     rows: Sequence[BoolArray] | None = None,
     *,
     covariance: CovarianceKind = "noise",
+    weights: WeightsKind | NoiseWeights = "noise",
     quantisation_limit_dph: float = np.inf,
     start: Mapping[str, float] | None = None,
+    hold: bool = False,
 ) -> Fit:
     """Fit a model to runs of one unit; `rows` masks the rows to fit, effects still see the whole record.
 
-    `quantisation_limit_dph` refuses a temperature sensor whose steps cause a larger error [deg/h]; `start` (the `theta`
-    of an earlier fit) replaces the grid search. Raises InputError: a channel is missing or constant, too few rows, an
-    interval without data, dependent columns, condition above 1e12.
+    `weights` of an earlier fit to at least these rows are taken as they are; the `sandwich` assumes no noise, and its
+    estimate is count-weighted. `quantisation_limit_dph` refuses a temperature sensor whose steps cause a larger error
+    [deg/h]; `start` (the `theta` of an earlier fit) replaces the grid search, and with `hold` all search. Raises
+    InputError: a channel is missing or constant, too few rows, an interval without data, dependent columns, condition
+    above 1e12.
     """
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
     refuse_corrected(records)
     with one_blas_thread():
-        laid_out = fit_rows(model, records, rows)
-        laid_out = _choose(laid_out)
-        theta = _theta(laid_out, start)
-        bound, columns = laid_out.bind(theta)
-        solution = solve(columns, laid_out.y, laid_out.weights)
-        _refuse(laid_out, bound, columns, solution)
-        cov, noise = estimate_covariance(laid_out, bound, columns, solution, covariance)
-        result = _result(laid_out, bound, solution, cov, noise)
-        steps = coarse_temperature(bound, solution.beta, result.rms_dph, records, quantisation_limit_dph)
+        laid_out = choose(fit_rows(model, records, rows))
+        if isinstance(weights, NoiseWeights):
+            result = _weighed(laid_out, weights, covariance, start)
+        else:
+            counted = _Solver(laid_out, nonlinear(laid_out, start, hold=hold))
+            result = _fitted(counted, covariance, "count" if covariance == "sandwich" else weights)
+        steps = coarse_temperature(result.bound, result.beta, result.rms_dph, records, quantisation_limit_dph)
         stuck = (f"{key} = {result.theta[key]:g} is on its bound: not determined" for key in result.on_bound)
         return replace(result, warnings=(*steps, *stuck))
+
+
+class _Solver:
+    """A model at given nonlinear parameters, solved with rows that count by their samples."""
+
+    def __init__(self, rows: FitRows, theta: FloatArray) -> None:
+        self.rows, self.theta = rows, theta
+        self.bound, self.columns = rows.bind(theta)
+        self.solution = solve(self.columns, rows.y, rows.weights)
+        refuse(rows, self.bound, self.columns, self.solution)
+
+    def jacobian(self, beta: FloatArray) -> FloatArray:
+        """Columns of amplitudes and nonlinear parameters (rows, q)."""
+        return jacobian_of(self.rows, self.bound, self.columns, beta)
+
+    def fit(self, beta: FloatArray, covariance: FloatArray | None = None, noise: Noise | None = None) -> Fit:
+        """The fit with these coefficients."""
+        rows, size = self.rows, beta.size + self.theta.size
+        residual = rows.y - self.columns @ beta
+        return Fit(
+            model=rows.model,
+            bound=self.bound,
+            beta=beta,
+            covariance=np.full((size, size), np.nan) if covariance is None else covariance,
+            noise=noise,
+            rms_dph=float(np.sqrt(np.average(residual**2, weights=rows.weights))),
+            condition=self.solution.condition,
+            rows=rows.y.size,
+            interval_s=rows.records[0].interval_s,
+            runs=tuple(record.name for record in rows.records),
+            validity=rows.validity(),
+            residuals=rows.scatter(residual),
+        )
+
+
+def _fitted(counted: _Solver, covariance: CovarianceKind, weights: WeightsKind) -> Fit:
+    """The fit with rows that count by their noise, where that can be estimated and is asked for."""
+    plain = counted.fit(counted.solution.beta)
+    if covariance == "none" and weights == "count":
+        return plain
+    jacobian = counted.jacobian(plain.beta)
+    found = "not asked for" if covariance == "sandwich" else noise_weights(counted.rows, jacobian)
+    noise = found if isinstance(found, NoiseWeights) else None
+    reason = ""
+    if weights == "noise":
+        reason = found if isinstance(found, str) else lacking(counted.rows, plain.rms_dph)
+    if weights == "noise" and noise is not None and not reason:
+        try:
+            return replace(_weighed(counted.rows, noise, covariance, plain.theta), counted=plain)
+        except InputError as error:
+            reason = str(error)
+    cov = None
+    if covariance != "none":
+        cov = counted_covariance(counted.rows, jacobian, counted.solution.residual, noise)
+    fit = counted.fit(plain.beta, cov, None if noise is None else noise.found.noise)
+    return replace(fit, weights_reason=reason)
+
+
+def _weighed(
+    rows: FitRows, weights: NoiseWeights, covariance: CovarianceKind, start: Mapping[str, float] | None
+) -> Fit:
+    whitening = weights.whitening(rows)
+    at = _Solver(rows, nonlinear(rows, start, whitening))
+    beta = solved(rows, at.columns, whitening)
+    cov = None if covariance == "none" else noise_covariance(rows, at.jacobian(beta), weights)
+    return replace(at.fit(beta, cov, weights.found.noise), weights=weights)
 
 
 def _is_rounding(matrix: FloatArray, units: Sequence[str]) -> BoolArray:
@@ -200,72 +284,3 @@ def refuse_corrected(records: Iterable[Dataset]) -> None:
         if record.corrected:
             text = f"{record.name}: the unit corrected its rate itself during this run: it is a verification"
             raise InputError(f"{text} and cannot be fitted or checked against; use runs of the raw rate")
-
-
-def _choose(rows: FitRows) -> FitRows:
-    """Settle automatic options: the variant with the least RMS on left-out blocks."""
-    for i, effect in enumerate(rows.model.effects):
-        choices = effect.choices()
-        if not choices:
-            continue
-        scored = [(score, variant) for variant in choices if np.isfinite(score := _left_out(rows.using(i, variant)))]
-        if not scored:
-            raise InputError(f"{effect.name}: these rows determine none of its variants; record a longer or wider run")
-        rows = rows.using(i, min(scored, key=lambda pair: pair[0])[1])
-    return rows
-
-
-def _left_out(rows: FitRows) -> float:
-    try:
-        _, columns = rows.bind(rows.start())
-    except InputError:
-        return np.inf
-    return left_out_rms(solve(columns, rows.y, rows.weights), rows.weights, rows.blocks())
-
-
-def _theta(rows: FitRows, start: Mapping[str, float] | None) -> FloatArray:
-    parameters: Sequence[Parameter] = rows.parameters
-    if not parameters:
-        return np.zeros(0)
-    given = None if start is None else np.array([start[key] for key in rows.parameter_keys])
-
-    def residual(theta: FloatArray) -> FloatArray:
-        try:
-            _, columns = rows.bind(theta, trial=True)
-        except InputError:  # a lag so long that the shifted temperature stands still
-            return np.full(rows.y.size, np.inf)
-        return projected(columns, rows.y, rows.weights)
-
-    return search(residual, parameters, given)
-
-
-def _refuse(rows: FitRows, bound: Bound, columns: FloatArray, solution: Solution) -> None:
-    n, p = columns.shape
-    if n < p:
-        raise InputError(f"{n} rows for {p} coefficients of model '{rows.model.name}': record more, or fit less")
-    if not np.all(np.isfinite(columns)):
-        raise InputError(f"model '{rows.model.name}' has columns that are not finite in rows without a gap")
-    if solution.condition > MOST_CONDITION:
-        culprit = dependent_column(columns, rows.weights)
-        key = next((k for k, own in bound.slices.items() if own.start <= culprit < own.stop), "constant")
-        raise InputError(
-            f"model '{rows.model.name}' is not determined by these rows (condition {solution.condition:.1g}, limit "
-            f"{MOST_CONDITION:.0e}): '{key}' repeats what the other terms contain; leave it out or vary its channel"
-        )
-
-
-def _result(rows: FitRows, bound: Bound, solution: Solution, cov: FloatArray, noise: Noise | None) -> Fit:
-    return Fit(
-        model=rows.model,
-        bound=bound,
-        beta=solution.beta,
-        covariance=cov,
-        noise=noise,
-        rms_dph=float(np.sqrt(solution.rss / np.sum(rows.weights))),
-        condition=solution.condition,
-        rows=rows.y.size,
-        interval_s=rows.records[0].interval_s,
-        runs=tuple(record.name for record in rows.records),
-        validity=rows.validity(),
-        residuals=rows.scatter(solution.residual),
-    )

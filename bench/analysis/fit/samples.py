@@ -13,11 +13,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from bench.base import DPH_PER_DPS, FloatArray, InputError, IntArray
-from bench.record import EARTH, Manifest, floats, seconds_of, use
+from bench.record import EARTH, Manifest, SampleFile, seconds_of, use
 
 BATCH_ROWS = 1 << 17
 REACH_S = 2.5
@@ -42,31 +40,22 @@ class Samples:
 
     path: Path
 
-    @cached_property
-    def metadata(self) -> pq.FileMetaData:
-        """Metadata of the file, which is the one that was recorded."""
-        use(self.path.parent, self.path.name)
-        try:
-            return pq.read_metadata(self.path)
-        except (OSError, pa.ArrowException) as error:
-            raise InputError(f"not a readable Parquet file ({error})", self.path) from error
-
     @property
     def rows(self) -> int:
         """Samples of the run."""
-        return int(self.metadata.num_rows)
+        return self._known[0]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Channels with a value."""
-        return tuple(self._ends)
+        return tuple(self._known[1])
 
     def range(self, channel: str) -> tuple[float, float]:
         """Smallest and largest value of a channel, out of the file's statistics: no sample is read."""
-        if channel not in self._ends:
-            have = ", ".join(sorted(self._ends))
+        if channel not in self._known[1]:
+            have = ", ".join(sorted(self._known[1]))
             raise InputError(f"channel '{channel}' is missing; the run has {have}", self.path)
-        return self._ends[channel]
+        return self._known[1][channel]
 
     @cached_property
     def _earth(self) -> tuple[FloatArray, FloatArray] | None:
@@ -78,32 +67,29 @@ class Samples:
         return seconds.time, seconds.channels[EARTH]
 
     @cached_property
-    def _ends(self) -> dict[str, tuple[float, float]]:
+    def _known(self) -> tuple[int, dict[str, tuple[float, float]]]:
+        """Samples, and smallest and largest value by channel, of the file, which is the one that was recorded."""
+        use(self.path.parent, self.path.name)
         ends: dict[str, tuple[float, float]] = {}
-        for g in range(self.metadata.num_row_groups):
-            group = self.metadata.row_group(g)
-            for c in range(group.num_columns):
-                column, known = group.column(c), group.column(c).statistics
-                if known is None or not known.has_min_max:
-                    continue
-                low, high = float(known.min), float(known.max)
-                old = ends.get(column.path_in_schema, (low, high))
-                ends[column.path_in_schema] = min(low, old[0]), max(high, old[1])
-        return ends
+        with SampleFile(self.path) as source:
+            for group in source.groups:
+                for name in source.names:
+                    if (known := source.ends(name, group)) is not None:
+                        old = ends.get(name, known)
+                        ends[name] = min(known[0], old[0]), max(known[1], old[1])
+            return source.rows, ends
 
     def read(self, channels: Sequence[str]) -> Iterator[Batch]:
         """All samples with these channels, each once."""
-        turns = "applied_rate" in self._ends
+        turns = "applied_rate" in self._known[1]
         names = tuple(dict.fromkeys(("time", "rate", *channels, *(("applied_rate",) if turns else ()))))
         for name in names:
             self.range(name)
-        wanted = [*names, *(("segment",) if "segment" in self._ends else ())]
+        wanted = [*names, *(("segment",) if "segment" in self._known[1] else ())]
         carried: dict[str, FloatArray] = {}
-        with pq.ParquetFile(self.path, pre_buffer=False, page_checksum_verification=True) as source:
-            for batch in _sound(source.iter_batches(batch_size=BATCH_ROWS, columns=wanted), self.path):
-                table = {name: floats(batch.column(name)) for name in wanted}
-                if carried:
-                    table = {name: np.concatenate([carried[name], table[name]]) for name in wanted}
+        with SampleFile(self.path) as source:
+            for new in source.batches(wanted, BATCH_ROWS):
+                table = {name: np.concatenate([carried[name], new[name]]) for name in wanted} if carried else new
                 # What follows the last reading of a slow channel waits for the next one; that reading stays with it.
                 slow = [name for name in names if name not in {"time", "rate"}]
                 ready = min((_ready(table["time"], table[name]) for name in slow), default=table["time"].size)
@@ -128,14 +114,6 @@ class Samples:
             y = y - DPH_PER_DPS * columns["applied_rate"]
         segment = np.nan_to_num(table["segment"][new], nan=-1.0) if "segment" in table else np.full(y.size, -1.0)
         return Batch(columns["time"], columns, y, segment.astype(np.int64))
-
-
-def _sound(batches: Iterator[pa.RecordBatch], path: Path) -> Iterator[pa.RecordBatch]:
-    """The same; InputError where a page is damaged."""
-    try:
-        yield from batches
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"is damaged ({error}); restore it from a backup", path) from None
 
 
 def between(time: FloatArray, values: FloatArray, rows: slice, channel: str = "") -> FloatArray:

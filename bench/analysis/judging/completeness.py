@@ -7,12 +7,10 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from bench.analysis.thresholds import LONGEST_GAP_S, MOST_LEFT_OUT, MOST_MISSING_PPM
-from bench.base import clock, finite, number
-from bench.record import Capture, Dataset, ExecutedSegment, LeftOut, Manifest, RunFolder, UnitClock, use
+from bench.base import InputError, clock, finite, number
+from bench.record import Capture, Dataset, ExecutedSegment, LeftOut, Manifest, RunFolder, SampleFile, UnitClock, use
 
 SAMPLES = ("lost", "slow_lost")
 CAUSES = ("corrupt", "late", "invalid")
@@ -185,23 +183,22 @@ def _samples(run: RunFolder, base: Dataset, rate_hz: float | None) -> tuple[int,
     """Unit samples present, and missing between the first and the last of the 500 Hz table."""
     counted = int(base.count("rate").sum())
     try:
-        with pq.ParquetFile(run.data, page_checksum_verification=True) as table:
-            groups = range(table.num_row_groups)
-            first, last = _edge(table, groups, 0), _edge(table, reversed(groups), -1)
-    except (OSError, pa.ArrowException):  # no table, or a damaged one: the means still say how many there are
+        with SampleFile(run.data) as table:
+            first, last = _edge(table, table.groups, 0), _edge(table, reversed(table.groups), -1)
+    except InputError:  # no table, or a damaged one: the means still say how many there are
         return counted, None
     if not rate_hz or first is None or last is None:
         return counted, None
     return counted, max(0, round((last - first) * rate_hz) + 1 - counted)
 
 
-def _edge(table: pq.ParquetFile, groups: Iterable[int], end: int) -> float | None:
+def _edge(table: SampleFile, groups: Iterable[int], end: int) -> float | None:
     """Time [s] of the first (0) or last (-1) rate sample; reads one row group, seldom more."""
     for group in groups:
-        rows = table.read_row_group(group, columns=["time", "rate"])
-        present = rows["time"].filter(rows["rate"].is_valid())
-        if len(present):
-            return float(present[end].as_py())
+        rows = table.read(["time", "rate"], [group])
+        present = rows["time"][np.isfinite(rows["rate"])]
+        if present.size:
+            return float(present[end])
     return None
 
 

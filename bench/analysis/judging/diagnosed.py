@@ -78,7 +78,7 @@ def improvement_rungs(answer: Diagnosis, runs: Sequence[Dataset], check: Sequenc
     """The model, each effect found added to it, strongest first, then the rivals of the strongest; on the same runs."""
     rungs = [Rung(answer.model.name, answer.rms_dph, answer.held_out_rms_dph)]
     if answer.found:
-        base = fit_model(answer.model, runs, covariance="none")
+        base = fit_model(answer.model, runs, covariance="none", weights="count")
         rows = fit_rows(base.model, tuple(runs), [np.isfinite(residual) for residual in base.residuals])
         theta = np.array(list(base.theta.values()), dtype=np.float64)
         for suspect in answer.found:

@@ -118,6 +118,9 @@ def _means(run: RunFolder, interval_s: float) -> tuple[Dataset | None, Dataset |
     """The 1 s means and those over `interval_s`, or why there are none to judge; the table is read once a report."""
     try:
         seconds = seconds_of(run.path)
+        if len(seconds.outputs) > 1:
+            text = f"the unit has {len(seconds.outputs)} outputs ({', '.join(seconds.outputs)}); each is looked at with"
+            return None, None, f"{text} `bench compare` and `bench diagnose` and --output"
     except InputError as error:
         return None, None, str(error).replace(f"{run.path}/", "")
     steady = averaged(seconds, 1.0)

@@ -138,9 +138,7 @@ def _basis(
 @lru_cache(maxsize=16)
 def _scatter_unit(rows: int, interval_s: float) -> FloatArray:
     """Variance (4,) of neighbouring rows about their own mean, of N, B, K and Q of one."""
-    time_s: FloatArray = (np.arange(rows, dtype=np.float64) + 0.5) * interval_s
-    parts = _parts(time_s, interval_s, np.ones(rows))
-    return np.array([(np.trace(part) - part.sum() / rows) / (rows - 1) for part in parts])
+    return floor_unit(rows, interval_s) * (rows / (rows - 1))
 
 
 def _parts(time_s: FloatArray, interval_s: float, white: FloatArray) -> tuple[FloatArray, ...]:

@@ -25,6 +25,8 @@ _ZERO = _LOWEST - _PER_DECADE  # lattice index that stands for a ratio of exactl
 _PLAIN = 1e-7  # ratio of eigenvalues of the normal equations from which on they are solved as they stand
 _MOST_KEPT = 1000  # whiteners to an axis, half a megabyte each for a thousand rows; one diagnosis needs some 500
 Point = tuple[int, int]
+STEPS = (8, 4, 2)
+"""Steps of a descent over the lattice, in sixteenths of a decade."""
 
 
 @dataclass(frozen=True)
@@ -179,10 +181,10 @@ class Surface:
         for point in new:
             self.known[point] = self.measure(point)
 
-    def descend(self, start: Point, zeros_held: bool = False) -> Point:
+    def descend(self, start: Point, zeros_held: bool = False, steps: Sequence[int] = STEPS) -> Point:
         """The lowest point reached from a start with ever finer steps; ratios of zero may be held there."""
         best = start
-        for step in (8, 4, 2):
+        for step in steps:
             while True:
                 around = NoiseLattice.around(best, step)
                 self.lattice.prepare(around, (q for p in around for q in NoiseLattice.around(p, step)))
@@ -238,6 +240,36 @@ def spanned(white: FloatArray, scale: FloatArray) -> tuple[FloatArray, float]:
     u, s, _ = np.linalg.svd(scaled, full_matrices=False)
     rank = int(np.sum(s > s[0] * 1e-10))
     return u[:, :rank], 2.0 * (float(np.log(s[:rank]).sum()) + longer)
+
+
+def coordinates(white: FloatArray) -> FloatArray | None:
+    """Matrix M (p, p) by which M X' r are coordinates of r in an orthonormal basis of columns X (n, p).
+
+    From the normal equations, a third of the work of the basis; None where the columns depend on each other too much.
+    """
+    gram = white.T @ white
+    norm = np.sqrt(np.diagonal(gram))
+    if not np.all(norm > 0.0):
+        return None
+    try:
+        lower = np.linalg.cholesky(gram / (norm * norm[:, None]))
+    except np.linalg.LinAlgError:
+        return None
+    inverse: FloatArray = np.linalg.inv(lower) / norm
+    return inverse if float(np.diagonal(lower).min(initial=1.0)) ** 2 > _PLAIN else None
+
+
+def beside(white: FloatArray, response: FloatArray) -> tuple[float, float]:
+    """Square sum of a response (n,) outside whitened columns X (n, p), and ln |X'X|."""
+    inverse = coordinates(white)
+    if inverse is None:
+        basis, volume = spanned(white, np.ones(white.shape[1]))
+        rest = response - basis @ (basis.T @ response)
+    else:
+        rest, volume = response, -2.0 * float(np.log(np.diagonal(inverse)).sum())
+        for _ in range(2):  # the second step takes away the rounding of the first
+            rest = rest - white @ (inverse.T @ (inverse @ (white.T @ rest)))
+    return float(rest @ rest), volume
 
 
 def minus2logl(records: Sequence[Record], ways: Sequence[Whitener], restricted: bool) -> tuple[float, float]:

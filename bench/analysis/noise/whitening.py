@@ -90,8 +90,15 @@ class Whitener:
     ratios: Ratios
     log_det: float
     rows: int
-    transfer: FloatArray
-    """Matrices (blocks, states + 32, states + 32): [state, rows] before a block to [state, whitened rows] after it."""
+    factor: tuple[FloatArray, FloatArray, FloatArray]
+    """Weights (rows, states) and pivots (rows,) of the recursion, and how its states decay (rows, states)."""
+
+    @cached_property
+    def transfer(self) -> FloatArray:
+        """Matrices (blocks, states + 32, states + 32): [state, rows] before a block to [state, whitened rows] after
+        it. Made when it is needed: of the whiteners that are made ahead some never are.
+        """
+        return _transfer(*self.factor)
 
     @staticmethod
     def of(ratios: Ratios, time_s: FloatArray, interval_s: float, white: FloatArray | None = None) -> Whitener:
@@ -101,7 +108,8 @@ class Whitener:
     def apply(self, matrix: FloatArray) -> FloatArray:
         """W @ matrix for columns (n, k) or one vector (n,)."""
         if self.ratios == Ratios():  # white noise: no row depends on another
-            return np.asarray(matrix * (self._diagonal if matrix.ndim == 1 else self._diagonal[:, None]))
+            diagonal = 1.0 / np.sqrt(self.factor[1])
+            return np.asarray(matrix * (diagonal if matrix.ndim == 1 else diagonal[:, None]))
 
         def whiten(transfer: FloatArray, work: FloatArray, states: int) -> FloatArray:
             result: FloatArray = transfer @ work
@@ -109,12 +117,6 @@ class Whitener:
             return result[states:]
 
         return self._through(matrix, whiten)
-
-    @cached_property
-    def _diagonal(self) -> FloatArray:
-        states = self.transfer.shape[1] - _BLOCK
-        own: FloatArray = np.diagonal(self.transfer[:, states:, states:], axis1=1, axis2=2).reshape(-1)[: self.rows]
-        return own
 
     def colour(self, matrix: FloatArray) -> FloatArray:
         """W^-1 @ matrix for columns (n, k): turns independent normal numbers into this noise with white variance 1."""
@@ -163,9 +165,9 @@ def whiteners(
     averaging = flicker * shape.diagonal - walk * interval_s / 3600.0 / 6.0
     diagonal = base + (averaging[:, None] + walk[:, None] * since_h)
     weights, pivots = _factorise(source, walk[:, None] * since_h, decay, diagonal)
-    transfers = _transfer(weights, pivots, decay)
     log_dets = np.log(pivots).sum(axis=1).tolist()
-    return [Whitener(r, d, rows, t) for r, d, t in zip(ratios, log_dets, transfers, strict=True)]
+    factors = zip(ratios, log_dets, weights, pivots, strict=True)
+    return [Whitener(ratio, log_det, rows, (weight, pivot, decay)) for ratio, log_det, weight, pivot in factors]
 
 
 def _factorise(
@@ -194,21 +196,21 @@ def _factorise(
 
 
 def _transfer(weights: FloatArray, pivots: FloatArray, decay: FloatArray) -> FloatArray:
-    """`Whitener.transfer` of every ratio, (many, blocks, states + 32, states + 32), and all blocks at once."""
-    many, rows, states = weights.shape
+    """`Whitener.transfer`, all blocks at once."""
+    rows, states = weights.shape
     blocks = -(-rows // _BLOCK)
     pad = blocks * _BLOCK - rows
-    weights = np.pad(weights, ((0, 0), (0, pad), (0, 0))).reshape(many, blocks, _BLOCK, states)
-    pivots = np.pad(pivots, ((0, 0), (0, pad)), constant_values=1.0).reshape(many, blocks, _BLOCK)
+    weights = np.pad(weights, ((0, pad), (0, 0))).reshape(blocks, _BLOCK, states)
+    pivots = np.pad(pivots, (0, pad), constant_values=1.0).reshape(blocks, _BLOCK)
     decay = np.pad(decay, ((0, pad), (0, 0)), constant_values=1.0).reshape(blocks, _BLOCK, states)
-    width = states + _BLOCK
-    transfer = np.zeros((many, blocks, width, width))
-    state = np.broadcast_to(np.eye(states, width), (many, blocks, states, width)).copy()
+    transfer = np.zeros((blocks, states + _BLOCK, states + _BLOCK))
+    state = transfer[:, :states]
+    state[:] = np.eye(states, states + _BLOCK)
     for row in range(_BLOCK):
-        state *= decay[None, :, row, :, None]
-        innovation = -state.sum(axis=2)
-        innovation[:, :, states + row] += 1.0
-        state += weights[:, :, row, :, None] * innovation[:, :, None, :]
-        transfer[:, :, states + row] = innovation / np.sqrt(pivots[:, :, row, None])
-    transfer[:, :, :states] = state
+        known = state[:, :, : states + row + 1]  # a row depends on none that comes later
+        known *= decay[:, row, :, None]
+        innovation = -known.sum(axis=1)
+        innovation[:, -1] += 1.0
+        known += weights[:, row, :, None] * innovation[:, None, :]
+        transfer[:, states + row, : states + row + 1] = innovation / np.sqrt(pivots[:, row, None])
     return transfer

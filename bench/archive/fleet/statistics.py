@@ -65,6 +65,7 @@ class Statistics:
         share = self.passes.first / self.passes.judged if self.passes.judged else None
         return {
             "units": len(self.fleet.newest),
+            "left_out": list(self.fleet.left_out),
             "limits": self.limits,
             "yield": {**_plain(asdict(self.passes)), "first_pass": share},
             "quantities": [_quantity(one, self.fleet) for one in self.measured],

@@ -6,11 +6,13 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Any
 
 import numpy as np
 from sqlalchemy import func, select
 
 from bench.analysis import Limits, Quantity, Verdict, judge_limits
+from bench.archive.fleet.selection import Selection
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.writing import TABLES
 from bench.base import FloatArray, InputError
@@ -46,6 +48,8 @@ class Fleet:
     newest: tuple[Calibrated, ...]
     first: tuple[Calibrated, ...]
     units: Mapping[str, str]
+    left_out: tuple[str, ...] = ()
+    """Runs that do not stand beside these, in words."""
 
     def column(self, quantity: str) -> FloatArray:
         """Values (n,) of the newest runs, NaN for a missing one."""
@@ -57,17 +61,21 @@ class Fleet:
         return np.array([one.time_s for one in self.newest])
 
 
-def fleet_of(registry: Registry, pattern: str | None = None) -> Fleet:
-    """All units whose whole serial matches; NoUnitError where there is none, InputError for a wrong pattern."""
+def fleet_of(registry: Registry, pattern: str | None = None, selection: Selection | None = None) -> Fleet:
+    """All units whose whole serial matches, by their selected runs.
+
+    NoUnitError where there is none, InputError for a wrong pattern.
+    """
     try:
         wanted = re.compile(pattern or ".*")
     except re.error as error:
         raise InputError(f"--unit-filter is '{pattern}', not a regular expression: {error}") from None
     runs, values, units = _rows(registry)
-    found = [one for one in runs if wanted.fullmatch(one["unit"])]
+    found, left_out = (selection or Selection()).of([one for one in runs if wanted.fullmatch(one["unit"])])
     if not found:
+        why = f" ({'; '.join(left_out)} left out)" if left_out else ""
         raise NoUnitError(
-            f"no calibrated unit{f' matches {pattern}' if pattern else ''}; `bench registry list`", registry.url
+            f"no calibrated unit{f' matches {pattern}' if pattern else ''}{why}; `bench registry list`", registry.url
         )
     first: dict[str, Calibrated] = {}
     newest: dict[str, Calibrated] = {}
@@ -76,14 +84,15 @@ def fleet_of(registry: Registry, pattern: str | None = None) -> Fleet:
         first.setdefault(one.unit, one)
         newest[one.unit] = one
     ordered = sorted(newest.values(), key=lambda one: (one.time_s, one.run))
-    return Fleet(tuple(ordered), tuple(first[one.unit] for one in ordered), units)
+    return Fleet(tuple(ordered), tuple(first[one.unit] for one in ordered), units, left_out)
 
 
-def _rows(registry: Registry) -> tuple[list[dict[str, str]], dict[str, dict[str, float]], dict[str, str]]:
+def _rows(registry: Registry) -> tuple[list[dict[str, Any]], dict[str, dict[str, float]], dict[str, str]]:
     run, calibration, unit, quantity = (TABLES[name] for name in ("runs", "calibrations", "units", "quantities"))
     certificate = TABLES["certificates"]
     judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
-    columns = (run.c.id, run.c.unit, run.c.station, run.c.created, unit.c.lot)
+    of_run = ("id", "unit", "station", "created", "profile", "state", "simulated", "corrected")
+    columns = (*(run.c[name] for name in of_run), unit.c.lot)
     chosen = (
         select(*columns, judged, calibration.c.limits)
         .join_from(run, calibration)
@@ -102,7 +111,7 @@ def _rows(registry: Registry) -> tuple[list[dict[str, str]], dict[str, dict[str,
     return runs, values, units
 
 
-def _calibrated(row: Mapping[str, str], values: Mapping[str, float]) -> Calibrated:
+def _calibrated(row: Mapping[str, Any], values: Mapping[str, float]) -> Calibrated:
     match = NO_LOT.match(row["unit"])
     return Calibrated(
         run=row["id"],

@@ -113,15 +113,29 @@ def archive(root: Path) -> Ledger:
 
 
 def _read(root: Path) -> bytes:
-    """The content of the file; InputError where it is not what the chain lists."""
-    try:
-        data = (root / FILE).read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", root / FILE) from None
-    check(root, FILE, data)
+    """The content of the file; InputError where it is not what the chain lists.
+
+    Other benches may write while this reads: what does not fit is read again until it no longer changes.
+    """
+    data = _content(root)
+    while True:
+        try:
+            check(root, FILE, data)
+            break
+        except InputError:
+            before, data = data, _content(root)
+            if data == before:
+                raise
     if b'"previous": ' in data and chain_of(root) is None:
         raise InputError(f"{CHAIN} beside it, which proves it, is missing; restore it from a backup", root / FILE)
     return data
+
+
+def _content(root: Path) -> bytes:
+    try:
+        return (root / FILE).read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", root / FILE) from None
 
 
 def _whole(data: bytes) -> bytes:

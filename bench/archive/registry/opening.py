@@ -15,7 +15,7 @@ from bench.base import InputError
 FILE = "registry.sqlite"
 """File name of the registry beside the run folders."""
 
-SCHEMA = "0003"
+SCHEMA = "0004"
 """Newest migration in `migrations/versions`."""
 
 WAIT_S = 60.0

@@ -118,8 +118,8 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int, str]
         "id": run, "archive": ledger.id, "path": path, "unit": unit, "operator": operator,
         "profile": manifest.profile or None, "profile_sha256": manifest.files.get("profile.yaml"),
         "station": manifest.station, "created": manifest.created or None, "state": manifest.state,
-        "cause": manifest.cause, "simulated": manifest.simulated, "samples": manifest.rows,
-        "lost": manifest.losses.get("lost"), "duration_s": manifest.duration_s,
+        "cause": manifest.cause, "simulated": manifest.simulated, "corrected": manifest.corrected,
+        "samples": manifest.rows, "lost": manifest.losses.get("lost"), "duration_s": manifest.duration_s,
         "software": manifest.versions.get("bench"),
         "manifest_sha256": sha256(folder.path / MANIFEST), "seen": known[path][0] if path in known else None,
     })  # fmt: skip

@@ -79,6 +79,8 @@ class Run(Table):
     state: Mapped[str | None]
     cause: Mapped[str | None]
     simulated: Mapped[bool | None]
+    corrected: Mapped[bool | None]
+    """Whether the unit corrected its rate itself: such a run verifies, and nothing is fitted to it."""
     samples: Mapped[int | None] = mapped_column(BigInteger)
     lost: Mapped[int | None] = mapped_column(BigInteger)
     duration_s: Mapped[float | None]

@@ -20,6 +20,7 @@ from bench.commands import (
     EffectAdded,
     Effects,
     EffectShown,
+    FiguresDrawn,
     Imported,
     Improved,
     MysteryMade,
@@ -59,7 +60,8 @@ def _compared(comparison: Comparison) -> Table:
 def _(result: Compared) -> Iterator[str | Table]:
     comparison = result.comparison
     yield _compared(comparison)
-    notes = [f"not fitted: {name}: {reason}" for name, reason in comparison.refused]
+    notes = [comparison.by_counts] if comparison.by_counts else []
+    notes += [f"not fitted: {name}: {reason}" for name, reason in comparison.refused]
     notes += [f"warning: {score.model.name}: {text}" for score in comparison.scores for text in score.fit.warnings]
     yield from ["", *notes] if notes else []
     if isinstance(result, ComparedSamples):
@@ -110,6 +112,18 @@ def _(result: Reported) -> dict[str, Any]:
     analysis = result.analysis
     error = {} if result.error is None else {"error": str(result.error)}
     return {**analysis.to_json(), "report": str(analysis.run.report), "state": analysis.manifest.state, **error}
+
+
+@lines.register(FiguresDrawn)
+def _(result: FiguresDrawn) -> Iterator[str]:
+    yield from (str(file) for file in result.files)
+    yield from (f"warning: {name} is not drawn: {reason}" for name, reason in result.refused)
+
+
+@content.register(FiguresDrawn)
+def _(result: FiguresDrawn) -> dict[str, Any]:
+    refused = [{"name": name, "reason": reason} for name, reason in result.refused]
+    return {"run": str(result.run), "files": [str(file) for file in result.files], "refused": refused}
 
 
 def judged(judgement: Mapping[str, Any]) -> Iterator[str]:
@@ -236,6 +250,7 @@ def _(result: Diagnosed) -> Iterator[str | Table]:
     yield from _where(diagnosis)
     yield from _suspects(diagnosis)
     yield from _formulas(diagnosis)
+    yield from (shown.words for shown in (diagnosis.kernel, diagnosis.surface) if shown is not None)
     yield from _smallest(diagnosis)
     yield from (f"Not testable here: {', '.join(names)}: {why}" for why, names in _by_reason(diagnosis).items())
     yield from (f"note: {note}" for note in (diagnosis.noise_finding, made_from(diagnosis), *diagnosis.notes) if note)

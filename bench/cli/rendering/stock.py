@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from bench.base import number
 from bench.cli.options import Registered
@@ -12,6 +15,8 @@ from bench.commands import (
     CertificatesListed,
     EquipmentListed,
     FleetJudged,
+    LotCalibrated,
+    LotChecked,
     Noted,
     Refitted,
     RegisteredRuns,
@@ -22,6 +27,8 @@ from bench.commands import (
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from bench.record import LotRecord
 
 _RUN = {"unit": "unit", "created": "created", "profile": "profile", "state": "state", "verdict": "verdict",
         "judged": "limits", "path": "run"}  # fmt: skip
@@ -140,12 +147,18 @@ def _(result: EquipmentListed) -> Iterator[str | Table]:
     yield table(_EQUIPMENT, rows) if rows else "no equipment"
 
 
+def _left_out(found: Sequence[str]) -> Iterator[str]:
+    if found:
+        yield f"runs left out: {', '.join(found)}"
+
+
 @lines.register(FleetJudged)
 def _(result: FleetJudged) -> Iterator[str | Table]:
     from bench.archive import sentence
 
     statistics, passes = result.statistics, result.statistics.passes
     yield f"{len(statistics.fleet.newest)} units. {sentence(statistics)}"
+    yield from _left_out(statistics.fleet.left_out)
     if passes.judged:
         low, high = (100 * end for end in passes.interval)
         share = 100 * passes.first / passes.judged
@@ -177,4 +190,54 @@ def _(result: Refitted) -> Iterator[str]:
     yield from [f"failed: {result.failed} units"] if result.failed else []
     yield from (f"  {line}" for line in result.failures)
     yield from (f"no moments: {line}" for line in result.without_moments)
+    yield from _left_out(result.left_out)
     yield f"records {result.records}"
+
+
+_LOSSES = {
+    "own_rms_dph": "its own calibration",
+    "lot_rms_dph": "the lot's, fitted without it",
+    "levelled_rms_dph": "the lot's and a constant of its own",
+}
+
+
+def _loss(record: LotRecord) -> dict[str, dict[str, float]]:
+    values = {name: [getattr(unit, name) for unit in record.units] for name in _LOSSES}
+    return {
+        name: dict(zip(("median", "p95"), np.quantile(own, (0.5, 0.95)), strict=True)) for name, own in values.items()
+    }
+
+
+@lines.register(LotCalibrated)
+def _(result: LotCalibrated) -> Iterator[str | Table]:
+    record = result.record
+    yield f"{record.model} for lot {record.lot}, from {len(record.units)} units"
+    rows = [(_LOSSES[name], number(one["median"]), number(one["p95"])) for name, one in _loss(record).items()]
+    yield table(("error of a unit [deg/h RMS]", ">median", ">95 %"), rows)
+    yield ""
+    yield f"run     {result.run}"
+
+
+@content.register(LotCalibrated)
+def _(result: LotCalibrated) -> dict[str, Any]:
+    keep = {"unit", *_LOSSES}
+    units = [unit.model_dump(include=keep) for unit in result.record.units]
+    return {"run": str(result.run), "lot": result.record.lot, "model": result.record.model,
+            "loss": _loss(result.record), "units": units}  # fmt: skip
+
+
+@lines.register(LotChecked)
+def _(result: LotChecked) -> Iterator[str | Table]:
+    rows = [
+        (unit, "like" if one.like else "UNLIKE", number(one.level, 2), number(one.shape, 2),
+         f"{one.sigmas:.1f} sd at {one.worst_degc:.0f} degC")
+        for unit, one in result.units.items()
+    ]  # fmt: skip
+    yield f"lot {result.lot}"
+    yield table(("unit", "", ">level, of its limit", ">shape, of its limit", "farthest"), rows)
+
+
+@content.register(LotChecked)
+def _(result: LotChecked) -> dict[str, Any]:
+    units = [{"unit": unit, "like": one.like, **asdict(one)} for unit, one in result.units.items()]
+    return {"run": str(result.run), "lot": result.lot, "units": units}

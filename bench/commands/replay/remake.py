@@ -39,7 +39,7 @@ def remake(run: RunFolder, manifest: Manifest, scratch: Path) -> RunFolder:
         link.parent.mkdir(exist_ok=True)
         link.symlink_to((run.path / name).resolve())
     if any(run.journal.glob("*.gtbj")):
-        assemble(made)
+        assemble(made, keep=True)
     elif run.data.is_file():
         use(run.path, run.data.name)
         made.data.symlink_to(run.data.resolve())

@@ -11,7 +11,17 @@ from bench.commands.results.result import Result
 
 if TYPE_CHECKING:
     from bench.acquisition import ImportPlan
-    from bench.analysis import Analysis, CatalogueEntry, Comparison, Diagnosis, Floor, Improvement, Signature
+    from bench.analysis import (
+        Analysis,
+        CatalogueEntry,
+        Comparison,
+        Diagnosis,
+        Estimate,
+        Finding,
+        Floor,
+        Improvement,
+        Signature,
+    )
     from bench.base import BenchError
     from bench.commands.replay.replaying import Replay
     from bench.mystery import Score
@@ -51,6 +61,15 @@ class Reported(Result):
     def runs(self) -> tuple[Path, ...]:
         """The run."""
         return (self.analysis.run.path,)
+
+
+@dataclass(frozen=True)
+class FiguresDrawn(Result):
+    """Figures of a run as files; `refused` are models that could not be fitted, each with the reason."""
+
+    run: Path
+    files: tuple[Path, ...]
+    refused: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -233,3 +252,22 @@ class Revealed(Result):
     """A model scored against the truth."""
 
     score: Score
+
+
+@dataclass(frozen=True)
+class ImuCalibrated(Result):
+    """A whole inertial unit: its parameters at some temperatures, and what is wrong."""
+
+    table: Path
+    out: Path | None
+    rows: int
+    left_out: int
+    range_degc: tuple[float, float]
+    parameters: tuple[Estimate, ...]
+    undetermined: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """1 where something is wrong, or is not determined."""
+        return 1 if self.findings or self.undetermined else 0

@@ -12,7 +12,9 @@ from bench.commands.results.result import Result
 if TYPE_CHECKING:
     from datetime import date
 
+    from bench.analysis import Likeness
     from bench.archive import Entry, Rebuilt, Statistics
+    from bench.record import LotRecord
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,7 @@ class Refitted(Result):
     units: int
     failed: int
     without_moments: Sequence[str]
+    left_out: Sequence[str]
     engine: str
     seconds: float
     units_per_s: float
@@ -121,3 +124,30 @@ class Refitted(Result):
     def exit_code(self) -> int:
         """1 where a unit could not be refitted."""
         return int(bool(self.failed or self.without_moments))
+
+
+@dataclass(frozen=True)
+class LotCalibrated(Result):
+    """A run folder with the calibration of a lot, and its record."""
+
+    run: Path
+    record: LotRecord
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """The lot's."""
+        return (self.run,)
+
+
+@dataclass(frozen=True)
+class LotChecked(Result):
+    """Which units are like a lot."""
+
+    run: Path
+    lot: str
+    units: Mapping[str, Likeness]
+
+    @property
+    def exit_code(self) -> int:
+        """1 where a unit is unlike it."""
+        return int(not all(one.like for one in self.units.values()))

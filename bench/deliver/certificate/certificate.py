@@ -145,7 +145,9 @@ def _item(manifest: Manifest, laboratory: Laboratory | None) -> dict[str, Any]:
 
 def _method(evidence: Evidence) -> dict[str, Any]:
     deviations = [
-        f"segment '{s.name}': {s.reason or s.outcome}" for s in evidence.manifest.segments if s.outcome != "done"
+        f"segment '{s.name}': {s.reason or s.outcome}"
+        for s in evidence.manifest.segments
+        if s.outcome not in {"done", "detected"}
     ]
     theirs = evidence.verification.manifest if evidence.verification else None
     return {

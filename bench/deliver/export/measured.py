@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bench.base import CHANNELS, InputError
-from bench.record import RunFolder, use
+from bench.record import RunFolder, SampleFile, use
 
 MEASURED = ("mf4", "kalibr")
 """Formats of measured data; they need no calibration."""
@@ -29,25 +29,26 @@ def write_mf4(folder: Path, path: Path) -> None:
         from asammdf import MDF, Signal
     except ImportError:
         raise InputError("MF4 needs asammdf: pip install 'gyro-thermal-bench[mf4]'", folder) from None
-    import pyarrow.parquet as pq
-
     run = RunFolder(folder)
     manifest = run.manifest()
     if not run.data.is_file():
         raise InputError("data.parquet is missing: the run has no samples", folder)
     use(folder, run.data.name)
-    table = pq.ParquetFile(run.data)
-    time = table.read(["time"])["time"].to_numpy()
     path.parent.mkdir(parents=True, exist_ok=True)
-    with MDF(version="4.10") as made, tempfile.TemporaryDirectory(dir=path.parent, prefix=".mf4-") as scratch:
+    with (
+        SampleFile(run.data) as table,
+        MDF(version="4.10") as made,
+        tempfile.TemporaryDirectory(dir=path.parent, prefix=".mf4-") as scratch,
+    ):
+        time = table.read(["time"])["time"]
         made.start_time = datetime.fromisoformat(manifest.created)
         made.header.comment = f"{manifest.unit}, run {manifest.run}, profile {manifest.profile}"
-        for name in table.schema_arrow.names:
+        for name in table.names:
             if name == "time":
                 continue
             column = table.read([name])[name]
-            there = np.asarray(column.is_valid())
-            values = column.drop_null().to_numpy()
+            there = np.isfinite(column)
+            values = column[there] if name != "segment" else column[there].astype(np.int16)
             if not values.size:
                 continue
             known = CHANNELS.get(name)

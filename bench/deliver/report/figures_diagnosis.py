@@ -26,8 +26,6 @@ _MEANS = 30
 _EVERYWHERE = 0.95  # of the range: above it, nothing is shaded
 _LEAST_LEG = 0.02  # of the largest: shorter bars are omitted
 _SUSPECTS = (BLUE, ORANGE, GREEN)
-_DIVERGING = ((0.0, BLUE), (0.5, "rgba(138,148,157,0.18)"), (1.0, VERMILION))
-"""Colours of a sign: blue and vermilion differ also for the colour-blind; zero is close to the background."""
 
 _OVER_TIME = {"creep", "warm_up", "aging", "jump"}
 _OVER_SLOPE = {"rate"}
@@ -84,7 +82,7 @@ def residual_map(data: Dataset, before: FloatArray, after: FloatArray | None, fl
     traces = [
         go.Heatmap(
             x=plotting.plain(middle[0]), y=plotting.plain(middle[1]), z=plotting.plain(field), zmin=-largest,
-            zmax=largest, colorscale=_DIVERGING, xaxis="x" if i == 0 else "x2", yaxis="y", showscale=i == 0,
+            zmax=largest, colorscale=plotting.SHADES, xaxis="x" if i == 0 else "x2", yaxis="y", showscale=i == 0,
             xgap=1, ygap=1, colorbar={"title": {"text": title}, "thickness": 14, "outlinewidth": 0},
             name="before" if i == 0 else "after", hoverongaps=False,
             hovertemplate="%{x:.0f} °C, %{y:.2f} °C/min: %{z:.2f}<extra></extra>",

@@ -20,6 +20,9 @@ CYCLE = (BLUE, ORANGE, GREEN, VERMILION, SKY, PURPLE)
 PASSAGE = ((0.0, "#3B78D8"), (0.35, "#8F63C4"), (0.7, "#D1567A"), (1.0, "#F0A23C"))
 """Colours of passing time: cold to warm, visible on white and on dark, also without red or green."""
 
+SHADES = ((0.0, BLUE), (0.5, "rgba(138,148,157,0.18)"), (1.0, VERMILION))
+"""Colours of a sign: blue and vermilion differ also for the colour-blind; zero is close to the background."""
+
 DIRECTIONS: Mapping[int, tuple[str, str]] = {1: ("heating", VERMILION), -1: ("cooling", BLUE), 0: ("constant", GREY)}
 MAX_POINTS = 2000
 FONT = 'system-ui, "Segoe UI", "Liberation Sans", "DejaVu Sans", sans-serif'

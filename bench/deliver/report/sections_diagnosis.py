@@ -28,6 +28,7 @@ from bench.base import CHANNELS, finite, in_print, listed, number, with_uncertai
 from bench.deliver.report import figures_diagnosis
 from bench.deliver.report.described import summary_of
 from bench.deliver.report.markup import Row, Section, commands, figure, glossary, heading, lead, paragraph, table, wide
+from bench.deliver.report.sections_left import left
 from bench.record import Dataset
 
 TITLE = "Missing effects"
@@ -50,6 +51,7 @@ def missing(analysis: Analysis) -> Section | None:
         _advice(analysis, answer),
         _suspects(answer),
         _formulas(data, answer),
+        left(answer),
         _ladder(answer, found.rungs),
         _map(data, answer),
         *(_partial(data, answer, suspect) for suspect in answer.found),

@@ -74,6 +74,8 @@ def ladder(analysis: Analysis) -> Section | None:
     )
     html = paragraph(words) + figure("fig-ladder", plot, caption, alt)
     html += table("The ladder of models", head, rows, (2, 3, 4, 5))
+    if comparison.by_counts:
+        html += paragraph(f"Rows count by the noise that each fit estimates; {comparison.by_counts}.")
     return Section("ladder", "Ladder of models", html + lost)
 
 
@@ -125,17 +127,21 @@ def _spline(analysis: Analysis) -> tuple[Score, FloatArray, FloatArray] | None:
     """Score, knots (m + 1,) and coefficients (m, 4) of the best model with a spline."""
     scores = analysis.comparison.scores if analysis.comparison else ()
     order = sorted(scores, key=lambda s: (s is not analysis.best, np.nan_to_num(s.held_out.rms_dph, nan=np.inf)))
-    for score in order:
-        for key, effect in zip(score.fit.bound.keys, score.fit.bound.effects, strict=True):
-            if effect.name == "spline":
-                knots = np.array(effect.state()["knots"])
-                values = [c.value for c in score.fit.coefficients if c.key.startswith(f"{key}.piece")]
-                pieces = np.array(values).reshape(-1, 4)
-                # The one constant of a model stands with its first effect; the picture needs it here.
-                first = score.fit.coefficients[0]
-                if not first.key.startswith(f"{key}."):
-                    pieces[:, 0] += first.value
-                return score, knots, pieces
+    return next(((score, *found) for score in order if (found := spline_of(score)) is not None), None)
+
+
+def spline_of(score: Score) -> tuple[FloatArray, FloatArray] | None:
+    """Knots (m + 1,) [degC] and coefficients (m, 4) of a model's spline; None where it has none."""
+    for key, effect in zip(score.fit.bound.keys, score.fit.bound.effects, strict=True):
+        if effect.name == "spline":
+            knots = np.array(effect.state()["knots"])
+            values = [c.value for c in score.fit.coefficients if c.key.startswith(f"{key}.piece")]
+            pieces = np.array(values).reshape(-1, 4)
+            # The one constant of a model stands with its first effect; the picture needs it here.
+            first = score.fit.coefficients[0]
+            if not first.key.startswith(f"{key}."):
+                pieces[:, 0] += first.value
+            return knots, pieces
     return None
 
 
@@ -175,7 +181,8 @@ def coefficients(analysis: Analysis) -> Section | None:
     rows += [_searched(fit, key) for key in fit.theta]
     words = (
         f"{best.model.name}, fitted to {fit.rows:,} means over {fit.interval_s:g} s; condition of the scaled columns "
-        f"{number(fit.condition, 2)}. Full precision, covariance and scaling: calibration.json in the run folder."
+        f"{number(fit.condition, 2)}. {_weighted(fit)} Full precision, covariance and scaling: calibration.json in the "
+        "run folder."
     )
     head = ("coefficient", "value", "standard uncertainty", "unit")
     html = paragraph(words) + table(f"Coefficients of {best.model.name}", head, rows, (1, 2))
@@ -183,6 +190,15 @@ def coefficients(analysis: Analysis) -> Section | None:
     html += heading("Range of validity")
     html += table("Range of each channel in the fitted data", ("channel", "from", "to", "unit"), ranges, (1, 2))
     return Section("coefficients", "Coefficients", html)
+
+
+def _weighted(fit: Fit) -> str:
+    """How the rows of a fit count."""
+    if fit.noise is None or fit.weights is None:
+        return f"Rows count by their samples{': ' if fit.weights_reason else ''}{fit.weights_reason}."
+    noise = fit.noise
+    parts = f"N {number(noise.white)} deg/√h, B {number(noise.flicker)} deg/h, K {number(noise.walk)} deg/h/√h"
+    return f"Rows count by the noise beside the model (generalised least squares): {parts}."
 
 
 def _searched(fit: Fit, key: str) -> tuple[str, str, str, str]:

@@ -22,7 +22,7 @@ _COLOURS = [[0.0, BLUE], [0.5, GREY], [0.75, ORANGE], [1.0, VERMILION]]
 def surface(analysis: Analysis) -> Section | None:
     """Both surfaces and the coefficients; None for a run without a table, a reason if it has too few steps."""
     data = analysis.dataset
-    if data is None or not np.any(np.nan_to_num(data.channels.get("applied_rate", np.zeros(1)))):
+    if data is None or not turned(data):
         return None
     try:
         points, fitted_surface = surface_of(data)
@@ -63,6 +63,11 @@ def _words(points: Points, found: RateSurface) -> str:
     )
 
 
+def turned(data: Dataset) -> bool:
+    """Whether a rate table turned the unit."""
+    return bool(np.any(np.nan_to_num(data.channels.get("applied_rate", np.zeros(1)))))
+
+
 def surface_of(data: Dataset) -> tuple[Points, RateSurface]:
     """Bins of a run and the surface through them. InputError when its steps do not determine one."""
     points = points_of(data)
@@ -84,19 +89,26 @@ def _measured(points: Points) -> Plot:
     return plot([mesh, marks], {"scene": _scene("table's rate [deg/s]"), **_AROUND}, 520)
 
 
-def _fitted(found: RateSurface) -> Plot:
+def mesh_of(found: RateSurface) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Raw output [deg/s], temperature [degC] and fitted error [deg/h] on an even grid, (m, m) each."""
     raw = np.linspace(found.raw.low, found.raw.high, _MESH)
     celsius = np.linspace(found.temperature.low, found.temperature.high, _MESH)
-    error = np.array([_error(found, raw, np.full(_MESH, degc)) for degc in celsius])
+    grid = np.meshgrid(raw, celsius)
+    return grid[0], grid[1], np.array([error_of(found, *row) for row in zip(*grid, strict=True)])
+
+
+def _fitted(found: RateSurface) -> Plot:
+    raw, celsius, error = mesh_of(found)
     sheet = go.Surface(
-        x=raw.tolist(), y=celsius.tolist(), z=error.tolist(), colorscale=_COLOURS,
+        x=raw[0].tolist(), y=celsius[:, 0].tolist(), z=error.tolist(), colorscale=_COLOURS,
         colorbar={"title": {"text": "deg/h"}, "len": 0.7},
         hovertemplate="%{x:.4g} deg/s, %{y:.4g} °C: %{z:.5g} deg/h<extra></extra>",
     )  # fmt: skip
     return plot([sheet], {"scene": _scene("raw output NR [deg/s]"), **_AROUND}, 520)
 
 
-def _error(found: RateSurface, raw: FloatArray, celsius: FloatArray) -> FloatArray:
+def error_of(found: RateSurface, raw: FloatArray, celsius: FloatArray) -> FloatArray:
+    """Error of the raw output [deg/h] by the surface (n,)."""
     error: FloatArray = DPH_PER_DPS * (raw - found.predict(raw, celsius)[0])
     return error
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -123,6 +123,14 @@ class Validity(Stored):
     unit: str = ""
 
 
+class StoredWeights(Stored):
+    """How the rows of the fit count: by the noise that it estimated, or by the samples behind each."""
+
+    by: Literal["noise", "count"] = "count"
+    reason: str = ""
+    """Why not by the noise, where that was asked for."""
+
+
 class StoredFit(Stored):
     """The fit of the delivered model."""
 
@@ -130,6 +138,7 @@ class StoredFit(Stored):
     coefficients: tuple[Coefficient, ...] = ()
     parameters: tuple[Coefficient, ...] = ()
     scaled: Scaled | None = None
+    weights: StoredWeights = Field(default_factory=StoredWeights)
     rms_dph: float | None = None
     condition: float | None = None
     rows: int | None = None

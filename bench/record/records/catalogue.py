@@ -10,6 +10,7 @@ from bench.record.records.diagnosis import DiagnosisRecord
 from bench.record.records.flash import FlashRecord
 from bench.record.records.job import JobRecord
 from bench.record.records.judged import LimitsRecord, VerificationRecord
+from bench.record.records.lot import LotRecord
 from bench.record.records.manifest import Manifest
 from bench.record.records.start import StartRecord
 from bench.record.records.stored import Record
@@ -25,6 +26,7 @@ RECORDS: tuple[type[Record], ...] = (
     FlashRecord,
     CertificateRecord,
     JobRecord,
+    LotRecord,
     StartRecord,
 )
 """In the order in which a unit's work makes them."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from bench.record.records.calibration import Coefficient, StoredHeldOut
+from pydantic import Field
+
+from bench.record.records.calibration import Coefficient, StoredHeldOut, StoredWeights
 from bench.record.records.stored import Record, Stored
 
 
@@ -15,6 +17,13 @@ class SegmentError(Stored):
     run: str = ""
     rms_dph: float | None = None
     floor_ratio: float | None = None
+
+
+class CountedModel(Stored):
+    """Errors [deg/h] of the same model with rows that count by the samples behind each, not by their noise."""
+
+    rms_dph: float | None = None
+    held_out_rms_dph: float | None = None
 
 
 class ComparedModel(Stored):
@@ -30,6 +39,9 @@ class ComparedModel(Stored):
     held_out_by: str = ""
     held_out: tuple[StoredHeldOut, ...] = ()
     segments: tuple[SegmentError, ...] = ()
+    weights: StoredWeights = Field(default_factory=StoredWeights)
+    counted: CountedModel | None = None
+    """Null where the rows of the model itself count by their samples."""
     parameters: tuple[Coefficient, ...] = ()
     warnings: tuple[str, ...] = ()
 

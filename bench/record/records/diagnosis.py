@@ -66,6 +66,10 @@ class DiagnosisRecord(Record):
     where: tuple[StoredPlace, ...] = ()
     suspects: tuple[StoredSuspect, ...] = ()
     formulas: tuple[dict[str, Any], ...] = ()
+    kernel: dict[str, Any] | None = None
+    """Response to a change of temperature over the lag, where nothing shorter describes what is left."""
+    surface: dict[str, Any] | None = None
+    """Cells of what is left over two channels."""
     next_experiment: dict[str, Any] | None = None
     unexplained: tuple[StoredPlace, ...] = ()
     threshold: float | None = None

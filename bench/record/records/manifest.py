@@ -13,9 +13,12 @@ class GyroKind(Stored):
     """How the unit's frames are decoded."""
 
     layout: str
+    """Its DBC; empty where `signals` describe every signal."""
     number: int
     """Number of the unit on its bus."""
     bus: str
+    signals: dict[str, Any] | None = None
+    """Which signals are what, as in the station file; null: by the names that the bench knows."""
 
 
 class Orientation(Stored):
@@ -200,3 +203,8 @@ class Manifest(Begun, Record):
     """Of a run whose bench was started more than once for it."""
     files: dict[str, str] = Field(default_factory=dict)
     """SHA-256 by path inside the folder."""
+
+    @property
+    def corrected(self) -> bool:
+        """Whether the unit corrected its rate itself: nothing may be fitted to such a run."""
+        return self.purpose == "verification" or bool(self.unit_identity and self.unit_identity.coefficient_set)

@@ -17,7 +17,7 @@ from typing import Any
 from fastapi import APIRouter, FastAPI, HTTPException, Request
 from pydantic import BaseModel, Field
 
-from bench.acquisition import examples
+from bench.acquisition import IMPORTED, examples
 from bench.base import CHANNELS
 from bench.record import slug
 from bench.web.ground.settings import Here, Settings
@@ -83,7 +83,7 @@ def kinds(here: Here) -> ImportKinds:
     """Channels, units and kinds of files."""
     channels = [
         ImportChannel(name=one.name, unit=one.unit, required=one.required, examples=list(examples(one.name)))
-        for one in CHANNELS.values()
+        for one in map(CHANNELS.__getitem__, IMPORTED)
     ]
     return ImportKinds(channels=channels, endings=list(ENDINGS), most_bytes=here.upload_bytes)
 

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from bench.base import DPH_PER_DPS, FloatArray, InputError, IntArray
-from bench.record import EARTH, Dataset
+from bench.record import EARTH, Dataset, SampleFile
 
 SAMPLES_WITHIN_S = 1200.0
 """Longest range that is read from the samples [s]."""
@@ -114,19 +112,14 @@ def _means(values: FloatArray, starts: IntArray) -> FloatArray:
 
 def _samples(path: Path, begin: float, end: float) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Time, bias and temperature of every sample of a range; None if the file does not contain them."""
-    try:
-        with pq.ParquetFile(path, pre_buffer=False) as source:
-            names = source.schema_arrow.names
-            if not {"time", "rate", "temperature"} <= set(names):
-                return None
-            needed = [name for name in ("time", "rate", "temperature", "applied_rate") if name in names]
-            groups = list(_groups(source, begin, end))
-            if not groups:
-                return None
-            table = source.read_row_groups(groups, columns=needed, use_threads=False)
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(f"not a readable Parquet file ({error})", path.name) from None
-    columns = {name: _floats(table.column(name)) for name in needed}
+    with SampleFile(path) as source:
+        if not {"time", "rate", "temperature"} <= set(source.names):
+            return None
+        needed = [name for name in ("time", "rate", "temperature", "applied_rate") if name in source.names]
+        groups = list(_groups(source, begin, end))
+        if not groups:
+            return None
+        columns = source.read(needed, groups)
     first, last = np.searchsorted(columns["time"], [begin, end])
     time, rate, temperature = (columns[name][first:last] for name in ("time", "rate", "temperature"))
     if "applied_rate" in columns:
@@ -134,15 +127,9 @@ def _samples(path: Path, begin: float, end: float) -> tuple[FloatArray, FloatArr
     return time, rate, temperature
 
 
-def _groups(source: pq.ParquetFile, begin: float, end: float) -> Iterator[int]:
+def _groups(source: SampleFile, begin: float, end: float) -> Iterator[int]:
     """Row groups that overlap the range, by the statistics in the file; without statistics, all."""
-    column = source.schema_arrow.names.index("time")
-    for i in range(source.num_row_groups):
-        known = source.metadata.row_group(i).column(column).statistics
-        if known is None or not known.has_min_max or (known.max >= begin and known.min <= end):
-            yield i
-
-
-def _floats(column: pa.ChunkedArray) -> FloatArray:
-    values: FloatArray = column.cast(pa.float64()).to_numpy()
-    return values
+    for group in source.groups:
+        known = source.ends("time", group)
+        if known is None or (known[1] >= begin and known[0] <= end):
+            yield group

@@ -22,6 +22,8 @@ from drivers.sim.truth.emi import Emi
 from drivers.sim.truth.etalon import Etalon
 from drivers.sim.truth.frost import Frost
 from drivers.sim.truth.knee import Knee
+from drivers.sim.truth.lock_in import LockIn
+from drivers.sim.truth.pattern_angle import PatternAngle
 from drivers.sim.truth.periodic import Periodic
 from drivers.sim.truth.preisach import Preisach
 from drivers.sim.truth.quadrature_leakage import QuadratureLeakage
@@ -30,6 +32,7 @@ from drivers.sim.truth.resonance_frequency import ResonanceFrequency
 from drivers.sim.truth.scale_factor_even import ScaleFactorEven
 from drivers.sim.truth.scale_factor_nonlinearity import ScaleFactorNonlinearity
 from drivers.sim.truth.scale_factor_temperature import ScaleFactorTemperature
+from drivers.sim.truth.shupe import Shupe
 from drivers.sim.truth.static_bias import StaticBias
 from drivers.sim.truth.supply_voltage import SupplyVoltage
 from drivers.sim.truth.temperature_rate import TemperatureRate
@@ -53,6 +56,8 @@ _All = (
     | Etalon
     | Frost
     | Knee
+    | LockIn
+    | PatternAngle
     | Periodic
     | Preisach
     | QuadratureLeakage
@@ -61,6 +66,7 @@ _All = (
     | ScaleFactorEven
     | ScaleFactorNonlinearity
     | ScaleFactorTemperature
+    | Shupe
     | StaticBias
     | SupplyVoltage
     | TemperatureRate

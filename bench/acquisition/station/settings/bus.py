@@ -30,7 +30,7 @@ class Bus(BaseModel):
     bitrate: Annotated[int, Field(gt=0)] | None = None
     """Bit rate [bit/s]; left out where the operating system sets it."""
     fd: bool = False
-    """CAN FD; frames of up to 8 bytes are captured, longer ones counted."""
+    """CAN FD: frames of up to 64 bytes."""
     data_bitrate: Annotated[int, Field(gt=0)] | None = None
     """Bit rate [bit/s] of the data phase of CAN FD."""
     timing: dict[str, int | float] | None = None
@@ -54,7 +54,7 @@ class Bus(BaseModel):
 
     def to_driver(self, units: Iterable[UnitSettings] = ()) -> BusSettings:
         """The same for the driver; filtered for these units, if there are any."""
-        heard = [(unit.gyro, unit.number) for unit in units] if self.filtered else []
+        heard = [(unit.dbc, unit.number, unit.mapping) for unit in units] if self.filtered else []
         return BusSettings(
             interface=self.interface,
             channel=self.channel,

@@ -7,7 +7,8 @@ from typing import Annotated
 from pydantic import BaseModel, Field, model_validator
 
 from bench.acquisition.station.settings.link import LinkSettings
-from bench.base import STRICT
+from bench.base import STRICT, PlacedError
+from drivers.sim.plant import PlantParameters
 
 Text = Annotated[str, Field(min_length=1)]
 Degc = Annotated[float, Field(ge=-273.15, le=1000)]
@@ -48,9 +49,13 @@ class ChamberSettings(BaseModel):
     """The same when cooling; small chambers are slow near their lowest temperature."""
     link: LinkSettings = LinkSettings()
     """What its silence means."""
+    simulation: PlantParameters | None = None
+    """Physics of a simulated chamber; left out: a bench chamber of 28 litres that reaches -42 degC."""
 
     @model_validator(mode="after")
     def _ordered(self) -> ChamberSettings:
         if self.lowest_degc >= self.highest_degc:
             raise ValueError(f"lowest_degc ({self.lowest_degc:g}) must be below highest_degc ({self.highest_degc:g})")
+        if self.simulation is not None and "ambient_degc" in self.simulation.model_fields_set:
+            raise PlacedError("the room has the station's ambient_degc; remove it here", ("simulation", "ambient_degc"))
         return self

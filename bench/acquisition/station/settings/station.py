@@ -22,6 +22,7 @@ from bench.acquisition.station.settings.supply import SupplySettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import STRICT, InputError, PlacedError
 from drivers.registers import is_map_file
+from drivers.sim.plant import Plant, PlantParameters
 
 Text = Annotated[str, Field(min_length=1)]
 
@@ -80,6 +81,8 @@ class StationSettings(BaseModel):
         if not chamber.lowest_degc <= self.ambient_degc <= chamber.highest_degc:
             text = f"ambient_degc is {self.ambient_degc:g}, outside the chamber's {chamber.lowest_degc:g} to"
             raise PlacedError(f"{text} {chamber.highest_degc:g} degC: there would be no safe state", ("ambient_degc",))
+        if chamber.simulation is not None and not self.simulated:
+            raise PlacedError("only a simulated chamber has it; this station is real", ("chamber", "simulation"))
         if not self.simulated and chamber.connection is None:
             raise PlacedError("a real station needs a `connection`", ("chamber",))
         if chamber.connection is not None and self.watchdog.silent_s < MOST_TIMEOUTS * chamber.connection.timeout_s:
@@ -143,6 +146,11 @@ class StationSettings(BaseModel):
                 text = f"unit {serial!r} is not in station {self.name!r}; choose from {[*known]} with --unit"
                 raise InputError(text)
         return tuple(known[serial] for serial in dict.fromkeys(serials)) or self.units
+
+    def plant(self, seed: int) -> Plant:
+        """The simulated chamber."""
+        physics = self.chamber.simulation or PlantParameters()
+        return Plant(physics.model_copy(update={"ambient_degc": self.ambient_degc}), seed)
 
     def beside(self, folder: Path) -> StationSettings:
         """The same with the files that it names by relative paths looked for in `folder`, that of the station file."""

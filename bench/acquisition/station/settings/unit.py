@@ -6,8 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
+from bench.acquisition.station.settings.signals import SignalSettings
 from bench.base import STRICT
 from drivers.flash_objects import Addresses
+from drivers.gyro import GyroDecoder
 
 Number = Annotated[int, Field(ge=0, le=15)]
 Text = Annotated[str, Field(min_length=1)]
@@ -55,7 +57,23 @@ class UnitSettings(BaseModel):
     """Added to the CAN identifiers of the layout."""
     gyro: Text = "vibratory"
     """Name of a shipped DBC, or the path of a DBC file."""
+    signals: SignalSettings | None = None
+    """Which signals are what; left out: the DBC has the names that the bench knows."""
     flash: FlashSettings = FlashSettings()
     """How its calibration memory is reached."""
     simulation: dict[str, Any] | None = None
     """Truth, noise and channels of a simulated unit; left out: the default unit."""
+
+    @property
+    def dbc(self) -> str | None:
+        """The DBC of its frames; None where the mapping describes every signal."""
+        return None if self.signals is not None and "gyro" not in self.model_fields_set else self.gyro
+
+    @property
+    def mapping(self) -> dict[str, Any] | None:
+        """Its signals, where the station file maps them."""
+        return None if self.signals is None else self.signals.content()
+
+    def decoder(self) -> GyroDecoder:
+        """A decoder of its frames; ConfigError where DBC and mapping do not describe them."""
+        return GyroDecoder(self.dbc, self.number, self.mapping)

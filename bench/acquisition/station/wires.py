@@ -1,0 +1,49 @@
+"""What the wires of a station carry: what each unit does not say, and whether its frames fit on their bus."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bench.acquisition.profile.preflight import Finding
+from bench.acquisition.station.settings.station import StationSettings
+from drivers.bus_load import load
+from drivers.layout import layout_of
+from drivers.wire import Message, load_dbc
+
+FULL, BUSY = 1.0, 0.7
+"""Shares of a bus that its frames cannot have, and from which other traffic delays them."""
+
+
+def wire_findings(station: StationSettings) -> Iterator[Finding]:
+    """What to know of mapped units and of buses whose bit rate is stated; an error where the frames do not fit.
+
+    ConfigError where a DBC or a mapping does not describe a unit.
+    """
+    traffic: dict[str, list[Message]] = {name: [] for name in station.buses}
+    for unit in station.units:
+        layout = layout_of(unit.dbc, unit.mapping)
+        every = {} if unit.dbc is None else load_dbc(unit.dbc)
+        messages = [*{**every, **{message.name: message for message in layout.messages}}.values()]
+        traffic[unit.bus] += messages
+        if unit.signals is not None:
+            for text in layout.lacks():
+                yield Finding("info", f"unit {unit.serial}: {text}")
+            if unit.identity is not None and (layout.beat is None or "serial" not in layout.beat.signals):
+                text = f"unit {unit.serial}: identity {unit.identity} is to be checked, but `signals` map no `serial`"
+                yield Finding("error", f"{text}; map it or leave `identity` out")
+        longest = max(messages, key=lambda message: message.length)
+        if longest.length > 8 and not station.buses[unit.bus].fd:
+            text = f"unit {unit.serial}: {longest.name} has {longest.length} bytes, bus {unit.bus} is classical CAN"
+            yield Finding("error", f"{text}; state `fd: true` for it")
+    for name, bus in station.buses.items():
+        if bus.bitrate is not None and traffic[name]:
+            yield from _load(name, load(traffic[name], bus.bitrate, bus.data_bitrate, bus.fd))
+
+
+def _load(name: str, share: float) -> Iterator[Finding]:
+    text = f"bus {name}: its units take {share:.0%} of it"
+    if share > FULL:
+        text += ", more than there is; spread them over more buses, raise the bit rate, or send less often"
+        yield Finding("error", text)
+    else:
+        yield Finding("warning" if share > BUSY else "info", text + (", others delay them" if share > BUSY else ""))

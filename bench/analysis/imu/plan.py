@@ -1,0 +1,129 @@
+"""The plan of a calibration of an inertial unit: where it was, and which attitude it had when; a YAML file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, Field, model_validator
+
+from bench.analysis.imu.attitudes import AXES, TUMBLES, Attitude, tumble
+from bench.analysis.imu.fitting import Reference
+from bench.analysis.imu.triad import Curve, TriadModel
+from bench.base import STRICT, Document, PlacedError, load_config, nearest_or_all, read_yaml
+
+KNOWN: Mapping[str, Attitude] = {a.name: a for positions in reversed(TUMBLES) for a in tumble(positions)}
+"""Attitudes that have a name: x_up to z_down, and the edges and corners of the tumbles, such as +x-y_up."""
+Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+Seconds = Annotated[float, Field(ge=0.0)]
+Order = Annotated[int, Field(ge=0, le=6)]
+_THERMOMETERS = ("temperature", "temperature", "temperature")
+
+
+class StaySettings(BaseModel):
+    """One stay in an attitude, and in one only."""
+
+    model_config = STRICT
+
+    from_s: Seconds
+    """Time of the table of data at which the unit stands so; the way there is left out."""
+    to_s: Annotated[float, Field(gt=0.0)]
+    """Time at which it is moved again."""
+    attitude: str | None = None
+    """Name of an attitude: x_up … z_down, or an edge or corner such as +x-y_up."""
+    up: tuple[float, float, float] | None = None
+    """Direction of the unit that points up, instead of a name."""
+    heading_deg: Degrees = 0.0
+    """Turn about the vertical that follows, counter-clockwise from above; at 0 the most level axis points east."""
+
+    @model_validator(mode="after")
+    def _one_attitude(self) -> StaySettings:
+        if (self.attitude is None) == (self.up is None):
+            raise ValueError("a stay needs either attitude or up")
+        if self.attitude is not None and self.attitude not in KNOWN:
+            raise PlacedError(f"attitude {self.attitude!r} is not known; {nearest_or_all(self.attitude, KNOWN)}",
+                              ("attitude",))  # fmt: skip
+        if not self.to_s > self.from_s:
+            raise PlacedError(f"to_s is {self.to_s:g}, allowed is more than from_s, {self.from_s:g}", ("to_s",))
+        return self
+
+    @property
+    def placed(self) -> Attitude:
+        """The attitude, with its heading."""
+        if self.up is not None:
+            return Attitude.of(f"up {list(self.up)}, heading {self.heading_deg:g}", self.up, self.heading_deg)
+        own = KNOWN[str(self.attitude)]
+        if self.heading_deg == 0.0:
+            return own
+        turned = Attitude.of("", (0.0, 0.0, 1.0), self.heading_deg).matrix
+        return Attitude(f"{own.name}, heading {self.heading_deg:g}", own.matrix @ turned)
+
+
+class OrderSettings(BaseModel):
+    """Order of each kind of parameter as a polynomial in temperature; null leaves a kind out."""
+
+    model_config = STRICT
+
+    bias: Order = 3
+    scale_factor: Order = 2
+    misalignment: Order = 1
+    g_sensitivity: Order | None = 1
+    second_order: Order | None = 1
+
+    def model(self) -> TriadModel:
+        """The model that is fitted."""
+        optional = [None if order is None else Curve(order) for order in (self.g_sensitivity, self.second_order)]
+        return TriadModel(Curve(self.bias), Curve(self.scale_factor), Curve(self.misalignment), *optional)
+
+
+class ImuPlan(BaseModel):
+    """Where an inertial unit was calibrated, and how it stood when."""
+
+    model_config = STRICT
+
+    latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    """Latitude, north positive; gravity and the Earth's rate follow from it."""
+    gravity: Annotated[float, Field(gt=9.7, lt=9.9)] | None = None
+    """Gravity at the place [m/s^2]; left out: normal gravity at sea level."""
+    row_s: Annotated[float, Field(ge=1.0, le=3600.0)] = 60.0
+    """Length of the means that are fitted [s]; whole turns of the table are best."""
+    rate_ppm: Annotated[float, Field(ge=0.0)] = 0.0
+    """Standard uncertainty of the rate table's scale [ppm]."""
+    gravity_ppm: Annotated[float, Field(ge=0.0)] = 0.0
+    """Standard uncertainty of gravity [ppm]."""
+    gyro_thermometers: tuple[str, str, str] = _THERMOMETERS
+    """Channel with the temperature of each gyro."""
+    accelerometer_thermometers: tuple[str, str, str] = _THERMOMETERS
+    """The same of each accelerometer."""
+    orders: OrderSettings = OrderSettings()
+    """Of the curves over temperature."""
+    stays: Annotated[tuple[StaySettings, ...], Field(min_length=1)]
+    """Attitudes, in the order of time."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> ImuPlan:
+        for i, (one, other) in enumerate(zip(self.stays, self.stays[1:], strict=False), start=1):
+            if other.from_s < one.to_s:
+                text = f"from_s is {other.from_s:g}, the stay before ends at {one.to_s:g} s; put stays in order"
+                raise PlacedError(text, ("stays", i, "from_s"))
+        return self
+
+    @property
+    def reference(self) -> Reference:
+        """Uncertainty of what drives the unit."""
+        return Reference(self.rate_ppm, self.gravity_ppm)
+
+    def thermometers(self, kind: Literal["gyro", "accelerometer"]) -> tuple[str, str, str]:
+        """Channels with the temperatures of the three axes."""
+        return self.gyro_thermometers if kind == "gyro" else self.accelerometer_thermometers
+
+
+def load_imu_plan(source: Path | str) -> tuple[ImuPlan, Document]:
+    """A plan and the document that it was read from; InputError with everything that is wrong, by line."""
+    document = read_yaml(source)
+    return load_config(document, ImuPlan), document
+
+
+OUTPUTS = {"gyro": tuple(f"rate_{a}" for a in AXES), "accelerometer": tuple(f"acceleration_{a}" for a in AXES)}
+"""Channels of the outputs of each triad."""

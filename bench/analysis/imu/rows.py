@@ -1,0 +1,142 @@
+"""Samples of an inertial unit to the rows that are fitted: means of equal length within the stays of a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis.imu.attitudes import Attitude, Stay, inputs
+from bench.analysis.imu.mounting import outputs_of
+from bench.analysis.imu.plan import KNOWN, OUTPUTS, ImuPlan
+from bench.analysis.imu.triad import MOST_ROWS, Triad
+from bench.base import Document, FloatArray, InputError, IntArray
+from bench.record import Dataset
+
+STEADY_DPS = 0.1
+"""A table whose rate scatters by more than this within a row accelerates."""
+WRONG_DEG = 10.0
+"""Gravity that points further from where it should is another attitude, not an error of the unit."""
+_HISTORY_S = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class ImuRows:
+    """Both triads in rows, and how many rows were left out because the table changed its rate or samples lacked."""
+
+    gyro: Triad
+    accelerometer: Triad
+    left_out: int
+
+
+def rows_of(columns: Mapping[str, FloatArray], plan: ImuPlan, document: Document) -> ImuRows:
+    """Rows of the channels (n,) of a table; InputError names a channel that lacks, or the line of a wrong attitude."""
+    time = _channel(columns, "time")
+    if np.any(np.diff(time) <= 0.0):
+        raise InputError("time runs backwards or stands still")
+    names = [*OUTPUTS["gyro"], *OUTPUTS["accelerometer"]]
+    thermometers = [*plan.thermometers("gyro"), *plan.thermometers("accelerometer")]
+    values = np.stack([_channel(columns, name) for name in (*names, *thermometers)], axis=1)
+    turning = columns.get("applied_rate", np.zeros(len(time)))
+    # Between samples the table turns by the mean of their rates; it stands at 0 at the first.
+    steps = np.diff(time, prepend=time[0]) * 0.5 * (turning + np.concatenate([turning[:1], turning[:-1]]))
+    angle = np.cumsum(np.nan_to_num(steps))
+    row, visit, starts = _cut(time, plan)
+    if not len(starts):
+        raise InputError(f"no stay is as long as a row of {plan.row_s:g} s; lower row_s", document.file)
+    means, sound = _means(np.column_stack([values, angle, turning]), row, len(starts), time, plan.row_s)
+    if np.sum(sound) > MOST_ROWS:
+        longer = plan.row_s * np.sum(sound) / MOST_ROWS
+        raise InputError(
+            f"row_s is {plan.row_s:g}: {np.sum(sound)} rows, allowed are {MOST_ROWS}; raise it to {longer:.0f} or more",
+            document.file, document.line(("row_s",)),
+        )  # fmt: skip
+    if not sound.any():
+        raise InputError("no row has all its samples and a steady table; look at gaps and applied_rate", document.file)
+    placed = [stay.placed for stay in plan.stays]
+    chosen = [placed[i] for i in visit[sound]]
+    stay = Stay(np.array([a.matrix for a in chosen]), means[sound, 12], means[sound, 13], plan.row_s)
+    middle = starts[sound] + 0.5 * plan.row_s
+    triads = _triads(plan, means[sound], middle, stay, visit[sound], _histories(time, values))
+    _refuse_wrong_attitudes(triads[1], plan, document)
+    return ImuRows(*triads, int(np.sum(~sound)))
+
+
+def _channel(columns: Mapping[str, FloatArray], name: str) -> FloatArray:
+    if name not in columns:
+        raise InputError(f"channel '{name}' is missing; the table has {', '.join(sorted(columns))}")
+    return columns[name]
+
+
+def _cut(time: FloatArray, plan: ImuPlan) -> tuple[IntArray, IntArray, FloatArray]:
+    """Row of each sample (n,), -1 for none; stay and start [s] of each row."""
+    row = np.full(len(time), -1, dtype=np.int64)
+    visit: list[int] = []
+    starts: list[float] = []
+    for number, stay in enumerate(plan.stays):
+        count = int((stay.to_s - stay.from_s + 1e-6) // plan.row_s)
+        first, last = np.searchsorted(time, [stay.from_s, stay.from_s + count * plan.row_s])
+        row[first:last] = len(starts) + ((time[first:last] - stay.from_s) // plan.row_s).astype(np.int64)
+        visit += [number] * count
+        starts += [stay.from_s + i * plan.row_s for i in range(count)]
+    return row, np.array(visit, dtype=np.int64), np.array(starts)
+
+
+def _means(
+    values: FloatArray, row: IntArray, rows: int, time: FloatArray, row_s: float
+) -> tuple[FloatArray, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """Means (rows, k) and which rows have their samples and a steady table (last column)."""
+    inside = (row >= 0) & np.isfinite(values).all(axis=1)
+    where, own = row[inside], values[inside]
+    count = np.bincount(where, minlength=rows)
+    sums = np.stack([np.bincount(where, own[:, k], rows) for k in range(values.shape[1])], axis=1)
+    means = sums / np.maximum(count, 1)[:, None]
+    apart = np.zeros(rows)
+    np.maximum.at(apart, where, np.abs(own[:, -1] - means[where, -1]))
+    expected = row_s / float(np.median(np.diff(time)))
+    return means, np.asarray((count >= 0.99 * expected) & (apart <= STEADY_DPS))
+
+
+def _histories(time: FloatArray, values: FloatArray) -> tuple[Dataset, ...]:
+    """Temperature of each of the six axes over the whole record, about every ten seconds."""
+    step = max(1, round(_HISTORY_S / float(np.median(np.diff(time)))))
+    some, segment = time[::step], np.zeros(len(time[::step]), dtype=np.int64)
+    return tuple(
+        Dataset("imu", some, {"temperature": values[::step, 6 + k]}, segment, interval_s=_HISTORY_S) for k in range(6)
+    )
+
+
+def _triads(
+    plan: ImuPlan, means: FloatArray, middle: FloatArray, stay: Stay, visit: IntArray, histories: tuple[Dataset, ...]
+) -> tuple[Triad, Triad]:
+    rate, force = inputs(stay, plan.latitude_deg, plan.gravity)
+    names = [plan.stays[number].placed.name for number in visit]
+    attitude = np.unique(names, return_inverse=True)[1].astype(np.int64)
+    common = (rate, force, stay, visit, attitude, plan.row_s)
+    gyro = Triad("gyro", middle, means[:, :3], means[:, 6:9], *common, histories[:3])
+    return gyro, Triad("accelerometer", middle, means[:, 3:6], means[:, 9:12], *common, histories[3:])
+
+
+def _refuse_wrong_attitudes(accelerometer: Triad, plan: ImuPlan, document: Document) -> None:
+    """InputError where gravity says that single stays had another attitude; outputs that are swapped are no such."""
+    seen = accelerometer.output @ outputs_of(accelerometer)
+    seen = seen / np.linalg.norm(seen, axis=1)[:, None]
+    up = accelerometer.stay.attitude[:, :, 2]
+    apart = np.degrees(np.arccos(np.clip(np.sum(seen * up, axis=1), -1.0, 1.0)))
+    wrong = np.unique(accelerometer.visit[apart > WRONG_DEG])
+    if not len(wrong):
+        return
+    number = int(wrong[0])
+    row = int(np.flatnonzero(accelerometer.visit == number)[0])
+    stay, like = plan.stays[number], _nearest(seen[row])
+    more = f"; so do {len(wrong) - 1} more stays" if len(wrong) > 1 else ""
+    raise InputError(
+        f"stay from {stay.from_s:g} to {stay.to_s:g} s: attitude {stay.placed.name} is stated, but gravity is "
+        f"{apart[row]:.0f} deg from there, as in {like.name}{more}; correct the plan or measure again",
+        document.file, document.line(("stays", number)),
+    )  # fmt: skip
+
+
+def _nearest(up: FloatArray) -> Attitude:
+    return max(KNOWN.values(), key=lambda attitude: float(attitude.matrix[:, 2] @ up))

@@ -1,0 +1,134 @@
+"""Whether a unit is like its lot: its bias over temperature, heating and cooling, beside that of all units of the lot.
+
+No model is needed: a unit is the vector of its mean biases in cells of temperature, for each direction. Two statistics
+of multivariate process control (J. E. Jackson, G. S. Mudholkar, Technometrics 21 (1979) 341): Hotelling's T^2 of the
+principal components, for a unit that varies as its lot does, but too far; and Q, the sum of squares of what the
+components leave, for a unit that varies otherwise. For a new unit beside n, T^2 n (n - q) / (q (n^2 - 1)) is
+F(q, n - q); Q is g chi^2(h), with g and h from the units themselves, each left out of the components it is compared
+with (G. E. P. Box, Ann. Math. Stat. 25 (1954) 290).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from bench.base import BoolArray, FloatArray, InputError, IntArray
+from bench.record import Dataset
+
+CELLS = 12
+"""Cells of temperature, for each direction."""
+LEAST_UNITS = 10
+LEAST_CELLS = 4
+REFUSED = 0.01
+"""Share of the units of a lot that are refused by chance, half of them by each statistic."""
+EXPLAINED = 0.99
+_UNITS_PER_COMPONENT = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Borders of the cells of temperature (m + 1,) [degC]."""
+
+    borders: FloatArray
+
+    @classmethod
+    def over(cls, low_degc: float, high_degc: float) -> Cells:
+        """Equal cells over a range."""
+        return cls(np.linspace(low_degc, high_degc, CELLS + 1))
+
+    @property
+    def middles(self) -> FloatArray:
+        """Temperature of each cell, cooling before heating (2 m,) [degC]."""
+        return np.tile(0.5 * (self.borders[1:] + self.borders[:-1]), 2)
+
+    def means(self, records: Sequence[Dataset]) -> FloatArray:
+        """Mean bias of a unit in each cell, cooling before heating (2 m,) [deg/h]; NaN where it was not."""
+        temperature = np.concatenate([record.channel("temperature") for record in records])
+        bias = np.concatenate([record.bias for record in records])
+        direction = np.concatenate([record.direction for record in records])
+        cell = np.searchsorted(self.borders, temperature, side="right").astype(np.int64) - 1
+        cell[temperature == self.borders[-1]] = self.borders.size - 2
+        known = np.isfinite(bias) & (cell >= 0) & (cell < self.borders.size - 1)
+        return np.concatenate([self._means(cell, bias, known & (direction == sign)) for sign in (-1, 1)])
+
+    def _means(self, cell: IntArray, bias: FloatArray, rows: BoolArray) -> FloatArray:
+        size = self.borders.size - 1
+        count = np.bincount(cell[rows], minlength=size)
+        total = np.bincount(cell[rows], bias[rows], size)
+        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """Both statistics of a unit as shares of their limits: above 1 it is unlike its lot."""
+
+    level: float
+    shape: float
+    cells: int
+    """Cells that the unit and its lot have in common."""
+    worst_degc: float
+    """Middle of the cell in which it is farthest from its lot."""
+    sigmas: float
+    """Distance there in standard deviations of the lot."""
+
+    @property
+    def like(self) -> bool:
+        """Whether the lot's calibration may be used for it."""
+        return self.level <= 1.0 and self.shape <= 1.0
+
+
+def likeness(table: FloatArray, cells: Cells, units: Sequence[FloatArray]) -> list[Likeness]:
+    """Compare the cells of units (2 m,) with those of the lot's units (n, 2 m).
+
+    InputError: a lot of fewer than ten units, or a unit with less than four cells in common with it.
+    """
+    n = len(table)
+    if n < LEAST_UNITS:
+        raise InputError(f"a lot of {n} units does not tell what is unlike it; at least {LEAST_UNITS} are needed")
+    limits: dict[bytes, float] = {}
+    found = []
+    for unit in units:
+        common = np.isfinite(unit) & np.all(np.isfinite(table), axis=0)
+        if common.sum() < LEAST_CELLS:
+            low, high = cells.borders[[0, -1]]
+            raise InputError(
+                f"the run has {common.sum()} cells of temperature in common with the lot ({low:.0f} to {high:.0f} "
+                f"degC), at least {LEAST_CELLS} are needed: heat or cool the unit through the lot's range"
+            )
+        known = table[:, common]
+        if (key := common.tobytes()) not in limits:
+            rests = (_statistics(np.delete(known, i, axis=0), known[i])[1] for i in range(n))
+            limits[key] = _rest_limit(np.fromiter(rests, dtype=np.float64))
+        found.append(_compared(known, unit[common], limits[key], cells.middles[common]))
+    return found
+
+
+def _compared(known: FloatArray, own: FloatArray, limit: float, middles: FloatArray) -> Likeness:
+    level, rest = _statistics(known, own)
+    apart = np.abs(own - known.mean(axis=0)) / known.std(axis=0, ddof=1)
+    worst = int(apart.argmax())
+    return Likeness(level, rest / limit, own.size, float(middles[worst]), float(apart[worst]))
+
+
+def _statistics(known: FloatArray, own: FloatArray) -> tuple[float, float]:
+    """T^2 as a share of its limit, and Q [(deg/h)^2]."""
+    n = len(known)
+    centre = known.mean(axis=0)
+    _, sizes, directions = np.linalg.svd(known - centre, full_matrices=False)
+    variances = sizes**2 / (n - 1)
+    explained = np.cumsum(variances) / variances.sum()
+    q = min(int(np.sum(explained < EXPLAINED)) + 1, max(1, n // _UNITS_PER_COMPONENT))
+    scores = directions[:q] @ (own - centre)
+    limit = q * (n * n - 1) / (n * (n - q)) * scipy.stats.f.ppf(1.0 - REFUSED / 2, q, n - q)
+    rest = own - centre - scores @ directions[:q]
+    return float(np.sum(scores**2 / variances[:q]) / limit), float(rest @ rest)
+
+
+def _rest_limit(values: FloatArray) -> float:
+    mean, variance = float(values.mean()), float(values.var(ddof=1))
+    scale, freedom = variance / (2 * mean), 2 * mean**2 / variance
+    return float(scale * scipy.stats.chi2.ppf(1.0 - REFUSED / 2, freedom))

@@ -1,0 +1,41 @@
+"""Which runs are compared: of one profile, whole, of units that did not correct themselves, real or simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A `profile`, or None for the one that most units have run."""
+
+    profile: str | None = None
+
+    def of(self, runs: Sequence[Row]) -> tuple[list[Row], tuple[str, ...]]:
+        """The runs that may stand in one figure, in their order, and what was left out, in words.
+
+        Each has the columns of the registry's runs. Simulated runs count only where there are no others.
+        """
+        left: list[str] = []
+
+        def keep(found: list[Row], wanted: Callable[[Row], bool], words: str) -> list[Row]:
+            kept = [run for run in found if wanted(run)]
+            if len(kept) < len(found):
+                left.append(f"{len(found) - len(kept)} {words}")
+            return kept
+
+        found = keep(list(runs), lambda run: run["state"] == "done", "that did not end as planned")
+        found = keep(found, lambda run: not run["corrected"], "of units that corrected themselves")
+        if any(run["simulated"] is False for run in found):
+            found = keep(found, lambda run: not run["simulated"], "simulated")
+        units: dict[Any, set[str]] = {}
+        for run in found:
+            units.setdefault(run["profile"], set()).add(run["unit"])
+        profile = self.profile or max(units, key=lambda name: len(units[name]), default=None)
+        others = ", ".join(sorted(str(name) for name in units if name != profile))
+        found = keep(found, lambda run: run["profile"] == profile, f"of other profiles ({others}; --profile)")
+        return found, tuple(left)

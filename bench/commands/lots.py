@@ -1,0 +1,145 @@
+"""`bench lot`: one calibration for a lot of units, and whether a unit is like its lot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.base import FloatArray, InputError, __version__, finite
+from bench.commands.analysis import recovered, usual_means
+from bench.commands.results.stock import LotCalibrated, LotChecked
+from bench.record import (
+    EVENTS,
+    CalibrationRecord,
+    Dataset,
+    ExecutedSegment,
+    LotRecord,
+    LotUnit,
+    Manifest,
+    RunFolder,
+    create_run,
+    load,
+    write_events,
+    write_means,
+)
+
+if TYPE_CHECKING:
+    from bench.analysis import Likeness, Lot
+
+BETWEEN_S = 864_000.0
+"""Between two runs in the record of a lot: effects with memory begin anew after ten days."""
+
+
+def calibrate_lot(runs: Sequence[Path], lot: str, model: str, out: Path) -> LotCalibrated:
+    """`bench lot calibrate`: one model for all units of these runs, as a run folder of the lot."""
+    from bench.analysis import calibrate_lot as calibrate
+    from bench.analysis import load_model
+
+    wanted = load_model(model)
+    records = usual_means(recovered(runs))
+    found = calibrate(wanted, records)
+    run = _folder(records, lot, [Manifest.read(path) for path in runs], out)
+    whole = load(run.path, records[0].interval_s)
+    CalibrationRecord.model_validate(found.calibration(run.manifest(), whole)).write(run.path)
+    record = _record(found, lot, wanted.name, [path.name for path in runs])
+    record.write(run.path)
+    return LotCalibrated(run.path, record)
+
+
+def check_lot(folder: Path, runs: Sequence[Path]) -> LotChecked:
+    """`bench lot check`: whether the unit of each run is like the lot."""
+    from bench.analysis import by_unit
+
+    units = by_unit(usual_means(recovered(runs)))
+    return LotChecked(folder, LotRecord.read(folder).lot, _likeness(folder, units))
+
+
+def refuse_unlike(folder: Path, serial: str, run: Path | None) -> None:
+    """InputError where no run shows that a unit is like the lot whose calibration stands in this folder."""
+    if run is None:
+        text = f"is the calibration of a lot: show with --check RUN that unit {serial} is like it"
+        raise InputError(text, folder)
+    own = usual_means(recovered([run]))
+    if own[0].unit != serial:
+        raise InputError(f"is a run of unit {own[0].unit}, this is unit {serial}", run)
+    one = _likeness(folder, {serial: own})[serial]
+    if not one.like:
+        raise InputError(
+            f"unit {serial} is unlike its lot: {one.sigmas:.1f} standard deviations off at {one.worst_degc:.0f} degC "
+            f"(level {one.level:.2g}, shape {one.shape:.2g} of the limit); calibrate it by itself",
+            folder,
+        )
+
+
+def _likeness(folder: Path, units: Mapping[str, Sequence[Dataset]]) -> dict[str, Likeness]:
+    from bench.analysis import Cells, likeness
+
+    record = LotRecord.read(folder)
+    cells = Cells(np.array(record.borders_degc))
+    table = np.array([unit.cells_dph for unit in record.units], dtype=np.float64)
+    found = likeness(table, cells, [cells.means(own) for own in units.values()])
+    return dict(zip(units, found, strict=True))
+
+
+def _record(found: Lot, lot: str, model: str, runs: Sequence[str]) -> LotRecord:
+    units = tuple(
+        LotUnit(
+            unit=loss.unit,
+            own_rms_dph=loss.own_rms_dph,
+            lot_rms_dph=loss.lot_rms_dph,
+            levelled_rms_dph=loss.levelled_rms_dph,
+            cells_dph=tuple(finite(value) for value in row),
+        )
+        for loss, row in zip(found.losses, found.table.tolist(), strict=True)
+    )
+    borders = tuple(found.cells.borders.tolist())
+    return LotRecord(lot=lot, model=model, runs=tuple(runs), borders_degc=borders, units=units)
+
+
+def _folder(records: Sequence[Dataset], lot: str, manifests: Sequence[Manifest], out: Path) -> RunFolder:
+    """A run folder whose rows are the means of all runs, one after the other, each run a segment."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    now = datetime.now(UTC)
+    run = create_run(out, lot, "lot", now)
+    run.journal.rmdir()
+    columns, segments = _rows(records)
+    pq.write_table(pa.table({name: pa.array(values) for name, values in columns.items()}), run.data)
+    write_means(run.data, run.means)
+    write_events(run.path / EVENTS, [{"t_s": 0.0, "kind": "lot", "text": f"runs of {len(records)} units or visits"}])
+    Manifest(
+        run=run.path.name,
+        unit=lot,
+        created=now.isoformat(timespec="seconds"),
+        profile="lot",
+        state="done",
+        cause="calibrated as a lot",
+        simulated=any(manifest.simulated for manifest in manifests),
+        sample_rate_hz=1.0 / records[0].interval_s,
+        rows=columns["time"].size,
+        duration_s=float(columns["time"][-1]),
+        segments=segments,
+        versions={"bench": __version__},
+        files=run.hashes(),
+    ).write(run.path)
+    return run
+
+
+def _rows(records: Sequence[Dataset]) -> tuple[dict[str, FloatArray], tuple[ExecutedSegment, ...]]:
+    names = set.intersection(*(set(record.channels) for record in records))
+    start, times, segments = 0.0, [], []
+    for index, record in enumerate(records):
+        time = record.time - record.time[0] + 0.5 * record.interval_s + start
+        times.append(time)
+        end = float(time[-1]) + 0.5 * record.interval_s
+        name = f"{record.unit}: {record.name}"
+        segments.append(ExecutedSegment(index=index, name=name, kind="lot", from_s=start, to_s=end))
+        start = end + BETWEEN_S
+    columns = {name: np.concatenate([record.channels[name] for record in records]) for name in sorted(names)}
+    segment = np.repeat(np.arange(len(records), dtype=np.int16), [len(record) for record in records])
+    return {"time": np.concatenate(times), **columns, "segment": segment}, tuple(segments)
