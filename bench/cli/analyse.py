@@ -65,17 +65,13 @@ def noise(runs: tuple[Path, ...], output: str | None) -> Result:
 @unseen_options
 @limits_option
 @path_option("--figures", help="Instead: draw the figures as SVG and PNG, with their data as CSV, into this folder.")
+@output_option
 @answers
 @registers(begin=False)
-def report(
-    run_folder: Path,
-    models: tuple[str, ...],
-    check_runs: tuple[Path, ...],
-    static: Path | None,
-    limits: Path | None,
-    figures: Path | None,
-) -> Result:
+def report(run_folder: Path, figures: Path | None, check_runs: tuple[Path, ...], **options: Any) -> Result:
     """Analyse RUN again and write its report; a killed run is recovered from its journals first.
+
+    A unit with several rates gets a report of each, in a run folder of its own beside RUN: RUN_rate_x and so on.
 
     The diagnosis is repeated with the given --static and --check runs and saved as diagnosis.json. An earlier one that
     used more runs is kept as diagnosis-before.json, and the report states this.
@@ -83,10 +79,10 @@ def report(
     from bench import commands
 
     if figures is not None:
-        if check_runs or limits is not None:
+        if check_runs or options.pop("limits") is not None:
             raise click.UsageError("--figures draws the run and its models; it takes neither --check nor --limits")
-        return commands.figures(run_folder, models, static, figures)
-    return commands.report(run_folder, models, check_runs, static, limits)
+        return commands.figures(run_folder, out=figures, **options)
+    return commands.report(run_folder, check=check_runs, **options)
 
 
 @click.command()

@@ -11,6 +11,7 @@ from bench.cli.options import (
     answers,
     limits_option,
     out_option,
+    output_option,
     path_argument,
     path_option,
     quiet_option,
@@ -48,14 +49,15 @@ def _address(context: click.Context, parameter: click.Parameter, text: str) -> i
     "--address", default="0", callback=_address, help="Address of the image in hex, srec and a2l, such as 0x8000."
 )
 @click.option("--force", is_flag=True, help="Deliver an untrustworthy calibration; the result states the reasons.")
+@output_option
 @path_option("--out", help="Folder of the files; default: export in the run folder.")
 @answers
-def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> Result:
+def export(run_folder: Path, format_: str, output: str | None, out: Path | None, **options: Any) -> Result:
     """Write the calibration of RUN for its unit: C code, EEPROM image, hex files; worst error of each embedded form."""
     from bench import commands
     from bench.deliver import ExportOptions
 
-    return commands.export(run_folder, format_, ExportOptions(**options), out)
+    return commands.export(run_folder, format_, ExportOptions(**options), out, output)
 
 
 @click.command()
@@ -78,6 +80,7 @@ def export(run_folder: Path, format_: str, out: Path | None, **options: Any) -> 
 @path_option(
     "--archive", default=Path("reports"), show_default=True, help="With --withdraw and --verify: the run folders."
 )
+@output_option
 @path_option("--verify", help="Instead: check the signatures of this PDF or XML; exit code 1 if it was altered.")
 @path_option("--trust", multiple=True, help="With --verify: certificate of a laboratory or its authority (PEM).")
 @answers
@@ -88,6 +91,7 @@ def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Re
 
     names = ("verify", "trust", "withdraw", "archive", "registry")
     verify, trust, withdraw, archive, where = (options.pop(name) for name in names)
+    output = options.pop("output")
     if verify is not None:
         return commands.verify_certificate(verify, trust, archive)
     if (options["amends"] or withdraw) and not (options["reason"] or "").strip():
@@ -96,7 +100,8 @@ def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Re
         return commands.withdraw_certificate(withdraw, options["reason"], archive, where)
     if run_folder is None:
         raise click.UsageError("name the RUN, or a certificate with --verify FILE or --withdraw NUMBER")
-    return commands.certificate(run_folder, commands.CertificateOptions(**options), out)
+    options["verifications"] = commands.of_outputs(options["verifications"], output)
+    return commands.certificate(commands.of_one(run_folder, output), commands.CertificateOptions(**options), out)
 
 
 @click.command()

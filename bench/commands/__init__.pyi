@@ -43,6 +43,8 @@ from .noise_reading import noise as noise
 from .imu import imu as imu
 from .analysis import figures as figures
 from .analysis import import_table as import_table
+from .analysis import of_one as of_one
+from .analysis import of_outputs as of_outputs
 from .analysis import recover as recover
 from .analysis import report as report
 from .comparing import diff as diff

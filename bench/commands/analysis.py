@@ -9,8 +9,15 @@ from typing import TYPE_CHECKING
 from bench.base import BenchError, InputError
 from bench.commands.clocks import tell_ahead
 from bench.commands.files import tell_unproven, write
-from bench.commands.results.analyse import Compared, ComparedSamples, FiguresDrawn, Imported, Reported
-from bench.record import MANIFEST, RunFolder, clear_partial, listed, open_run, use
+from bench.commands.results.analyse import (
+    Compared,
+    ComparedSamples,
+    FiguresDrawn,
+    Imported,
+    Reported,
+    UnitsReported,
+)
+from bench.record import MANIFEST, RunFolder, clear_partial, listed, of_output, open_run, rates_of, use
 
 if TYPE_CHECKING:
     from bench.analysis import Limits, Model
@@ -44,24 +51,45 @@ def report(
     models: Sequence[str],
     check: Sequence[Path] = (),
     static: Path | None = None,
-    limits_path: Path | None = None,
-) -> Reported:
-    """`bench report`: analyse a run again; a killed run is recovered from its journals first."""
+    limits: Path | None = None,
+    output: str | None = None,
+) -> Reported | UnitsReported:
+    """`bench report`: analyse a run again, or of a unit with several rates that of each; a killed run is recovered."""
     from bench.analysis import load_limits, load_model
+    from bench.commands.several import report_on_outputs
 
-    limits = None if limits_path is None else load_limits(limits_path)
+    allowed = None if limits is None else load_limits(limits)
     folder = recover(path)
     chosen = [load_model(model) for model in models] if models else kept_models(folder.path)
-    return report_on(folder, chosen, None, check, static, limits)
+    if output is not None:
+        still = None if static is None else of_one(static, output)
+        return report_on(of_output(folder, output), chosen, None, of_outputs(check, output), still, allowed)
+    return report_on_outputs(folder, chosen, None, check, static, allowed)
 
 
-def figures(path: Path, models: Sequence[str], static: Path | None, out: Path) -> FiguresDrawn:
+def of_one(path: Path, output: str | None) -> Path:
+    """The run folder of one output of a unit; InputError where the unit has several and none is named."""
+    run = recover(path)
+    if output is None and run.data.is_file() and len(rates := rates_of(run)) > 1:
+        text = f"the unit has several outputs; choose one of {', '.join(rates)} with --output"
+        raise InputError(text, path)
+    return run.path if output is None else of_output(run, output).path
+
+
+def of_outputs(paths: Sequence[Path], output: str | None) -> list[Path]:
+    """The same of several runs."""
+    return [of_one(path, output) for path in paths]
+
+
+def figures(
+    path: Path, models: Sequence[str], static: Path | None, out: Path, output: str | None = None
+) -> FiguresDrawn:
     """`bench report --figures`: the figures of a run as files in `out`; the run folder stays as it is."""
     from bench.deliver import figure_files
 
     run = recover(path).path
-    compared = compare([run], models, (), static)
-    dataset = usual_means(recovered([run]))[0]
+    compared = compare([run], models, (), static, output=output)
+    dataset = usual_means(recovered([run], output))[0]
     made = figure_files(dataset, compared.comparison)
     for name, content in made.items():
         write(out / name, content)

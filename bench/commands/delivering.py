@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bench.commands.analysis import of_one
 from bench.commands.files import write
 from bench.commands.noise_reading import noise
 from bench.commands.results.deliver import Exported, MeasuredExported
@@ -11,9 +12,13 @@ from bench.deliver import MEASURED, ExportOptions, files_of, kalibr_yaml, prepar
 from bench.record import Manifest, prove
 
 
-def export(folder: Path, format_: str, options: ExportOptions, out: Path | None) -> Exported | MeasuredExported:
+def export(
+    folder: Path, format_: str, options: ExportOptions, out: Path | None, output: str | None = None
+) -> Exported | MeasuredExported:
     """Write the files of one format into `out` (the run's own `export` folder) and say how exact each form is."""
     refuse_format(format_)
+    if format_ != "mf4" or output is not None:  # samples of a run are those of all outputs
+        folder = of_one(folder, output)
     if format_ in MEASURED:
         return _measured(folder, format_, options, out or folder / "export")
     delivered = prepare(folder, options)

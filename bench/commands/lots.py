@@ -25,6 +25,7 @@ from bench.record import (
     load,
     write_events,
     write_means,
+    write_samples,
 )
 
 if TYPE_CHECKING:
@@ -102,14 +103,11 @@ def _record(found: Lot, lot: str, model: str, runs: Sequence[str]) -> LotRecord:
 
 def _folder(records: Sequence[Dataset], lot: str, manifests: Sequence[Manifest], out: Path) -> RunFolder:
     """A run folder whose rows are the means of all runs, one after the other, each run a segment."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
     now = datetime.now(UTC)
     run = create_run(out, lot, "lot", now)
     run.journal.rmdir()
     columns, segments = _rows(records)
-    pq.write_table(pa.table({name: pa.array(values) for name, values in columns.items()}), run.data)
+    write_samples(run.data, columns)
     write_means(run.data, run.means)
     write_events(run.path / EVENTS, [{"t_s": 0.0, "kind": "lot", "text": f"runs of {len(records)} units or visits"}])
     Manifest(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.base import BenchError
-from bench.commands.analysis import report_on
+from bench.base import BenchError, InputError
+from bench.commands.analysis import of_one, of_outputs, report_on
 from bench.commands.results.analyse import NotAnalysed, Reported, UnitReport, UnitsReported
-from bench.record import MANIFEST
+from bench.record import MANIFEST, RunFolder, apart
 
 if TYPE_CHECKING:
     from bench.acquisition import RunResult, UnitResult
@@ -24,25 +25,69 @@ def report_on_units(
         return report_on_all(result.units, models, limits)
     if result.error is not None and not (result.run.path / MANIFEST).exists():
         raise result.error  # no tables: there is nothing to analyse
-    return report_on(result.run, models, result.error, limits=limits)
+    return report_on_outputs(result.run, models, result.error, limits=limits)
+
+
+def report_on_outputs(
+    run: RunFolder,
+    models: Sequence[Model],
+    error: BenchError | None,
+    check: Sequence[Path] = (),
+    static: Path | None = None,
+    limits: Limits | None = None,
+) -> Reported | UnitsReported:
+    """Analyse each rate of a unit by itself, with the same rate of the further runs."""
+    runs = _apart(run)
+    if len(runs) == 1:
+        return report_on(run, models, error, check, static, limits)
+    reports = []
+    for each in runs:
+        manifest = each.manifest()
+        checks = of_outputs(check, manifest.output)
+        still = None if static is None else of_one(static, manifest.output)
+        result = _report_on(each, models, error, checks, still, limits)
+        reports.append(UnitReport(manifest.unit, result, error, manifest.output))
+    return UnitsReported(tuple(reports))
 
 
 def report_on_all(units: Sequence[UnitResult], models: Sequence[Model], limits: Limits | None = None) -> UnitsReported:
-    """Analyse the run of each unit and write its report; one that fails does not take those of the others with it."""
-    return UnitsReported(tuple(UnitReport(unit.serial, _report_on(unit, models, limits), unit.error) for unit in units))
+    """Analyse each rate of each unit and write its report; one that fails does not take those of the others with it."""
+    reports = []
+    for unit in units:
+        runs = _apart(unit.run)
+        for each in runs:
+            output = each.manifest().output if len(runs) > 1 else "rate"
+            result = _report_on(each, models, unit.error, limits=limits)
+            reports.append(UnitReport(unit.serial, result, unit.error, output))
+    return UnitsReported(tuple(reports))
 
 
-def _report_on(unit: UnitResult, models: Sequence[Model], limits: Limits | None) -> Reported | NotAnalysed:
+def _apart(run: RunFolder) -> list[RunFolder]:
+    """The run of each rate; the run itself where they cannot be told apart, and its analysis says why."""
     try:
-        return report_on(unit.run, models, unit.error, limits=limits)
+        return apart(run)
+    except (InputError, OSError):
+        return [run]
+
+
+def _report_on(
+    run: RunFolder,
+    models: Sequence[Model],
+    ended: BenchError | None,
+    check: Sequence[Path] = (),
+    static: Path | None = None,
+    limits: Limits | None = None,
+) -> Reported | NotAnalysed:
+    try:
+        return report_on(run, models, ended, check, static, limits)
     except BenchError as error:
-        return _not_analysed(unit, str(error), error.exit_code)
+        return _not_analysed(run, ended, str(error), error.exit_code)
     except Exception as bug:
         traceback.print_exc()
-        return _not_analysed(unit, f"internal error: {type(bug).__name__}: {bug}", 4)
+        return _not_analysed(run, ended, f"internal error: {type(bug).__name__}: {bug}", 4)
 
 
-def _not_analysed(unit: UnitResult, text: str, code: int) -> NotAnalysed:
-    if unit.error is not None:
-        text, code = f"{unit.error}; not analysed: {text}", max(code, unit.error.exit_code)
-    return NotAnalysed(unit.run.path, text, code)
+def _not_analysed(run: RunFolder, ended: BenchError | None, text: str, code: int) -> NotAnalysed:
+    if ended is not None:
+        text, code = f"{ended}; not analysed: {text}", max(code, ended.exit_code)
+    return NotAnalysed(run.path, text, code)

@@ -41,6 +41,9 @@ from .folder import new_folder as new_folder
 from .folder import open_run as open_run
 from .folder import slug as slug
 from .means import write_means as write_means
+from .outputs import apart as apart
+from .outputs import of_output as of_output
+from .outputs import rates_of as rates_of
 from .records.calibration import CalibrationRecord as CalibrationRecord
 from .records.calibration import Coefficient as Coefficient
 from .records.calibration import Scaled as Scaled
@@ -83,5 +86,7 @@ from .samples import SampleFile as SampleFile
 from .samples import channel_of as channel_of
 from .samples import floats as floats
 from .samples import read_samples as read_samples
+from .samples import samples_writer as samples_writer
+from .samples import write_samples as write_samples
 from .signing import keep_secret as keep_secret
 from .signing import keys_folder as keys_folder

@@ -423,4 +423,5 @@ def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
         counts={name: columns[f"{name}_count"] for name in names if f"{name}_count" in columns},
         variances={name: columns[f"{name}_var"] for name in names if f"{name}_var" in columns},
         unit="" if manifest.unit == UNKNOWN_UNIT else manifest.unit,
+        output=manifest.output,
     )

@@ -151,6 +151,23 @@ class SampleFile:
         return found
 
 
+def samples_writer(path: Path, schema: pa.Schema) -> pq.ParquetWriter:
+    """A writer of `data.parquet`, a context manager that takes tables of this schema, each a row group."""
+    encodings = {
+        field.name: "BYTE_STREAM_SPLIT" if field.type == pa.float64() else "DELTA_BINARY_PACKED" for field in schema
+    }
+    encodings.pop("segment", None)
+    options = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": ["segment"]}
+    return pq.ParquetWriter(path, schema, column_encoding=encodings, **options)
+
+
+def write_samples(path: Path, columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
+    """Write `data.parquet` of columns (n,) by channel and `segment`; NaN is a gap."""
+    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
+    with samples_writer(path, table.schema) as writer:
+        writer.write_table(table)
+
+
 def read_samples(path: Path | str, *names: str) -> dict[str, FloatArray]:
     """All samples of `data.parquet`, columns (n,) by channel; without names, all channels."""
     with SampleFile(path) as file:

@@ -1,6 +1,8 @@
 """Units with several outputs in one journal and one run; one output is the case n = 1."""
 
+import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,13 +12,12 @@ from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.wires import wire_findings
-from bench.analysis.judging.judge import analyse
 from bench.base import config
 from bench.base.errors import InputError
 from bench.cli import main
 from bench.commands.acquisition import check
 from bench.commands.replay.replaying import replay
-from bench.record import RunFolder, read_samples
+from bench.record import RunFolder, apart, faults, read_samples
 from bench.record.dataset import load, seconds_of
 from drivers.journal import Kind, read_blocks
 from tests.support import acquisition
@@ -98,11 +99,12 @@ def test_a_dataset_gives_its_outputs_by_name(runs):
         whole.of("acceleration_x")
 
 
-def test_commands_ask_which_output_and_take_it_by_name(runs):
-    def say(*arguments):
-        answer = CliRunner().invoke(main, [str(argument) for argument in arguments])
-        return answer.exit_code, answer.output + answer.stderr
+def say(*arguments):
+    answer = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    return answer.exit_code, answer.stdout + answer.stderr
 
+
+def test_commands_ask_which_output_and_take_it_by_name(runs):
     code, text = say("noise", runs[0].path)
     assert code == 2
     assert "the unit has 6 outputs; choose one of rate_x, rate_y, rate_z with --output" in text
@@ -113,9 +115,31 @@ def test_commands_ask_which_output_and_take_it_by_name(runs):
     assert "6 outputs" not in text
 
 
-def test_a_report_of_several_outputs_says_where_to_look(runs, tmp_path):
+def test_each_rate_is_reported_in_a_run_folder_of_its_own(runs, tmp_path):
+    whole = RunFolder(tmp_path / "run")
+    shutil.copytree(runs[2].path, whole.path)
+    told = json.loads(say("report", whole.path, "--model", "polynomial", "--json")[1])
+    assert [(unit["unit"], unit["output"]) for unit in told["units"]] == [("IMU-2", rate) for rate in RATES]
+    for rate, unit in zip(RATES, told["units"], strict=True):
+        own = RunFolder(Path(unit["run"]))
+        assert (own.path.name, Path(unit["report"]).is_file()) == (f"run_{rate}", True)
+        mine, theirs = read_samples(own.data), read_samples(whole.data)
+        assert np.array_equal(mine["rate"], theirs[rate], equal_nan=True)
+        assert not set(OUTPUTS) & set(mine)
+        assert np.array_equal(load(own.path).channel("rate"), load(whole.path, output=rate).channel("rate"))
+        assert list(faults(own.path)) == []
+        assert unit["samples"] == np.count_nonzero(np.isfinite(theirs[rate]))
+    assert [path.name for path in apart(whole)[0].path.parent.glob("run*")].count("run_rate_x") == 1
+    assert say("report", whole.path, "--model", "polynomial", "--output", "rate_y")[0] in {0, 1}
+    assert "is not a rate of this unit" in say("report", whole.path, "--output", "rate")[1]
+
+
+def test_what_is_delivered_is_of_one_output(runs, tmp_path):
     shutil.copytree(runs[2].path, tmp_path / "run")
-    assert "6 outputs" in analyse(tmp_path / "run", diagnose=False).verdict.sentence
+    for command in (("export", tmp_path / "run", "--format", "json"), ("certificate", tmp_path / "run")):
+        code, text = say(*command)
+        assert (code, "choose one of rate_x, rate_y, rate_z with --output" in text) == (2, True)
+        assert "choose one of" not in say(*command, "--output", "rate_z")[1]
 
 
 def test_one_output_is_as_before(short_run):

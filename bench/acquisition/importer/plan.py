@@ -33,6 +33,7 @@ from bench.record import (
     staged,
     write_events,
     write_means,
+    write_samples,
 )
 
 _LEAST_SORTED = 3
@@ -170,7 +171,8 @@ def _imported_before(plan: ImportPlan, out: Path) -> RunFolder | None:
 
 def _write(plan: ImportPlan, run: RunFolder, created: datetime, operator: str | None) -> RunFolder:
     run.journal.rmdir()  # there is no raw journal: the source file is named with its hash instead
-    _write_data(plan, run.data)
+    segment = segment_of(plan.branches, plan.time).astype(np.int16)
+    write_samples(run.data, {"time": plan.time, **plan.channels, "segment": segment})
     write_means(run.data, run.means)
     (run.path / "columns.yaml").write_text(_column_map(plan), encoding="utf-8")
     write_events(run.path / EVENTS, [{"t_s": 0.0, "kind": "import", "text": warning} for warning in plan.warnings])
@@ -225,17 +227,6 @@ def _spell(source: TimeSource) -> str:
         return f"column '{source.column}'" + (f" [{source.unit}]" if source.unit else "")
     numbers = "row numbers" if source.column is None else f"sample numbers in '{source.column}'"
     return f"{numbers}, one every {source.step_s:g} s"
-
-
-def _write_data(plan: ImportPlan, path: Path) -> None:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    floats = {"time": plan.time, **plan.channels}
-    arrays = {name: pa.array(values, from_pandas=True) for name, values in floats.items()}
-    arrays["segment"] = pa.array(segment_of(plan.branches, plan.time).astype(np.int16))
-    pq.write_table(pa.table(arrays), path, compression="zstd", write_page_checksum=True,
-                   use_dictionary=["segment"], column_encoding=dict.fromkeys(floats, "BYTE_STREAM_SPLIT"))  # fmt: skip
 
 
 def _column_map(plan: ImportPlan) -> str:

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from bench.acquisition.recording.journals import Readings
 from bench.acquisition.recording.validity import sound_air
 from bench.base import CHANNELS, OUTPUTS, THERMOMETERS, FloatArray, IntArray
-from bench.record import Code, ExecutedSegment, channel_of
+from bench.record import Code, ExecutedSegment, channel_of, samples_writer
 from drivers.block import Code as Wire
 from drivers.gyro import GyroBlock, SampleClock
 
@@ -138,11 +138,7 @@ def write_data(path: Path, parts: Sequence[tuple[Iterator[GyroBlock], Grid]], wi
     codes, output = _codes(wires), next((name for name in OUTPUTS if name in sent), "rate")
     fields = [codes[name].field(name) if name in codes else pa.field(name, pa.float64()) for name in names]
     schema = pa.schema([*fields, pa.field("segment", pa.int16())])
-    encodings = {
-        field.name: "BYTE_STREAM_SPLIT" if field.type == pa.float64() else "DELTA_BINARY_PACKED" for field in fields
-    }
-    options = {"compression": "zstd", "write_page_checksum": True, "use_dictionary": ["segment"]}
-    with pq.ParquetWriter(path, schema, column_encoding=encodings, **options) as writer:
+    with samples_writer(path, schema) as writer:
         return sum(_write_part(writer, blocks, grid, codes, output) for blocks, grid in parts)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -125,10 +126,14 @@ class _Case:
             noise = f"{noise}; {steps}" if noise else steps
         return cls(fit, layout, offered, floor, noise, tuple(notes), static)
 
+    @cached_property
+    def lattice(self) -> NoiseLattice:
+        """The whiteners of the runs and of the isothermal run, which all parts of the answer share."""
+        return NoiseLattice(self.layout.problem.records(), self.layout.problem.interval_s)
+
     def diagnosis(self, check: tuple[Dataset, ...], seed: int, workers: int = 1) -> Diagnosis:
         """The answer."""
-        lattice = NoiseLattice(self.layout.problem.records(), self.layout.problem.interval_s)
-        explained = Search(self.offer, lattice, seed, workers).explain(self.layout)
+        explained = Search(self.offer, self.lattice, seed, workers).explain(self.layout)
         runs = self.layout.rows.records
         base = unseen(self.layout.rows, self.layout.theta, check)
         ranking = Ranking(explained, self.offer, check, self.floor_dph)
@@ -155,7 +160,7 @@ class _Case:
             unexplained=self._unexplained(explained, improved),
             threshold=explained.threshold,
             not_excited=self._not_excited(explained),
-            smallest_detectable=self._detectable(explained, lattice),
+            smallest_detectable=self._detectable(explained),
             noise_finding=_DRIFTS if explained.drifts and not steps else self.noise,
             notes=self.notes,
             model=self.fit.model,
@@ -165,7 +170,7 @@ class _Case:
             static="" if self.static is None else self.static.name,
         )
         formulas, instead = self._formulas(
-            explained, improved, Describer(lattice, check, seed), proved=bool(decision.proved)
+            explained, improved, Describer(self.lattice, check, seed), proved=bool(decision.proved)
         )
         if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
             proved = False if answer.found else formulas[0].proof.proved
@@ -178,8 +183,7 @@ class _Case:
         """The answer with pictures of what nothing describes: the memory, and cells over two channels."""
         described = any(formula.proof.proved for formula in answer.formulas) or self.layout.resolution.words()
         if answer.verdict in {"unknown_effect", "undecided"} and not described:
-            lattice = NoiseLattice(self.layout.problem.records(), self.layout.problem.interval_s)
-            answer = replace(answer, kernel=kernel_of(self.layout, lattice))
+            answer = replace(answer, kernel=kernel_of(self.layout, self.lattice))
             channels = channels or ("temperature", RATE_OF_TEMPERATURE)
         return replace(answer, surface=self._surface(channels)) if channels else answer
 
@@ -232,7 +236,7 @@ class _Case:
         shown = {s.effect for s in explained.first.suspects if s.excited}
         return dict(self.offer.refused) | {name: why for name, why in hidden.items() if name not in shown}
 
-    def _detectable(self, explained: Explanation, lattice: NoiseLattice) -> tuple[Detectable, ...]:
+    def _detectable(self, explained: Explanation) -> tuple[Detectable, ...]:
         """The smallest size of each effect, of its first shape at usual parameters, that this run would have shown."""
         listed = []
         # What would have to be larger than all that the output moved is taken in by the model's curve.
@@ -243,7 +247,7 @@ class _Case:
                 continue
             theta = tuple(p.start for p in candidate.parameters)
             first = explained.first
-            limit = smallest(self.layout.problem, candidate, theta, lattice, first.point, first.sigma2)
+            limit = smallest(self.layout.problem, candidate, theta, self.lattice, first.point, first.sigma2)
             if limit.rms_dph > most:
                 limit = Smallest(())
             names = [p.name for p in candidate.parameters]

@@ -235,11 +235,10 @@ class _Weighing:
         rough = scan.base[0] - scan.values[:, 0] - paid
         scanned = []
         for index, candidate in enumerate(self.candidates):
-            own = [i for i, (which, _) in enumerate(scan.entries) if which == index]
-            grid = tuple(Start(scan.entries[i][1], points[scan.where[i, 0]], float(scan.values[i, 0])) for i in own)
+            own, grid = scan.which == index, scan.starts(index, points)
             hope = float(np.max(_GROWS * (rough[own] + paid[own]) - paid[own]))
             excited = bool(scan.excited[own].max() >= DEPENDENT)
-            scanned.append(_Scanned(candidate, grid, float(paid[own[0]]), float(rough[own].max()), hope, excited))
+            scanned.append(_Scanned(candidate, grid, float(paid[own][0]), float(rough[own].max()), hope, excited))
         return scanned
 
     def _refined(self, scanned: _Scanned, closely: bool) -> _Reached:
@@ -272,7 +271,7 @@ class _Weighing:
         run, *statics = drawn(self.surface, near, np.random.default_rng(seed), runs)
         scan = self.library.scan(lattice, [*near, *less], mean[:, None] + run, statics, self.workers)
         evidence = scan.base - scan.values - self.library.paid(self.candidates)[:, None]
-        first = np.unique([index for index, _ in scan.entries], return_index=True)[1]
+        first = np.unique(scan.which, return_index=True)[1]
         return np.asarray(np.maximum.reduceat(evidence, first, axis=0))
 
 

@@ -20,7 +20,7 @@ from bench.analysis.diagnosis.candidates import Candidate, Theta, orthonormal, o
 from bench.analysis.diagnosis.evidence import drawn
 from bench.analysis.diagnosis.grammar import Formula, Grammar
 from bench.analysis.diagnosis.refine import Refiner, Start
-from bench.analysis.diagnosis.scan import Library
+from bench.analysis.diagnosis.scan import Library, Scan
 from bench.analysis.diagnosis.spectral_line import rows_of
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.expression import Expression
@@ -132,16 +132,13 @@ class FormulaSearch:
         library = Library(self._layout.problem, candidates)
         points = self._points()
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still())
-        which = np.array([index for index, _ in scan.entries])
-        paid = library.paid(candidates) + price[which]
+        paid = library.paid(candidates) + price[scan.which]
         rough = scan.base[0] - scan.values[:, 0] - paid
         threshold = self._chance(library, points, paid)
-        leaders = self._leaders(rough, which, scan.excited)
-        found = []
-        for index in leaders:
-            own = np.flatnonzero(which == index)
-            grid = [Start(scan.entries[i][1], points[scan.where[i, 0]], float(scan.values[i, 0])) for i in own]
-            found.append(self._refined(formulas[index], candidates[index], grid, float(price[index])))
+        found = [
+            self._refined(formulas[index], candidates[index], scan.starts(index, points), float(price[index]))
+            for index in self._leaders(rough, scan)
+        ]
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_GROWN]:
             found += self._grown(one, len(pairs))
@@ -228,12 +225,12 @@ class FormulaSearch:
         best = (scan.base - scan.values - paid[:, None]).max(axis=0)
         return max(0.0, float(np.quantile(best, 1.0 - WRONGLY_NAMED)))
 
-    def _leaders(self, rough: FloatArray, which: FloatArray, excited: FloatArray) -> list[int]:
+    def _leaders(self, rough: FloatArray, scan: Scan) -> list[int]:
         """The formulas that are best on the grid, each once."""
         found: list[int] = []
         for entry in np.argsort(-rough)[:400]:
-            index = int(which[entry])
-            if index in found or excited[entry] < 1e-6:
+            index = int(scan.which[entry])
+            if index in found or scan.excited[entry] < 1e-6:
                 continue
             found.append(index)
             if len(found) >= 2 * _BEAM:
@@ -279,13 +276,11 @@ class FormulaSearch:
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still())
         price = self._price(tried * len(longer) // 3)
         rough = self._surface.height(self._best) - scan.values[:, 0] - library.paid(candidates) - price
-        which = np.array([index for index, _ in scan.entries])
-        found = []
-        for index in self._leaders(rough, which, scan.excited)[:_BRANCHES]:
-            own = np.flatnonzero(which == index)
-            if rough[own].max() > one.evidence - _NEAR:
-                grid = [Start(scan.entries[i][1], points[scan.where[i, 0]], float(scan.values[i, 0])) for i in own]
-                found.append(self._refined(longer[index][0], candidates[index], grid, price))
+        found = [
+            self._refined(longer[index][0], candidates[index], scan.starts(index, points), price)
+            for index in self._leaders(rough, scan)[:_BRANCHES]
+            if rough[scan.which == index].max() > one.evidence - _NEAR
+        ]
         return sorted(found, key=lambda each: -each.evidence)
 
     def _periods(self) -> list[float]:

@@ -10,12 +10,14 @@ C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine Learning (200
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from itertools import product
+from typing import Any
 
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import outside
 from bench.analysis.diagnosis.suspects import Layout
+from bench.analysis.effects.operators import shifted
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Record, Surface, spanned
 from bench.analysis.noise.whitening import Whitener
 from bench.base import FloatArray, finite
@@ -65,13 +67,6 @@ class Kernel:
         }
 
 
-class _Prior(NamedTuple):
-    """Square root of the correlation of the kernel's values (m, m), its size."""
-
-    root: FloatArray
-    size: float
-
-
 def kernel_of(layout: Layout, lattice: NoiseLattice) -> Kernel | None:
     """The memory of what the model leaves of the runs; None where the runs show none."""
     ends = _ends(layout)
@@ -93,8 +88,7 @@ def delayed(layout: Layout, ends: FloatArray) -> FloatArray:
     parts = []
     for record in layout.seen:
         temperature = record.channel("temperature")
-        known = np.isfinite(temperature)
-        at = [np.interp(record.time - lag, record.time[known], temperature[known]) for lag in ends]
+        at = [shifted(record.time, temperature, lag) for lag in ends.tolist()]
         parts.append(-np.diff(np.array(at), axis=0).T)
     return np.column_stack([layout.stacked([part[:, i] for part in parts]) for i in range(len(ends) - 1)])
 
@@ -121,37 +115,37 @@ class _Search:
 
     def measure(self, point: Point) -> tuple[float, float]:
         """-2 ln L, averaged over all priors, and the noise's variance at these ratios of the noise."""
-        heights, sigma2, _ = self._heights(point)
+        heights, sigma2 = self._heights(point)
         least = float(heights.min())
         mean = least - 2.0 * float(np.log(np.mean(np.exp(-0.5 * (heights - least)))))
         return mean, float(sigma2[np.argmin(heights)])
 
     def posterior(self, point: Point) -> tuple[FloatArray, FloatArray]:
         """Mean and deviation (m,) of the kernel, over all priors by what they explain."""
-        heights, sigma2, priors = self._heights(point)
+        heights, sigma2 = self._heights(point)
         share = np.exp(-0.5 * (heights - heights.min()))
         share /= share.sum()
         own, columns, _ = self._whitened(point)
         first, second = np.zeros(columns.shape[1]), np.zeros(columns.shape[1])
-        for weight, variance, prior in zip(share, sigma2, priors, strict=True):
+        for weight, variance, (root, size) in zip(share, sigma2, product(self.roots, _SIZES), strict=True):
             if weight > _TRACE:
-                u, d, vt = np.linalg.svd(columns @ prior.root, full_matrices=False)
-                grown = 1.0 + prior.size * d**2
-                mean = prior.root @ (vt.T @ (prior.size * d / grown * (u.T @ own)))
+                u, d, vt = np.linalg.svd(columns @ root, full_matrices=False)
+                grown = 1.0 + size * d**2
+                mean = root @ (vt.T @ (size * d / grown * (u.T @ own)))
                 spread = np.eye(len(d)) - (vt.T * (1.0 - 1.0 / grown)) @ vt
-                own_square = variance * prior.size * np.sum((prior.root @ spread) * prior.root, axis=1)
+                own_square = variance * size * np.sum((root @ spread) * root, axis=1)
                 first += weight * mean
                 second += weight * (own_square + mean**2)
         return first, np.sqrt(np.maximum(second - first**2, 0.0))
 
-    def _heights(self, point: Point) -> tuple[FloatArray, FloatArray, list[_Prior]]:
-        """-2 ln L and variance of the noise (k,) of every prior."""
+    def _heights(self, point: Point) -> tuple[FloatArray, FloatArray]:
+        """-2 ln L and variance of the noise (k,) of every prior: each root with each size."""
         own, columns, fixed = self._whitened(point)
         rows, square = len(own) - self.problem.base.shape[1], float(own @ own)
         for record, way in zip(self.problem.statics, self.lattice.at([point])[0][1:], strict=True):
             left, more = _beside(record, way, record.y[:, None])
             rows, square, fixed = rows + len(left) - record.X.shape[1], square + float(np.sum(left**2)), fixed + more
-        heights, variances, priors = [], [], []
+        heights, variances = [], []
         for root in self.roots:
             u, d, _ = np.linalg.svd(columns @ root, full_matrices=False)
             seen = (u.T @ own) ** 2
@@ -159,8 +153,7 @@ class _Search:
             variance = (square - (seen * (1.0 - 1.0 / grown)).sum(axis=1)) / rows
             heights.append(rows * np.log(variance) + np.log(grown).sum(axis=1) + fixed)
             variances.append(variance)
-            priors += [_Prior(root, size) for size in _SIZES.tolist()]
-        return np.concatenate(heights), np.concatenate(variances), priors
+        return np.concatenate(heights), np.concatenate(variances)
 
     def _whitened(self, point: Point) -> tuple[FloatArray, FloatArray, float]:
         """Output (n,) and delayed changes (n, m), whitened, beside the model's columns; ln |C| and ln |X' C^-1 X|."""

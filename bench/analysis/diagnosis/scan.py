@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, library, outside
 from bench.analysis.diagnosis.crew import shared
+from bench.analysis.diagnosis.refine import Start
 from bench.analysis.noise.likelihood import NoiseLattice, Point, spanned
 from bench.analysis.noise.whitening import Whitener
 from bench.base import FloatArray, IntArray
@@ -38,6 +39,16 @@ class Scan:
     base: FloatArray
     values: FloatArray
     where: IntArray
+
+    @cached_property
+    def which(self) -> IntArray:
+        """The candidate of each entry (entries,)."""
+        return np.array([index for index, _ in self.entries], dtype=np.int64)
+
+    def starts(self, index: int, points: Sequence[Point]) -> tuple[Start, ...]:
+        """Where refinement of one candidate may begin: its grid for the first response; `points` are those scanned."""
+        own = np.flatnonzero(self.which == index)
+        return tuple(Start(self.entries[i][1], points[self.where[i, 0]], float(self.values[i, 0])) for i in own)
 
 
 class Library:

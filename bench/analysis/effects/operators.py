@@ -22,12 +22,9 @@ def ramp_invariant_lag(time_s: FloatArray, value: FloatArray, tau_s: float | Flo
     Exact for ramps at any sampling (first-order hold), where holding each sample would add half a sample to tau.
     With tau = 0 the record itself is returned. A `tau_s` (n,) may change; between two rows their mean holds.
     """
-    if np.ndim(tau_s) == 0:
-        return _bridged(lambda time, u: _lag(time, u, float(tau_s)), time_s, value)
-    known = np.isfinite(tau_s)
-    return _bridged(
-        lambda time, u: _varying_lag(time, u, np.interp(time, time_s[known], np.asarray(tau_s)[known])), time_s, value
-    )
+    tau = np.broadcast_to(tau_s, time_s.shape)
+    known = np.isfinite(tau)
+    return _bridged(lambda time, u: _lag(time, u, np.interp(time, time_s[known], tau[known])), time_s, value)
 
 
 def play(value: FloatArray, half_width: float) -> FloatArray:
@@ -94,24 +91,19 @@ def _bridged(
     return out
 
 
-def _lag(time_s: FloatArray, value: FloatArray, tau_s: float) -> FloatArray:
-    if tau_s <= 0.0 or len(value) < 2:
-        return value.copy()
-    step_s, step = np.diff(time_s), np.diff(value)
-    decay = np.exp(-step_s / tau_s)
-    # behind = x - u obeys behind' = decay * behind - slope * tau * (1 - decay)
-    drive = step / step_s * tau_s * np.expm1(-step_s / tau_s)
-    if np.ptp(step_s) <= 1e-9 * step_s[0]:
-        return _added(value, scipy.signal.lfilter([1.0], [1.0, -decay[0]], drive))
-    return _added(value, _faded(decay, drive))
-
-
-def _varying_lag(time_s: FloatArray, value: FloatArray, tau_s: FloatArray) -> FloatArray:
-    if len(value) < 2:
+def _lag(time_s: FloatArray, value: FloatArray, tau_s: FloatArray) -> FloatArray:
+    """The lag (n,) with a time constant (n,) [s]."""
+    if len(value) < 2 or not np.any(tau_s > 0.0):
         return value.copy()
     step_s, step = np.diff(time_s), np.diff(value)
     tau = np.maximum(0.5 * (tau_s[1:] + tau_s[:-1]), 1e-6 * step_s)
-    return _added(value, _faded(np.exp(-step_s / tau), step / step_s * tau * np.expm1(-step_s / tau)))
+    decay = np.exp(-step_s / tau)
+    # behind = x - u obeys behind' = decay * behind - slope * tau * (1 - decay)
+    drive = step / step_s * tau * np.expm1(-step_s / tau)
+    even = np.ptp(step_s) <= 1e-9 * step_s[0] and not np.ptp(tau_s)
+    behind = scipy.signal.lfilter([1.0], [1.0, -decay[0]], drive) if even else _faded(decay, drive)
+    lagged: FloatArray = value + np.concatenate([[0.0], behind])
+    return lagged
 
 
 def _faded(decay: FloatArray, drive: FloatArray) -> FloatArray:
@@ -122,11 +114,6 @@ def _faded(decay: FloatArray, drive: FloatArray) -> FloatArray:
         fade[reach:] = fade[reach:] * fade[:-reach]
         reach *= 2
     return behind
-
-
-def _added(value: FloatArray, behind: FloatArray) -> FloatArray:
-    lagged: FloatArray = value + np.concatenate([[0.0], behind])
-    return lagged
 
 
 def _play(value: FloatArray, half_width: float) -> FloatArray:

@@ -119,8 +119,8 @@ def _means(run: RunFolder, interval_s: float) -> tuple[Dataset | None, Dataset |
     try:
         seconds = seconds_of(run.path)
         if len(seconds.outputs) > 1:
-            text = f"the unit has {len(seconds.outputs)} outputs ({', '.join(seconds.outputs)}); each is looked at with"
-            return None, None, f"{text} `bench compare` and `bench diagnose` and --output"
+            text = f"the unit has {len(seconds.outputs)} outputs ({', '.join(seconds.outputs)})"
+            return None, None, f"{text}; `bench report` analyses each rate in a run folder of its own"
     except InputError as error:
         return None, None, str(error).replace(f"{run.path}/", "")
     steady = averaged(seconds, 1.0)

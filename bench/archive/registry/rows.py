@@ -110,13 +110,15 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int, str]
     unit, run = manifest.unit or "unknown", f"{ledger.id}/{path}"
     certificate = CertificateRecord.find(folder.path)
     operator = manifest.operator
+    # What compares runs compares those of one profile: outputs of a unit are never mixed.
+    profile = manifest.profile if manifest.output == "rate" else f"{manifest.profile} {manifest.output}"
     put(rows, "archives", {"id": ledger.id, "path": ledger.place})
     put(rows, "units", {"serial": unit, "lot": None, "archive": ledger.id})
     if operator is not None:
         put(rows, "operators", {"name": operator, "archive": ledger.id})
     put(rows, "runs", {
         "id": run, "archive": ledger.id, "path": path, "unit": unit, "operator": operator,
-        "profile": manifest.profile or None, "profile_sha256": manifest.files.get("profile.yaml"),
+        "profile": profile or None, "profile_sha256": manifest.files.get("profile.yaml"),
         "station": manifest.station, "created": manifest.created or None, "state": manifest.state,
         "cause": manifest.cause, "simulated": manifest.simulated, "corrected": manifest.corrected,
         "samples": manifest.rows, "lost": manifest.losses.get("lost"), "duration_s": manifest.duration_s,

@@ -152,11 +152,11 @@ def _(result: NotAnalysed) -> dict[str, Any]:
 
 @lines.register(UnitsReported)
 def _(result: UnitsReported) -> Iterator[str]:
-    width = max(len(unit.serial) for unit in result.units)
+    width = max(len(unit.name) for unit in result.units)
     for unit in result.units:
         known = content(unit.result)
         word = f"{known['limits']['verdict']}, " if known.get("limits") else ""
-        yield f"{unit.serial:<{width}}  {word}{known['verdict']}: {known['sentence']}"
+        yield f"{unit.name:<{width}}  {word}{known['verdict']}: {known['sentence']}"
         yield f"{'':<{width}}  {known.get('report') or known['run']}"
     yield from (f"bench: {text}" for text in sorted({str(unit.error) for unit in result.units if unit.error}))
 
@@ -165,7 +165,10 @@ def _(result: UnitsReported) -> Iterator[str]:
 def _(result: UnitsReported) -> dict[str, Any]:
     return {
         "verdict": result.verdict,
-        "units": [{"unit": unit.serial, **content(unit.result)} for unit in result.units],
+        "units": [
+            {"unit": unit.serial, **({} if unit.output == "rate" else {"output": unit.output}), **content(unit.result)}
+            for unit in result.units
+        ],
     }
 
 

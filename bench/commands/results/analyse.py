@@ -94,16 +94,23 @@ class NotAnalysed(Result):
 
 @dataclass(frozen=True)
 class UnitReport:
-    """What became of one unit of a run; `error` is why it left, or what ended the run for it."""
+    """What became of one output of a unit in a run; `error` is why it left, or what ended the run for it."""
 
     serial: str
     result: Reported | NotAnalysed
     error: BenchError | None = None
+    output: str = "rate"
+    """Which of the unit's rates it is of."""
+
+    @property
+    def name(self) -> str:
+        """Serial number, and the output where the unit has several."""
+        return self.serial if self.output == "rate" else f"{self.serial} {self.output}"
 
 
 @dataclass(frozen=True)
 class UnitsReported(Result):
-    """Several units that went through one run."""
+    """Several units that went through one run, or several outputs of a unit."""
 
     units: tuple[UnitReport, ...]
 

@@ -205,6 +205,11 @@ class Manifest(Begun, Record):
     """SHA-256 by path inside the folder."""
 
     @property
+    def output(self) -> str:
+        """Which output of the unit the `rate` of this run is."""
+        return str((self.source or {}).get("output", "rate"))
+
+    @property
     def corrected(self) -> bool:
         """Whether the unit corrected its rate itself: nothing may be fitted to such a run."""
         return self.purpose == "verification" or bool(self.unit_identity and self.unit_identity.coefficient_set)
