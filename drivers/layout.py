@@ -13,10 +13,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from drivers.errors import ConfigError
 from drivers.states import RAW, VALID, States
+from drivers.units import USUAL, conversion
 from drivers.wire import Message, Signal, described, load_dbc
 
 RATES = ("rate", "rate_x", "rate_y", "rate_z")
@@ -24,18 +23,11 @@ ACCELERATIONS = ("acceleration_x", "acceleration_y", "acceleration_z")
 OUTPUTS = (*RATES, *ACCELERATIONS)
 THERMOMETERS = re.compile(r"temperature(_[1-9]\d?)?")
 
-_RATE_UNITS = {"deg/h": 1.0, "deg/s": 3600.0, "rad/s": 3600.0 * 180.0 / np.pi}
-_FORCE_UNITS = {"m/s^2": 1.0, "m/s²": 1.0, "g": 9.80665, "mg": 9.80665e-3}
-_UNITS: dict[str, dict[str, float]] = {  # channel: unit in the DBC: factor to the unit of the channel
-    **{name: _RATE_UNITS for name in RATES},
-    **{name: _FORCE_UNITS for name in ACCELERATIONS},
-    "temperature": {"degC": 1.0},
-    "frequency": {"Hz": 1.0, "kHz": 1e3},
-    "drive": {"V": 1.0, "mV": 1e-3},
-    "quadrature": {"V": 1.0, "mV": 1e-3},
-    "supply": {"V": 1.0, "mV": 1e-3},
-}
-_STAMP_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+_KEPT = {
+    **dict.fromkeys(RATES, "deg/h"), **dict.fromkeys(ACCELERATIONS, "m/s^2"),
+    "temperature": "degC", "frequency": "Hz", "drive": "V", "quadrature": "V", "supply": "V",
+}  # fmt: skip
+"""Unit of each channel."""
 _USUAL = {
     "rate": "Rate",
     "temperature": "Temperature",
@@ -156,13 +148,22 @@ def layout_of(dbc: str | Path | None, signals: Mapping[str, Any] | None = None) 
     return _Mapped(SignalMap.of(signals), dbc).layout()
 
 
-def factor_of(channel: str, message: Message, signal: Signal) -> float:
-    """Factor from the unit in the DBC to that of the channel; ConfigError for an unknown unit."""
-    known = _UNITS["temperature" if THERMOMETERS.fullmatch(channel) else channel]
-    if signal.unit not in known:
-        text = f"{message.name}.{signal.name} has the unit '{signal.unit}'; the DBC must use one of {', '.join(known)}"
-        raise ConfigError(text)
-    return known[signal.unit]
+def converted(channel: str, message: Message, signal: Signal) -> tuple[Signal, float]:
+    """The signal, and the factor from its unit to that of the channel; ConfigError for a unit of something else.
+
+    An offset between the units, of temperatures, becomes part of the signal's own.
+    """
+    try:
+        if not signal.unit:
+            raise ConfigError("no unit: the DBC must state it")
+        found = conversion(signal.unit, _KEPT["temperature" if THERMOMETERS.fullmatch(channel) else channel], channel)
+    except ConfigError as error:
+        raise ConfigError(f"{message.name}.{signal.name} has the unit '{signal.unit}': {error}") from None
+    if not found.offset:
+        return signal, found.factor
+    shift = found.offset / found.factor
+    bounds = None if signal.bounds is None else (signal.bounds[0] + shift, signal.bounds[1] + shift)
+    return replace(signal, offset=signal.offset + shift, bounds=bounds), found.factor
 
 
 def _usual(messages: Mapping[str, Message], dbc: str | Path) -> Layout:
@@ -181,10 +182,7 @@ def _usual(messages: Mapping[str, Message], dbc: str | Path) -> Layout:
 
 
 def _source(message: Message, names: Mapping[str, str], counter: Signal | None) -> Source:
-    channels = {
-        channel: (message.signals[name], factor_of(channel, message, message.signals[name]))
-        for channel, name in names.items()
-    }
+    channels = {channel: converted(channel, message, message.signals[name]) for channel, name in names.items()}
     choices = [signal for signal, _ in channels.values() if signal.choice is not None]
     return Source(message, channels, counter, States(message), choices[0] if choices else None)
 
@@ -235,7 +233,7 @@ class _Mapped:
     def _group(self, group: Mapping[str, tuple[Message, Signal]], counters: Sequence[tuple[Message, Signal]]) -> Source:
         name = next(iter(group.values()))[0].name
         message = self._messages[name]
-        channels = {channel: (signal, factor_of(channel, message, signal)) for channel, (_, signal) in group.items()}
+        channels = {channel: converted(channel, message, signal) for channel, (_, signal) in group.items()}
         choice = next((signal for signal, _ in channels.values() if signal.choice is not None), None)
         counter = next((signal for where, signal in counters if where.name == name), None)
         return Source(message, channels, counter, States(message), choice)
@@ -256,10 +254,10 @@ class _Mapped:
         message, signal = self._find(self._map.time_stamp, "time_stamp")
         if first.counter is not None or message.name != first.message.name:
             raise ConfigError(f"signals: a time stamp stands in for the counter of {first.message.name}, and in it")
-        if signal.unit not in _STAMP_UNITS or signal.is_float or signal.signed:
-            text = f"is '{signal.unit}'; it must be an unsigned integer in one of {', '.join(_STAMP_UNITS)}"
+        if not signal.unit or signal.is_float or signal.signed:
+            text = f"is '{signal.unit}'; it must be an unsigned integer in one of {', '.join(USUAL['s'])}"
             raise ConfigError(f"signals: the unit of the time stamp {signal.name} {text}")
-        step_s = signal.scale * _STAMP_UNITS[signal.unit]
+        step_s = signal.scale * conversion(signal.unit, "s", f"the time stamp {signal.name}").factor
         if step_s > 0.5e-3 * cycle_ms:
             text = f"steps by {step_s:g} s, too coarse for samples every {cycle_ms:g} ms; leave it out"
             raise ConfigError(f"signals: the time stamp {signal.name} {text}")

@@ -115,7 +115,7 @@ def compare(
     """Models side by side on one run or several of one unit: in-sample and held-out, beside the noise floor.
 
     Without `models` polynomial, regression and spline are compared, and one that lacks a channel is left out. With
-    `check` runs the held-out error is that on them, without that on 20 blocks left out in turn. `static` is a run at
+    `check` runs the held-out error is that on them, without that on blocks left out in turn. `static` is a run at
     constant temperature that tells the noise floor. `lot` allows runs of several units, for one fit to all of them.
 
     Raises InputError: no run, runs of several units, an unknown model, or a model that these runs do not determine.

@@ -92,7 +92,7 @@ class Fit:
 
     @property
     def held_out(self) -> HeldOut:
-        """Error on rows that the fit did not see: of the check runs, without them of 20 blocks left out in turn."""
+        """Error on rows that the fit did not see: of the check runs, without them of blocks left out in turn."""
         return self.score.held_out
 
     def predict(

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from bench.analysis.diagnosis.compare import HeldOut, compare, ladder
+from bench.analysis.diagnosis.pieces import pieces_of
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.analysis import Analysis
 from bench.analysis.judging.branches import branch_gap
 from bench.analysis.judging.calibration import calibration
 from bench.analysis.judging.cautions import cautions
 from bench.analysis.judging.completeness import Completeness
-from bench.analysis.judging.judge import analyse
+from bench.analysis.judging.judge import _best, analyse
 from bench.analysis.judging.verdict import RunVerdict, judge, with_diagnosis
 from bench.base.errors import InputError
 from bench.deliver.report.sections_run import losses
@@ -305,10 +306,27 @@ def test_verdict_follows_the_held_out_error_over_the_floor(whole: Analysis, rati
     assert judge(Completeness("done", samples=1), score, 0.1, "").word == word
 
 
-def test_a_floor_that_is_not_known_proves_nothing(whole: Analysis) -> None:
+def test_without_a_floor_it_is_not_decided_whether_something_is_missing(whole: Analysis) -> None:
     verdict = judge(Completeness("done", samples=1), whole.best, np.nan, "")
-    assert verdict.word == "unproven"
-    assert "floor is not known" in verdict.sentence
+    assert verdict.word == "undecided"
+    assert "on unseen data; the noise floor is not known" in verdict.sentence
+
+
+def test_a_model_of_a_part_of_the_rows_is_not_the_best_where_there_is_another(whole: Analysis) -> None:
+    assert whole.comparison is not None
+    part, other = whole.comparison.scores[2:4]
+    assert part.model.rows == "heating"
+    better = replace(part, held_out=HeldOut("blocks", 0.5 * other.held_out.rms_dph))
+    assert _best([better, other]) is other
+    assert _best([better]) is better
+
+
+def test_blocks_are_finer_where_a_record_reaches_its_ends_once() -> None:
+    degc = np.interp(np.arange(240.0), [0, 66, 174, 239], [25, -30, 70, 25])
+    once = Dataset("once", 30.0 * np.arange(240.0), {"temperature": degc}, np.zeros(240, dtype=np.int64))
+    twice = once.with_channel("temperature", np.tile(degc[::2], 2))
+    assert np.unique(pieces_of(once)).size == 40
+    assert np.unique(pieces_of(twice)).size == 20
 
 
 def test_the_synthetic_unit_is_what_its_truth_says() -> None:

@@ -243,6 +243,17 @@ def test_verdicts_of_the_reports_count_without_limits(tmp_path):
     assert (found["yield"]["judged"], found["yield"]["first"]) == (2, 1)
 
 
+def test_imported_units_are_one_fleet_whatever_their_tables_were_called(tmp_path):
+    root, limits = tmp_path / "reports", tmp_path / "limits.yaml"
+    limits.write_text(LIMITS)
+    for n in range(30):
+        told = {"profile": f"import of log{n}.csv", "cause": "imported", "station": None}
+        station(root, f"U-{n}", "", float(n), residual=0.4 if n == 7 else 0.1, **told)
+    bench("registry", "rebuild", "--out", root)
+    found = json.loads(bench("fleet", "--out", root, "--limits", limits, "--json").stdout)
+    assert (found["yield"]["judged"], found["yield"]["first"]) == (30, 29)
+
+
 @pytest.mark.parametrize(
     ("pattern", "said"), [("Z.*", "no calibrated unit matches"), ("(", "not a regular expression")]
 )

@@ -1,5 +1,7 @@
 """Units of any layout: what cantools encodes is what the decoder delivers, each channel on its sample."""
 
+import struct
+
 import cantools
 import numpy as np
 import pytest
@@ -195,6 +197,32 @@ def test_outputs_of_a_multiplexed_message_are_told_apart(tmp_path):
     np.testing.assert_allclose(block.rate_dph, np.arange(60) * 360.0, atol=1e-6)
     np.testing.assert_allclose(block.slow["rate_y"].value, -np.arange(60) * 720.0, atol=1e-6)
     assert block.slow["rate_y"].index.tolist() == block.slow["temperature_1"].index.tolist() == list(range(60))
+
+
+@pytest.mark.parametrize(
+    ("unit", "dph"),
+    [("°/s", 3600.0), ("Â°/s", 3600.0), ("dps", 3600.0), ("mdps", 3.6), ("°/h", 1.0), ("rad/s", 648000 / np.pi)],
+)
+def test_units_of_rates_are_those_that_import_takes(unit, dph):
+    where = {"id": 0x100, "start": 0, "length": 32, "type": "signed", "scale": 0.5, "unit": unit}
+    block = GyroDecoder(None, 0, {"rate": where, "cycle_ms": 4}).decode(
+        recorded([(k, 0x100, struct.pack("<i", 2 * k)) for k in range(3)], room=8, cycle_ns=4_000_000)
+    )
+    np.testing.assert_allclose(block.rate_dph, np.arange(3) * dph, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "raw"), [("K", 0.1, 2982), ("°F", 1.0, 77), ("C", 0.1, 250), ("°C", 0.1, 250)]
+)
+def test_units_of_temperatures_are_those_that_import_takes(unit, scale, raw):
+    warm = {"id": 0x200, "start": 0, "length": 16, "scale": scale, "unit": unit, "cycle_ms": 4}
+    rate = {"id": 0x100, "start": 0, "length": 32, "unit": "dps"}
+    frames = [(k, 0x100, struct.pack("<I", k)) for k in range(4)] + [
+        (k, 0x200, struct.pack("<H", raw)) for k in range(4)
+    ]
+    decoder = GyroDecoder(None, 0, {"rate": rate, "temperature": warm, "cycle_ms": 4})
+    block = decoder.decode(recorded(sorted(frames), room=8, cycle_ns=4_000_000))
+    np.testing.assert_allclose(block.slow["temperature"].value, 25.0, atol=0.06)
 
 
 @pytest.mark.parametrize(

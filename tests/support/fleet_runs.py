@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +35,15 @@ def line(
 
 
 def station(
-    root: Path, unit: str, where: str, days: float, *, residual: float, floor: float = 0.1, walk: float = 0.01
+    root: Path,
+    unit: str,
+    where: str,
+    days: float,
+    *,
+    residual: float,
+    floor: float = 0.1,
+    walk: float = 0.01,
+    **manifest: Any,
 ) -> Path:
     """One run folder of a unit, `days` after the beginning."""
     created = BEGIN + timedelta(days=days)
@@ -48,6 +57,7 @@ def station(
             "station": where,
             "created": created.isoformat(),
             "state": "done",
+            **manifest,
         }
     ).write(folder)
     content = {

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pydantic import BaseModel, Field, model_validator
 
 from bench.acquisition.importer.table import Table
-from bench.acquisition.importer.units import Conversion, conversion, examples, is_unit
+from bench.acquisition.importer.units import conversion, examples
 from bench.base import CHANNELS, STRICT, InputError, nearest
+from drivers.units import Conversion, is_unit
 
 _SYNONYMS = {
     "time": "time t timestamp elapsed seconds timesec timens timems",

@@ -19,7 +19,6 @@ from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, fi
 from bench.acquisition.importer.doubts import doubts, refuse_impossible, time_doubts, time_gaps
 from bench.acquisition.importer.table import Table
 from bench.acquisition.importer.tables import read_table
-from bench.acquisition.importer.units import Conversion
 from bench.base import CHANNELS, FloatArray, InputError, __version__, dump, load_config
 from bench.record import (
     EVENTS,
@@ -35,6 +34,7 @@ from bench.record import (
     write_means,
     write_samples,
 )
+from drivers.units import Conversion
 
 _LEAST_SORTED = 3
 _HOUR_S = 3600.0

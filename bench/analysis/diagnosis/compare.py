@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis.diagnosis.pieces import BLOCKS, pieces_of
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_corrected
@@ -20,7 +21,6 @@ from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES
 from bench.base import BoolArray, FloatArray, InputError, IntArray, finite, number
 from bench.record import Dataset, refuse_mixed
 
-BLOCKS = 20
 ROTATION = "scale factor"
 """Name of what is fitted beside the bias where a rate table turned the unit."""
 _RESAMPLES = 2000
@@ -166,8 +166,9 @@ def compare(
 ) -> Comparison:
     """Score models on runs of one unit, or of a `lot` of units; `floor_dph` is the noise floor of these means or NaN.
 
-    With `check` runs the held-out error is that of a fit to all `datasets` on them; without, that on 20 contiguous
-    blocks left out in turn. A model that cannot be fitted raises its InputError, or is refused where not `strict`.
+    With `check` runs the held-out error is that of a fit to all `datasets` on them; without, that on 20
+    contiguous blocks left out in turn, more where a record reaches an end of its temperatures in one block only. A
+    model that cannot be fitted raises its InputError, or is refused where not `strict`.
     """
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
     checks = () if check is None else (check,) if isinstance(check, Dataset) else tuple(check)
@@ -193,7 +194,7 @@ def _score(model: Model, records: tuple[Dataset, ...], checks: tuple[Dataset, ..
     residuals = tuple(record.bias - fit.predict(record).bias for record in records)
     # Automatic options stay as all rows settled them; parameters are searched again from where all rows put them.
     settled = replace(fit.model, name=model.name)
-    blocks = "blocks", [_blocks(len(record), BLOCKS) for record in records]
+    blocks = "blocks", [pieces_of(record) for record in records]
     by_blocks = _left_out(settled, fit, records, *blocks)
     by_segments = _left_out(settled, fit, records, "segments", [record.segment for record in records])
     counted = None
@@ -281,10 +282,6 @@ def segment_name(record: Dataset, index: int) -> str:
     """Name of a segment of a record."""
     named = {segment.index: segment.name for segment in record.segments}
     return named.get(index, "outside segments" if index < 0 else f"segment {index}")
-
-
-def _blocks(rows: int, least: int) -> IntArray:
-    return np.arange(rows, dtype=np.int64) * least // max(rows, 1)
 
 
 def _squares(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) -> tuple[FloatArray, FloatArray]:

@@ -49,10 +49,9 @@ class Completeness:
 
     @property
     def failed(self) -> tuple[ExecutedSegment, ...]:
-        """Segments that did not reach their goal."""
-        return tuple(
-            s for i, s in enumerate(self.segments) if (not s.settled or s.outcome == "timeout") and not self._went_on(i)
-        )
+        """Segments that did not reach their goal; the stretches that were found in an imported record had none."""
+        planned = ((i, s) for i, s in enumerate(self.segments) if s.outcome != "detected")
+        return tuple(s for i, s in planned if (not s.settled or s.outcome == "timeout") and not self._went_on(i))
 
     def _went_on(self, index: int) -> bool:
         """A segment that was held, or cut off with the bench, and continued by a later one."""

@@ -20,7 +20,7 @@ from bench.analysis.judging.earlier import set_aside
 from bench.analysis.judging.joints import joints
 from bench.analysis.judging.limits import Limits, judge_limits
 from bench.analysis.judging.quantities import quantities, standing
-from bench.analysis.judging.validity import refusals
+from bench.analysis.judging.validity import OF_ALL_ROWS, refusals
 from bench.analysis.judging.verdict import RunVerdict, judge, with_diagnosis
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.base import InputError
@@ -173,10 +173,13 @@ def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset], static
 
 
 def _best(scores: Sequence[Score]) -> Score | None:
-    """Least error on unseen data; where no model has one, the least error on its own."""
+    """Least error on unseen data; where no model has one, the least error on its own.
+
+    A model of a part of the rows, which may not be delivered, comes after all others.
+    """
     proven = [score for score in scores if np.isfinite(score.held_out.rms_dph)]
     if proven:
-        return min(proven, key=lambda score: score.held_out.rms_dph)
+        return min(proven, key=lambda score: (score.model.rows not in OF_ALL_ROWS, score.held_out.rms_dph))
     return min(scores, key=lambda score: score.rms_dph, default=None)
 
 

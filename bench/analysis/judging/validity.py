@@ -19,6 +19,9 @@ from bench.base import number
 if TYPE_CHECKING:
     from bench.analysis.judging.analysis import Analysis
 
+OF_ALL_ROWS = frozenset({"all", "bins"})
+"""Rows of the models that may be delivered; the others are fitted to a part of them."""
+
 
 def refusals(analysis: Analysis, limits: Limits | None = None) -> tuple[str, ...]:
     """Reasons, one line each, the gravest first; none for a run that may be judged, by `limits` where there are any."""
@@ -43,7 +46,7 @@ def _of_model(analysis: Analysis) -> Iterator[str]:
         yield f"no model could be fitted: {analysis.verdict.sentence}"
         return
     yield from unproven(best)
-    if best.model.rows not in {"all", "bins"}:
+    if best.model.rows not in OF_ALL_ROWS:
         yield f"'{best.model.name}' was fitted to only a part of the rows ({best.model.rows})"
     yield from objections_to(best.fit, data)
     step_dph = step_error_dph(best.fit.bound, best.fit.beta, data)

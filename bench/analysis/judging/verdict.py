@@ -95,8 +95,8 @@ def with_diagnosis(verdict: RunVerdict, diagnosed: Diagnosed, floor_dph: float) 
         them = "it" if len(missing) == 1 else "them"
         leaves = f"; adding {them} would leave {number(ratio, 2)} ×" if np.isfinite(ratio) else ""
         finding = f"{name} lacks {listed(missing)}{leaves}"
-    unproven = verdict.word == "unproven" and answer.verdict in {"adequate", "undecided"}
-    kept = verdict.word in {"partial", "no_data"} or unproven
+    no_floor = verdict.word in {"unproven", "undecided"} and answer.verdict in {"adequate", "undecided"}
+    kept = verdict.word in {"partial", "no_data"} or no_floor
     sentence = f"{verdict.sentence.removesuffix('.')}; {finding}."
     return replace(verdict, word=verdict.word if kept else answer.verdict, sentence=sentence, missing=missing)
 
@@ -119,14 +119,14 @@ def _model(best: Score, floor_dph: float) -> tuple[str, Word]:
         )
     if not np.isfinite(floor_dph):
         text = f"{name} leaves {number(rms)} deg/h on unseen data; the noise floor is not known"
-        return text, "unproven"
+        return text, "undecided"
     ratio = rms / floor_dph
     word: Word = "adequate" if ratio <= ADEQUATE_RATIO else "model_error"
     return f"{name} leaves {number(ratio, 2)} × the noise floor on unseen data", word
 
 
 def _state(done: Completeness) -> str:
-    if done.state == "imported":
+    if done.ended and "imported" in {done.state, done.cause}:
         return "Imported"
     if done.state == "done":
         failed = len(done.failed)

@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+IMPORT = "import"
 Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Selection:
-    """A `profile`, or None for the one that most units have run."""
+    """A `profile`, or None for the one that most units have run; imported records are of the profile `import`."""
 
     profile: str | None = None
 
@@ -34,8 +35,13 @@ class Selection:
             found = keep(found, lambda run: not run["simulated"], "simulated")
         units: dict[Any, set[str]] = {}
         for run in found:
-            units.setdefault(run["profile"], set()).add(run["unit"])
+            units.setdefault(_profile(run), set()).add(run["unit"])
         profile = self.profile or max(units, key=lambda name: len(units[name]), default=None)
         others = ", ".join(sorted(str(name) for name in units if name != profile))
-        found = keep(found, lambda run: run["profile"] == profile, f"of other profiles ({others}; --profile)")
+        found = keep(found, lambda run: _profile(run) == profile, f"of other profiles ({others}; --profile)")
         return found, tuple(left)
+
+
+def _profile(run: Row) -> Any:
+    """What was run; the names of imported tables tell nothing of it."""
+    return IMPORT if run["cause"] == "imported" else run["profile"]

@@ -91,7 +91,7 @@ def _rows(registry: Registry) -> tuple[list[dict[str, Any]], dict[str, dict[str,
     run, calibration, unit, quantity = (TABLES[name] for name in ("runs", "calibrations", "units", "quantities"))
     certificate = TABLES["certificates"]
     judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
-    of_run = ("id", "unit", "station", "created", "profile", "state", "simulated", "corrected")
+    of_run = ("id", "unit", "station", "created", "profile", "state", "cause", "simulated", "corrected")
     columns = (*(run.c[name] for name in of_run), unit.c.lot)
     chosen = (
         select(*columns, judged, calibration.c.limits)

@@ -18,7 +18,7 @@ _ROWS = {
     "soaks_3": "3 soaks",
     "bins": "equal bins",
 }
-_HELD_OUT = {"check": "a run that was not used for the fit", "blocks": "20 contiguous blocks, each left out in turn"}
+_HELD_OUT = {"check": "a run that was not used for the fit", "blocks": "contiguous blocks, each left out in turn"}
 _HELD_OUT["segments"] = "segments, each left out in turn"
 
 _TERMS = (

@@ -33,7 +33,8 @@ class Bits(BaseModel):
     offset: float = 0.0
     """Value of the code 0."""
     unit: str = ""
-    """Unit of the value: deg/h, deg/s, rad/s; m/s^2, g, mg; degC; V, mV; Hz, kHz; of a time stamp s, ms, us, ns."""
+    """Unit of the value, as `bench import` takes it: °/h, deg/s, dps, mdps, rad/s; m/s^2, g, mg; °C, K, °F; V, mV; Hz;
+    of a time stamp s, ms, us, ns."""
     low: float | None = None
     """Lowest value that is a measurement, with `high`."""
     high: float | None = None

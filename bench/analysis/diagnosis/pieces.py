@@ -1,0 +1,39 @@
+"""Contiguous pieces of a record that are left out in turn, so that it proves a model by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.analysis.thresholds import MOST_EXTRAPOLATED
+from bench.base import FloatArray, IntArray
+from bench.record import Dataset
+
+BLOCKS = 20
+_MOST_BLOCKS = 80
+_LEAST_ROWS = 3
+
+
+def pieces_of(record: Dataset) -> IntArray:
+    """Contiguous blocks (n,) of a record: 20, and more where those would take the ends of its temperatures with them.
+
+    A record that reaches its coldest and its warmest temperature once cannot be predicted there without them.
+    """
+    rows, degc = np.arange(len(record), dtype=np.int64), record.channel("temperature")
+    known, count = np.isfinite(degc), BLOCKS
+    while True:
+        pieces: IntArray = rows * count // max(rows.size, 1)
+        if _taken_share(pieces[known], degc[known]) <= MOST_EXTRAPOLATED:
+            return pieces
+        count *= 2
+        if count > _MOST_BLOCKS or rows.size < _LEAST_ROWS * count:
+            return rows * BLOCKS // max(rows.size, 1)
+
+
+def _taken_share(pieces: IntArray, degc: FloatArray) -> float:
+    """Share of the temperatures (n,) that lie outside those of all other blocks."""
+    outside = 0
+    for end in (degc, -degc):
+        order = np.argsort(end)
+        own = pieces[order] == pieces[order[:1]]
+        outside += int(np.argmin(own)) if not own.all() else 0
+    return outside / max(degc.size, 1)

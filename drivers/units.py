@@ -1,0 +1,108 @@
+"""Units as data sheets, DBC files and tables of laboratories spell them: a factor and an offset, by pint."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import ConfigError
+
+USUAL: Mapping[str, tuple[str, ...]] = {
+    "deg/h": ("deg/h", "deg/s", "mdps", "rad/s"),
+    "deg/s": ("deg/h", "deg/s", "mdps", "rad/s"),
+    "m/s^2": ("m/s^2", "g", "mg"),
+    "degC": ("degC", "K", "degF"),
+    "s": ("s", "ms", "us", "ns", "min", "h"),
+    "Hz": ("Hz", "kHz"),
+    "V": ("V", "mV"),
+}
+"""Units that a quantity is usually given in, by the unit that the bench keeps it in."""
+
+_SPELLINGS = {
+    "c": "degC", "°c": "degC", "℃": "degC", "deg_c": "degC", "celsius": "degC",
+    "f": "degF", "°f": "degF", "k": "kelvin",
+    "dph": "degree/hour", "dps": "degree/second", "mdps": "millidegree/second", "udps": "microdegree/second",
+    "radps": "radian/second", "rads": "radian/second", "rad_s": "radian/second", "urad/s": "microradian/second",
+    "deg_h": "degree/hour", "deg_hr": "degree/hour", "deg/hr": "degree/hour", "deg_s": "degree/second",
+    "mv": "millivolt", "v": "volt", "uv": "microvolt", "hz": "hertz", "khz": "kilohertz", "mhz": "",
+    "s": "second", "sec": "second", "ms": "millisecond", "us": "microsecond", "ns": "nanosecond", "min": "minute",
+    "h": "hour", "hr": "hour", "grad": "", "grad/s": "", "grad/h": "", "grad/sec": "", "grad/min": "", "grad_s": "",
+}  # fmt: skip
+"""Spellings of the trade where pint reads something else (C is coulomb to it) or nothing; "" is ambiguous."""
+
+_FORCES = {"g": "standard_gravity", "mg": "millistandard_gravity", "ug": "microstandard_gravity", "m/s²": "m/s^2"}
+"""Spellings of accelerations; the gram is none."""
+_MEANINGS = {"grad": ": degree, or gon, the 400th part of a turn (gon/s)", "mhz": ": mHz or MHz"}
+_GOALS = {"degC": "degC", "deg/h": "degree/hour", "deg/s": "degree/second", "Hz": "hertz", "V": "volt", "s": "second",
+          "m/s^2": "meter/second**2"}  # fmt: skip
+_AT_ONCE = {("deg/s", "deg/h"): 3600.0, ("rad/s", "deg/h"): 3600.0 * 180.0 / np.pi, ("mV", "V"): 1e-3,
+            ("kHz", "Hz"): 1e3, ("g", "m/s^2"): 9.80665, ("mg", "m/s^2"): 9.80665e-3, ("m/s²", "m/s^2"): 1.0,
+            ("ms", "s"): 1e-3, ("us", "s"): 1e-6, ("µs", "s"): 1e-6, ("ns", "s"): 1e-9}  # fmt: skip
+"""Factors that need no pint, which takes a second to load."""
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """value [kept unit] = factor * value [given unit] + offset."""
+
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values in the unit that is kept, shape of the input."""
+        return values * self.factor + self.offset
+
+
+def conversion(unit: str, kept: str, what: str) -> Conversion:
+    """From `unit` into one of `USUAL`; ConfigError, which names `what`, for an unknown one or one of something else."""
+    unit = unit.strip(" ").replace("Â°", "°")  # a DBC in UTF-8, which is read as Windows-1252
+    if unit in {kept, ""}:
+        return Conversion()
+    if (unit, kept) in _AT_ONCE:
+        return Conversion(_AT_ONCE[unit, kept])
+    given, allowed = _parse(unit, kept), ", ".join(USUAL[kept])
+    if given is None and _SPELLINGS.get(unit.lower()) == "":
+        raise ConfigError(f"'{unit}' has two meanings{_MEANINGS.get(unit.lower()[:4], '')}; {what} may be in {allowed}")
+    if given is None:
+        raise ConfigError(f"'{unit}' is not a unit that is known; {what} may be in {allowed}")
+    registry = _registry()
+    goal = registry.Unit(_GOALS[kept])
+    # Roots, not dimensions: the radian has none, and would let Hz pass for a rate.
+    if registry.get_root_units(given)[1] != registry.get_root_units(goal)[1]:
+        raise ConfigError(f"'{unit}' does not measure {what}; it may be in {allowed}")
+    zero = float(registry.Quantity(0.0, given).to(goal).magnitude)
+    large = float(registry.Quantity(1e6, given).to(goal).magnitude)
+    return Conversion((large - zero) / 1e6, zero)  # far from the offset: keeps all digits
+
+
+def is_unit(text: str) -> bool:
+    """The text is the unit of something that the bench keeps."""
+    if text.lower() in _SPELLINGS:
+        return _SPELLINGS[text.lower()] != "" or text == "MHz"
+    return bool(re.fullmatch(r"[a-zA-Zµμ°]+(/[a-zA-Z]+)?", text)) and ("/" in text or text in {"degC", "degF", "K"})
+
+
+def _parse(unit: str, kept: str) -> Any:
+    """Pint's unit, or None."""
+    own = _FORCES if kept == "m/s^2" else {}
+    spelled = own.get(unit.lower()) or _SPELLINGS.get(unit.lower(), unit.replace("°", "deg"))
+    if unit == "MHz":
+        spelled = "megahertz"
+    try:
+        return _registry().Unit(spelled) if spelled else None
+    except Exception:  # pint, its parser and its tokenizer fail in many ways at text that is no unit
+        return None
+
+
+@cache
+def _registry() -> Any:
+    """Loaded on first use: it takes a second."""
+    import pint
+
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
