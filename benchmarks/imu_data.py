@@ -19,10 +19,11 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from bench.analysis.imu.attitudes import Attitude, Stay, faces, gravity_at, inputs, tumble
+from bench.analysis.imu.attitudes import Stay, gravity_at, inputs
 from bench.analysis.imu.fitting import ImuFit
 from bench.analysis.imu.triad import Triad
 from bench.base.channels import FloatArray
+from bench.record.attitudes import Attitude, faces, tumble
 from bench.record.dataset import Dataset
 from drivers.sim.truth.imu.mounting import MountingSettings, Stand
 from drivers.sim.truth.imu.unit import ImuSettings, SimulatedImu, respond

@@ -19,12 +19,12 @@ from .importer.table import Table as Table
 from .importer.table import table_of as table_of
 from .importer.tables import read_table as read_table
 from .importer.units import examples as examples
+from .profile.legs import Leg as Leg
 from .profile.preflight import Finding as Finding
 from .profile.preflight import Recording as Recording
 from .profile.preflight import check_profile as check_profile
 from .profile.preflight import profile_picture as profile_picture
 from .profile.preflight import refuse_errors as refuse_errors
-from .profile.profile import Leg as Leg
 from .profile.profile import Profile as Profile
 from .profile.profile import load_profile as load_profile
 from .profile.profile import profile_from_text as profile_from_text

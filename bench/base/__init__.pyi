@@ -1,3 +1,4 @@
+from .channels import ACCELERATIONS as ACCELERATIONS
 from .channels import CHANNELS as CHANNELS
 from .channels import DPH_PER_DPS as DPH_PER_DPS
 from .channels import DPH_PER_RADPS as DPH_PER_RADPS

@@ -58,7 +58,9 @@ CHANNELS: dict[str, Channel] = {
 
 RATES = ("rate", "rate_x", "rate_y", "rate_z")
 """Outputs of gyros."""
-OUTPUTS = (*RATES, "acceleration_x", "acceleration_y", "acceleration_z")
+ACCELERATIONS = ("acceleration_x", "acceleration_y", "acceleration_z")
+"""Outputs of accelerometers."""
+OUTPUTS = (*RATES, *ACCELERATIONS)
 """What a unit measures; every unit has one of them or more."""
 THERMOMETERS = ("temperature", *(f"temperature_{number}" for number in range(1, 10)))
 """A unit's own sensors; the first that it has is the one of its models."""

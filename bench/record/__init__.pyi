@@ -1,3 +1,11 @@
+from .attitudes import ATTITUDES as ATTITUDES
+from .attitudes import AXES as AXES
+from .attitudes import TUMBLES as TUMBLES
+from .attitudes import WRONG_DEG as WRONG_DEG
+from .attitudes import Attitude as Attitude
+from .attitudes import nearest_attitude as nearest_attitude
+from .attitudes import off_deg as off_deg
+from .attitudes import tumble as tumble
 from .chain import CHAIN as CHAIN
 from .chain import chain_of as chain_of
 from .chain import check as check

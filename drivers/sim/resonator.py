@@ -93,6 +93,10 @@ class Environment:
     applied_rate_dps: Sequence[float] | FloatArray = (0.0, 0.0)
     humidity: float = 0.4
     powered: bool = True
+    attitude: FloatArray | None = None
+    """How the unit stands, (3, 3) from the table's frame; None: as always."""
+    visit: int = 0
+    """How often it was turned before."""
     rate_hz: float = 500.0
 
     @classmethod

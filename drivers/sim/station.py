@@ -114,6 +114,7 @@ class SimulatedStation:
         )
         self.shown: dict[str, Any] = {}
         """Values that the controller shows instead of the true ones, as arguments of `ModbusChamber.publish`."""
+        self._attitude, self._visit = np.eye(3), 0
         self._samples_due = 0.0
         self._publish()
 
@@ -121,6 +122,10 @@ class SimulatedStation:
     def modbus_port(self) -> int:
         """TCP port of the chamber on 127.0.0.1."""
         return self.chamber.port
+
+    def turn(self, attitude: FloatArray) -> None:
+        """Turn the fixture with the units to an attitude (3, 3), from the table's frame to that of the units."""
+        self._attitude, self._visit = attitude, self._visit + 1
 
     def advance(self, t0_s: float, t1_s: float) -> None:
         """Advance the simulation from `t0_s` to `t1_s` [s]."""
@@ -145,6 +150,8 @@ class SimulatedStation:
                 compressor=float(after.compressor),
                 applied_rate_dps=turned,
                 powered=powered,
+                attitude=self._attitude,
+                visit=self._visit,
             )
             for unit in self.units:
                 if unit.wire.sample_s * SAMPLE_RATE_HZ == 1.0:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.acquisition.profile import preflight, profile
+from bench.acquisition.profile import legs, preflight, profile
 from bench.acquisition.profile.profile import Profile
 from bench.acquisition.station.settings.station import StationSettings
 from bench.base import load_config
@@ -140,7 +140,7 @@ def profiles(draw):
 @CALM
 @given(profiles())
 def test_the_set_point_is_continuous_and_meets_every_target(found):
-    fastest = max([leg.rate_degc_per_min or 0 for leg in found.legs()] + [profile.STEP_DEGC_PER_MIN])
+    fastest = max([leg.rate_degc_per_min or 0 for leg in found.legs()] + [legs.STEP_DEGC_PER_MIN])
     times = np.linspace(0, found.duration_s, 2001)
     jump = np.abs(np.diff(found.setpoint(times)))
     assert np.all(jump <= fastest / 60 * np.diff(times) * (1 + 1e-6) + 1e-6)

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import bench.acquisition.run.runner
+import bench.acquisition.station.simulation
 import bench.acquisition.station.station
 from bench.acquisition.profile.guards import GuardSettings
 from bench.acquisition.recording.assemble import assemble
@@ -217,7 +218,7 @@ def test_a_unit_that_is_not_there_is_named_before_anything_moves(world, tmp_path
             super().advance(t0_s, t1_s)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.acquisition.station.station, "SimulatedStation", Silent)
+        patch.setattr(bench.acquisition.station.simulation, "SimulatedStation", Silent)
         result = run_job(acquisition.job(tmp_path, settings=settings))
     assert isinstance(result.error, EquipmentError)
     assert str(result.error).startswith("not started: unit SIM-0001: no sound rate frame as number 0 on bus can0")

@@ -11,7 +11,8 @@ import pytest
 import bench.acquisition.run.runner
 import bench.acquisition.station.rate_table
 from bench.acquisition.profile import preflight
-from bench.acquisition.profile.profile import Leg, profile_from_text
+from bench.acquisition.profile.legs import Leg
+from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run.runner import Job, run_job
 from bench.acquisition.station.rate_table import halt
 from bench.acquisition.station.serve import keep_running, serve_station

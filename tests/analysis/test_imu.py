@@ -12,11 +12,12 @@ from scipy.spatial.transform import Rotation
 from bench.analysis.effects.hysteresis import Hysteresis
 from bench.analysis.effects.thermal_lag import ThermalLag
 from bench.analysis.imu import identify
-from bench.analysis.imu.attitudes import TUMBLES, Attitude, Stay, gravity_at, inputs, tumble
+from bench.analysis.imu.attitudes import Stay, gravity_at, inputs
 from bench.analysis.imu.fitting import Reference, fit_axis, fit_imu, fit_triad
 from bench.analysis.imu.multiposition import fit_gravity
 from bench.analysis.imu.triad import Curve, TriadModel
 from bench.base import InputError
+from bench.record.attitudes import TUMBLES, Attitude, tumble
 from benchmarks import imu_data
 from drivers.sim.truth.imu.drawn import drawn
 from drivers.sim.truth.imu.elements import AccelerometerSettings

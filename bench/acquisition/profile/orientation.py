@@ -29,6 +29,11 @@ class OrientationSettings(BaseModel):
         return self
 
 
+def latitude(station: OrientationSettings | None, profile: OrientationSettings | None) -> float | None:
+    """Latitude of a run [deg]; None where neither states it."""
+    return next((one.latitude_deg for one in (profile, station) if one and one.latitude_deg is not None), None)
+
+
 def stated(
     station: OrientationSettings | None, profile: OrientationSettings | None
 ) -> tuple[Orientation | None, tuple[str, ...]]:

@@ -9,8 +9,10 @@ from typing import Literal
 
 import numpy as np
 
-from bench.acquisition.profile.orientation import OrientationSettings, stated
-from bench.acquisition.profile.profile import Leg, Profile
+from bench.acquisition.profile.legs import Leg
+from bench.acquisition.profile.orientation import OrientationSettings, latitude, stated
+from bench.acquisition.profile.placing import Reach, attitude_findings
+from bench.acquisition.profile.profile import Profile
 from bench.base import FloatArray, InputError
 from bench.record import NOT_STATED, earth_told
 
@@ -55,6 +57,8 @@ class Limits:
     """Whether the station has a supply that switches the units' power."""
     orientation: OrientationSettings | None = None
     """What the station states of latitude, axis and azimuth."""
+    fixture: Reach | None = None
+    """The attitudes that its fixture reaches; None: it has no fixture."""
 
     def fastest(self, temperature_degc: FloatArray, heating: bool) -> FloatArray:
         """Fastest rate that the chamber can follow [degC/min], shape of the input."""
@@ -93,6 +97,7 @@ def check_profile(
         _turns(profile, limits),
         _power(profile, limits),
         _earth(profile, limits),
+        _attitudes(profile, limits),
         _ends(profile, limits),
         _repeats(profile),
         _separates(profile),
@@ -201,7 +206,15 @@ def _power(profile: Profile, limits: Limits) -> Iterator[Finding]:
     yield _find(profile, "info", f"{text}while the power is off, guards on what the units say do not watch", cycles[0])
 
 
+def _attitudes(profile: Profile, limits: Limits) -> Iterator[Finding]:
+    known = latitude(limits.orientation, profile.orientation) is not None
+    for level, text, leg in attitude_findings(profile.legs(), limits.fixture, limits.ambient_degc, known):
+        yield _find(profile, level, text, leg)
+
+
 def _earth(profile: Profile, limits: Limits) -> Iterator[Finding]:
+    if any(leg.attitude is not None for leg in profile.legs()):
+        return  # the axes lie as the attitudes say
     orientation, missing = stated(limits.orientation, profile.orientation)
     if orientation is None:
         given = limits.orientation is not None or profile.orientation is not None

@@ -1,12 +1,13 @@
-"""The segments of a profile's file: ramp, soak, step, rate, power cycle, repeat, and what settled means."""
+"""The segments of a profile's file: ramp, soak, step, rate, tumble, power cycle, repeat; and what settled means."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 
-from bench.base import STRICT
+from bench.base import STRICT, nearest_or_all
+from bench.record import ATTITUDES, tumble
 
 Degc = Annotated[float, Field(ge=-273.15, le=1000)]
 Rate = Annotated[float, Field(ge=0.001, le=100)]
@@ -15,6 +16,23 @@ Minutes = Annotated[float, Field(ge=0, le=100_000)]
 Positive = Annotated[float, Field(gt=0, le=100_000)]
 Turn = Annotated[float, Field(ge=-10_000, le=10_000)]
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f]+$")]
+
+
+def _known(name: str) -> str:
+    if name not in ATTITUDES:
+        raise ValueError(f"attitude {name!r} is not known{nearest_or_all(name, ATTITUDES)}")
+    return name
+
+
+AttitudeName = Annotated[str, AfterValidator(_known)]
+"""How the unit stands: x_up to z_down, or an edge or corner such as +x-y_up."""
+Attitudes = Literal[6, 12, 24] | Annotated[tuple[AttitudeName, ...], Field(min_length=1, max_length=200)]
+"""Those of a tumble of so many positions, or a list."""
+
+
+def names_of(attitudes: Attitudes) -> tuple[str, ...]:
+    """Attitudes written out."""
+    return tuple(one.name for one in tumble(attitudes)) if isinstance(attitudes, int) else attitudes
 
 
 class SettleRule(BaseModel):
@@ -68,6 +86,8 @@ class Ramp(BaseModel):
     """Time that the chamber may be late."""
     turn_dps: Turn = 0.0
     """Rate of the table meanwhile [deg/s]; the station needs one."""
+    attitude: AttitudeName | None = None
+    """How the unit stands from its beginning on; left out: as before. The station needs a `fixture`."""
 
 
 class Soak(BaseModel):
@@ -85,6 +105,8 @@ class Soak(BaseModel):
     """Values that differ from the profile's `settle`."""
     turn_dps: Turn = 0.0
     """Rate of the table meanwhile [deg/s]; the station needs one."""
+    attitude: AttitudeName | None = None
+    """How the unit stands from its beginning on; left out: as before. The station needs a `fixture`."""
 
     @model_validator(mode="after")
     def _ends(self) -> Soak:
@@ -110,6 +132,8 @@ class Step(BaseModel):
     """Values that differ from the profile's `settle`."""
     turn_dps: Turn = 0.0
     """Rate of the table meanwhile, on the way and while averaging [deg/s]; the station needs one."""
+    attitude: AttitudeName | None = None
+    """How the unit stands from its beginning on; left out: as before. The station needs a `fixture`."""
 
 
 class RateSteps(BaseModel):
@@ -129,6 +153,8 @@ class RateSteps(BaseModel):
     """Go to each of these, settle with the table standing, and turn there; left out: where the chamber stands."""
     settle: SettleChange | None = None
     """Values that differ from the profile's `settle`."""
+    attitude: AttitudeName | None = None
+    """How the unit stands from its beginning on; left out: as before. The station needs a `fixture`."""
 
     @model_validator(mode="after")
     def _settles(self) -> RateSteps:
@@ -141,6 +167,21 @@ class RateSteps(BaseModel):
         if not self.both_directions:
             return self.rates_dps
         return tuple(turn for rate in self.rates_dps for turn in ((rate, -rate) if rate else (0.0,)))
+
+
+class Tumble(BaseModel):
+    """Several attitudes, one after the other, at a standing temperature or throughout a slow ramp."""
+
+    model_config = STRICT
+
+    kind: Literal["tumble"]
+    name: Name | None = None
+    attitudes: Attitudes
+    """Those of a tumble of 6, 12 or 24 positions, or a list of names in their order; the station needs a `fixture`."""
+    dwell_min: Positive
+    """Time in each of them."""
+    to_degc: Degc | None = None
+    """Temperature at the end, which the set point reaches in equal parts; left out: it stands."""
 
 
 class PowerCycle(BaseModel):
@@ -173,7 +214,7 @@ class Repeat(BaseModel):
     """What."""
 
 
-Simple = Ramp | Soak | Step | RateSteps | PowerCycle
+Simple = Ramp | Soak | Step | RateSteps | Tumble | PowerCycle
 """A segment that is no repeat."""
 Segment = Annotated[Simple | Repeat, Field(discriminator="kind")]
 Repeat.model_rebuild()
@@ -188,6 +229,8 @@ class Start(BaseModel):
     """The chamber goes there and settles before the first segment."""
     soak_min: Minutes = 0.0
     """Time there after it has settled."""
+    attitude: AttitudeName | None = None
+    """How the unit stands there and from there on; the station needs a `fixture`."""
 
 
 class Rates(BaseModel):

@@ -16,7 +16,8 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-from bench.acquisition.profile.profile import STEP_DEGC_PER_MIN, Leg, Profile
+from bench.acquisition.profile.legs import STEP_DEGC_PER_MIN, Leg
+from bench.acquisition.profile.profile import Profile
 from bench.acquisition.recording import parts
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.recording.journals import BenchJournal, read_bench
@@ -210,6 +211,7 @@ def _back(profile: Profile, leg: Leg, here_degc: float) -> Leg:
         nominal_s=nominal_s,
         settle=profile.settle,
         move_s=move_s,
+        attitude=leg.attitude,
     )
 
 

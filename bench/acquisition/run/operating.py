@@ -17,13 +17,14 @@ Request = Literal["hold", "pause", "resume", "stop"]
 class Operating:
     """Requests and what they leave in force; `report(kind, text, **facts)` takes an event for each."""
 
-    def __init__(self, report: Callable[..., None]) -> None:
+    def __init__(self, report: Callable[..., None], confirm: Callable[[str], None] = lambda who: None) -> None:
+        """`confirm` is told who went on."""
         self.hold = ""
         """Who holds the chamber where it is; empty: nobody."""
         self.pause = ""
         """Who wants it held after the present segment; empty: nobody."""
         self._requests: deque[tuple[Request, str]] = deque()
-        self._report = report
+        self._report, self._confirm = report, confirm
 
     def ask(self, request: Request, cause: str) -> None:
         """Safe to call from any thread and from a signal handler."""
@@ -47,6 +48,7 @@ class Operating:
                 self.pause = self.pause or cause
             else:
                 self.hold = self.pause = ""
+                self._confirm(cause)
 
     def segment_is_over(self) -> None:
         """A pause that waited for the end of a segment holds from now on."""

@@ -11,12 +11,15 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, cast
 
 from bench.acquisition.profile.guards import Guards, Signal, guards_of
-from bench.acquisition.profile.profile import Leg, Profile
+from bench.acquisition.profile.legs import Leg
+from bench.acquisition.profile.profile import Profile
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.sequencer import Sequencer
 from bench.acquisition.run.signals import told_by
 from bench.acquisition.run.status import SegmentResult
 from bench.acquisition.run.wiring import Wiring
+from bench.acquisition.station.fixture import Fixture
+from bench.acquisition.station.records import Journal
 from bench.acquisition.station.settings.station import StationSettings
 from bench.base import BenchError
 from drivers.chamber import ChamberReading
@@ -89,6 +92,12 @@ class _Bench:
         self.chamber = _Chamber(settings, self.clock)
         self.units = [_Unit(self.chamber, self.clock)]
 
+    def placing(self) -> Fixture | None:
+        """A fixture that is turned in the time that the station file says."""
+        fixture = self.settings.fixture
+        unattended = None if fixture is None else fixture.model_copy(update={"operator": "simulated", "forgets": ()})
+        return None if unattended is None else Fixture(unattended, self.clock, cast(Journal, _NoRecorder()))
+
     def missing_units(self) -> list[str]:
         return []
 
@@ -118,7 +127,10 @@ def rehearse(profile: Profile, settings: StationSettings) -> Sequence[SegmentRes
         unit.decoder()
     standing = [one.guard for one in settings.standing_guards()]
     guards_of(settings.guards, profile.guards, told_by(load_map(settings.chamber.map)), standing=standing)
-    sequencer = Sequencer(cast("Station", _Bench(settings)), Guards(()), cast(Recorder, _NoRecorder()), Wiring())
+    bench = _Bench(settings)
+    sequencer = Sequencer(
+        cast("Station", bench), Guards(()), cast(Recorder, _NoRecorder()), Wiring(placing=bench.placing())
+    )
     legs = profile.legs()
     skipped = [max(leg.duration_s - SOAK_S, 0.0) if leg.kind == "soak" else 0.0 for leg in legs]
     if sum(leg.nominal_s for leg in legs) - sum(skipped) > LONGEST_S:

@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from bench.acquisition.profile.guards import Guards, Signal, guards_of
-from bench.acquisition.profile.orientation import stated
-from bench.acquisition.profile.profile import Leg, Profile
+from bench.acquisition.profile.legs import Leg
+from bench.acquisition.profile.orientation import latitude, stated
+from bench.acquisition.profile.profile import Profile
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.recording.recorder import BENCH_JOURNAL, Recorder
 from bench.acquisition.run import signals
@@ -195,6 +196,7 @@ def _begun(
         gyro=_kind(settings),
         seeds=job.station.seeds(job.profile.name),
         orientation=stated(job.station.orientation, job.profile.orientation)[0],
+        latitude_deg=latitude(job.station.orientation, job.profile.orientation),
         power_on=occasion.power_ons.get(unit.serial),
         versions=package_versions(),
         companions=tuple(
@@ -255,6 +257,7 @@ def _conduct(
         onlooker=look,
         table=station.turntable,
         power=power,
+        placing=station.fixture,
         heart=watch,
         surroundings=lambda: {"disk_free_mb": _disk_free(recorder.run.path, station)},
         plausible=Plausible(job.station.limits(), job.station.protection.unit_lag_min),

@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 from bench.acquisition.profile.guards import OF_UNITS, Guards
-from bench.acquisition.profile.profile import Leg
+from bench.acquisition.profile.legs import Leg
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.operating import Operating
 from bench.acquisition.run.settling import Settling
@@ -60,7 +60,8 @@ class Sequencer:
         self._station, self._clock, self._chamber = station, station.clock, station.chamber
         self._guards, self._recorder, self._wiring = guards, recorder, wiring
         self._link = ChamberLink(station.chamber, station.clock, station.settings.chamber.link, recorder.event)
-        self._operating = Operating(recorder.event)
+        placing = wiring.placing
+        self._operating = Operating(recorder.event, (lambda who: None) if placing is None else placing.confirm)
         self._signals = Signals(station, self._link, wiring.surroundings, wiring.plausible)
         self.results: list[SegmentResult] = []
         self.moved = False
@@ -134,14 +135,25 @@ class Sequencer:
 
     def _execute(self, leg: Leg) -> None:
         """Run a leg to its end, through as many holds as there are; hold after it when that was asked for."""
+        self._place(leg)
         part = leg
         while self._run_leg(part) == "held":
-            stays = leg.kind in ("soak", "rate", "power_cycle")
-            self._wait_for_release(leg, leg.target_degc if stays else self._here())
+            self._wait_for_release(leg, self._waits_at(leg))
             part = replace(leg, name=f"{leg.name} (resumed)")
         self._operating.segment_is_over()
         if self._operating.hold:
             self._wait_for_release(leg, leg.target_degc)
+
+    def _place(self, leg: Leg) -> None:
+        """Bring the units into the attitude of a leg; the chamber stays where it is until they stand so."""
+        placing = self._wiring.placing
+        if placing is not None and leg.attitude is not None and leg.attitude != placing.attitude:
+            placing.ask(leg.attitude)
+            self._wait_for_release(leg, self._waits_at(leg))
+
+    def _waits_at(self, leg: Leg) -> float:
+        stays = leg.kind in ("soak", "rate", "power_cycle")
+        return leg.target_degc if stays else self._here()
 
     def _go_home(self, legs: Sequence[Leg]) -> None:
         """Take the chamber to ambient, recording, no faster than the profile moves it; nothing holds this up."""
@@ -152,7 +164,15 @@ class Sequencer:
     def _run_leg(self, leg: Leg) -> Outcome:
         from_s = self._clock.now()
         result = SegmentResult(
-            len(self.results), leg.name, leg.kind, from_s, from_s, leg.target_degc, leg.rate_degc_per_min, leg.direction
+            len(self.results),
+            leg.name,
+            leg.kind,
+            from_s,
+            from_s,
+            leg.target_degc,
+            leg.rate_degc_per_min,
+            leg.direction,
+            attitude=leg.attitude,
         )
         self._recorder.event("segment", f"start {leg.name}", phase="start", segment=vars(result))
         outcome: Outcome = "interrupted"
@@ -237,7 +257,10 @@ class Sequencer:
 
     def _holding(self) -> tuple[str, ...]:
         """What holds the run; on the way to ambient nothing does."""
-        return () if self._homeward else (*self._guards.in_force("hold"), *self._operating.holding)
+        if self._homeward:
+            return ()
+        waiting = "" if self._wiring.placing is None else self._wiring.placing.waiting
+        return (*self._guards.in_force("hold"), *self._operating.holding, *filter(None, [waiting]))
 
     def _sleep(self) -> None:
         """Wait for the next tick; one that was missed is not made up for."""
@@ -254,6 +277,8 @@ class Sequencer:
             self._signals.take(reading, ours_on=self.moved)
         self._station.poll()
         self._recorder.tick()
+        if self._wiring.placing is not None:
+            self._wiring.placing.tick()
         self._guard()
         if leg is not None and self._reading is not None:
             unit_degc = min(self._unit_degc(), default=math.nan)

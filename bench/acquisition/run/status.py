@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from bench.acquisition.profile.profile import Leg
+from bench.acquisition.profile.legs import Leg
 from drivers.chamber import ChamberReading
 
 Outcome = Literal["done", "timeout", "held", "interrupted", "ended"]
@@ -26,6 +26,7 @@ class SegmentResult:
     direction: str
     outcome: Outcome = "interrupted"
     reason: str = ""
+    attitude: str | None = None
 
 
 @dataclass(frozen=True)

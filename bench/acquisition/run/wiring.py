@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from bench.acquisition.profile.guards import Signal
-from bench.acquisition.profile.profile import Leg
+from bench.acquisition.profile.legs import Leg
 from bench.acquisition.run.plausible import Plausible
 from bench.acquisition.run.status import Status
 from bench.acquisition.station.powering import Cycling
@@ -66,6 +66,27 @@ class Power(Protocol):
         """A leg that switches the power starts now."""
 
 
+class Placing(Protocol):
+    """What brings the units into their attitudes."""
+
+    @property
+    def attitude(self) -> str | None:
+        """The one that they stand in; None: nobody said."""
+
+    @property
+    def waiting(self) -> str:
+        """What is waited for; empty: nothing."""
+
+    def ask(self, attitude: str) -> None:
+        """Bring them into this one."""
+
+    def confirm(self, who: str) -> None:
+        """Somebody says that they stand so."""
+
+    def tick(self) -> None:
+        """Called at each tick, after the units were heard."""
+
+
 class Heart(Protocol):
     """Whoever has to know that the bench is alive."""
 
@@ -102,6 +123,7 @@ class Wiring:
     decider: Decider = field(default_factory=_GoesOn)
     table: Table | None = None
     power: Power | None = None
+    placing: Placing | None = None
     heart: Heart = field(default_factory=_NoHeart)
     surroundings: Surroundings = dict
     plausible: Plausible | None = None

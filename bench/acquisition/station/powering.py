@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from typing import Protocol
 
-from bench.acquisition.profile.profile import Leg
+from bench.acquisition.profile.legs import Leg
 from bench.acquisition.station.records import Journal
 from bench.acquisition.station.settings.supply import SupplySettings
 from bench.acquisition.station.unit import LiveUnit

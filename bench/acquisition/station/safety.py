@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from bench.acquisition.profile.profile import Leg
+from bench.acquisition.profile.legs import Leg
 from bench.acquisition.station.settings.safety import SafeStateSettings
 from bench.acquisition.station.settings.station import StationSettings
 from drivers.backoff import BackOff

@@ -14,8 +14,9 @@ from typing import Any
 import yaml
 
 from bench.acquisition.station.occasion import Occasion
+from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.station import StationSettings
-from bench.acquisition.station.station import Bus, simulate
+from bench.acquisition.station.simulation import simulate
 from bench.base import EquipmentError
 from drivers.clock import Clock, WallClock
 from drivers.sim.loopcan import Broker

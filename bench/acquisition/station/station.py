@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,39 +16,30 @@ import can
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.station.claim import claimed
 from bench.acquisition.station.fault_injection import TIMEOUT_S, FaultInjection
+from bench.acquisition.station.fixture import Fixture
 from bench.acquisition.station.links import Link
-from bench.acquisition.station.occasion import Occasion, eeprom_file, power_ons_file
+from bench.acquisition.station.occasion import Occasion
 from bench.acquisition.station.powering import UnitPower, open_power
-from bench.acquisition.station.rate_table import open_table, simulate_table
+from bench.acquisition.station.rate_table import open_table
 from bench.acquisition.station.records import Records
 from bench.acquisition.station.settings.bus import LOCAL_INTERFACES, Bus
 from bench.acquisition.station.settings.chamber import Connection
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
+from bench.acquisition.station.simulation import simulate
 from bench.acquisition.station.turning import Turntable
 from bench.acquisition.station.unit import LiveUnit, Trouble
-from bench.base import EquipmentError
+from bench.base import EquipmentError, FloatArray
 from bench.record import share
 from drivers.canbus import Capture, CaptureHealth, InProcessCapture, ProcessCapture, open_bus
 from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
 from drivers.journal import FrameArray, JournalWriter
-from drivers.layout import layout_of
 from drivers.modbus import ModbusLink
 from drivers.registers import RegisterMap, load_map
-from drivers.sim.axes import Axes
-from drivers.sim.can_gyro import CanGyro
-from drivers.sim.can_unit import CanUnit
-from drivers.sim.eeprom import Eeprom
-from drivers.sim.flash_port import FlashPort
-from drivers.sim.memory import CalibrationMemory
-from drivers.sim.power_ons import PowerOns
-from drivers.sim.resonator import PowerOn, Resonator, default_unit
-from drivers.sim.resonator import UnitSettings as GyroPhysics
-from drivers.sim.scpi_supply import ScpiSupply
-from drivers.sim.station import SimulatedStation, SimulatedUnit
+from drivers.sim.station import SimulatedStation
 
-__all__ = ["Bus", "Dropped", "LiveUnit", "Station", "StationSettings", "open_station", "simulate"]
+__all__ = ["Bus", "Dropped", "LiveUnit", "Station", "StationSettings", "open_station"]
 
 
 @dataclass(frozen=True)
@@ -73,6 +64,8 @@ class Opened:
     """The rate table that the units are on, where there is one."""
     power: UnitPower | None = None
     """What switches the units' power, where the occasion needs it."""
+    turn: Callable[[FloatArray], None] | None = None
+    """Turns a simulated fixture into an attitude."""
     claim: int | None = None
     """Descriptor of the claim on the chamber of a real station."""
     injection: FaultInjection | None = None
@@ -111,6 +104,8 @@ class Station:
         self.turntable, self.power = opened.turntable, opened.power
         if self.power is not None:
             self.power.units = self.units
+        own = settings.fixture
+        self.fixture = None if own is None else Fixture(own, clock, opened.records, self.units, opened.turn)
         self.buses = opened.buses
         self.local_buses, self._records = opened.local_buses, opened.records
         self._recorder: Recorder | None = None
@@ -285,7 +280,8 @@ def open_station(
         local_buses = _local_buses(units, buses, injection, stack)
         turntable = open_table(settings, clock, buses, stack, records)
         power = _power(settings, occasion, simulation, (clock, records), stack)
-        opened = Opened(buses, local_buses, turntable, power, claim, injection, records)
+        turn = None if simulation is None else simulation.turn
+        opened = Opened(buses, local_buses, turntable, power, turn, claim, injection, records)
         station = Station(settings, clock, link, registers, units, opened)
         station.chamber.identify()
         stack.callback(station.stop_capture)
@@ -322,66 +318,6 @@ def _power(
         supply = supply.model_copy(update={"port": f"socket://127.0.0.1:{simulation.supply.port}"})
     clock, records = equipment
     return open_power(supply, clock, stack, records)
-
-
-def simulate(
-    settings: StationSettings,
-    units: Sequence[UnitSettings],
-    buses: Mapping[str, Bus],
-    stack: ExitStack,
-    occasion: Occasion | None = None,
-    modbus_port: int = 0,
-) -> SimulatedStation:
-    """The simulated chamber and units of a station file, on these buses; `stack` closes the buses."""
-    occasion = occasion or Occasion()
-    seed, lasting = (settings.seeds(name)["run"] for name in (occasion.noise, occasion.name))
-    plant = settings.plant(seed)
-    simulated = []
-    wires: dict[str, can.BusABC] = {}  # one connection a bus: one that only sends would collect what the others send
-    for unit in units:
-        if unit.bus not in wires:
-            wires[unit.bus] = open_bus(buses[unit.bus].to_driver())
-            stack.callback(wires[unit.bus].shutdown)
-        if unit.signals is not None:
-            fd = buses[unit.bus].fd
-            simulated.append(_several_axes(settings, unit, (wires[unit.bus], fd), (seed, lasting), occasion))
-            continue
-        physics = default_unit() if unit.simulation is None else GyroPhysics.parse(unit.simulation)
-        identity = unit.identity or unit.number + 1
-        wire = CanGyro(wires[unit.bus], unit.number, identity, layout=unit.gyro)
-        wire.sample_s *= 1.0 + 1e-6 * physics.clock_ppm
-        port = FlashPort(
-            wire,
-            CalibrationMemory(Eeprom(eeprom_file(settings, unit)), identity),
-            unit.flash.addresses(unit.number),
-        )
-        number, place = occasion.power_ons.get(unit.serial, 1), settings.units.index(unit)
-        if occasion.start_s > 0.0:
-            wire.go_on(round(occasion.start_s / wire.sample_s))
-        power = PowerOn(number, occasion.start_s, lasting + place)
-        counted = PowerOns(power_ons_file(settings, unit), number)
-        simulated.append(SimulatedUnit(Resonator(physics, seed + place, power=power), wire, port, counted))
-    table = simulate_table(settings, buses, stack, seed)
-    supply = ScpiSupply() if settings.supply is not None and occasion.switches_power else None
-    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table, supply)
-
-
-def _several_axes(
-    settings: StationSettings,
-    unit: UnitSettings,
-    bus: tuple[can.BusABC, bool],
-    seeds: tuple[int, int],
-    occasion: Occasion,
-) -> SimulatedUnit:
-    """A simulated unit whose signals the station file maps, on a bus with CAN FD or without."""
-    layout = layout_of(unit.dbc, unit.mapping)
-    number, place = occasion.power_ons.get(unit.serial, 1), settings.units.index(unit)
-    power = PowerOn(number, occasion.start_s, seeds[1] + 1000 * place)
-    wire = CanUnit(bus[0], layout, unit.number, unit.identity or unit.number + 1, fd=bus[1])
-    if occasion.start_s > 0.0:
-        wire.go_on(round(occasion.start_s / wire.sample_s))
-    physics = Axes(layout, unit.simulation, seeds[0] + 1000 * place, power)
-    return SimulatedUnit(physics, wire, None, PowerOns(power_ons_file(settings, unit), number))
 
 
 def _private_buses(settings: StationSettings) -> dict[str, Bus]:

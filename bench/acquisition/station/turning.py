@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from bench.acquisition.profile.profile import Leg
+from bench.acquisition.profile.legs import Leg
 from bench.acquisition.station.records import Journal
 from bench.base import EquipmentError
 from drivers.clock import Clock

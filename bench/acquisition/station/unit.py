@@ -15,7 +15,7 @@ from bench.acquisition.recording.assemble import Decoded
 from bench.acquisition.recording.trace import Envelope
 from bench.acquisition.station.belief import Belief
 from bench.acquisition.station.settings.unit import UnitSettings
-from bench.base import FloatArray, InputError
+from bench.base import ACCELERATIONS, FloatArray, InputError
 from drivers.clock import Clock
 from drivers.journal import FrameArray
 from drivers.samples import SampleClock
@@ -73,6 +73,7 @@ class LiveUnit:
         self.level = Level()
         self.thermometer = "" if self.decoder.thermometer is None else self.decoder.thermometer.channel
         """Channel of its temperature; empty: it has none."""
+        self._forces = {name: Level() for name in ACCELERATIONS if name in self.decoder.outputs}
         self._belief = Belief(self.decoder)
         self._doubted_s: float | None = None
         self._clock = clock
@@ -95,12 +96,23 @@ class LiveUnit:
             self._doubted_s = self._clock.now()
         self.rates.add(block.rate_dph)
         self.level.add(block.rate_dph)
+        for name, level in self._forces.items():
+            if name == self.decoder.output:
+                level.add(block.rate_dph)
+            elif name in block.slow:
+                level.add(block.slow[name].value)
         if len(block.t_ns):
             self.newest_frame_s = float(block.t_ns[-1]) * 1e-9
         own = block.slow.get(self.thermometer)
         if own is not None and len(own.value):
             at_s = self.newest_frame_s if self.newest_frame_s is not None else self._clock.now()
             self.temperature = Signal(float(own.value[-1]), at_s)
+
+    def force(self) -> FloatArray | None:
+        """Mean specific force (3,) [m/s^2] since the last call, NaN where not heard; None without accelerometers."""
+        if len(self._forces) < 3:
+            return None
+        return np.array([self._forces[name].take() for name in ACCELERATIONS])
 
     def expect_power_on(self) -> None:
         """Its power, which was switched off on purpose, comes back now."""

@@ -17,11 +17,11 @@ from bench.analysis.effects.base import Effect
 from bench.analysis.effects.hysteresis import Hysteresis
 from bench.analysis.effects.thermal_lag import ThermalLag
 from bench.analysis.fit.solve import one_blas_thread
-from bench.analysis.imu.attitudes import AXES
 from bench.analysis.imu.fitting import AxisFit, ImuFit, Reference, fit_axis, fit_imu
 from bench.analysis.imu.mounting import Finding, believed, place, straightened, turned, wiring, world
 from bench.analysis.imu.scatter import ATTITUDES
 from bench.analysis.imu.triad import Curve, Triad, TriadModel
+from bench.record import AXES
 
 MARGIN = 12.0
 """Twice the logarithm of the likelihood, less what the parameters cost, from which on an effect is named."""

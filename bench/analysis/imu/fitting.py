@@ -16,10 +16,11 @@ from scipy.optimize import minimize_scalar
 
 from bench.analysis.effects.base import Effect, Parameter
 from bench.analysis.fit.solve import one_blas_thread
-from bench.analysis.imu.attitudes import AXES, STANDARD_GRAVITY
+from bench.analysis.imu.attitudes import STANDARD_GRAVITY
 from bench.analysis.imu.scatter import ATTITUDES, Gls, Scatter, components, estimate, gls
 from bench.analysis.imu.triad import Term, Triad, TriadModel, terms
 from bench.base import FloatArray, InputError
+from bench.record import AXES
 
 COVERAGE = 2.0
 """k of the stated U: 95 % of a normal distribution."""

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from bench.analysis.imu.attitudes import AXES, earth_vector, in_table
+from bench.analysis.imu.attitudes import earth_vector, in_table
 from bench.analysis.imu.fitting import ImuFit, TriadFit, design, span
 from bench.analysis.imu.scatter import components, estimate
 from bench.analysis.imu.triad import Triad, TriadModel, terms
 from bench.base import DPH_PER_DPS, FloatArray
+from bench.record import AXES
 
 CERTAIN = 5.0
 """Standard deviations by which something has to differ from what was stated."""

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field, model_validator
 
-from bench.analysis.imu.attitudes import AXES, TUMBLES, Attitude, tumble
 from bench.analysis.imu.fitting import Reference
 from bench.analysis.imu.triad import Curve, TriadModel
 from bench.base import STRICT, Document, PlacedError, load_config, nearest_or_all, read_yaml
+from bench.record import ATTITUDES, AXES, Attitude
 
-KNOWN: Mapping[str, Attitude] = {a.name: a for positions in reversed(TUMBLES) for a in tumble(positions)}
-"""Attitudes that have a name: x_up to z_down, and the edges and corners of the tumbles, such as +x-y_up."""
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
 Seconds = Annotated[float, Field(ge=0.0)]
 Order = Annotated[int, Field(ge=0, le=6)]
@@ -41,8 +38,8 @@ class StaySettings(BaseModel):
     def _one_attitude(self) -> StaySettings:
         if (self.attitude is None) == (self.up is None):
             raise ValueError("a stay needs either attitude or up")
-        if self.attitude is not None and self.attitude not in KNOWN:
-            raise PlacedError(f"attitude {self.attitude!r} is not known; {nearest_or_all(self.attitude, KNOWN)}",
+        if self.attitude is not None and self.attitude not in ATTITUDES:
+            raise PlacedError(f"attitude {self.attitude!r} is not known{nearest_or_all(self.attitude, ATTITUDES)}",
                               ("attitude",))  # fmt: skip
         if not self.to_s > self.from_s:
             raise PlacedError(f"to_s is {self.to_s:g}, allowed is more than from_s, {self.from_s:g}", ("to_s",))
@@ -53,7 +50,7 @@ class StaySettings(BaseModel):
         """The attitude, with its heading."""
         if self.up is not None:
             return Attitude.of(f"up {list(self.up)}, heading {self.heading_deg:g}", self.up, self.heading_deg)
-        own = KNOWN[str(self.attitude)]
+        own = ATTITUDES[str(self.attitude)]
         if self.heading_deg == 0.0:
             return own
         turned = Attitude.of("", (0.0, 0.0, 1.0), self.heading_deg).matrix

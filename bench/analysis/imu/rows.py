@@ -7,17 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.imu.attitudes import Attitude, Stay, inputs
+from bench.analysis.imu.attitudes import Stay, inputs
 from bench.analysis.imu.mounting import outputs_of
-from bench.analysis.imu.plan import KNOWN, OUTPUTS, ImuPlan
+from bench.analysis.imu.plan import OUTPUTS, ImuPlan
 from bench.analysis.imu.triad import MOST_ROWS, Triad
 from bench.base import Document, FloatArray, InputError, IntArray
-from bench.record import Dataset
+from bench.record import WRONG_DEG, Dataset, nearest_attitude, off_deg
 
 STEADY_DPS = 0.1
 """A table whose rate scatters by more than this within a row accelerates."""
-WRONG_DEG = 10.0
-"""Gravity that points further from where it should is another attitude, not an error of the unit."""
 _HISTORY_S = 10.0
 
 
@@ -121,22 +119,16 @@ def _triads(
 def _refuse_wrong_attitudes(accelerometer: Triad, plan: ImuPlan, document: Document) -> None:
     """InputError where gravity says that single stays had another attitude; outputs that are swapped are no such."""
     seen = accelerometer.output @ outputs_of(accelerometer)
-    seen = seen / np.linalg.norm(seen, axis=1)[:, None]
-    up = accelerometer.stay.attitude[:, :, 2]
-    apart = np.degrees(np.arccos(np.clip(np.sum(seen * up, axis=1), -1.0, 1.0)))
+    apart = off_deg(accelerometer.stay.attitude[:, :, 2], seen)
     wrong = np.unique(accelerometer.visit[apart > WRONG_DEG])
     if not len(wrong):
         return
     number = int(wrong[0])
     row = int(np.flatnonzero(accelerometer.visit == number)[0])
-    stay, like = plan.stays[number], _nearest(seen[row])
+    stay, like = plan.stays[number], nearest_attitude(seen[row])
     more = f"; so do {len(wrong) - 1} more stays" if len(wrong) > 1 else ""
     raise InputError(
         f"stay from {stay.from_s:g} to {stay.to_s:g} s: attitude {stay.placed.name} is stated, but gravity is "
         f"{apart[row]:.0f} deg from there, as in {like.name}{more}; correct the plan or measure again",
         document.file, document.line(("stays", number)),
     )  # fmt: skip
-
-
-def _nearest(up: FloatArray) -> Attitude:
-    return max(KNOWN.values(), key=lambda attitude: float(attitude.matrix[:, 2] @ up))

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.interpolate import BSpline
 
-from bench.analysis.imu.attitudes import AXES, STANDARD_GRAVITY, Stay
+from bench.analysis.imu.attitudes import STANDARD_GRAVITY, Stay
 from bench.analysis.thresholds import LEAST_RANGE_DEGC
 from bench.base import FloatArray, InputError, IntArray
-from bench.record import Dataset
+from bench.record import AXES, Dataset
 
 Kind = Literal["gyro", "accelerometer"]
 UNITS = {"gyro": "deg/h", "accelerometer": "m/s^2"}

@@ -55,6 +55,8 @@ class ExecutedSegment(Stored):
     reason: str = ""
     """Why it did not end as planned."""
     settled: bool = True
+    attitude: str | None = None
+    """Name of the attitude that the unit stood in; null: nobody said."""
     turn_on: int = 1
     """Which turn-on of the run it belongs to; a power cycle belongs to the one that it ends with."""
 
@@ -156,6 +158,8 @@ class Begun(Stored):
     """Who asked for it."""
     orientation: Orientation | None = None
     """The Earth rate along the axis is removed from the bias; null: not stated, and nothing is removed."""
+    latitude_deg: float | None = None
+    """Of the place, north positive; null: not stated."""
     unit_margin_degc: float | None = None
     """A unit further outside all that the air was than this is not believed …"""
     unit_lag_min: float | None = None

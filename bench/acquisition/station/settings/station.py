@@ -11,11 +11,13 @@ from pydantic import BaseModel, Field, model_validator
 
 from bench.acquisition.profile.guards import GuardSettings
 from bench.acquisition.profile.orientation import OrientationSettings
+from bench.acquisition.profile.placing import Reach
 from bench.acquisition.profile.preflight import Limits
 from bench.acquisition.profile.standing import ProtectionSettings, Standing, standing_guards
 from bench.acquisition.station.settings.bus import LOCAL_INTERFACES, Bus
 from bench.acquisition.station.settings.chamber import ChamberSettings, Degc
 from bench.acquisition.station.settings.faults import FaultSettings
+from bench.acquisition.station.settings.fixture import FixtureSettings
 from bench.acquisition.station.settings.rate_table import RateTableSettings
 from bench.acquisition.station.settings.safety import SafeStateSettings, WatchdogSettings
 from bench.acquisition.station.settings.supply import SupplySettings
@@ -52,6 +54,8 @@ class StationSettings(BaseModel):
     """CAN buses by a name of your own."""
     rate_table: RateTableSettings | None = None
     """The rate table, where there is one."""
+    fixture: FixtureSettings | None = None
+    """What holds the units in their attitudes, where there is such."""
     supply: SupplySettings | None = None
     """The supply that switches the units' power, where there is one."""
     units: Annotated[tuple[UnitSettings, ...], Field(min_length=1)]
@@ -97,6 +101,9 @@ class StationSettings(BaseModel):
         self._check_units()
         self._check_table()
         self._check_faults()
+        if self.fixture is not None and self.fixture.operator == "simulated" and not self.simulated:
+            text = "a simulated operator turns only a simulated fixture; this station is real, remove `operator`"
+            raise PlacedError(text, ("fixture", "operator"))
         for guard in self.guards:
             if guard.name == "unit silent" and guard.above is not None and guard.above < self.unit_silent_s:
                 text = f"unit_silent_s is {self.unit_silent_s:g}: the guard `unit silent` ends the run of all units"
@@ -182,6 +189,7 @@ class StationSettings(BaseModel):
             None if self.rate_table is None else self.rate_table.highest_dps,
             switches_power=self.supply is not None and (self.simulated or self.supply.port is not None),
             orientation=self.orientation,
+            fixture=None if self.fixture is None else Reach(self.fixture.names, self.fixture.takes_s),
         )
 
     def standing_guards(self) -> tuple[Standing, ...]:

@@ -69,21 +69,28 @@ class Mounting:
         """Rate [deg/h] and specific force [m/s^2] in the frame of the unit, means over each second (seconds, 3)."""
         instants = _INSTANTS_PER_S if stand.turn_dps else 1
         steps = stand.seconds * instants if stand.turn_dps else 1
-        angles = np.radians(self.angle_deg + stand.turn_dps * np.arange(steps + 1) / instants)
-        self.angle_deg = float(np.degrees(angles[-1]))
-        middle = self._pose(stand, 0.5 * (angles[1:] + angles[:-1]))
-        latitude = np.radians(self._settings.latitude_deg)
-        earth = 360.0 * 3600.0 / SIDEREAL_DAY_S * np.array([0.0, np.cos(latitude), np.sin(latitude)])
-        rate = middle.apply(earth)
-        if stand.turn_dps:
-            pose = self._pose(stand, angles)
-            # The frame of the unit turns against the world by the inverse of how vectors turn in it.
-            rate = rate + np.degrees((pose[:-1] * pose[1:].inv()).as_rotvec()) * instants * 3600.0
-        force = middle.apply([0.0, 0.0, self._settings.gravity])
+        rate, force = self.turned(stand, self.angle_deg + stand.turn_dps * np.arange(steps + 1) / instants, instants)
         if not stand.turn_dps:
             return np.repeat(rate, stand.seconds, axis=0), np.repeat(force, stand.seconds, axis=0)
         shape = (stand.seconds, instants, 3)
         return rate.reshape(shape).mean(axis=1), force.reshape(shape).mean(axis=1)
+
+    def turned(self, stand: Stand, angles_deg: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+        """Rate [deg/h] and specific force [m/s^2] (n, 3), means over the n steps between angles (n + 1,) of the table.
+
+        Of the stand only attitude and visit count; `rate_hz` is one over the time of a step.
+        """
+        self.angle_deg = float(angles_deg[-1])
+        angles = np.radians(angles_deg)
+        middle = self._pose(stand, 0.5 * (angles[1:] + angles[:-1]))
+        latitude = np.radians(self._settings.latitude_deg)
+        earth = 360.0 * 3600.0 / SIDEREAL_DAY_S * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+        rate = middle.apply(earth)
+        if np.ptp(angles) > 0.0:
+            pose = self._pose(stand, angles)
+            # The frame of the unit turns against the world by the inverse of how vectors turn in it.
+            rate = rate + np.degrees((pose[:-1] * pose[1:].inv()).as_rotvec()) * rate_hz * 3600.0
+        return rate, middle.apply([0.0, 0.0, self._settings.gravity])
 
     def _pose(self, stand: Stand, angles: FloatArray) -> Rotation:
         """Rotation of world vectors (east, north, up) to the unit at angles (n,) [rad] of the table."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -55,7 +55,7 @@ class ImuSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class ImuSignals:
-    """Means over each second (seconds, ...) and what they should have been."""
+    """Means over each step (n, ...), of `stay` a second, and what they should have been."""
 
     rate: FloatArray
     """(n, 3) [deg/h]."""
@@ -70,10 +70,10 @@ class ImuSignals:
 
 
 class _Follower:
-    """First-order lag of a record in seconds, kept from one stay to the next; starts in equilibrium."""
+    """First-order lag of a record in steps, kept from one stay to the next; starts in equilibrium."""
 
-    def __init__(self, tau_s: float) -> None:
-        self._keep = float(np.exp(-1.0 / tau_s)) if tau_s > 0.0 else 0.0
+    def __init__(self, tau_s: float, step_s: float) -> None:
+        self._keep = float(np.exp(-step_s / tau_s)) if tau_s > 0.0 else 0.0
         self._last: float | None = None
 
     def __call__(self, value: FloatArray) -> FloatArray:
@@ -86,10 +86,10 @@ class _Follower:
 class SimulatedImu:
     """One inertial unit in its mounting; deterministic by seed."""
 
-    def __init__(self, settings: ImuSettings, mounting: MountingSettings, seed: int) -> None:
-        self.settings, self.mounting = settings, Mounting(mounting, seed)
-        self._dies = [_Follower(die.tau_s) for die in settings.dies]
-        self._own = [_Follower(element.lag_s) for element in self._elements]
+    def __init__(self, settings: ImuSettings, mounting: MountingSettings, seed: int, step_s: float = 1.0) -> None:
+        self.settings, self.mounting, self._step_s = settings, Mounting(mounting, seed), step_s
+        self._dies = [_Follower(die.tau_s, step_s) for die in settings.dies]
+        self._own = [_Follower(element.lag_s, step_s) for element in self._elements]
         self._loops = [
             BoucWen(amplitude_dph=element.loop, length_degc=element.loop_degc).start(1.0, np.random.default_rng(0))
             for element in self._elements
@@ -100,7 +100,7 @@ class SimulatedImu:
             bias_instability=settings.acceleration_instability, rate_random_walk=0.0,
         )  # fmt: skip
         self._noise = [
-            RateNoise(gyro if i < 3 else of_force, 1.0, [np.random.default_rng([seed, 3, i, k]) for k in range(3)])
+            RateNoise(gyro if i < 3 else of_force, step_s, [np.random.default_rng([seed, 3, i, k]) for k in range(3)])
             for i in range(6)
         ]
         self._thermometers = np.random.default_rng([seed, 5])
@@ -111,16 +111,27 @@ class SimulatedImu:
 
     def stay(self, stand: Stand, case: FloatArray) -> ImuSignals:
         """Stay in one attitude while the case has these temperatures (seconds,) [degC]."""
-        rate, force = self.mounting.stay(stand)
+        signals = self.measured(*self.mounting.stay(stand), case)
+        white = self.white(len(case), 1.0)
+        return replace(signals, rate=signals.rate + white[:, :3], acceleration=signals.acceleration + white[:, 3:])
+
+    def white(self, samples: int, rate_hz: float) -> FloatArray:
+        """White noise of the outputs (samples, 6), gyros first."""
+        return np.stack([noise.white(samples, rate_hz) for noise in self._noise], axis=1)
+
+    def measured(self, rate: FloatArray, force: FloatArray, case: FloatArray) -> ImuSignals:
+        """Signals without white noise of rates [deg/h] and forces [m/s^2] (n, 3) in the frame of the unit, means over
+        each step, while the case has these temperatures (n,) [degC].
+        """
         dies = [follow(case + die.rise_degc) for follow, die in zip(self._dies, self.settings.dies, strict=True)]
         inner = [follow(dies[min(i, 3)]) for i, follow in enumerate(self._own)]
         outputs = respond(self.settings, rate, force, inner)
         for i, (noise, loop, element) in enumerate(zip(self._noise, self._loops, self._elements, strict=True)):
-            outputs[:, i] += noise.slow(len(case) + 1)[1:] + noise.white(len(case), 1.0)
+            outputs[:, i] += noise.slow(len(case) + 1)[1:]
             if element.loop:
                 outputs[:, i] += _opened(loop, inner[i])
         read = np.stack(
-            [t + d.offset_degc + d.noise_degc * self._thermometers.standard_normal(len(t))
+            [t + d.offset_degc + d.noise_degc / np.sqrt(self._step_s) * self._thermometers.standard_normal(len(t))
              for t, d in zip(dies, self.settings.dies, strict=True)], axis=1,
         )  # fmt: skip
         return ImuSignals(outputs[:, :3], outputs[:, 3:], read, rate, force)

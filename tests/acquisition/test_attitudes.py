@@ -1,0 +1,195 @@
+"""Attitudes: a profile names them, a fixture takes the units there, gravity is looked at, and the run remembers."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.acquisition.profile.preflight import check_profile
+from bench.acquisition.profile.profile import profile_from_text
+from bench.acquisition.run.continuation import remaining
+from bench.acquisition.run.control import Desk
+from bench.acquisition.run.rehearsal import rehearse
+from bench.acquisition.run.runner import run_job
+from bench.acquisition.station.fixture import LOOK_S, Fixture
+from bench.acquisition.station.settings.fixture import FixtureSettings
+from bench.acquisition.station.settings.station import StationSettings
+from bench.base import InputError, load_config, parse_yaml, read_yaml
+from bench.record import ATTITUDES, ExecutedSegment, read_samples, seconds_of
+from drivers.clock import SimClock
+from tests.support import acquisition
+
+SHIPPED = Path(__file__).parents[2] / "profiles" / "stations" / "imu.yaml"
+OVER = """\
+name: over
+segments:
+  - {kind: soak, duration_min: 0.2, attitude: x_up}
+  - {kind: soak, duration_min: 0.1}
+  - {kind: tumble, attitudes: [x_up, -x-y_up], dwell_min: 0.2}
+  - {kind: rate, rates_dps: [30], dwell_s: 10}
+"""
+
+
+def station(**fixture):
+    content = dict(read_yaml(SHIPPED).content)
+    content["fixture"] = {"attitudes": 24, "operator": "simulated", "takes_s": 5} | fixture
+    return load_config(parse_yaml(json.dumps(content), "station.yaml"), StationSettings)
+
+
+def attitude_events(run):
+    events = [json.loads(line) for line in (run.path / "events.jsonl").read_text().splitlines()]
+    return [event for event in events if event["kind"] == "attitude"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The second change is forgotten at first."""
+    result = run_job(acquisition.job(tmp_path_factory.mktemp("over"), OVER, station(forgets=[2])))
+    assert result.error is None
+    return result.run
+
+
+def test_an_attitude_stays_until_another_one_is_named():
+    legs = profile_from_text(OVER).legs()
+    assert [leg.attitude for leg in legs] == ["x_up"] * 3 + ["-x-y_up"] * 3
+
+
+def test_a_tumble_throughout_a_ramp_divides_it_evenly():
+    text = """\
+name: slow
+start: {temperature_degc: 20, attitude: z_up}
+segments:
+  - {kind: tumble, attitudes: 6, dwell_min: 2, to_degc: 32}
+"""
+    settled, *parts = profile_from_text(text).legs()
+    assert settled.attitude == "z_up"
+    assert [leg.target_degc for leg in parts] == [22, 24, 26, 28, 30, 32]
+    assert {leg.rate_degc_per_min for leg in parts} == {1.0}
+    assert [leg.attitude for leg in parts] == ["x_up", "x_down", "y_up", "y_down", "z_up", "z_down"]
+
+
+@pytest.mark.parametrize(
+    ("segment", "said"),
+    [
+        ("{kind: soak, duration_min: 1, attitude: x_upp}", "attitude 'x_upp' is not known; did you mean 'x_up'"),
+        ("{kind: tumble, attitudes: 7, dwell_min: 1}", "attitudes"),
+        ("{kind: tumble, attitudes: [z_up, up], dwell_min: 1}", "attitude 'up' is not known"),
+    ],
+)
+def test_an_attitude_that_has_no_such_name_is_refused_at_its_line(segment, said):
+    with pytest.raises(InputError, match=r"profile:3: .*") as error:
+        profile_from_text(f"name: wrong\nsegments:\n  - {segment}\n")
+    assert said in str(error.value)
+
+
+def test_a_check_refuses_what_the_station_does_not_reach_and_counts_the_changes():
+    profile = profile_from_text(OVER, "over.yaml")
+    findings = check_profile(profile, station().limits())
+    assert not [one for one in findings if one.level == "error"]
+    assert any("2 changes of position by the operator (2 attitudes), 5 s each" in one.text for one in findings)
+    (error,) = [one for one in check_profile(profile, station(attitudes=6).limits()) if one.level == "error"]
+    assert str(error).startswith(
+        "over.yaml:5: error: tumble: -x-y_up: the station's fixture does not reach -x-y_up; it"
+    )
+    findings = check_profile(profile, acquisition.station().limits())
+    assert any("attitude x_up, but the station has no fixture" in one.text for one in findings if one.level == "error")
+
+
+def test_a_rehearsal_counts_the_time_of_the_changes():
+    segments = rehearse(profile_from_text(OVER), station(takes_s=100))
+    assert segments[3].from_s - segments[2].to_s == pytest.approx(100 + LOOK_S, abs=2)
+
+
+def test_a_simulated_operator_is_refused_on_a_real_station():
+    content = dict(read_yaml(SHIPPED).content) | {"simulated": False}
+    content["chamber"] = content["chamber"] | {"connection": {"url": "tcp://127.0.0.1:5020"}}
+    content["buses"] = {name: {"interface": "socketcan", "channel": name} for name in content["buses"]}
+    with pytest.raises(InputError, match="a simulated operator turns only a simulated fixture"):
+        load_config(parse_yaml(json.dumps(content), "station.yaml"), StationSettings)
+
+
+def test_a_run_says_which_attitude_the_unit_had_when(run):
+    segments = run.manifest().segments
+    assert [one.attitude for one in segments] == ["x_up"] * 3 + ["-x-y_up"] * 3
+    assert run.manifest().latitude_deg == 45.0
+    data, gravity = seconds_of(run.path), 9.80620
+    for segment in segments[:4]:
+        inside = (data.time > segment.from_s + 1) & (data.time < segment.to_s - 1)
+        seen = [np.nanmean(data.channels[f"acceleration_{axis}"][inside]) for axis in "xyz"]
+        assert seen == pytest.approx(gravity * ATTITUDES[segment.attitude].matrix[:, 2], abs=0.3)
+
+
+def test_an_attitude_that_gravity_contradicts_holds_the_run(run):
+    first, wrong, right = attitude_events(run)
+    assert (first["attitude"], first["who"]) == ("x_up", "the simulated operator")
+    assert first["off_deg"]["IMU-0001"] < 2
+    assert wrong["text"] == "gravity of unit IMU-0001 is 135 deg from where -x-y_up has it, as in x_up"
+    assert right["attitude"] == "-x-y_up"
+    assert right["t_s"] - wrong["t_s"] >= 5
+
+
+def test_the_units_on_the_wire_follow_table_and_attitude(run):
+    data = read_samples(run.data)
+    plus = run.manifest().segments[4]
+    inside = (data["time"] > plus.to_s - 8) & (data["time"] < plus.to_s - 1)
+    rate = np.array([np.nanmean(data[f"rate_{axis}"][inside]) for axis in "xyz"]) / 3600
+    assert np.nanmean(data["applied_rate"][inside]) == pytest.approx(30, abs=0.01)
+    assert rate == pytest.approx(30 * ATTITUDES["-x-y_up"].matrix[:, 2], abs=0.3)
+
+
+def test_people_are_asked_and_go_on(tmp_path):
+    desk, asked = Desk(), []
+
+    def answer(station, status):
+        question = next((text for text in status.holding if "turn the fixture to" in text), "")
+        if question and question not in asked:
+            asked.append(question)
+            desk.ask("resume", "somebody")
+
+    result = run_job(acquisition.job(tmp_path, OVER, station(operator="asked")), answer, desk)
+    assert result.error is None
+    assert asked == [f"turn the fixture to {name} and confirm by going on" for name in ("x_up", "-x-y_up")]
+    assert [event["who"] for event in attitude_events(result.run)] == ["somebody"] * 2
+
+
+class Journal:
+    """Keeps the events."""
+
+    def __init__(self):
+        self.said = []
+
+    def event(self, kind, text, **facts):
+        self.said.append(text)
+
+
+class Unit:
+    """A unit whose x and y are swapped."""
+
+    serial = "U"
+
+    def force(self):
+        return np.array([0.1, 9.8, 0.0])
+
+
+def test_who_confirms_the_same_twice_is_believed():
+    clock, journal = SimClock(), Journal()
+    fixture = Fixture(FixtureSettings(attitudes=6), clock, journal, [Unit()])
+    fixture.ask("x_up")
+    for time in (5.0, 10.0):
+        assert fixture.attitude is None
+        fixture.confirm("me")
+        clock.sleep_until(time)
+        fixture.tick()
+        if time == 5.0:
+            assert "as in y_up" in fixture.waiting
+            assert "or confirm once more to measure as it is" in fixture.waiting
+    assert fixture.attitude == "x_up"
+    assert fixture.waiting == ""
+
+
+def test_a_run_that_is_resumed_asks_for_the_attitude_again():
+    profile = profile_from_text(OVER)
+    done = [ExecutedSegment(name=leg.name, from_s=0, to_s=12, attitude=leg.attitude) for leg in profile.legs()[:3]]
+    back, *legs = remaining(profile, done, 23.0)
+    assert [leg.attitude for leg in (back, *legs)] == ["-x-y_up"] * 4
