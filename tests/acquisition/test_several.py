@@ -221,12 +221,12 @@ def test_the_last_one_is_left_to_the_guards(world, tmp_path):
 
 
 def test_before_the_start_all_have_to_be_heard(world, monkeypatch, tmp_path):
-    class Silent(bench.acquisition.station.station.SimulatedStation):
+    class Silent(bench.acquisition.station.simulation.SimulatedStation):
         def advance(self, t0_s, t1_s):
             self.units[3:] = []
             super().advance(t0_s, t1_s)
 
-    monkeypatch.setattr(bench.acquisition.station.station, "SimulatedStation", Silent)
+    monkeypatch.setattr(bench.acquisition.station.simulation, "SimulatedStation", Silent)
     result = run_job(job(tmp_path))
     assert str(result.error).startswith("not started: unit SIM-0004: no sound rate frame as number 1 on bus can1")
     assert not any(events(unit.run, "write") for unit in result.units)

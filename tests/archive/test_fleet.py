@@ -100,28 +100,50 @@ def test_chance_is_rarely_called_a_drift():
     assert stats.binomtest(alarms, 300, 0.01, alternative="greater").pvalue > 0.001
 
 
-def test_slopes_and_offsets_are_those_of_ordinary_least_squares():
+def of_many_stations(seed, drift=0.0, *, units=4000, stations=10, per_lot=100, lot_sigma=0.5, mixed=True):
+    """Units of noise 1, a lot after the other, over 100 days; station 3 drifts by `drift` in all."""
+    random = np.random.default_rng(seed)
+    days = np.sort(random.uniform(0.0, 100.0, units))
+    lot = np.arange(units) // per_lot
+    station = random.integers(0, stations, units) if mixed else random.integers(0, stations, lot[-1] + 1)[lot]
+    values = random.normal(0.0, lot_sigma, lot[-1] + 1)[lot] + random.normal(0.0, 1.0, units)
+    values += np.where(station == 3, drift * days / 100.0, 0.0)
+    return values, days * DAY_S, [f"S{i}" for i in station], [f"L{i:03d}" for i in lot]
+
+
+def test_slopes_and_their_errors_are_those_of_a_mixed_model():
     sm = pytest.importorskip("statsmodels.api")
-    values, time_s, stations, lots = production(4, slope=0.01, offset=0.02)
+    values, time_s, stations, lots = of_many_stations(4, drift=1.0, units=800, stations=4, per_lot=40)
     t, s, lot = time_s / DAY_S, np.array(stations), np.array(lots)
-    names = sorted(set(lots))
+    when = np.array([t[lot == one].mean() for one in lot])
     columns = np.column_stack(
-        [*((lot == name).astype(float) for name in names), (s == "B").astype(float),
-         *(np.where(s == name, t - t[s == name].mean(), 0.0) for name in "AB")]
+        [*((s == f"S{i}").astype(float) for i in range(4)),
+         *(np.where(s == f"S{i}", t - t[s == f"S{i}"].mean(), 0.0) for i in range(4)), when - when.mean()]
     )  # fmt: skip
-    direct = sm.OLS(values, columns).fit()
-    mine = {(one.kind, one.place): one for one in drifts(values, time_s, stations, lots, "q")}
-    for i, name in enumerate("AB"):
-        assert mine["station", name].change == pytest.approx(direct.params[6 + i])
-        assert mine["station", name].error == pytest.approx(direct.bse[6 + i])
-        assert mine["station", name].p == pytest.approx(direct.pvalues[6 + i])
-    for i, name in enumerate(names):
-        along = np.zeros(8)
-        along[:5] = -0.25
-        along[i] = 1.0
-        tested = direct.t_test(along)
-        assert mine["lot", name].change == pytest.approx(float(tested.effect[0]))
-        assert mine["lot", name].error == pytest.approx(float(np.squeeze(tested.sd)))
+    direct = sm.MixedLM(values, columns, groups=lot).fit(reml=True)
+    covariance = np.asarray(direct.cov_params())[4:8, 4:8]
+    weights = 1.0 / np.diag(covariance)[:3]
+    along = np.append(-weights / weights.sum(), 1.0)
+    mine = {one.place: one for one in drifts(values, time_s, stations, lots, "q") if one.kind == "station"}
+    assert mine["S3"].change == pytest.approx(float(along @ np.asarray(direct.fe_params)[4:8]), rel=0.01)
+    assert mine["S3"].error == pytest.approx(float(np.sqrt(along @ covariance @ along)), rel=0.01)
+
+
+def test_a_drift_of_one_station_of_many_is_found():
+    """Units of other lots count, not those within a lot alone, which see a fortieth of the drift."""
+    for seed in range(10):
+        assert significant(drifts(*of_many_stations(seed, drift=1.6), "q")) == {("station", "S3")}
+
+
+@pytest.mark.parametrize("mixed", [True, False])
+def test_lots_that_are_drawn_alike_and_stations_that_see_few_of_them_do_not_differ(mixed):
+    assert sum(bool(significant(drifts(*of_many_stations(seed, mixed=mixed), "q"))) for seed in range(50)) <= 2
+
+
+def test_the_first_and_the_last_lot_are_known_as_well_as_those_between():
+    found = {one.place: one for one in drifts(*of_many_stations(5), "q") if one.kind == "lot"}
+    assert found["L039"].error < 2.0 * found["L020"].error
+    assert found["L000"].error < 2.0 * found["L020"].error
 
 
 def test_a_drift_that_lots_hide_is_not_claimed():

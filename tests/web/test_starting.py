@@ -170,7 +170,7 @@ def test_a_run_that_was_killed_says_how_to_go_on(settings):
         ({"plan": "/etc/passwd"}, "no plan '/etc/passwd'"),
         (
             {"plan": "short", "station": "nowhere"},
-            "no station 'nowhere'; there are four_units, other_gyros, rate_table, simulated",
+            "no station 'nowhere'; there are four_units, imu, other_gyros, rate_table, simulated",
         ),
         ({"plan": "short", "units": ["X-1"]}, "unit 'X-1' is not in station 'simulated'"),
         ({"plan": "short", "models": ["../x"]}, "no model '../x'"),

@@ -1,19 +1,24 @@
 """Separates drift of stations from differences of lots: value = lot + station + slope of the station x time.
 
-A station that drifts moves the units of one lot against each other; a lot that differs moves all its units at once.
-Slopes are therefore taken within lots. Units far from their lot are left out first, so that one bad unit does not
-appear as a drift. p values come from the t distribution, with Holm's correction for the number of tests.
+Lots are random: each is drawn from the same distribution about a level that may change with time, so that units of
+different lots are compared as well as those of one (a mixed model, by restricted likelihood). A station drifts where
+its slope differs from that of the others; one or two stations are judged by the units within lots alone, because a
+trend of the lots would pass for a drift. A lot differs where it lies further from the others than they lie from each
+other. Units far from their lot are left out first, so that one bad unit does not appear as a drift. p values come from
+the t distribution with Satterthwaite's degrees of freedom, with Holm's correction for the number of tests. Sources:
+D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320; F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
 from bench.archive.fleet.charts import D2
+from bench.archive.fleet.mixed import Mixed, Tested
 from bench.base import BoolArray, FloatArray, IntArray
 
 SIGNIFICANT = 0.01
@@ -23,6 +28,7 @@ _FAR = 5.0
 """Robust sigmas from the lot's median beyond which a unit is left out."""
 _WEIGHT, _WIDTH = 0.2, 2.962
 """EWMA: weight of the newest value, limits in its sigmas (in control: one false alarm in 500 units on average)."""
+_LEAST_LOT, _LEAST_STATIONS = 3, 3
 
 
 @dataclass(frozen=True)
@@ -57,115 +63,103 @@ def drifts(
     lot_names, lot = np.unique(np.asarray(lots, dtype=str)[keep], return_inverse=True)
     names, station = np.unique(np.asarray(stations, dtype=str)[keep], return_inverse=True)
     y, t = values[keep], time_s[keep] / DAY_S
-    freedom = y.size - len(lot_names) - 2 * len(names) + 1
-    if freedom < LEAST // 2:
+    if y.size - 2 * len(names) - 1 < LEAST // 2:
         return []
-    slopes = [_centred(t, station == i) for i in range(len(names))]
-    offsets = [(station == i).astype(float) for i in range(1, len(names))]
-    solved = _solve(np.column_stack([*offsets, *slopes]), y, lot, freedom)
+    many = np.bincount(lot)
+    when = (np.bincount(lot, t) / many)[lot]
+    own = np.bincount(station, t) / np.bincount(station)
+    rows = np.arange(y.size)
+    columns = scipy.sparse.csr_array(
+        (
+            np.concatenate([np.ones(y.size), t - own[station], when - when.mean()]),
+            (np.tile(rows, 3), np.concatenate([station, len(names) + station, np.full(y.size, 2 * len(names))])),
+        ),
+        shape=(y.size, 2 * len(names) + 1),
+    )
+    solved = Mixed.of(columns, y, lot)
     return [
         *_of_stations(solved, names.tolist(), station, t, quantity),
-        *_of_lots(solved, lot_names.tolist(), lot, quantity),
+        *_of_lots(solved, lot_names.tolist(), quantity),
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """Least squares of y on columns (n, k) within lots: the remainder for lots and noise, and the covariance."""
-
-    columns: FloatArray
-    left: FloatArray
-    beta: FloatArray
-    covariance: FloatArray
-    projector: FloatArray
-    variance: float
-    freedom: int
-
-    def tested(self, value: float, along: FloatArray, extra: float = 0.0) -> tuple[float, float, float] | None:
-        """Value, standard error and p of `along` @ beta (plus means of `extra` variance); None where not determined."""
-        if np.linalg.norm(along - self.projector @ along) > 1e-6 * max(float(np.linalg.norm(along)), 1e-300):
-            return None
-        error = float(np.sqrt(max(float(along @ self.covariance @ along) + extra * self.variance, 0.0)))
-        if error == 0.0:
-            return None
-        return value, error, float(2 * scipy.special.stdtr(self.freedom, -abs(value) / error))
-
-
-def _solve(columns: FloatArray, y: FloatArray, lot: IntArray, freedom: int) -> _Solved:
-    """Subtracts the means of the lots, possibly hundreds: the coefficients stay the same (Frisch, Waugh, Lovell)."""
-    inside = columns - _means(columns, lot)[lot]
-    scale = np.linalg.norm(inside, axis=0)
-    known = scale > 1e-9 * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    scale = np.where(known, scale, 1.0)
-    unit = np.where(known, inside / scale, 0.0)
-    inverse = scipy.linalg.pinv(unit, rtol=1e-10)
-    beta = inverse @ (y - _means(y[:, None], lot)[lot, 0]) / scale
-    left = y - columns @ beta
-    variance = float(np.sum((left - _means(left[:, None], lot)[lot, 0]) ** 2)) / freedom
-    projector = (inverse @ unit) * np.outer(1 / scale, scale)
-    covariance = variance * (inverse @ inverse.T) / np.outer(scale, scale)
-    return _Solved(columns, left, beta, covariance, projector.T, variance, freedom)
-
-
-def _means(columns: FloatArray, group: IntArray) -> FloatArray:
-    """Means (g, k) of the rows of each group."""
-    count = np.bincount(group)
-    return np.column_stack([np.bincount(group, column) / count for column in columns.T])
-
-
 def _of_stations(
-    solved: _Solved, names: Sequence[str], station: IntArray, t: FloatArray, quantity: str
+    solved: Mixed, names: Sequence[str], station: IntArray, t: FloatArray, quantity: str
 ) -> Iterator[Drift]:
-    for i, name in enumerate(names):
-        along = np.zeros(solved.beta.size)
-        along[len(names) - 1 + i] = 1.0
-        result = solved.tested(float(along @ solved.beta), along)
+    count = len(names)
+    slopes = np.eye(solved.beta.size)[count : 2 * count]
+    certain = 1.0 / np.maximum(np.diag(slopes @ solved.inverse @ slopes.T), 1e-300)
+    many = np.bincount(station)
+    known = [i for i in range(count) if many[i] >= LEAST and certain[i] < 1e300]
+
+    def test(i: int, others: Sequence[int]) -> Tested | None:
+        if count < _LEAST_STATIONS:
+            return solved.tested(slopes[i])
+        return (
+            solved.tested(slopes[i] - np.average(slopes[others], axis=0, weights=certain[others])) if others else None
+        )
+
+    bare = solved.y - solved.level[solved.lot]
+    for i, result in _apart(known, test, count):
         own = np.flatnonzero(station == i)
-        if result is not None and own.size >= LEAST:
-            own = own[np.argsort(t[own], kind="stable")]
-            late = ewma(solved.left[own] + solved.columns[own] @ solved.beta)
-            yield Drift("station", str(name), quantity, *result, own.size, late)
+        own = own[np.argsort(t[own], kind="stable")]
+        yield Drift("station", names[i], quantity, *result, own.size, ewma(bare[own]))
 
 
-def _of_lots(solved: _Solved, names: Sequence[str], lot: IntArray, quantity: str) -> Iterator[Drift]:
-    """Each lot against the others, the most different first; later lots are not compared with it."""
-    sizes = np.bincount(lot).astype(np.float64)
-    means = _means(np.column_stack([solved.left, solved.columns]), lot)
-    waiting = {i for i in range(len(names)) if sizes[i] >= 3}
-    others = np.ones(len(names), dtype=bool)
+def _of_lots(solved: Mixed, names: Sequence[str], quantity: str) -> Iterator[Drift]:
+    """Each lot beside what the others predict, the most different first; later lots are not compared with it."""
+    sizes = np.bincount(solved.lot, minlength=len(names))
+    waiting = {i for i in range(len(names)) if sizes[i] >= _LEAST_LOT}
     while waiting:
-        found = {i: _against(solved, means, sizes, others & (np.arange(len(names)) != i), i) for i in waiting}
-        tested = {i: result for i, result in found.items() if result is not None}
+        apart = solved.apart()
+        tested = {i: apart[i] for i in sorted(waiting) if i in apart}
         if not tested:
             return
         first = min(tested, key=lambda i: tested[i][2])
-        odd = tested[first][2] < SIGNIFICANT / len(names)
+        without = solved.without(first)
+        found = None if without is None else without.predicted(solved, first)
+        odd = found is not None and found[2] < SIGNIFICANT / len(names)
         for i in [first] if odd else sorted(tested):
-            yield Drift("lot", str(names[i]), quantity, *tested[i], int(sizes[i]))
+            result = found if i == first and found is not None else tested[i]
+            yield Drift("lot", names[i], quantity, *result, int(sizes[i]))
+        if not odd or without is None:
+            return
+        waiting.discard(first)
+        solved = without
+
+
+def _apart(
+    known: Sequence[int], test: Callable[[int, Sequence[int]], Tested | None], tests: int
+) -> Iterator[tuple[int, Tested]]:
+    """Each of several beside the others, the most different first; later ones are not compared with it."""
+    waiting, others = set(known), set(known)
+    while waiting:
+        found = {i: result for i in sorted(waiting) if (result := test(i, sorted(others - {i}))) is not None}
+        if not found:
+            return
+        first = min(found, key=lambda i: found[i][2])
+        odd = found[first][2] < SIGNIFICANT / tests
+        yield from ((i, found[i]) for i in ([first] if odd else sorted(found)))
         if not odd:
             return
         waiting.discard(first)
-        others[first] = False
-
-
-def _against(
-    solved: _Solved, means: FloatArray, sizes: FloatArray, others: BoolArray, i: int
-) -> tuple[float, float, float] | None:
-    total = float(sizes[others].sum())
-    if total == 0.0:
-        return None
-    apart = means[i] - sizes[others] @ means[others] / total
-    return solved.tested(float(apart[0]), apart[1:], 1 / sizes[i] + 1 / total)
+        others.discard(first)
 
 
 def corrected(found: Sequence[Drift]) -> list[Drift]:
-    """The drifts, least p first, after Holm's correction. Source: S. Holm, Scand. J. Stat. 6 (1979) 65."""
-    ordered = sorted(found, key=lambda drift: drift.p)
-    highest, out = 0.0, []
-    for rank, drift in enumerate(ordered):
-        highest = max(highest, min(1.0, drift.p * (len(ordered) - rank)))
-        out.append(replace(drift, p=highest))
-    return out
+    """The drifts, least p first, after Holm's correction among stations and among lots, half of the alarms each.
+
+    Source: S. Holm, Scand. J. Stat. 6 (1979) 65.
+    """
+    kinds = {drift.kind for drift in found}
+    out = []
+    for kind in sorted(kinds):
+        ordered = sorted((drift for drift in found if drift.kind == kind), key=lambda drift: drift.p)
+        highest = 0.0
+        for rank, drift in enumerate(ordered):
+            highest = max(highest, min(1.0, drift.p * len(kinds) * (len(ordered) - rank)))
+            out.append(replace(drift, p=highest))
+    return sorted(out, key=lambda drift: drift.p)
 
 
 def ewma(values: FloatArray) -> float:
@@ -187,7 +181,3 @@ def _near(values: FloatArray, lot: IntArray) -> BoolArray:
     spread = 1.4826 * float(np.median(np.abs(values - centre)))
     near: BoolArray = np.abs(values - centre) <= _FAR * spread if spread > 0 else np.ones(values.size, dtype=bool)
     return near
-
-
-def _centred(t: FloatArray, own: BoolArray) -> FloatArray:
-    return np.where(own, t - (t[own].mean() if own.any() else 0.0), 0.0)
