@@ -62,8 +62,8 @@ from .fit.rate_surface import points_of as points_of
 from .fit.samples import Samples as Samples
 from .fit.so_far import SoFar as SoFar
 from .fit.solve import one_blas_thread as one_blas_thread
+from .imu.curves import Estimate as Estimate
 from .imu.diagnosis import diagnose_imu as diagnose_imu
-from .imu.fitting import Estimate as Estimate
 from .imu.identify import after as after
 from .imu.identify import refuse_undetermined as refuse_undetermined
 from .imu.mounting import Finding as Finding
