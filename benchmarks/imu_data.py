@@ -5,7 +5,8 @@ laboratory has: outputs, thermometers, attitudes as commanded, the table's encod
 
     python -m benchmarks.imu_data FOLDER
 
-writes the table and the plan of such a calibration to FOLDER, for `bench imu FOLDER/imu.csv --plan FOLDER/imu.yaml`.
+writes the table and the plan of such a calibration to FOLDER, for `bench imu FOLDER/imu.csv --plan FOLDER/imu.yaml`,
+and those of a check of the same unit, `check.csv` and `check.yaml`.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from bench.analysis.imu.attitudes import Stay, gravity_at, inputs
 from bench.analysis.imu.fitting import ImuFit
 from bench.analysis.imu.triad import Triad
 from bench.base.channels import FloatArray
-from bench.record.attitudes import Attitude, faces, tumble
+from bench.record.attitudes import ATTITUDES, Attitude, faces, tumble
 from bench.record.dataset import Dataset
 from drivers.sim.truth.imu.mounting import MountingSettings, Stand
 from drivers.sim.truth.imu.unit import ImuSettings, SimulatedImu, respond
@@ -117,7 +118,9 @@ def record(
     return _triads(np.array(outputs), np.array(warm), np.concatenate(seconds), stays, lab or Lab())
 
 
-def written(settings: ImuSettings, mounting: MountingSettings, seed: int, plan: Sequence[Move], folder: Path) -> None:
+def written(
+    settings: ImuSettings, mounting: MountingSettings, seed: int, plan: Sequence[Move], folder: Path, name: str = "imu"
+) -> None:
     """`imu.csv`, the outputs second by second, and `imu.yaml`, the plan, as `bench imu` reads them."""
     imu, here, visit, last = SimulatedImu(settings, mounting, seed), 25.0, 0, ""
     pieces, stays = [], []
@@ -128,20 +131,31 @@ def written(settings: ImuSettings, mounting: MountingSettings, seed: int, plan: 
         signals = imu.stay(Stand(ROW_S, move.attitude.matrix, move.turn_dps, visit), case)
         table = np.full((ROW_S, 1), move.turn_dps)
         pieces.append(np.hstack([signals.rate, signals.acceleration, signals.temperatures, table]))
-        if stays and stays[-1]["attitude"] == last:
-            stays[-1]["to_s"] = float(ROW_S * (i + 1))
+        if stays and stays[-1][1] == last:
+            stays[-1][0]["to_s"] = float(ROW_S * (i + 1))
         else:
-            stays.append({"from_s": float(ROW_S * i), "to_s": float(ROW_S * (i + 1)), "attitude": last})
+            times = {"from_s": float(ROW_S * i), "to_s": float(ROW_S * (i + 1))}
+            stays.append(({**times, **_as_planned(move.attitude)}, last))
     values = np.vstack(pieces)
-    names = [*(f"{what}_{a}" for what in ("rate", "acceleration") for a in "xyz")]
-    names += [*(f"temperature_{k}" for k in (1, 2, 3, 4)), "applied_rate"]
-    frame = pd.DataFrame(values, columns=names)
+    channels = [*(f"{what}_{a}" for what in ("rate", "acceleration") for a in "xyz")]
+    channels += [*(f"temperature_{k}" for k in (1, 2, 3, 4)), "applied_rate"]
+    frame = pd.DataFrame(values, columns=channels)
     frame.insert(0, "time", np.arange(len(values)) + 0.5)
-    frame.to_csv(folder / "imu.csv", index=False, float_format="%.9g")
+    frame.to_csv(folder / f"{name}.csv", index=False, float_format="%.9g")
     gyros, others = ["temperature_1", "temperature_2", "temperature_3"], ["temperature_4"] * 3
     content = {"latitude_deg": LATITUDE_DEG, "row_s": float(ROW_S), "gyro_thermometers": gyros,
-               "accelerometer_thermometers": others, "stays": stays}  # fmt: skip
-    (folder / "imu.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+               "accelerometer_thermometers": others, "stays": [stay for stay, _ in stays]}  # fmt: skip
+    (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+
+
+def _as_planned(attitude: Attitude) -> dict[str, object]:
+    """An attitude as a stay of a plan names it: one without a name by what points up, and its heading."""
+    if attitude.name in ATTITUDES:
+        return {"attitude": attitude.name}
+    up = _three(attitude.matrix[:, 2])
+    turned = Attitude.of("", up).matrix.T @ attitude.matrix
+    heading = float(np.degrees(np.arctan2(turned[0, 1], turned[0, 0])))
+    return {"up": [round(value, 9) for value in up], "heading_deg": round(heading, 6)}
 
 
 def _triads(
@@ -230,3 +244,4 @@ if __name__ == "__main__":
     from drivers.sim.truth.imu.drawn import drawn
 
     written(drawn(1), at_home(), 1, calibration(1, degc_per_min=2.0), Path(sys.argv[1]))
+    written(drawn(1), at_home(), 2, check(1), Path(sys.argv[1]), "check")

@@ -62,8 +62,10 @@ from .fit.rate_surface import points_of as points_of
 from .fit.samples import Samples as Samples
 from .fit.so_far import SoFar as SoFar
 from .fit.solve import one_blas_thread as one_blas_thread
+from .imu.attitudes import STANDARD_GRAVITY as STANDARD_GRAVITY
+from .imu.curves import Estimate as Estimate
+from .imu.curves import ImuCurves as ImuCurves
 from .imu.diagnosis import diagnose_imu as diagnose_imu
-from .imu.fitting import Estimate as Estimate
 from .imu.identify import after as after
 from .imu.identify import refuse_undetermined as refuse_undetermined
 from .imu.mounting import Finding as Finding
@@ -71,6 +73,8 @@ from .imu.plan import ImuPlan as ImuPlan
 from .imu.plan import load_imu_plan as load_imu_plan
 from .imu.rows import ImuRows as ImuRows
 from .imu.rows import rows_of as rows_of
+from .imu.stored import ImuCalibration as ImuCalibration
+from .imu.stored import curves_of as curves_of
 from .judging.analysis import LIMITS_YAML as LIMITS_YAML
 from .judging.analysis import Analysis as Analysis
 from .judging.branches import branch_gap as branch_gap
@@ -86,6 +90,8 @@ from .judging.diagnosed import improvement_rungs as improvement_rungs
 from .judging.diagnosed import rivals as rivals
 from .judging.earlier import BEFORE as BEFORE
 from .judging.earlier import SAVED as SAVED
+from .judging.imu_verification import ImuVerification as ImuVerification
+from .judging.imu_verification import verify_imu as verify_imu
 from .judging.judge import BASELINES as BASELINES
 from .judging.judge import analyse as analyse
 from .judging.judge import judged_by as judged_by

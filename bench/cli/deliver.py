@@ -38,7 +38,10 @@ def _address(context: click.Context, parameter: click.Parameter, text: str) -> i
 @click.command()
 @run_argument
 @click.option(
-    "--format", "format_", required=True, help="json, csv, c, hex, srec, eeprom or a2l; mf4 (samples), kalibr."
+    "--format",
+    "format_",
+    required=True,
+    help="json, csv, c, hex, srec, eeprom or a2l; mf4 (samples), kalibr; of an inertial unit px4 and ardupilot.",
 )
 @click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
 @click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
@@ -53,7 +56,10 @@ def _address(context: click.Context, parameter: click.Parameter, text: str) -> i
 @path_option("--out", help="Folder of the files; default: export in the run folder.")
 @answers
 def export(run_folder: Path, format_: str, output: str | None, out: Path | None, **options: Any) -> Result:
-    """Write the calibration of RUN for its unit: C code, EEPROM image, hex files; worst error of each embedded form."""
+    """Write the calibration of RUN for its unit: C code, EEPROM image, hex files; worst error of each embedded form.
+
+    RUN may be the calibration of an inertial unit (folder or imu.json of `bench imu --out`): all its axes in one image.
+    """
     from bench import commands
     from bench.deliver import ExportOptions
 

@@ -41,6 +41,7 @@ from .analysis import compare as compare
 from .analysis import compare_every_sample as compare_every_sample
 from .noise_reading import noise as noise
 from .imu import imu as imu
+from .imu import verify_imu as verify_imu
 from .analysis import figures as figures
 from .analysis import import_table as import_table
 from .analysis import of_one as of_one
@@ -67,6 +68,7 @@ from .results.analyse import EffectShown as EffectShown
 from .results.analyse import FiguresDrawn as FiguresDrawn
 from .results.analyse import Imported as Imported
 from .results.analyse import ImuCalibrated as ImuCalibrated
+from .results.analyse import ImuVerified as ImuVerified
 from .results.analyse import Improved as Improved
 from .results.analyse import MysteryMade as MysteryMade
 from .results.analyse import NoiseCoefficient as NoiseCoefficient
@@ -95,6 +97,7 @@ from .results.deliver import CertificateChecked as CertificateChecked
 from .results.deliver import Certified as Certified
 from .results.deliver import Exported as Exported
 from .results.deliver import Flashed as Flashed
+from .results.deliver import ImuExported as ImuExported
 from .results.deliver import MeasuredExported as MeasuredExported
 from .results.deliver import Verified as Verified
 

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from bench.base import InputError
-from bench.record import CalibrationRecord, JobRecord, Manifest, put, unproven, write_atomically
+from bench.record import CalibrationRecord, ImuRecord, JobRecord, Manifest, put, unproven, write_atomically
 
 
 def tell_unproven(*folders: Path) -> None:
@@ -31,8 +31,8 @@ def write(path: Path, content: str | bytes) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         data = content.encode() if isinstance(content, str) else content
-        if any((path.parent / name).is_file() for name in (Manifest.FILE, JobRecord.FILE)):
-            put(path.parent, {path.name: data}, [Manifest.FILE, CalibrationRecord.FILE])
+        if any((path.parent / name).is_file() for name in (Manifest.FILE, JobRecord.FILE, ImuRecord.FILE)):
+            put(path.parent, {path.name: data}, [Manifest.FILE, CalibrationRecord.FILE, ImuRecord.FILE])
         else:
             write_atomically(path, data)
     except OSError as error:

@@ -10,7 +10,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from bench.acquisition import ColumnMap, Profile, StationSettings
-from bench.analysis import Limits
+from bench.analysis import ImuPlan, Limits
 from bench.base import export_schema
 from bench.commands.calibration.plan import Plan
 from bench.deliver import InstrumentsFile, Laboratory
@@ -24,6 +24,7 @@ SCHEMAS: dict[str, type[BaseModel]] = {
     "equipment": InstrumentsFile,
     "laboratory": Laboratory,
     "plan": Plan,
+    "imu": ImuPlan,
 }
 """Kinds of files, by the name of their schema."""
 

@@ -67,6 +67,14 @@ from .records.comparison import ComparisonRecord as ComparisonRecord
 from .records.diagnosis import DiagnosisRecord as DiagnosisRecord
 from .records.flash import FlashRecord as FlashRecord
 from .records.flash import StoredImage as StoredImage
+from .records.imu import ImuAxis as ImuAxis
+from .records.imu import ImuFinding as ImuFinding
+from .records.imu import ImuParameter as ImuParameter
+from .records.imu import ImuPosition as ImuPosition
+from .records.imu import ImuRecord as ImuRecord
+from .records.imu import ImuSource as ImuSource
+from .records.imu import ImuTriad as ImuTriad
+from .records.imu import ImuValue as ImuValue
 from .records.job import JobRecord as JobRecord
 from .records.judged import Judged as Judged
 from .records.judged import JudgedQuantity as JudgedQuantity

@@ -13,7 +13,8 @@ from bench.analysis.effects.hysteresis import Hysteresis
 from bench.analysis.effects.thermal_lag import ThermalLag
 from bench.analysis.imu import identify
 from bench.analysis.imu.attitudes import Stay, gravity_at, inputs
-from bench.analysis.imu.fitting import Reference, fit_axis, fit_imu, fit_triad
+from bench.analysis.imu.curves import Reference
+from bench.analysis.imu.fitting import fit_axis, fit_imu, fit_triad
 from bench.analysis.imu.multiposition import fit_gravity
 from bench.analysis.imu.triad import Curve, TriadModel
 from bench.base import InputError

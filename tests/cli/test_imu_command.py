@@ -3,11 +3,13 @@
 import csv
 import json
 
+import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
 
 from bench.cli import main
+from bench.record import ImuRecord, sha256
 from benchmarks import imu_data
 from drivers.sim.truth.imu.drawn import drawn
 
@@ -30,7 +32,7 @@ def asked(folder, *words, **changes):
 def test_a_unit_is_calibrated_from_its_table_and_plan(folder):
     answer = asked(folder, "--json", "--out", str(folder / "found.csv"))
     found = json.loads(answer.stdout)
-    assert set(found) == {"table", "out", "rows", "left_out", "range_degc", "parameters", "undetermined", "findings"}
+    assert found["files"] == [str(folder / "found.csv")]
     assert answer.exit_code == (1 if found["findings"] or found["undetermined"] else 0)
     assert found["rows"] > 60
     at = sorted({one["temperature_degc"] for one in found["parameters"]})[3]
@@ -85,3 +87,121 @@ def test_what_a_plan_cannot_determine_is_refused_by_name(folder):
     assert answer.exit_code == 2
     assert "do not determine" in answer.stderr
     assert "gyro x: g-sensitivity along x: nothing drives it" in answer.stderr
+
+
+@pytest.fixture(scope="module")
+def calibrated(folder):
+    """The folder with the record, and the answer; two soaks determine scale factors of order 1."""
+    words = "--json", "--out", str(folder / "cal"), "--unit", "SIM-IMU-0001"
+    return folder / "cal", asked(folder, *words, orders={"bias": 2, "scale_factor": 1})
+
+
+def test_the_result_is_kept_as_a_record_that_names_what_it_was_made_from(folder, calibrated):
+    out, answer = calibrated
+    found, record = json.loads(answer.stdout), ImuRecord.read(out)
+    assert found["files"] == [str(out / name) for name in ("imu.json", "parameters.csv")]
+    assert record.unit == "SIM-IMU-0001"
+    digests = {source.file: source.sha256 for source in record.sources}
+    assert digests == {name: sha256(folder / name) for name in ("imu.csv", "changed.yaml")}
+    assert [one.value for one in record.parameters] == [one["value"] for one in found["parameters"]]
+    assert len(record.time_s) == found["rows"]
+    assert list(record.undetermined) == found["undetermined"]
+    assert record.sample_hz == pytest.approx(1.0)
+    # The simulated unit: 0.1 deg/sqrt(h) is 6 deg/h/sqrt(Hz), 0.03 m/s/sqrt(h) is 5e-4 m/s^2/sqrt(Hz).
+    assert [axis.noise_density for axis in record.gyro.axes] == pytest.approx([6.0] * 3, rel=0.1)
+    assert [axis.noise_density for axis in record.accelerometer.axes] == pytest.approx([5e-4] * 3, rel=0.2)
+    assert {position.rate_dps for position in record.positions} == {0.0, 90.0, -90.0, 120.0, -120.0}
+    assert (out / "parameters.csv").is_file()
+
+
+def test_a_json_file_holds_the_record_alone(folder):
+    answer = asked(folder, "--out", str(folder / "alone.json"))
+    assert answer.exit_code in {0, 1}, answer.output
+    assert ImuRecord.at(folder / "alone.json").unit == ""
+
+
+def other_table(folder, name, moves, **changes):
+    imu_data.written(drawn(1), imu_data.at_home(), 7, moves, folder, name)
+    plan = yaml.safe_load((folder / f"{name}.yaml").read_text()) | changes
+    (folder / f"{name}.yaml").write_text(yaml.safe_dump(plan, sort_keys=False))
+
+
+def verified(folder, name, *words):
+    words = ("imu", folder / f"{name}.csv", "--plan", folder / f"{name}.yaml", "--verify", folder / "cal", *words)
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+def elsewhere(seed, degc=39.0, rates=(0.0, 40.0, -75.0)):
+    """Attitudes and rates that no calibration had."""
+    random = np.random.default_rng(seed)
+    ups = random.standard_normal((12, 3)).tolist()
+    attitudes = [imu_data.Attitude.of(f"other {i}", tuple(up), 30.0 * i) for i, up in enumerate(ups)]
+    return [imu_data.Move(a, rates[i % len(rates)], degc) for i, a in enumerate(attitudes) for _ in range(2)]
+
+
+def test_a_calibration_is_verified_by_other_attitudes_and_rates(folder, calibrated):
+    other_table(folder, "other", elsewhere(1))
+    answer = verified(folder, "other", "--json")
+    found = json.loads(answer.stdout)
+    assert answer.exit_code == (0 if found["verdict"] in {"PASS", "MARGINAL"} else 1)
+    assert (found["rows"], found["fitted_rows"], found["rows_beyond"]) == (24, 0, 0)
+    for axis in found["axes"]:
+        assert axis["rms"] < 0.2 * axis["raw_rms"]
+        assert 0.3 * axis["floor"] < axis["rms"] < 12.0 * axis["floor"]
+        assert axis["interval"][0] < axis["rms"] < axis["interval"][1]
+
+
+def test_a_verification_is_judged_by_limits_and_fails_where_the_unit_changed(folder, calibrated):
+    other_table(folder, "bad", elsewhere(2))
+    lines = (folder / "bad.csv").read_text().splitlines()
+    at = lines[0].split(",").index("rate_y")
+    changed = [
+        [*row[:at], f"{float(row[at]) + 25.0}", *row[at + 1 :]] for row in (line.split(",") for line in lines[1:])
+    ]
+    (folder / "bad.csv").write_text("\n".join([lines[0], *(",".join(row) for row in changed)]) + "\n")
+    limits = folder / "limits.yaml"
+    limits.write_text(
+        "name: imu\nlimits:\n"
+        "  - {quantity: gyro_error_rms_dph, unit: deg/h, upper: 15, reason: budget}\n"
+        "  - {quantity: accelerometer_error_rms_mps2, unit: m/s^2, upper: 0.05, reason: budget}\n"
+    )
+    answer = verified(folder, "bad", "--limits", limits, "--json")
+    assert answer.exit_code == 1, answer.output
+    found = json.loads(answer.stdout)
+    words = {one["name"]: one["verdict"] for one in found["limits"]["results"]}
+    assert words == {"gyro_error_rms_dph": "FAIL", "accelerometer_error_rms_mps2": "PASS"}
+    assert found["verdict"] == "FAIL"
+    assert found["axes"][1]["mean"] == pytest.approx(25.0, abs=5.0)
+    assert "gyro y: most of its error is its mean" in verified(folder, "bad").stdout
+
+
+def test_rows_that_were_fitted_or_lie_beyond_the_range_verify_nothing(folder, calibrated):
+    other_table(
+        folder, "mixed", [*elsewhere(3)[:4], *elsewhere(3, 80.0)[:6], *imu_data.calibration(1, (20.0,), 4.0)[:30]]
+    )
+    found = json.loads(verified(folder, "mixed", "--json").stdout)
+    assert found["rows"] == 4
+    assert found["fitted_rows"] > 15
+    assert found["rows_beyond"] >= 4
+    other_table(folder, "same", imu_data.calibration(1, (20.0,), 4.0)[:30])
+    answer = verified(folder, "same")
+    assert answer.exit_code == 2
+    assert "no row of" in answer.stderr
+    assert "measure other positions or rates" in answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--verify", "CAL"), "is the table that this calibration was fitted to; verify with another one"),
+        (("--verify", "CAL", "--out", "x"), "--verify calibrates nothing"),
+        (("--limits", "x.yaml"), "name the calibration with --verify"),
+        (("--verify", "FOLDER"), "is no calibration of an inertial unit"),
+        (("--out", "FOLDER/none/cal"), "does not exist; make it first"),
+    ],
+)
+def test_what_cannot_be_verified_or_kept_is_one_line(folder, calibrated, words, said):
+    own = [str(calibrated[0]) if w == "CAL" else w.replace("FOLDER", str(folder)) for w in words]
+    answer = asked(folder, *own)
+    assert answer.exit_code == 2, answer.output
+    assert said in answer.stderr

@@ -21,6 +21,8 @@ from bench.commands import (
 )
 from bench.commands.calibration.job import JobFile
 from bench.commands.calibration.steps import NAMES
+from benchmarks import imu_data
+from drivers.sim.truth.imu.drawn import drawn
 from tests.support.run_folders import make_run, ramp_run
 
 PROFILE = """
@@ -89,6 +91,17 @@ def places(tmp_path_factory):
     return {"PROFILE": profile, "TABLE": table, "RUN": run, "ROOT": root / "reports", "OUT": root / "out"}
 
 
+IMU_KEYS = {
+    "imu IMU/imu.csv --plan IMU/imu.yaml --unit U-7 --out IMU/cal":
+        "table out files rows left_out range_degc parameters undetermined findings",
+    "imu IMU/check.csv --plan IMU/check.yaml --verify IMU/cal":
+        """table calibration verdict rows stays fitted_rows rows_beyond range_degc axes quantities rule""",
+    "export IMU/cal --format px4 --force":
+        "run format files unit serial calibration_id crc words lost objections",
+}  # fmt: skip
+"""One after the other, in one folder."""
+
+
 def asked(command, places):
     words = command.split()
     for name, place in places.items():
@@ -105,6 +118,16 @@ def test_a_command_answers_with_its_keys(command, places):
     assert found >= wanted
     if command not in NO_SUBSET:
         assert found == wanted
+
+
+@pytest.mark.slow
+def test_an_inertial_unit_answers_with_its_keys(tmp_path):
+    plan = imu_data.calibration(1, (-10.0, 40.0), 4.0)
+    imu_data.written(drawn(1), imu_data.at_home(), 1, plan, tmp_path)
+    other = [imu_data.Move(imu_data.Attitude.of("other", (1.0, 2.0, 3.0), 20.0), 0.0, 25.0)] * 3
+    imu_data.written(drawn(1), imu_data.at_home(), 2, other, tmp_path, "check")
+    for command, keys in IMU_KEYS.items():
+        assert set(asked(command, {"IMU": tmp_path})) == set(keys.split()), command
 
 
 def test_results_of_equipment_and_live_runs_have_their_keys(tmp_path):

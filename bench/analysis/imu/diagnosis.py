@@ -17,7 +17,8 @@ from bench.analysis.effects.base import Effect
 from bench.analysis.effects.hysteresis import Hysteresis
 from bench.analysis.effects.thermal_lag import ThermalLag
 from bench.analysis.fit.solve import one_blas_thread
-from bench.analysis.imu.fitting import AxisFit, ImuFit, Reference, fit_axis, fit_imu
+from bench.analysis.imu.curves import Reference
+from bench.analysis.imu.fitting import AxisFit, ImuFit, fit_axis, fit_imu
 from bench.analysis.imu.mounting import Finding, believed, place, straightened, turned, wiring, world
 from bench.analysis.imu.scatter import ATTITUDES
 from bench.analysis.imu.triad import Curve, Triad, TriadModel

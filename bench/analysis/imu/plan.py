@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field, model_validator
 
-from bench.analysis.imu.fitting import Reference
+from bench.analysis.imu.curves import Reference
 from bench.analysis.imu.triad import Curve, TriadModel
 from bench.base import STRICT, Document, PlacedError, load_config, nearest_or_all, read_yaml
 from bench.record import ATTITUDES, AXES, Attitude

@@ -63,6 +63,12 @@ QuantityName = Literal[
     "cooling_min",
     "extrapolated_percent",
     "condition",
+    "gyro_error_rms_dph",
+    "gyro_error_peak_dph",
+    "gyro_error_over_floor",
+    "accelerometer_error_rms_mps2",
+    "accelerometer_error_peak_mps2",
+    "accelerometer_error_over_floor",
 ]
 
 MEANING: Mapping[str, tuple[str, str]] = MappingProxyType(
@@ -94,6 +100,12 @@ MEANING: Mapping[str, tuple[str, str]] = MappingProxyType(
         "cooling_min": ("min", "time spent cooling"),
         "extrapolated_percent": ("%", "held-out data outside the fitted range"),
         "condition": ("1", "condition of the fit"),
+        "gyro_error_rms_dph": ("deg/h", "error of the worst gyro of an inertial unit, RMS"),
+        "gyro_error_peak_dph": ("deg/h", "error of the worst gyro of an inertial unit, peak"),
+        "gyro_error_over_floor": ("1", "error of the worst gyro of an inertial unit over its floor"),
+        "accelerometer_error_rms_mps2": ("m/s^2", "error of the worst accelerometer, RMS"),
+        "accelerometer_error_peak_mps2": ("m/s^2", "error of the worst accelerometer, peak"),
+        "accelerometer_error_over_floor": ("1", "error of the worst accelerometer over its floor"),
     }
 )
 """Unit and meaning of each quantity, in the terms of IEEE 528 and 952."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from bench.base import finite
-from bench.cli.rendering.printing import content, lines, table
-from bench.commands import ImuCalibrated
+from bench.cli.rendering.printing import content, lines, number, table
+from bench.commands import ImuCalibrated, ImuExported, ImuVerified
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -34,8 +34,7 @@ def _(result: ImuCalibrated) -> Iterator[str | Table]:
         yield f"{finding.cause}, {finding.where}: {finding.text}{likes}"
     if not result.findings:
         yield "nothing is wrong with outputs, fixture and place, and no axis lacks an effect"
-    if result.out is not None:
-        yield f"written to {result.out}"
+    yield from (f"written to {path}" for path in result.files)
 
 
 @content.register(ImuCalibrated)
@@ -43,6 +42,7 @@ def _(result: ImuCalibrated) -> dict[str, Any]:
     return {
         "table": str(result.table),
         "out": None if result.out is None else str(result.out),
+        "files": [str(path) for path in result.files],
         "rows": result.rows,
         "left_out": result.left_out,
         "range_degc": [finite(value) for value in result.range_degc],
@@ -57,3 +57,63 @@ def _(result: ImuCalibrated) -> dict[str, Any]:
             for f in result.findings
         ],
     }  # fmt: skip
+
+
+@lines.register(ImuVerified)
+def _(result: ImuVerified) -> Iterator[str | Table]:
+    found = result.verification
+    low, high = found.range_degc
+    yield f"{found.verdict.value}: {found.rows} rows of {found.stays} stays with other attitudes or rates than fitted"
+    yield ""
+    rows = [
+        (a.name, a.unit, number(a.raw_rms), number(a.rms), f"{number(a.interval[0])} to {number(a.interval[1])}",
+         number(a.mean), number(a.peak), number(a.floor), f"{a.over_floor:.2f}")
+        for a in found.axes
+    ]  # fmt: skip
+    yield table(("", "", ">raw RMS", ">RMS left", ">95 %", ">mean", ">peak", ">floor", ">over floor"), rows)
+    yield ""
+    yield f"from {low:.1f} to {high:.1f} degC; {found.fitted} rows left out as fitted, {found.beyond} beyond the range"
+    yield "floor: noise of neighbouring rows, and attitudes that are as exact as the calibration found them"
+    moved = [axis for axis in found.axes if 2.0 * axis.mean**2 > axis.rms**2 and axis.over_floor > 1.0]
+    yield from (f"{a.name}: most of its error is its mean, {number(a.mean)} {a.unit}: its bias moved" for a in moved)
+    limited = found.judged.get("limits")
+    if limited is None:
+        yield f"rule: {found.judged['rule']}"
+        return
+    for one in limited["results"]:
+        yield f"{one['verdict'] or '-':<9} {one['name']} = {number(one['value'])} {one['unit']}"
+
+
+@content.register(ImuVerified)
+def _(result: ImuVerified) -> dict[str, Any]:
+    return {"table": str(result.table), "calibration": str(result.calibration), **result.verification.to_json()}
+
+
+@lines.register(ImuExported)
+def _(result: ImuExported) -> Iterator[str | Table]:
+    package = result.delivered.package
+    image = package.image
+    yield (
+        f"inertial unit {package.record.unit or 'without a serial number'}: {4 * len(package.words)} bytes, "
+        f"serial {image.serial}, calibration {image.label}, CRC 0x{package.words[-1]:08X}"
+    )
+    yield from (f"not in this format: {text}" for text in result.delivered.made.lost)
+    yield from (f"forced: {text}" for text in result.delivered.objections)
+    yield from map(str, result.files)
+
+
+@content.register(ImuExported)
+def _(result: ImuExported) -> dict[str, Any]:
+    package = result.delivered.package
+    return {
+        "run": str(result.run),
+        "format": result.format,
+        "files": [str(path) for path in result.files],
+        "unit": package.record.unit,
+        "serial": package.image.serial,
+        "calibration_id": package.image.calibration_id,
+        "crc": package.words[-1],
+        "words": len(package.words),
+        "lost": list(result.delivered.made.lost),
+        "objections": list(result.delivered.objections),
+    }

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Finding,
         Floor,
         Improvement,
+        ImuVerification,
         Signature,
     )
     from bench.base import BenchError
@@ -273,8 +274,23 @@ class ImuCalibrated(Result):
     parameters: tuple[Estimate, ...]
     undetermined: tuple[str, ...]
     findings: tuple[Finding, ...]
+    files: tuple[Path, ...] = ()
 
     @property
     def exit_code(self) -> int:
         """1 where something is wrong, or is not determined."""
         return 1 if self.findings or self.undetermined else 0
+
+
+@dataclass(frozen=True)
+class ImuVerified(Result):
+    """The calibration of an inertial unit against another table."""
+
+    table: Path
+    calibration: Path
+    verification: ImuVerification
+
+    @property
+    def exit_code(self) -> int:
+        """1 outside limits."""
+        return int(not self.verification.verdict.within)

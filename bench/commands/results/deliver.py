@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from bench.analysis import Verification
     from bench.base import BenchError
     from bench.commands.calibration.job import JobFile
-    from bench.deliver import CheckedCertificate, Delivered
+    from bench.deliver import CheckedCertificate, Delivered, DeliveredImu
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,16 @@ class Exported(Result):
     format: str
     files: tuple[Path, ...]
     delivered: Delivered
+
+
+@dataclass(frozen=True)
+class ImuExported(Result):
+    """Files of the calibration of a whole inertial unit."""
+
+    run: Path
+    format: str
+    files: tuple[Path, ...]
+    delivered: DeliveredImu
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -20,18 +21,23 @@ _TYPES = {"float32": "float", "fixed": "int32_t", "split": "int64_t", "split_fix
 
 def c_files(image: Image, words: list[int], name: str = "calibration") -> dict[str, str]:
     """Header and source by file name; `name` begins every public identifier."""
+    refuse_name(name)
+    content = _content(image, words, name)
+    return {f"{name}.{kind}": rendered(f"calibration.{kind}.j2", content) for kind in ("h", "c")}
+
+
+def refuse_name(name: str) -> None:
+    """InputError for what C does not take as the beginning of a name."""
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,30}", name):
         raise InputError(f"'{name}' is not a valid C name: allowed are up to 31 of a-z, 0-9 and _, a letter first")
+
+
+def rendered(template: str, content: Mapping[str, Any]) -> str:
+    """The text of one of the templates."""
     environment = Environment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True, autoescape=False
     )
-    content = _content(image, words, name)
-    return {
-        f"{name}.{kind}": environment.from_string(
-            (_TEMPLATES / f"calibration.{kind}.j2").read_text(encoding="utf-8")
-        ).render(content)
-        for kind in ("h", "c")
-    }
+    return environment.from_string((_TEMPLATES / template).read_text(encoding="utf-8")).render(content)
 
 
 def inputs_of(image: Image) -> list[str]:
@@ -60,9 +66,9 @@ def _content(image: Image, words: list[int], name: str) -> dict[str, Any]:
         "output_type": _TYPES[image.form],
         "output_text": _output_text(image),
         "number_type": "float" if image.floats else "int32_t",
-        "coefficients": [_single(float_of(w)) if image.floats else _integer(i32(w)) for w in image.coefficients],
+        "coefficients": [single(float_of(w)) if image.floats else _integer(i32(w)) for w in image.coefficients],
         "gain": image.gain,
-        "gain_f32": _single(image.gain_f32),
+        "gain_f32": single(image.gain_f32),
         "correction": image.correction,
         "signals": [_signal(i, signal, name) for i, signal in enumerate(image.signals)],
         "stateful": any(signal.kind in {Kind.LAG, Kind.PLAY, Kind.BEHIND} for signal in image.signals),
@@ -120,7 +126,7 @@ def _integer(value: int) -> str:
     return "(-2147483647 - 1)" if value == -(1 << 31) else str(value)
 
 
-def _single(value: float) -> str:
-    """The shortest decimal that reads back as the same float."""
+def single(value: float) -> str:
+    """A constant of C: the shortest decimal that reads back as the same float."""
     text = str(np.float32(value))
     return f"{text}F" if "." in text or "e" in text else f"{text}.0F"

@@ -7,14 +7,12 @@ import io
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from importlib.resources import files
 
 import bincopy
-from jinja2 import Environment, StrictUndefined
 
 from bench.analysis import Coefficient
 from bench.base import __version__
-from bench.deliver.export.ccode import c_files
+from bench.deliver.export.ccode import c_files, rendered
 from bench.deliver.export.chebyshev import orders
 from bench.deliver.export.delivery import INPUTS, Delivery, Kind, Shape
 from bench.deliver.export.image import BLOCK_WORDS, HEADER_WORDS, SIGNAL_WORDS, Image
@@ -98,30 +96,28 @@ def as_eeprom(package: Package) -> Files:
 
 def as_hex(package: Package) -> Files:
     """Intel HEX."""
-    return {f"{package.name}.hex": _placed(package).as_ihex().encode()}
+    return {f"{package.name}.hex": placed(package.words, package.address).as_ihex().encode()}
 
 
 def as_srec(package: Package) -> Files:
     """Motorola S-records with 32-bit addresses."""
-    return {f"{package.name}.srec": _placed(package).as_srec(address_length_bits=32).encode()}
+    return {f"{package.name}.srec": placed(package.words, package.address).as_srec(address_length_bits=32).encode()}
 
 
 def as_a2l(package: Package) -> Files:
     """ASAM MCD-2 MC description of the image, for a calibration tool."""
     image, at = package.image, package.address + 4 * HEADER_WORDS
     at += 4 * (SIGNAL_WORDS * len(image.signals) + BLOCK_WORDS * len(image.blocks))
-    template = (files("bench.deliver.export") / "templates" / "calibration.a2l.j2").read_text(encoding="utf-8")
-    environment = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False)
-    text = environment.from_string(template).render(
-        package=package, image=image, version=__version__, coefficients=at, size=len(package.words) * 4
-    )
-    return {f"{package.name}.a2l": f"{text}\n".encode()}
+    content = {"package": package, "image": image, "version": __version__, "coefficients": at}
+    text = rendered("calibration.a2l.j2", {**content, "size": len(package.words) * 4})
+    return {f"{package.name}.a2l": text.encode()}
 
 
-def _placed(package: Package) -> bincopy.BinFile:
-    placed = bincopy.BinFile()
-    placed.add_binary(to_bytes(package.words), address=package.address)
-    return placed
+def placed(words: Sequence[int], address: int) -> bincopy.BinFile:
+    """Words at their address."""
+    memory = bincopy.BinFile()
+    memory.add_binary(to_bytes(words), address=address)
+    return memory
 
 
 FORMATS: dict[str, Callable[[Package], Files]] = {

@@ -8,6 +8,7 @@ from bench.record.records.chain import ChainRecord
 from bench.record.records.comparison import ComparisonRecord
 from bench.record.records.diagnosis import DiagnosisRecord
 from bench.record.records.flash import FlashRecord
+from bench.record.records.imu import ImuRecord
 from bench.record.records.job import JobRecord
 from bench.record.records.judged import LimitsRecord, VerificationRecord
 from bench.record.records.lot import LotRecord
@@ -27,6 +28,7 @@ RECORDS: tuple[type[Record], ...] = (
     CertificateRecord,
     JobRecord,
     LotRecord,
+    ImuRecord,
     StartRecord,
 )
 """In the order in which a unit's work makes them."""

@@ -1,0 +1,75 @@
+"""Export of a whole inertial unit: checks its record, makes the image, and then the files."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from bench.base import InputError
+from bench.deliver.export.delivering import ExportOptions
+from bench.deliver.export.imu_formats import IMU_FORMATS, ImuFiles, ImuPackage
+from bench.deliver.export.imu_image import image_of, read_imu, words_of
+from bench.record import ImuRecord, prove
+
+_OUTPUTS = {"swapped_axes", "wrong_sign", "attitude"}
+"""Findings after which the parameters are those of outputs in another order or with another sign."""
+
+
+@dataclass(frozen=True, eq=False)
+class DeliveredImu:
+    """Files of one format, the package that they are made of, and what speaks against it."""
+
+    package: ImuPackage
+    made: ImuFiles
+    objections: tuple[str, ...]
+
+
+def deliver_imu(path: Path, record: ImuRecord, format_: str, options: ExportOptions) -> DeliveredImu:
+    """Files of one format of a record; `path` is its file or folder.
+
+    InputError, one line, where the format does not exist or an option is not for it, where the record is not proven or
+    must not be delivered and `force` is not set, and always where outputs were swapped or had a wrong sign.
+    """
+    if format_ not in IMU_FORMATS:
+        raise InputError(f"format is {format_!r}, allowed for an inertial unit are {', '.join(IMU_FORMATS)}")
+    if options.model is not None or options.form is not None:
+        raise InputError(
+            "--model and --form are for a single gyro; an inertial unit's image is float32 with its curves"
+        )
+    wrong = [finding for finding in record.findings if finding.cause in _OUTPUTS]
+    if wrong:
+        raise InputError(f"not delivered: {wrong[0].text}; correct the table or the wiring and calibrate again", path)
+    if not options.force:
+        prove(path if path.is_dir() else path.parent)
+    objections = tuple(_objections(record))
+    if objections and not options.force:
+        more = f" (and {len(objections) - 1} more)" if len(objections) > 1 else ""
+        raise InputError(f"not delivered: {objections[0]}{more}; --force delivers it anyway", path)
+    serial = options.serial if options.serial is not None else _serial(record, path)
+    created = int(datetime.fromisoformat(record.created).timestamp())
+    words = words_of(image_of(record, serial, _id(record), created))
+    package = ImuPackage(options.name, record, words, read_imu(words, serial), options.address)
+    return DeliveredImu(package, IMU_FORMATS[format_](package), objections)
+
+
+def _objections(record: ImuRecord) -> Iterator[str]:
+    yield from (f"{finding.cause}, {finding.where}: {finding.text}" for finding in record.findings)
+    yield from (f"not determined: {text}" for text in record.undetermined)
+
+
+def _serial(record: ImuRecord, path: Path) -> int:
+    digits = re.findall(r"\d+", record.unit)
+    if not digits:
+        raise InputError(f"unit '{record.unit}' has no number in its serial number; give one with --serial", path)
+    return int(digits[-1])
+
+
+def _id(record: ImuRecord) -> int:
+    """First 32 bits of the SHA-256 of unit and curves."""
+    content = [record.unit, *(triad.model_dump(mode="json") for triad in record.triads)]
+    return int(hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8], 16)
