@@ -63,6 +63,21 @@ def test_capability_is_room_over_three_sigma_and_its_interval_covers():
     assert capability(random.normal(size=7), 0.0, 1.0) is None
 
 
+def test_indices_say_what_is_outside_whatever_the_shape():
+    """One in a thousand beyond the limits is a Ppk of about one; the formula for normal values gave two."""
+    random = np.random.default_rng(8)
+    mixed = random.normal(0.0, 1.0, 100_000)
+    mixed[::1000] = 20.0
+    found = capability(mixed, -8.0, 8.0)
+    assert (found.shape, found.outside) == ("counted", 100)
+    assert found.ppk_interval[0] < stats.norm.isf(0.001) / 3.0 < found.ppk_interval[1]
+    assert np.isnan(found.cpk)
+    skewed = capability(random.lognormal(0.0, 0.8, 2000), None, float(stats.lognorm.isf(1e-4, 0.8)))
+    assert skewed.shape == "transformed"
+    assert skewed.ppk == pytest.approx(stats.norm.isf(1e-4) / 3.0, rel=0.06)
+    assert [capability(random.normal(size=100), -4.0, 4.0).shape for _ in range(200)].count("normal") >= 198
+
+
 def test_a_process_that_wanders_has_a_ppk_below_its_cpk():
     values = np.random.default_rng(3).normal(0, 0.1, 200) + np.linspace(0, 2, 200)
     found = capability(values, -5.0, 5.0)

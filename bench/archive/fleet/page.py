@@ -97,11 +97,12 @@ def _capability(found: Statistics) -> Section:
         text = "Capability needs limits (--limits FILE) and at least eight units."
         return Section("capability", "Capability", paragraph(text))
     rows = [_capability_row(one) for one in limited]
-    head = ("quantity", "unit", "units", "lower", "upper", "mean", "Cpk", "95 %", "Ppk", "95 %", "outside")
+    head = ("quantity", "unit", "units", "lower", "upper", "mean", "Cpk", "95 %", "Ppk", "95 %", "outside", "values")
     html = table("Capability against the limits", head, rows, range(2, 11))
     note = (
         "Cpk uses the spread of neighbours in time, Ppk the spread of all units: where Ppk is much lower, the process "
-        f"moves. Lines below {GOOD_CPK:g} are marked."
+        "moves. Values that are not normal are transformed first; where that does not help, Ppk is that of the share "
+        f"outside, and there is no Cpk. Lines below {GOOD_CPK:g} are marked."
     )
     return Section("capability", "Capability", html + paragraph(note))
 
@@ -112,7 +113,7 @@ def _capability_row(one: Measured) -> Row:
         raise RuntimeError("a row needs a capability")
     intervals = [f"{number(low, 3)} to {number(high, 3)}" for low, high in (able.cpk_interval, able.ppk_interval)]
     cells = (one.name, in_print(one.unit), able.count, number(one.lower), number(one.upper), number(able.mean),
-             number(able.cpk), intervals[0], number(able.ppk), intervals[1], able.outside)  # fmt: skip
+             number(able.cpk), intervals[0], number(able.ppk), intervals[1], able.outside, able.shape)  # fmt: skip
     return Row(cells, "bad" if able.ppk < GOOD_CPK else "")
 
 
