@@ -8,10 +8,10 @@ channels is placed beside them: by a counter, which repeats the low bits of the 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from drivers.errors import ConfigError
 from drivers.states import RAW, VALID, States
@@ -39,6 +39,8 @@ _USUAL = {
 _USUAL_BEAT = {"serial": "Serial", "state": "State", "firmware": "Firmware", "coefficient_set": "CoefficientSet"}
 COUNTER, SLOW_COUNTER, CRC = "SampleCounter", "SlowCounter", "Crc8"
 
+_UNKNOWN = "is not in the DBC"
+_Made = TypeVar("_Made")
 Described = Mapping[str, Any]
 """A signal without a DBC: `id`, `start`, `length`, and what else `drivers.wire.described` takes."""
 
@@ -144,8 +146,8 @@ def layout_of(dbc: str | Path | None, signals: Mapping[str, Any] | None = None) 
     if signals is None:
         if dbc is None:
             raise ConfigError("a unit needs a DBC or a mapping of its signals")
-        return _usual(load_dbc(dbc), dbc)
-    return _Mapped(SignalMap.of(signals), dbc).layout()
+        return _Mapped(SignalMap.of(_usual(load_dbc(dbc), dbc)), dbc, f"DBC {dbc}").layout()
+    return _Mapped(SignalMap.of(signals), dbc, "signals").layout()
 
 
 def converted(channel: str, message: Message, signal: Signal) -> tuple[Signal, float]:
@@ -166,39 +168,34 @@ def converted(channel: str, message: Message, signal: Signal) -> tuple[Signal, f
     return replace(signal, offset=signal.offset + shift, bounds=bounds), found.factor
 
 
-def _usual(messages: Mapping[str, Message], dbc: str | Path) -> Layout:
-    rate = _one_with(messages, dbc, "Rate", COUNTER)
-    beat = _one_with(messages, dbc, "Serial", "State")
-    if rate.cycle_ms is None:
-        raise ConfigError(f"DBC {dbc}: {rate.name} has no cycle time (GenMsgCycleTime [ms])")
-    others = [m for m in messages.values() if SLOW_COUNTER in m.signals and m is not rate]
-    sources = [_source(rate, {"rate": "Rate"}, rate.signals[COUNTER])]
-    for message in others:
-        names = {channel: name for channel, name in _USUAL.items() if name in message.signals}
-        if names:
-            sources.append(_source(message, names, message.signals[SLOW_COUNTER]))
-    found = {what: beat.signals[name] for what, name in _USUAL_BEAT.items() if name in beat.signals}
-    return Layout("rate", sources[0], tuple(sources[1:]), Beat(beat, found, States(beat)), None, rate.cycle_ms)
-
-
-def _source(message: Message, names: Mapping[str, str], counter: Signal | None) -> Source:
-    channels = {channel: converted(channel, message, message.signals[name]) for channel, name in names.items()}
-    choices = [signal for signal, _ in channels.values() if signal.choice is not None]
-    return Source(message, channels, counter, States(message), choices[0] if choices else None)
-
-
-def _one_with(messages: Mapping[str, Message], dbc: str | Path, *signals: str) -> Message:
-    found = [message for message in messages.values() if set(signals) <= set(message.signals)]
-    if len(found) != 1:
-        raise ConfigError(f"DBC {dbc}: {len(found)} messages with {' and '.join(signals)}, must be exactly one")
-    return found[0]
+def _usual(messages: Mapping[str, Message], dbc: str | Path) -> dict[str, Any]:
+    """The mapping of a DBC with the names that the bench knows; ConfigError where it has no rate, or not just one."""
+    rates = [message for message in messages.values() if _USUAL["rate"] in message.signals]
+    rates = [message for message in rates if COUNTER in message.signals] or rates
+    if len(rates) != 1:
+        text = f"{len(rates)} messages with {_USUAL['rate']}, must be exactly one"
+        raise ConfigError(f"DBC {dbc}: {text}; or `signals` of the unit in the station file say what is what")
+    rate = rates[0]
+    others = [message for message in messages.values() if message is not rate]
+    found: dict[str, Any] = {"rate": f"{rate.name}.{_USUAL['rate']}"}
+    counters = {rate.name: f"{rate.name}.{COUNTER}"} if COUNTER in rate.signals else {}
+    for message in sorted(others, key=lambda message: SLOW_COUNTER not in message.signals):
+        own = {channel: name for channel, name in _USUAL.items() if name in message.signals and channel not in found}
+        found |= {channel: f"{message.name}.{name}" for channel, name in own.items()}
+        if own and counters and SLOW_COUNTER in message.signals:
+            counters[message.name] = f"{message.name}.{SLOW_COUNTER}"
+    beats = [message for message in others if {"Serial", "State"} & set(message.signals)]
+    for beat in sorted(beats, key=lambda message: "Serial" not in message.signals)[:1]:
+        found |= {what: f"{beat.name}.{name}" for what, name in _USUAL_BEAT.items() if name in beat.signals}
+    return {**found, "counter": [*counters.values()]}
 
 
 class _Mapped:
-    """Finds the signals of a mapping."""
+    """Finds the signals of a mapping, which is written in `place`."""
 
-    def __init__(self, signals: SignalMap, dbc: str | Path | None) -> None:
-        self._map = signals
+    def __init__(self, signals: SignalMap, dbc: str | Path | None, place: str) -> None:
+        self._map, self._place = signals, place
+        self._wrong: list[str] = []
         given = [*signals.channels.values(), *signals.counters, *signals.beat.values(), *signals.status]
         given += [signals.time_stamp] if signals.time_stamp is not None else []
         bits = [one for one in given if not isinstance(one, str) and "id" in one]
@@ -206,75 +203,93 @@ class _Mapped:
         self._messages = {**self._messages, **described(bits)}
 
     def layout(self) -> Layout:
-        """All of it."""
+        """All of it; ConfigError with everything that is wrong."""
         outputs = [name for name in OUTPUTS if name in self._map.channels]
         if not outputs:
-            raise ConfigError(f"signals: no output; map at least one of {', '.join(OUTPUTS)}")
+            raise ConfigError(f"{self._place}: no output; map at least one of {', '.join(OUTPUTS)}")
         self._watch()
-        places = {name: self._find(where, name) for name, where in self._map.channels.items()}
-        counters = [self._find(where, "counter") for where in self._map.counters]
-        groups: dict[tuple[str, object], dict[str, tuple[Message, Signal]]] = {}
+        places = {name: found for name, where in self._map.channels.items() if (found := self._find(where, name))}
+        counters = [found for where in self._map.counters if (found := self._find(where, "counter"))]
+        groups: dict[tuple[str, object], dict[str, tuple[Signal, float]]] = {}
         for name, (message, signal) in places.items():
-            groups.setdefault((message.name, signal.choice), {})[name] = (message, signal)
-        sources = [self._group(group, counters) for group in groups.values()]
-        first = next(source for source in sources if outputs[0] in source.channels)
-        cycle_ms = self._map.cycle_ms or first.message.cycle_ms
-        if cycle_ms is None:
-            raise ConfigError(f"signals: {first.message.name} has no cycle time; state `cycle_ms` [ms]")
+            if got := self._tried(lambda name=name, m=message, s=signal: converted(name, m, s)):  # type: ignore[misc]
+                groups.setdefault((message.name, signal.choice), {})[name] = got
+        sources = [self._source(name, group, counters) for (name, _), group in groups.items()]
+        used = {source.message.name for source in sources}
+        unused = [signal.name for message, signal in counters if message.name not in used]
+        if unused and len(places) == len(self._map.channels):
+            self._wrong.append(f"counter {unused[0]} is in a message without a mapped channel; leave it out")
+        first = next((source for source in sources if outputs[0] in source.channels), None)
+        cycle_ms = self._map.cycle_ms or (first.message.cycle_ms if first else None)
+        if first is not None and cycle_ms is None:
+            self._wrong.append(f"{first.message.name} has no cycle time; state `cycle_ms` [ms] in `signals`")
+        beat = self._tried(self._beat)
+        stamp = self._tried(lambda: self._stamp(first, cycle_ms)) if first is not None and cycle_ms else None
+        if self._wrong or first is None or cycle_ms is None:
+            raise ConfigError(self._all_wrong())
         counted = first.counter is not None
         others = tuple(
             source if counted else replace(source, counter=None) for source in sources if source is not first
         )
-        unused = [signal.name for message, signal in counters if message.name not in {s.message.name for s in sources}]
-        if unused:
-            raise ConfigError(f"signals: counter {unused[0]} is in a message without a mapped channel; leave it out")
-        return Layout(outputs[0], first, others, self._beat(), self._stamp(first, cycle_ms), cycle_ms)
+        return Layout(outputs[0], first, others, beat, stamp, cycle_ms)
 
-    def _group(self, group: Mapping[str, tuple[Message, Signal]], counters: Sequence[tuple[Message, Signal]]) -> Source:
-        name = next(iter(group.values()))[0].name
+    def _tried(self, make: Callable[[], _Made]) -> _Made | None:
+        """What it makes; None, and what is wrong with it kept, where it cannot."""
+        try:
+            return make()
+        except ConfigError as error:
+            self._wrong.append(str(error))
+            return None
+
+    def _source(
+        self, name: str, channels: Mapping[str, tuple[Signal, float]], counters: Sequence[tuple[Message, Signal]]
+    ) -> Source:
         message = self._messages[name]
-        channels = {channel: converted(channel, message, signal) for channel, (_, signal) in group.items()}
         choice = next((signal for signal, _ in channels.values() if signal.choice is not None), None)
         counter = next((signal for where, signal in counters if where.name == name), None)
         return Source(message, channels, counter, States(message), choice)
 
     def _beat(self) -> Beat | None:
-        found = {what: self._find(where, what) for what, where in self._map.beat.items()}
+        found = {what: place for what, where in self._map.beat.items() if (place := self._find(where, what))}
         messages = {message.name for message, _ in found.values()}
         if not found:
             return None
         if len(messages) > 1:
-            raise ConfigError(f"signals: {', '.join(found)} must be in one message, they are in {', '.join(messages)}")
+            raise ConfigError(f"{', '.join(found)} must be in one message, they are in {', '.join(messages)}")
         message = self._messages[messages.pop()]
         return Beat(message, {what: signal for what, (_, signal) in found.items()}, States(message))
 
     def _stamp(self, first: Source, cycle_ms: float) -> tuple[Signal, float] | None:
-        if self._map.time_stamp is None:
+        found = None if self._map.time_stamp is None else self._find(self._map.time_stamp, "time_stamp")
+        if found is None:
             return None
-        message, signal = self._find(self._map.time_stamp, "time_stamp")
+        message, signal = found
         if first.counter is not None or message.name != first.message.name:
-            raise ConfigError(f"signals: a time stamp stands in for the counter of {first.message.name}, and in it")
+            raise ConfigError(f"a time stamp stands in for the counter of {first.message.name}, and in it")
         if not signal.unit or signal.is_float or signal.signed:
             text = f"is '{signal.unit}'; it must be an unsigned integer in one of {', '.join(USUAL['s'])}"
-            raise ConfigError(f"signals: the unit of the time stamp {signal.name} {text}")
+            raise ConfigError(f"the unit of the time stamp {signal.name} {text}")
         step_s = signal.scale * conversion(signal.unit, "s", f"the time stamp {signal.name}").factor
         if step_s > 0.5e-3 * cycle_ms:
             text = f"steps by {step_s:g} s, too coarse for samples every {cycle_ms:g} ms; leave it out"
-            raise ConfigError(f"signals: the time stamp {signal.name} {text}")
+            raise ConfigError(f"the time stamp {signal.name} {text}")
         return signal, step_s
 
     def _watch(self) -> None:
         """Give status signals the values with which samples are valid, or raw."""
         for said in self._map.status:
-            where = said.get("signal", said)
-            message, signal = self._find(where, "status")
+            found = self._find(said.get("signal", said), "status")
+            if found is None:
+                continue
+            message, signal = found
             words = {key: str(said[name]) for key, name in ((VALID, "valid"), (RAW, "raw")) if name in said}
             if not words:
-                raise ConfigError(f"signals: status {signal.name} needs `valid` or `raw`: the values that it may have")
+                self._wrong.append(f"status {signal.name} needs `valid` or `raw`: the values that it may have")
             changed = replace(signal, attributes={**signal.attributes, **words})
             self._messages[message.name] = replace(message, signals={**message.signals, signal.name: changed})
 
-    def _find(self, where: str | Described, what: str) -> tuple[Message, Signal]:
+    def _find(self, where: str | Described, what: str) -> tuple[Message, Signal] | None:
+        """Message and signal; None, and what is wrong kept, where there is none or more than one."""
         if not isinstance(where, str):
             message = next(m for m in self._messages.values() if _is_described(m, where))
             return message, message.signals[f"bit{where['start']}"]
@@ -284,12 +299,20 @@ class _Mapped:
             for message in self._messages.values()
             if name in message.signals and (not before or message.name == ".".join(before))
         ]
-        if len(found) != 1:
-            known = ", ".join(f"{m.name}.{s}" for m in self._messages.values() for s in m.signals) or "nothing"
-            wrong = f"is in {len(found)} messages; write Message.Signal"
-            wrong = wrong if found else f"is not in the DBC; it has {known}"
-            raise ConfigError(f"signals: {what}: '{where}' {wrong}")
-        return found[0], found[0].signals[name]
+        if len(found) == 1:
+            return found[0], found[0].signals[name]
+        text = f"is in {len(found)} messages; write Message.Signal" if found else _UNKNOWN
+        self._wrong.append(f"{what}: '{where}' {text}")
+        return None
+
+    def _all_wrong(self) -> str:
+        text = "; ".join(dict.fromkeys(self._wrong))
+        if _UNKNOWN in text:
+            known = ", ".join(
+                f"{message.name}.{name}" for message in self._messages.values() for name in message.signals
+            )
+            text += f"; it has {known or 'nothing'}"
+        return f"{self._place}: {text}"
 
 
 def _is_described(message: Message, where: Described) -> bool:

@@ -67,4 +67,5 @@ from .station.serve import until_signal as until_signal
 from .station.settings.station import StationSettings as StationSettings
 from .station.settings.unit import UnitSettings as UnitSettings
 from .station.station import Station as Station
+from .station.wires import recording_of as recording_of
 from .station.wires import wire_findings as wire_findings

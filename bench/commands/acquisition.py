@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from bench.analysis import Limits
     from bench.commands.results.analyse import Reported, UnitsReported
 
-BYTES_PER_S = 20_000.0
-"""Disk of one unit at 500 Hz: 601 frames of 24 bytes a second, readings, and the compressed tables."""
-
 
 def station_file(source: Path | Document | None) -> Document:
     """A station file as it stands; that of the embedded simulator for None."""
@@ -178,15 +175,14 @@ def check(profile_path: Path, station_path: Path | None) -> Checked:
 
 def check_on(profile: Profile, station: StationSettings) -> Checked:
     """A profile without errors, rehearsed on a station."""
-    from bench.acquisition import Recording, check_profile, guards_told, rehearse, wire_findings
+    from bench.acquisition import check_profile, guards_told, recording_of, rehearse, wire_findings
 
     segments = rehearse(profile, station)
-    duration_s, units = segments[-1].to_s, len(station.units)
-    recording = Recording(bytes_per_s=BYTES_PER_S, units=units, free_bytes=shutil.disk_usage(Path.cwd()).free)
+    duration_s, recording = segments[-1].to_s, recording_of(station, shutil.disk_usage(Path.cwd()).free)
     guarded = guards_told(station.standing_guards())
     about = check_profile(profile, station.limits(), recording, lambda _: duration_s, guarded)
     findings = (*about, *wire_findings(station))
-    return Checked(profile, station, segments, findings, round(duration_s * BYTES_PER_S * units))
+    return Checked(profile, station, segments, findings, round(duration_s * recording.bytes_per_s))
 
 
 def init(folder: Path) -> Copied:

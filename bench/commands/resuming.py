@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.base import InputError, load_config, read_yaml
-from bench.commands.acquisition import carry_out
+from bench.commands.acquisition import carry_out, station_of
 from bench.commands.analysis import kept_models
 from bench.commands.several import report_on_units
 from bench.record import RunFolder, use
@@ -40,7 +40,8 @@ def _rest(run: RunFolder, station_path: Path | None) -> Job:
     use(run.path, "profile.yaml", "station.yaml")
     profile_file = read_yaml(run.path / "profile.yaml")
     station_file = read_yaml(station_path or run.path / "station.yaml")
-    profile, station = load_profile(profile_file), load_config(station_file, StationSettings)
+    profile = load_profile(profile_file)
+    station = station_of(station_file) if station_path else load_config(station_file, StationSettings)
     refuse_errors(check_profile(profile, station.limits()))
     continuation = plan(run, profile, station)
     if not station.simulated:

@@ -58,6 +58,14 @@ class Signals(Protocol):
         """Supply voltage [V]."""
 
 
+def is_family(layout: str | Path) -> bool:
+    """Whether a layout has the messages and signals that `CanGyro` sends."""
+    mine, theirs = (
+        {name: set(message.signals) for name, message in load_dbc(dbc).items()} for dbc in ("vibratory", layout)
+    )
+    return mine == theirs
+
+
 class CanGyro:
     """Unit `number` (0 to 15) of the family `layout` on an open python-can bus.
 

@@ -195,7 +195,7 @@ def test_the_check_says_what_a_unit_lacks_and_how_full_its_bus_is():
     [
         ([imu(n, "can0") for n in range(10)], {"bitrate": 500_000}, "more than there is"),
         ([imu(0, "can0")], {"fd": False}, "0x18FF0200 has 32 bytes, bus can0 is classical CAN"),
-        ([{**imu(0, "can0"), "signals": {"rate_x": imu(0, "can0")["signals"]["rate_x"]}}], {}, "map no `serial`"),
+        ([{**imu(0, "can0"), "signals": {"rate_x": imu(0, "can0")["signals"]["rate_x"]}}], {}, "map `serial`"),
     ],
 )
 def test_what_does_not_fit_is_refused_before_anything_moves(tmp_path, units, bus, complaint):

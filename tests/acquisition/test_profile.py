@@ -227,7 +227,7 @@ def test_a_profile_that_ends_cold_and_never_returns_is_warned_of():
 
 def test_a_disk_that_is_too_small_is_an_error():
     found = preflight.check_profile(
-        load(RAMPS), CHAMBER, preflight.Recording(bytes_per_s=20_000, units=2, free_bytes=1e6)
+        load(RAMPS), CHAMBER, preflight.Recording((500.0, 500.0), bytes_per_s=40_000, free_bytes=1e6)
     )
     assert "only 1 MB are free" in levels(found, "error")[0]
 

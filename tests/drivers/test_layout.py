@@ -1,6 +1,7 @@
 """Units of any layout: what cantools encodes is what the decoder delivers, each channel on its sample."""
 
 import struct
+from pathlib import Path
 
 import cantools
 import numpy as np
@@ -256,3 +257,42 @@ def test_the_load_of_a_bus_is_that_of_the_worst_bits():
         assert load([message], 1_000_000) == pytest.approx(bits * 1e-3)
     (long,) = described([{"id": 0x120, "start": 448, "length": 64, "cycle_ms": 1.0}]).values()
     assert 0.1018 < load([long], 1_000_000, 8_000_000, fd=True) < 0.12  # 101.8 us with the stuff bits of random data
+
+
+FAMILY = (Path(__file__).parents[2] / "drivers" / "gyros" / "vibratory.dbc").read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "lost"),
+    [
+        (" SG_ SampleCounter ", " SG_ Count ", "no counter and no time stamp"),
+        (" SG_ Temperature ", " SG_ Warmth ", "no thermometer"),
+        (" SG_ Serial ", " SG_ Number ", "no serial number"),
+        (" SG_ Crc8 ", " SG_ Sum ", "no CRC"),
+    ],
+)
+def test_a_dbc_of_the_usual_names_may_lack_all_but_the_rate_and_says_what_is_lost(tmp_path, old, new, lost):
+    path = tmp_path / "own.dbc"
+    path.write_text(FAMILY.replace(old, new))
+    assert lost in " ".join(layout_of(path).lacks())
+    assert not [*layout_of("vibratory").lacks()]
+
+
+def test_a_thermometer_without_a_counter_of_its_own_is_read(tmp_path):
+    path = tmp_path / "own.dbc"
+    path.write_text(FAMILY.replace(" SG_ SlowCounter ", " SG_ Slow "))
+    assert layout_of(path).channels.keys() == layout_of("vibratory").channels.keys()
+
+
+def test_all_that_is_wrong_with_a_mapping_is_said_at_once(dbc):
+    signals = {**MAP, "rate_x": "Gyro", "rate_y": "Tick", "status": [{"signal": "Health"}], "serial": "Nobody"}
+    with pytest.raises(ConfigError) as caught:
+        layout_of(dbc, signals)
+    for part in (
+        "rate_x: 'Gyro' is not in the DBC",
+        "INERTIAL.Tick has the unit ''",
+        "Health needs `valid`",
+        "serial: ",
+    ):
+        assert part in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -73,9 +74,10 @@ class Limits:
 class Recording:
     """What a run records and where to; from it the disk that it needs."""
 
-    sample_rate_hz: float = 500.0
+    rates_hz: Sequence[float] = (500.0,)
+    """Samples in a second, by unit."""
     bytes_per_s: float = 20_000.0
-    units: int = 1
+    """Of all units."""
     free_bytes: float | None = None
 
 
@@ -294,9 +296,12 @@ def _record(profile: Profile, duration_s: float, recording: Recording) -> Iterat
     degc = [leg.target_degc for leg in profile.legs()]
     text = f"{min(degc):g} to {max(degc):g} degC in {len(profile.legs())} legs, nominal {_hours(profile.duration_s)}, "
     yield _find(profile, "info", f"{text}expected at least {_hours(duration_s)} on this chamber")
-    samples = duration_s * recording.sample_rate_hz
-    need = duration_s * recording.bytes_per_s * recording.units
-    text = f"{samples:,.0f} samples of each of {recording.units} unit(s), about {need / 1e6:,.0f} MB on disk"
+    need = duration_s * recording.bytes_per_s
+    rates = "; ".join(
+        f"{duration_s * rate_hz:,.0f} samples ({rate_hz:g} Hz) of each of {count} unit(s)"
+        for rate_hz, count in Counter(recording.rates_hz).items()
+    )
+    text = f"{rates}, about {need / 1e6:,.0f} MB on disk"
     if recording.free_bytes is not None and need > recording.free_bytes:
         free = f"only {recording.free_bytes / 1e6:,.0f} MB are free; free some or choose another place with --out"
         yield _find(profile, "error", f"{text}; {free}")

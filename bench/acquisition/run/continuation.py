@@ -46,6 +46,8 @@ class Continuation:
     serials: tuple[str, ...]
     identities: Mapping[str, int]
     """Serial number that each unit said in its heartbeat before."""
+    layouts: Mapping[str, str]
+    """The DBC of each unit before."""
     legs: tuple[Leg, ...]
     zero: datetime
     """UTC of bench time 0."""
@@ -83,8 +85,11 @@ class Continuation:
         """The station with its units expected to be the same as before."""
 
         def same(unit: UnitSettings) -> UnitSettings:
-            known = self.identities.get(unit.serial)
-            return unit if known is None or unit.identity is not None else unit.model_copy(update={"identity": known})
+            known, layout = self.identities.get(unit.serial), self.layouts.get(unit.serial)
+            update: dict[str, Any] = {} if known is None or unit.identity is not None else {"identity": known}
+            if layout and unit.dbc is not None and not Path(unit.dbc).is_file():  # it was beside the station file
+                update["gyro"] = layout
+            return unit.model_copy(update=update) if update else unit
 
         return station.model_copy(update={"units": tuple(same(unit) for unit in station.units)})
 
@@ -136,6 +141,7 @@ def plan(run: RunFolder, profile: Profile, station: StationSettings) -> Continua
         runs=tuple(replace(folder, part=len(folder.parts()) + 1) for folder in folders),
         serials=tuple(known),
         identities={serial: unit.identity for serial, unit in known.items() if unit.identity is not None},
+        layouts={meta.unit: meta.gyro.layout for meta in metas if meta.gyro is not None},
         legs=tuple(legs),
         zero=_zero(journals[0], run.path),
         ended_s=ended_s,

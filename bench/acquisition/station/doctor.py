@@ -20,7 +20,7 @@ from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.chamber import ChamberSettings
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
-from drivers.can_record import FD_BYTES
+from drivers.can_record import FD_BYTES, FrameArray
 from drivers.canbus import open_bus
 from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
@@ -31,6 +31,8 @@ from drivers.registers import RegisterMap, load_map
 
 ROUNDS = 10
 """Polls that the latency is judged by."""
+_LEAST_SAMPLES, _LEAST_S = 20, 1.0
+"""From so many on, over so long, their number says how often they come."""
 _PIECE_S = 0.1
 _DRAIN_S = 0.5
 
@@ -233,14 +235,35 @@ def _bus(found: Examination, name: str, bus: Bus, units: list[UnitSettings], clo
     silence: Verdict = "disagrees" if units else "unknown"
     found.add(what, "agrees" if records else silence, f"{len(records)} frames in {listen_s:g} s")
     for unit in units:
-        decoder = unit.decoder()
-        samples = len(decoder.decode(frames).t_ns)
-        said = None if decoder.identity is None else decoder.identity.serial
-        text = f"{samples} samples as number {unit.number}, serial number {'not heard' if said is None else said}"
-        strange = unit.identity is not None and said is not None and said != unit.identity
-        if strange:
-            text += f", the station file says {unit.identity}"
-        found.add(f"unit {unit.serial}", "disagrees" if strange or not samples else "agrees", text)
+        _unit(found, unit, frames, listen_s)
+
+
+def _unit(found: Examination, unit: UnitSettings, frames: FrameArray, listen_s: float) -> None:
+    """What a unit says beside what its layout and the station file say it does."""
+    what = f"unit {unit.serial}"
+    decoder = unit.decoder()
+    layout, block = decoder.layout, decoder.decode(frames)
+    samples = len(block.t_ns)
+    said = None if decoder.identity is None else decoder.identity.serial
+    text = f"{samples} samples as number {unit.number}, serial number {'not heard' if said is None else said}"
+    strange = unit.identity is not None and said is not None and said != unit.identity
+    if strange:
+        text += f", the station file says {unit.identity}"
+    found.add(what, "disagrees" if strange or not samples else "agrees", text)
+    if not samples:
+        return
+    took_s = 1e-9 * float(block.t_ns[-1] - block.t_ns[0])
+    rate_hz, heard_hz = 1e3 / layout.interval_ms, (samples - 1) / took_s if took_s > 0.0 else 0.0
+    if took_s > _LEAST_S and samples > _LEAST_SAMPLES and not 0.8 < heard_hz / rate_hz < 1.25:
+        detail = f"{heard_hz:.0f} samples in a second, its layout says {rate_hz:g}: state `cycle_ms` in `signals`"
+        found.add(f"{what} rate", "disagrees", detail)
+    slow = {channel for source in layout.others for channel in source.channels}
+    cycles = {c: source.message.cycle_ms or 0.0 for source in layout.others for c in source.channels}
+    for channel in sorted(slow - {name for name, values in block.slow.items() if len(values.value)}):
+        if 2e-3 * cycles[channel] <= listen_s:
+            found.add(f"{what} {channel}", "disagrees", f"not heard in {listen_s:g} s, though its layout has it")
+    for text in layout.lacks():
+        found.add(what, "unknown", text)
 
 
 def _heard(recv: Callable[[float], Any], clock: Clock, listen_s: float) -> Iterator[bytes]:

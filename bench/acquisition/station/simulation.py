@@ -18,7 +18,7 @@ from drivers.canbus import open_bus
 from drivers.layout import Layout, layout_of
 from drivers.registers import load_map
 from drivers.sim.axes import Axes
-from drivers.sim.can_gyro import CanGyro
+from drivers.sim.can_gyro import CanGyro, is_family
 from drivers.sim.can_unit import CanUnit
 from drivers.sim.eeprom import Eeprom
 from drivers.sim.flash_port import FlashPort
@@ -48,7 +48,7 @@ def simulate(
         if unit.bus not in wires:
             wires[unit.bus] = open_bus(buses[unit.bus].to_driver())
             stack.callback(wires[unit.bus].shutdown)
-        if unit.signals is not None:
+        if unit.signals is not None or not is_family(unit.gyro):
             fd = buses[unit.bus].fd
             simulated.append(_several_axes(settings, unit, (wires[unit.bus], fd), (seed, lasting), occasion))
             continue

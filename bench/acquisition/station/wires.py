@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bench.acquisition.profile.preflight import Finding
+from bench.acquisition.profile.preflight import Finding, Recording
 from bench.acquisition.station.settings.station import StationSettings
 from drivers.bus_load import load
 from drivers.layout import layout_of
+from drivers.sim.axes import SAMPLE_MS as SIMULATED_MS
 from drivers.wire import Message, load_dbc
 
 FULL, BUSY = 1.0, 0.7
 """Shares of a bus that its frames cannot have, and from which other traffic delays them."""
+BYTES_PER_FRAME = 33.3
+"""Disk of a frame of up to 8 bytes, longer ones need more: 24 in the journal, the rest in the compressed tables."""
 
 
 def wire_findings(station: StationSettings) -> Iterator[Finding]:
@@ -25,12 +28,16 @@ def wire_findings(station: StationSettings) -> Iterator[Finding]:
         every = {} if unit.dbc is None else load_dbc(unit.dbc)
         messages = [*{**every, **{message.name: message for message in layout.messages}}.values()]
         traffic[unit.bus] += messages
-        if unit.signals is not None:
-            for text in layout.lacks():
-                yield Finding("info", f"unit {unit.serial}: {text}")
-            if unit.identity is not None and (layout.beat is None or "serial" not in layout.beat.signals):
-                text = f"unit {unit.serial}: identity {unit.identity} is to be checked, but `signals` map no `serial`"
-                yield Finding("error", f"{text}; map it or leave `identity` out")
+        for text in layout.lacks():
+            yield Finding("info", f"unit {unit.serial}: {text}")
+        if unit.identity is not None and (layout.beat is None or "serial" not in layout.beat.signals):
+            text = f"unit {unit.serial}: identity {unit.identity} is to be checked, but it says no serial number"
+            yield Finding("error", f"{text}; map `serial` in `signals`, or leave `identity` out")
+        if station.simulated and layout.interval_ms != SIMULATED_MS and "imu" not in (unit.simulation or {}):
+            text = (
+                f"unit {unit.serial}: its layout says a sample every {layout.interval_ms:g} ms; a simulated one sends"
+            )
+            yield Finding("error", f"{text} every {SIMULATED_MS:g} ms")
         longest = max(messages, key=lambda message: message.length)
         if longest.length > 8 and not station.buses[unit.bus].fd:
             text = f"unit {unit.serial}: {longest.name} has {longest.length} bytes, bus {unit.bus} is classical CAN"
@@ -38,6 +45,18 @@ def wire_findings(station: StationSettings) -> Iterator[Finding]:
     for name, bus in station.buses.items():
         if bus.bitrate is not None and traffic[name]:
             yield from _load(name, load(traffic[name], bus.bitrate, bus.data_bitrate, bus.fd))
+
+
+def recording_of(station: StationSettings, free_bytes: float) -> Recording:
+    """What the units of a station send, as their layouts say; ConfigError where one does not describe its unit."""
+    rates, bytes_per_s = [], 0.0
+    for unit in station.units:
+        layout = layout_of(unit.dbc, unit.mapping)
+        rates.append(1e3 / layout.interval_ms)
+        for message in layout.messages:
+            frame_bytes = BYTES_PER_FRAME + max(message.length - 8, 0)
+            bytes_per_s += 1e3 / (message.cycle_ms or layout.interval_ms) * frame_bytes
+    return Recording(rates, bytes_per_s, free_bytes)
 
 
 def _load(name: str, share: float) -> Iterator[Finding]:

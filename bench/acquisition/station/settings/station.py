@@ -166,6 +166,12 @@ class StationSettings(BaseModel):
             found["chamber"] = self.chamber.model_copy(update={"map": str(folder / self.chamber.map)})
         if self.eeproms is not None:
             found["eeproms"] = str(folder / self.eeproms)
+        own = [Path(unit.gyro).suffix.lower() == ".dbc" for unit in self.units]
+        if any(own):
+            found["units"] = tuple(
+                unit.model_copy(update={"gyro": str((folder / unit.gyro).absolute())}) if file else unit
+                for unit, file in zip(self.units, own, strict=True)
+            )
         for name in ("laboratory", "equipment"):
             if (given := getattr(self, name)) is not None and is_map_file(given):
                 found[name] = str(folder / given)

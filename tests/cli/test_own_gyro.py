@@ -1,0 +1,72 @@
+"""Gyros that nobody described to the bench before: a DBC beside the station file, and what is said about it at once."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from bench.acquisition.station.doctor import examine
+from bench.cli import main
+from bench.commands.acquisition import load_station
+
+ROOT = Path(__file__).parents[2]
+FAMILY = (ROOT / "drivers" / "gyros" / "vibratory.dbc").read_text()
+REAL = """
+name: own
+chamber:
+  map: watlow_f4t
+  connection: {url: "tcp://192.0.2.17:502", device: 1}
+  lowest_degc: -42
+  highest_degc: 95
+  heating_degc_per_min: 5
+  cooling_degc_per_min: 3
+buses:
+  can0: {interface: socketcan, channel: can0}
+units:
+  - {serial: G-1, bus: can0, gyro: own.dbc}
+"""
+
+
+def check(station: Path, code: int) -> str:
+    result = CliRunner().invoke(main, ["check", str(ROOT / "profiles" / "quick.yaml"), "--station", str(station)])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+@pytest.fixture
+def station(tmp_path: Path) -> Path:
+    (tmp_path / "own.dbc").write_text(FAMILY)
+    (tmp_path / "station.yaml").write_text(REAL)
+    return tmp_path / "station.yaml"
+
+
+def test_the_dbc_is_beside_the_station_file(station: Path) -> None:
+    assert load_station(station).units[0].gyro == str(station.parent / "own.dbc")
+    (station.parent / "own.dbc").unlink()
+    assert f"DBC {station.parent / 'own.dbc'}: No such file" in check(station, 2)
+
+
+def test_check_counts_samples_at_the_rate_of_the_dbc(station: Path) -> None:
+    (station.parent / "own.dbc").write_text(
+        FAMILY.replace('"GenMsgCycleTime" BO_ 288 2', '"GenMsgCycleTime" BO_ 288 10')
+    )
+    said = check(station, 0)
+    seconds = 3600 * 1.3
+    count = int(said.partition(" samples (100 Hz)")[0].rpartition(" ")[2].replace(",", ""))
+    assert count == pytest.approx(100 * seconds, rel=0.05)
+
+
+def test_check_says_what_is_lost_by_what_the_unit_does_not_say(station: Path) -> None:
+    (station.parent / "own.dbc").write_text(FAMILY.replace(" SG_ Temperature ", " SG_ Warmth "))
+    assert "unit G-1: no thermometer: the air of the chamber takes its place" in check(station, 0)
+
+
+def test_doctor_names_what_the_layout_has_and_nobody_sends(tmp_path: Path) -> None:
+    simulated = (ROOT / "profiles" / "stations" / "simulated.yaml").read_text()
+    (tmp_path / "station.yaml").write_text(simulated.replace("identity: 1", "identity: 1\n    gyro: own.dbc"))
+    (tmp_path / "own.dbc").write_text(FAMILY)
+    settings = load_station(tmp_path / "station.yaml")
+    warmth = "\n".join(line for line in FAMILY.splitlines() if " SG_ Temperature " not in line)
+    (tmp_path / "own.dbc").write_text(warmth)
+    found = {(one.what, one.verdict): one.detail for one in examine(settings, 0.5).findings}
+    assert "no thermometer" in found["unit SIM-0001", "unknown"]
