@@ -197,14 +197,16 @@ class ModbusLink:
             raise RefusedError(f"exception {number}, {EXCEPTIONS.get(number, 'unknown')}", number)
         if answer.function_code != code:
             raise LinkError(f"the answer belongs to function {answer.function_code}")
-        reads = code in (3, 4)
-        if reads and len(answer.registers) != count:
-            raise LinkError(f"the answer has {len(answer.registers)} words")
-        if self._numbered and len(self._received) != _MBAP + (2 + 2 * count if reads else 5):
+        reads, bits = code in (1, 2, 3, 4), code in (1, 2)
+        size = -(-count // 8) if bits else 2 * count
+        held: Sequence[int] = [int(bit) for bit in answer.bits] if bits or code == 5 else answer.registers
+        if reads and len(held) != (8 * size if bits else count):
+            raise LinkError(f"the answer has {len(held)} {'bits' if bits else 'words'}")
+        if self._numbered and len(self._received) != _MBAP + (2 + size if reads else 5):
             raise LinkError(f"the answer has {len(self._received)} bytes")
         if reads:
-            return answer.registers
-        echo = list(answer.registers) == list(words) if code == 6 else answer.count == count
+            return held[:count]
+        echo = list(held) == list(words) if code in (5, 6) else answer.count == count
         if answer.address != address or not echo:
             raise LinkError("the answer echoes another write")
         return ()
@@ -212,8 +214,11 @@ class ModbusLink:
     def _send(self, code: int, address: int, count: int, words: Sequence[int]) -> ModbusPDU:
         client, device = self._client, self._device_id
         calls: dict[int, Callable[[], ModbusPDU]] = {
+            1: lambda: client.read_coils(address, count=count, device_id=device),
+            2: lambda: client.read_discrete_inputs(address, count=count, device_id=device),
             3: lambda: client.read_holding_registers(address, count=count, device_id=device),
             4: lambda: client.read_input_registers(address, count=count, device_id=device),
+            5: lambda: client.write_coil(address, bool(words[0]), device_id=device),
             6: lambda: client.write_register(address, words[0], device_id=device),
             16: lambda: client.write_registers(address, list(words), device_id=device),
         }

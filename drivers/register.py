@@ -23,27 +23,33 @@ Value = float | str
 
 MAX_BLOCK_WORDS = 125
 _TINY = 1e-30
-_FORMATS = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f"}
-STRICT = ConfigDict(extra="forbid")
+_FORMATS = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f", "bit": "H"}
+STRICT = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 Text = Annotated[str, Field(min_length=1)]
 
 
-@dataclass(frozen=True, config=STRICT)
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Register:
     """One quantity of a controller: its address, its coding, and what may be read from or written to it."""
 
-    name: str
+    name: str = ""
+    """Its key in the map."""
     address: Annotated[int, Field(ge=0, le=0xFFFF)]
     """0-based, as sent on the wire."""
-    type: Literal["int16", "uint16", "int32", "uint32", "float32", "ascii"]
+    type: Literal["int16", "uint16", "int32", "uint32", "float32", "ascii", "bit"]
+    """`bit`: a coil or a discrete input, with `values` for its codes 0 and 1."""
     meaning: Text
+    """What it is, for messages and people."""
     source: Text
-    read: Literal[3, 4] = 3
-    write: Literal[6, 16] | None = None
-    """Function code that writes it; None: the driver never writes it."""
+    """Where this is written: document and page."""
+    read: Literal[1, 2, 3, 4] = 3
+    """Function code that reads it: 1 a coil, 2 a discrete input, 3 a holding register, 4 an input register."""
+    write: Literal[5, 6, 16] | None = None
+    """Function code that writes it, 5 for a coil; None: the driver never writes it."""
     words: Annotated[int, Field(ge=0, le=MAX_BLOCK_WORDS)] = 0
     """Length of a text (one character per register); for numbers, their type defines it."""
     word_order: Literal["high_first", "low_first"] = "high_first"
+    """Of numbers of two words; left out: that of the map."""
     scale: FiniteFloat = 1.0
     """Value = raw number x scale."""
     decimals: str = ""
@@ -51,11 +57,13 @@ class Register:
     mask: Annotated[int, Field(ge=1, le=0xFFFF)] | None = None
     """The bits of the word that belong to this register; a write does not change the other bits."""
     unit: str = ""
+    """Unit of the value; temperatures are in degC."""
     values: Mapping[str, int] = field(default_factory=dict)
     """Names of an enumeration."""
     low: FiniteFloat | None = None
     """Limits of written values; for a register that is only read, limits of plausible values."""
     high: FiniteFloat | None = None
+    """Highest of them."""
     tolerance: Annotated[FiniteFloat, Field(ge=0)] | None = None
     """Largest difference between written and read back; default half a count, or a float32 rounding."""
     normal: tuple[str, ...] = ()
@@ -72,8 +80,12 @@ class Register:
             raise ValueError("words must be given for an ascii register, and only for it")
         if self.scale == 0 or (self.type in ("ascii", "float32") and self.scale != 1):
             raise ValueError("scale must not be 0, and is only allowed for integers")
-        if self.values and self.type != "uint16":
-            raise ValueError("a register with values must be a uint16")
+        if self.values and self.type not in ("uint16", "bit"):
+            raise ValueError("a register with values must be a uint16 or a bit")
+        if (self.type == "bit") != (self.read in (1, 2)) or (self.write == 5) != (self.is_bit and bool(self.write)):
+            raise ValueError("a coil has type: bit, read: 1, and write: 5 if it is written; a discrete input read: 2")
+        if self.is_bit and (sorted(self.values.values()) != [0, 1] or (self.read == 2 and self.write)):
+            raise ValueError("a bit needs two values, with the codes 0 and 1; a discrete input cannot be written")
         if self.write == 6 and self.count != 1:
             raise ValueError("function code 6 writes one word; use 16")
         if self.decimals and "int" not in self.type:
@@ -89,9 +101,14 @@ class Register:
         if outside := [name for name, code in self.values.items() if code & ~mask]:
             raise ValueError(f"bits of {', '.join(outside)} are outside the mask {mask:#x}")
 
+    @property
+    def is_bit(self) -> bool:
+        """A coil or a discrete input, in an address space of its own."""
+        return self.type == "bit"
+
     @cached_property
     def count(self) -> int:
-        """Length [words]."""
+        """Length [words, or bits]."""
         return self.words or struct.calcsize(_FORMATS[self.type]) // 2
 
     @cached_property

@@ -29,10 +29,15 @@ class Rule:
     """Value that a register must read before anything is written: a pattern for texts, a range for numbers."""
 
     register: str
+    """Name of the register."""
     why: Text
+    """Why another value is refused, for the message."""
     pattern: Text | None = None
+    """Regular expression that a text, or the name of a value, must match."""
     low: FiniteFloat | None = None
+    """Lowest number, with `high`."""
     high: FiniteFloat | None = None
+    """Highest number, with `low`."""
     example: str | None = None
     """A text that satisfies the pattern, for the simulated controller."""
 
@@ -66,9 +71,13 @@ class Run:
     """How the controller is started and stopped, and the register that reports its state."""
 
     register: str
+    """Register, or coil, that is written."""
     on: str
+    """Name of its value for on."""
     off: str
+    """Name of its value for off."""
     state: str
+    """Register that reports the state with the same names; it may be the same one."""
     least_on_s: Seconds = 0.0
     """Shortest time on [s] before we switch it off; the safe state does not wait."""
     least_off_s: Seconds = 0.0
@@ -80,8 +89,11 @@ class Ramp:
     """Native ramp: register of the rate [degC/min], settings that switch it on and off, in this order."""
 
     rate: str
+    """Register of the rate."""
     on: Mapping[str, str | FiniteFloat]
+    """Values that switch the ramp on, by register."""
     off: Mapping[str, str | FiniteFloat]
+    """Values that switch it off."""
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -94,11 +106,15 @@ class RegisterMap:
     """
 
     model: Text
+    """What the controller is called."""
     registers: Mapping[str, Register]
+    """Registers, coils and discrete inputs by name."""
     poll: tuple[str, ...]
     """Read at every poll, in as few requests as `block_words` allows."""
     run: Run
+    """How it is switched on and off."""
     identify: tuple[Rule, ...]
+    """What must be read before anything is written; [] where no register tells."""
     connection: str = ""
     """How the controller is connected, as text for the user."""
     sources: Mapping[str, Text] = field(default_factory=dict)

@@ -30,6 +30,23 @@ __all__ = [
 ]
 
 _KEYS: dict[str, type] = {"registers": Register, "identify": Rule, "run": Run, "ramp": Ramp}
+_WORDS = {
+    "missing": "is missing",
+    "dataclass_type": "must hold keys and values",
+    "mapping_type": "must hold keys and values",
+    "dict_type": "must hold keys and values",
+    "tuple_type": "must be a list",
+    "string_type": "must be text; put it in quotes",
+    "string_too_short": "must not be empty",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "finite_number": "must be a finite number",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+}
 _SUFFIXES = (".yaml", ".yml")
 
 
@@ -82,13 +99,17 @@ def parse_map(text: str, where: str) -> RegisterMap:
 
 
 def _explain(error: ValidationError, document: yaml12.Document) -> str:
-    """First error as file, line, key, problem, nearest known key."""
+    """First error as file, line, key, value, what is allowed, and the nearest known key."""
     problems = error.errors()
     first = next((entry for entry in problems if entry["type"] == "unexpected_keyword_argument"), problems[0])
-    place = first["loc"]
-    text = first["msg"]
-    if first["type"] == "unexpected_keyword_argument":
+    place, kind = first["loc"], first["type"]
+    if kind == "unexpected_keyword_argument":
         known = [entry.name for entry in fields(_KEYS[str(place[0])] if len(place) > 1 else RegisterMap)]
         near = difflib.get_close_matches(str(place[-1]), known, 1)
         text = "unknown key" + (f"; did you mean {near[0]}?" if near else f"; known are {', '.join(known)}")
-    return f"{document.file}:{document.line(place)}: {'.'.join(map(str, place)) or 'map'}: {text}"
+    else:
+        allowed = _WORDS.get(kind) or first["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+        simple = isinstance(first["input"], str | int | float) and kind != "value_error"
+        text = f"is {first['input']!r}; it {allowed}" if simple else allowed
+    where = ".".join(map(str, place))
+    return f"{document.file}:{document.line(place)}: {f'{where}: ' if where else ''}{text}"

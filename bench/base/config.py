@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from bench.base.errors import InputError
@@ -177,18 +177,18 @@ def _kind(value: Any) -> str:
     return names.get(type(value), "a number")
 
 
-def json_schema(model: type[BaseModel], title: str | None = None) -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of a model, for editors and check-jsonschema."""
-    schema = model.model_json_schema()
+def json_schema(model: type[Any], title: str | None = None) -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a model or a dataclass of pydantic, for editors and check-jsonschema."""
+    schema = TypeAdapter(model).json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": title or model.__name__}
 
 
-def schema_text(model: type[BaseModel], title: str | None = None) -> str:
+def schema_text(model: type[Any], title: str | None = None) -> str:
     """The schema as the text of a file, the same on every machine."""
     return json.dumps(json_schema(model, title), indent=1, ensure_ascii=False) + "\n"
 
 
-def export_schema(model: type[BaseModel], path: Path, title: str | None = None) -> bool:
+def export_schema(model: type[Any], path: Path, title: str | None = None) -> bool:
     """Write the schema where it differs from what `path` holds; True when it did."""
     text = schema_text(model, title)
     if path.is_file() and path.read_text(encoding="utf-8") == text:

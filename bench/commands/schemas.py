@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-
-from pydantic import BaseModel
+from typing import Any
 
 from bench.acquisition import ColumnMap, Profile, StationSettings
 from bench.analysis import ImuPlan, Limits
@@ -15,8 +14,9 @@ from bench.base import export_schema
 from bench.commands.calibration.plan import Plan
 from bench.deliver import InstrumentsFile, Laboratory
 from bench.record import RECORDS
+from drivers.registers import RegisterMap
 
-SCHEMAS: dict[str, type[BaseModel]] = {
+SCHEMAS: dict[str, type[Any]] = {
     "profile": Profile,
     "station": StationSettings,
     "columns": ColumnMap,
@@ -25,10 +25,11 @@ SCHEMAS: dict[str, type[BaseModel]] = {
     "laboratory": Laboratory,
     "plan": Plan,
     "imu": ImuPlan,
+    "chamber_map": RegisterMap,
 }
 """Kinds of files, by the name of their schema."""
 
-RECORD_SCHEMAS: dict[str, type[BaseModel]] = {f"records/{record.TITLE}": record for record in RECORDS}
+RECORD_SCHEMAS: dict[str, type[Any]] = {f"records/{record.TITLE}": record for record in RECORDS}
 """Files that the bench writes and reads again."""
 
 

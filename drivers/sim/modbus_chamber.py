@@ -53,14 +53,24 @@ class ModbusChamber:
         self._map = registers.with_decimals(places)
         self._lock = threading.Lock()
         everything = list(self._map.registers.values())
-        self._words = [0] * max(register.end for register in everything)
-        self._writable = {address: r.name for r in everything if r.write for address in range(r.address, r.end)}
+        size = 16 + max(register.end for register in everything)
+        self._words = [0] * size
+        both = {r.address + i for r in everything if r.read == 3 for i in range(r.count)} & {
+            r.address + i for r in everything if r.read == 4 for i in range(r.count)
+        }
+        inputs = [0] * size if both else self._words  # one memory, as in most controllers, unless the map has two
+        self._spaces = {1: [0] * size, 2: [0] * size, 3: self._words, 4: inputs}
+        """Coils, discrete inputs, holding registers and input registers, by the function code that reads them."""
+        self._writable = {
+            (r.is_bit, address): r.name for r in everything if r.write for address in range(r.address, r.end)
+        }
         self._codes = {register.read for register in everything}
         self._silent = {r.name: _status(r, False) for r in everything if r.normal or r.alarming}
         """Registers that can show an alarm, each with its code for no alarm."""
         self._limits = limits
         self._boot(temperature, places)
-        self._wire = ModbusWire(self._answer, self._spans(), wire=wire, port=port, device_id=device_id)
+        bits = any(register.is_bit for register in everything)
+        self._wire = ModbusWire(self._answer, self._spans(), bits=bits, wire=wire, port=port, device_id=device_id)
 
     def __enter__(self) -> ModbusChamber:
         return self
@@ -157,7 +167,8 @@ class ModbusChamber:
         return self._map[name].decode(self._words_of(name))
 
     def _words_of(self, name: str) -> list[int]:
-        return self._words[self._map[name].address : self._map[name].end]
+        register = self._map[name]
+        return self._spaces[register.read][register.address : register.end]
 
     def _set(self, register: Register, value: Value) -> None:
         if not isinstance(value, str) and register.type == "uint16":
@@ -166,8 +177,9 @@ class ModbusChamber:
 
     def _put(self, register: Register, words: tuple[int, ...]) -> None:
         if register.mask is not None:
-            words = (self._words[register.address] & ~register.mask | words[0] & register.mask,)
-        self._words[register.address : register.end] = words
+            held = self._spaces[register.read][register.address]
+            words = (held & ~register.mask | words[0] & register.mask,)
+        self._spaces[register.read][register.address : register.end] = words
 
     def _publish_alarms(self, active: set[str]) -> None:
         if unknown := active - self._silent.keys():
@@ -215,17 +227,17 @@ class ModbusChamber:
         with self._lock:
             if new is not None:
                 return self._write(code, address, list(new)) or []
-            if code not in self._codes and code not in (6, 16):  # pymodbus reads back what it has written
+            if code not in self._codes and code not in (5, 6, 16):  # pymodbus reads back what it has written
                 return ExcCodes.ILLEGAL_FUNCTION
             if count > self._map.block_words:
                 return ExcCodes.ILLEGAL_VALUE
-            return self._words[address : address + count]
+            return self._spaces[{5: 1, 6: 3, 16: 3}.get(code, code)][address : address + count]
 
     def _write(self, code: int, address: int, words: list[int]) -> ExcCodes | None:
         """Execute a write of whole registers, or refuse all of it: 2 not writable, 3 value not accepted."""
         accepted: list[tuple[Register, tuple[int, ...]]] = []
         while words:
-            name = self._writable.get(address)
+            name = self._writable.get((code == 5, address))
             if name is None:
                 return ExcCodes.ILLEGAL_ADDRESS
             register = self._map[name]
@@ -239,7 +251,7 @@ class ModbusChamber:
             accepted.append((register, content))
             address, words = register.end, words[register.count :]
         for register, content in accepted:
-            self._words[register.address : register.end] = content
+            self._spaces[register.read][register.address : register.end] = content
             if register.name == self._map.run.register:
                 state = self._map[self._map.run.state]
                 self._put(state, state.encode(register.decode(content)))
@@ -257,8 +269,9 @@ class ModbusChamber:
 
     def _spans(self) -> list[tuple[int, int]]:
         """Served addresses: every register, and the whole polled blocks with their gaps."""
-        spans = [(r.address, r.end) for r in self._map.registers.values()]
-        spans += [(block[0].address, max(r.end for r in block)) for block in self._map.blocks]
+        spans = [(r.address, r.end) for r in self._map.registers.values() if not r.is_bit]
+        blocks = [block for block in self._map.blocks if not block[0].is_bit]
+        spans += [(block[0].address, max(r.end for r in block)) for block in blocks]
         merged: list[tuple[int, int]] = []
         for low, high in sorted(spans):
             if merged and low <= merged[-1][1]:

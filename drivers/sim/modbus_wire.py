@@ -17,6 +17,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerType
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
+from pymodbus.simulator.simutils import SimUtils
 
 from drivers.errors import LinkError
 from drivers.sim.ptys import PtyPair
@@ -27,7 +28,8 @@ Wire = Literal["tcp", "rtu+tcp", "rtu"]
 Answer = Callable[[int, int, int, "Sequence[int] | None"], "list[int] | ExcCodes"]
 """(function code, address, count, words to write or None) to the words read ([] for a write), or an exception."""
 
-_SERVED = {3, 4, 6, 16}
+_SERVED, _OF_BITS = {3, 4, 6, 16}, {1, 2, 5}
+_MOST_BITS = 1 << 16
 
 
 class ModbusWire:
@@ -38,16 +40,19 @@ class ModbusWire:
         answer: Answer,
         spans: Sequence[tuple[int, int]],
         *,
+        bits: bool = False,
         wire: str = "tcp",
         port: int = 0,
         device_id: int = 1,
     ) -> None:
         """Serve the addresses `spans` (first, one after the last); all others get exception 2.
 
+        With `bits` coils and discrete inputs are served, too; one that nobody described reads 0.
+
         `wire`: `tcp` or `rtu+tcp` on `port` of 127.0.0.1 (0: any free one), `rtu` on a new pseudo terminal, or
         `rtu:///dev/ttyUSB0?baudrate=9600` on a serial port. Raises LinkError when it cannot listen.
         """
-        self._answer, self._spans = answer, spans
+        self._answer, self._spans, self._bits = answer, spans, bits
         self._wire, self.port, self._device_id = wire, port, device_id
         self.url = ""
         self._owned = ExitStack()
@@ -78,8 +83,9 @@ class ModbusWire:
     async def _serve(self) -> None:
         self._loop = asyncio.get_running_loop()
         self._stop = asyncio.Event()
-        ranges = [SimData(low, values=[0] * (high - low), datatype=DataType.REGISTERS) for low, high in self._spans]
-        server = self._server(SimDevice(self._device_id, simdata=ranges, action=self._action))
+        every = (self._flags(), self._flags(), self._registers(), self._registers())
+        simdata = every if self._bits else self._registers()
+        server = self._server(SimDevice(self._device_id, simdata=simdata, action=self._action))
         await server.serve_forever(background=True)
         listener = server.transport
         if isinstance(listener, asyncio.Server):
@@ -90,6 +96,12 @@ class ModbusWire:
         await _turns()  # accept pending connections, or asyncio would leave their sockets open
         await server.shutdown()  # type: ignore[no-untyped-call]
         await _turns()  # let the closed transports close their sockets
+
+    def _registers(self) -> list[SimData]:
+        return [SimData(low, values=[0] * (high - low), datatype=DataType.REGISTERS) for low, high in self._spans]
+
+    def _flags(self) -> list[SimData]:
+        return [SimData(0, values=[False] * _MOST_BITS, datatype=DataType.BITS)]
 
     def _server(self, device: SimDevice) -> ModbusTcpServer | ModbusSerialServer:
         if self._wire in ("tcp", "rtu+tcp"):
@@ -109,6 +121,8 @@ class ModbusWire:
         self, code: int, start: int, address: int, count: int, words: list[int], new: list[int] | list[bool] | None
     ) -> ExcCodes | None:
         """Called by pymodbus for every request inside the served ranges. Must not wait (it would mix up answers)."""
+        if code in _OF_BITS and self._bits:
+            return self._bit_action(code, address, count, words, new)
         if code not in _SERVED:
             return ExcCodes.ILLEGAL_FUNCTION
         answer = self._answer(code, address, count, None if new is None else [int(word) for word in new])
@@ -116,6 +130,20 @@ class ModbusWire:
             return answer
         if new is None:
             words[address - start : address - start + count] = answer
+        return None
+
+    def _bit_action(
+        self, code: int, address: int, count: int, words: list[int], new: list[int] | list[bool] | None
+    ) -> ExcCodes | None:
+        """The same for bits: `address` is that of the first one, `count` the number of words of 16 with all of them."""
+        first = address // 16
+        start = address if new else 16 * first
+        answer = self._answer(code, start, 16 * count, [int(bit) for bit in new] if new else None)
+        if isinstance(answer, ExcCodes):
+            return answer
+        if not new:
+            known = [*answer, *[0] * (16 * count - len(answer))]
+            words[first : first + count] = SimUtils.bitsToRegisters([bool(bit) for bit in known])
         return None
 
 

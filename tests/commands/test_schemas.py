@@ -41,6 +41,15 @@ def test_profiles_name_their_schema_and_satisfy_it(path):
 
 
 @pytest.mark.parametrize(
+    "path",
+    [*(ROOT / "drivers" / "chambers").glob("*.yaml"), PROFILES / "chambers" / "example.yaml"],
+    ids=lambda p: p.stem,
+)
+def test_maps_satisfy_their_schema(path):
+    jsonschema.validate(config.read_yaml(path).content, schema("chamber_map"))
+
+
+@pytest.mark.parametrize(
     "text",
     [
         "name: x\nsegments: []",

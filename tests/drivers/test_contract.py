@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from contextlib import closing
 from functools import partial
+from pathlib import Path
 
 import minimalmodbus
 import pytest
@@ -52,6 +53,17 @@ def test_a_shipped_map_does_so_against_a_server_that_is_not_ours(name: str, wire
     outcomes = try_map(load_map(name), partial(ForeignChamber, wire=wire))
     assert not failed(outcomes)
     assert len(outcomes) == len(BEHAVIOURS)
+
+
+@pytest.mark.parametrize("wire", ["tcp", "rtu"])
+def test_coils_discrete_inputs_and_bit_fields_do_what_every_map_has_to_do(wire: str):
+    registers = load_map(Path(__file__).parents[2] / "profiles" / "chambers" / "example.yaml")
+    for serve in (ModbusChamber, ForeignChamber):
+        outcomes = try_map(registers, partial(serve, wire=wire))
+        assert not failed(outcomes)
+        works = {outcome.behaviour for outcome in outcomes if outcome.verdict == "ok"}
+        assert {"starts after a set point, stops, and protects its compressor", "shows every alarm and clears none",
+                "shows its door", "detects set points and switches changed by others"} <= works  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -150,6 +150,27 @@ def test_every_shipped_map_loads_and_cites_its_sources(name: str):
         ("identify: []", "identify: []\nidentify: []", "small:9: duplicate key 'identify'"),
         ("type: int16, scale: 0.1, write", "type: float32, scale: 0.1, write", "small:4: .*scale"),
         ("model: Small", "model: [", "small:"),
+        ("address: 102, ", "", "^small:5: registers.mode.address: is missing$"),
+        (
+            "type: int16, scale: 0.1, unit",
+            "type: in16, scale: 0.1, unit",
+            "small:3: .*is 'in16'; it must be 'int16', 'u",
+        ),
+        (
+            "scale: 0.1, write",
+            "scale: tenth, write",
+            "^small:4: .*scale: is 'tenth'; it must be a number$",
+        ),
+        (
+            "poll: [temperature, setpoint, mode]",
+            "poll: air",
+            "^small:6: poll: is 'air'; it must be a list$",
+        ),
+        (
+            "type: uint16, write: 6",
+            "type: bit, write: 6",
+            "^small:5: registers.mode: a coil has type: bit",
+        ),
     ],
 )
 def test_a_wrong_map_is_refused_with_its_place(old: str, new: str, message: str):
@@ -175,3 +196,21 @@ def test_an_unknown_model_names_the_known_ones(tmp_path):
         load_map(tmp_path / "absent.yaml")
     (tmp_path / "mine.yaml").write_text(MAP)
     assert load_map(tmp_path / "mine.yaml").model == "Small"
+
+
+def test_a_bit_is_a_coil_or_a_discrete_input_with_two_names():
+    coil = register(type="bit", read=1, write=5, values={"off": 0, "on": 1})
+    assert (coil.encode("on"), coil.decode([0])) == ((1,), "off")
+    for wrong in ({"read": 3}, {"read": 2, "write": 5}, {"write": 6}, {"values": {"on": 2, "off": 0}}, {"values": {}}):
+        with pytest.raises(ValueError, match=r"a coil has type|a bit needs two values"):
+            register(**{"type": "bit", "read": 1, "write": None, "values": {"off": 0, "on": 1}} | wrong)
+
+
+def test_coils_and_registers_are_read_in_requests_of_their_own():
+    text = MAP.replace(
+        "  mode: {address: 102, type: uint16, write: 6", "  mode: {address: 102, type: bit, read: 1, write: 5"
+    )
+    assert [[r.name for r in block] for block in parse_map(text, "small").blocks] == [
+        ["mode"],
+        ["temperature", "setpoint"],
+    ]

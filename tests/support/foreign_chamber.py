@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Iterable
+from functools import partial
 
 import serial
 from modbus_tk import defines
@@ -42,10 +43,12 @@ class ForeignChamber:
         else:
             self.server = TcpServer(port=0, address="127.0.0.1", timeout_in_sec=0.02)
         self.slave = self.server.add_slave(1)
-        self.memory: list[int] = Watched([0] * 65536, self.mirror)
-        self.slave.add_block("all", defines.HOLDING_REGISTERS, 0, 65536)
-        block = self.slave._get_block("all")
-        block._data = self.memory
+        kinds = {1: defines.COILS, 2: defines.DISCRETE_INPUTS, 3: defines.HOLDING_REGISTERS, 4: defines.ANALOG_INPUTS}
+        self.memory: dict[int, list[int]] = {}
+        for code, kind in kinds.items():
+            self.slave.add_block(f"all {code}", kind, 0, 65536)
+            self.memory[code] = Watched([0] * 65536, partial(self.mirror, code))
+            self.slave._get_block(f"all {code}")._data = self.memory[code]
         for name, words in image.items():
             self.set_words(name, words)
         self.server._go.isSet = self.server._go.is_set  # modbus_tk's spelling warns, and a warning ends its thread
@@ -62,22 +65,24 @@ class ForeignChamber:
             time.sleep(0.001)
         return f"tcp://127.0.0.1:{self.server._sock.getsockname()[1]}"
 
-    def mirror(self, address: int, value: int) -> None:
+    def mirror(self, code: int, address: int, value: int) -> None:
         """The state register follows the command, as in a controller."""
         run = self.map.run
         command, state = self.map[run.register], self.map[run.state]
-        if address == command.address and state is not command:
+        if (code, address) == (command.read, command.address) and state is not command:
             self.set_words(run.state, state.encode(command.decode([value])))
 
     def words(self, name: str) -> list[int]:
-        return list(self.memory[self.map[name].address : self.map[name].end])
+        return list(self.memory[self.map[name].read][self.map[name].address : self.map[name].end])
 
     def set_words(self, name: str, words: Iterable[int]) -> None:
         register = self.map[name]
         for offset, word in enumerate(words):
             address = register.address + offset
-            others = 0 if register.mask is None else list.__getitem__(self.memory, address) & ~register.mask
-            list.__setitem__(self.memory, address, word | others)
+            others = (
+                0 if register.mask is None else list.__getitem__(self.memory[register.read], address) & ~register.mask
+            )
+            list.__setitem__(self.memory[register.read], address, word | others)
 
     def close(self) -> None:
         self.server.stop()
