@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import ipaddress
+import os
 from pathlib import Path
 from typing import Any
 
 import click
 
 from bench.base import InputError
-from bench.cli.options import exits, out_option, path_option
+from bench.cli.options import archive_options, exits, path_option
 
 
 @click.command()
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to bind to; any other needs --access.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8321, show_default=True, help="0: any free one.")
-@out_option
+@archive_options
 @path_option("--access", help="Access file (YAML): names, roles, hashes of tokens.")
 @click.option("--new-token", metavar="NAME", help="Print a new token for NAME once, store its hash in --access, end.")
 @click.option("--role", type=click.Choice(["viewer", "operator", "engineer"]), help="Role of --new-token.")
@@ -49,7 +50,15 @@ def _new_token(access: Path | None, name: str, role: str | None) -> str:
     return add_person(access, name, role)  # type: ignore[arg-type]  # click has checked it
 
 
-def _serve(out: Path, certificate: Path | None, key: Path | None, port: int, no_browser: bool, **options: Any) -> None:
+def _serve(
+    out: Path,
+    where: str | None,
+    certificate: Path | None,
+    key: Path | None,
+    port: int,
+    no_browser: bool,
+    **options: Any,
+) -> None:
     try:
         from bench.web import Settings, Tls, serve
     except ModuleNotFoundError as error:
@@ -59,4 +68,6 @@ def _serve(out: Path, certificate: Path | None, key: Path | None, port: int, no_
     if options["behind"] is not None:
         _check_address(options["behind"])
     tls = Tls(certificate, key) if certificate and key else None
-    serve(Settings(out.resolve(), **options), port, tls, not no_browser)
+    if where is not None:
+        os.environ["BENCH_REGISTRY"] = where  # of the runs that the page starts
+    serve(Settings(out.resolve(), where, **options), port, tls, not no_browser)

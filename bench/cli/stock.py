@@ -55,13 +55,17 @@ def registry_show(name: str, out: Path, where: str | None) -> Result:
 
 @registry.command("rebuild")
 @click.option("--check", "only_compare", is_flag=True, help="Change nothing; exit code 1 if rows differ.")
+@click.option("--moved", is_flag=True, help="The folder was moved: the registry knows it at another place.")
+@click.option("--copied", is_flag=True, help="The folder is a copy, as on a cloned disk: give it an id of its own.")
 @archive_options
 @answers
-def registry_rebuild(only_compare: bool, out: Path, where: str | None) -> Result:
+def registry_rebuild(only_compare: bool, moved: bool, copied: bool, out: Path, where: str | None) -> Result:
     """Rebuild the rows from the run folders, list the differences, and verify that they are equal."""
     from bench import commands
 
-    return commands.registry_rebuild(out, where, only_compare)
+    if moved + copied + only_compare > 1:
+        raise click.UsageError("choose one of --check, --moved and --copied")
+    return commands.registry_rebuild(out, where, only_compare, moved, copied)
 
 
 @registry.command("lot")

@@ -94,8 +94,13 @@ def registry_show(root: Path, where: str | None, name: str) -> RegistryEntry:
         return RegistryEntry(found)
 
 
-def registry_rebuild(root: Path, where: str | None, only_compare: bool) -> RegistryRebuilt:
-    """`bench registry rebuild`: the rows of the run folders, made again or only compared."""
+def registry_rebuild(
+    root: Path, where: str | None, only_compare: bool, moved: bool = False, copied: bool = False
+) -> RegistryRebuilt:
+    """`bench registry rebuild`: the rows of the run folders, made again or only compared.
+
+    The archive may have been `moved` since the registry saw it, or be `copied` from another one.
+    """
     from bench.archive import archive, rebuild
 
     if not root.is_dir():
@@ -103,7 +108,8 @@ def registry_rebuild(root: Path, where: str | None, only_compare: bool) -> Regis
     _refuse_lost(root)
     tell_unproven(*(path.parent for path in sorted(root.glob(f"*/*/{MANIFEST}"))))
     with existing(root, where) if only_compare else open_in(root, where) as registry:
-        done = rebuild(registry, archive(root), only_compare=only_compare)
+        ledger = archive(root).renewed() if copied else archive(root)
+        done = rebuild(registry, ledger, only_compare=only_compare, moved=moved)
         return RegistryRebuilt(registry.url, done, only_compare)
 
 

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import shutil
 import uuid
 from datetime import date
 from itertools import count
@@ -10,6 +11,7 @@ import pytest
 import sqlalchemy
 
 from bench.archive.registry import ledger as ledger_module
+from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import archive
 from bench.archive.registry.opening import SCHEMA, open_registry
 from bench.archive.registry.rebuild import rebuild
@@ -292,3 +294,38 @@ def test_an_archive_keeps_its_id_when_it_is_moved(where, root, tmp_path):
         found = rebuild(registry, moved)
     assert moved.id == ledger.id
     assert [line.split(":")[0] for line in found.differences] == [f"archives {ledger.id}"]
+
+
+def test_a_copy_of_an_archive_takes_no_rows_of_the_first_one(where, root, tmp_path):
+    """A cloned disk has the same id: whoever is second is told to say what it is."""
+    folder_of_run(root)
+    with open_registry(where) as registry:
+        rebuild(registry, archive(root))
+        clone = tmp_path / "clone"
+        shutil.copytree(root, clone)
+        own = folder_of_run(clone, "U-2")
+        for attempt in (
+            lambda: rebuild(registry, archive(clone)),
+            lambda: register(registry, own, archive(clone)),
+            lambda: tell(registry, archive(clone), THERMOMETER),
+        ):
+            with pytest.raises(InputError, match=r"--moved.*--copied"):
+                attempt()
+        assert "Pt100" not in (clone / "ledger.jsonl").read_text()
+        assert archive(clone).renewed().id == archive(clone).id != archive(root).id
+        assert list(archive(clone).broken()) == []
+        assert rebuild(registry, archive(clone)).counts["runs"] == 2
+        assert rebuild(registry, archive(root), only_compare=True).differences == ()
+        listed = runs(registry)
+        assert [row["unit"] for row in listed].count("U-1") == 1  # its folder is in both
+
+
+def test_what_the_registry_refuses_is_not_in_the_ledger(root, tmp_path):
+    path = tmp_path / "registry.sqlite"
+    open_registry(path).close()
+    with open_registry(path) as registry:
+        with registry.reading() as connection:
+            connection.exec_driver_sql("PRAGMA query_only = ON")
+        with pytest.raises(InputError, match="readonly"):
+            tell(registry, archive(root), THERMOMETER)
+    assert "Pt100" not in (root / "ledger.jsonl").read_text()

@@ -13,6 +13,7 @@ from sqlalchemy import func, select
 
 from bench.analysis import Limits, Quantity, Verdict, judge_limits
 from bench.archive.fleet.selection import Selection
+from bench.archive.registry.asking import once
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.writing import TABLES
 from bench.base import FloatArray, InputError
@@ -98,7 +99,7 @@ def _rows(registry: Registry) -> tuple[list[dict[str, Any]], dict[str, dict[str,
         .join_from(run, calibration)
         .join(certificate, certificate.c.run == run.c.id, isouter=True)
         .join(unit, unit.c.serial == run.c.unit)
-        .where(run.c.created.is_not(None))
+        .where(run.c.created.is_not(None), once())
         .order_by(run.c.seen.asc().nulls_first(), run.c.created, run.c.id)
     )
     values: dict[str, dict[str, float]] = {}

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from datetime import date
 from typing import Any
 
-from sqlalchemy import ColumnElement, select
+from sqlalchemy import ColumnElement, func, select
 
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import OF_RUNS
@@ -17,15 +17,22 @@ Found = list[dict[str, Any]]
 
 
 def runs(registry: Registry, unit: str | None = None, most: int | None = None) -> Found:
-    """Runs with the verdicts of their calibrations, the one that was seen last first."""
+    """Runs with the verdicts of their calibrations, the one that was seen last first; each once."""
     run, calibration = TABLES["runs"], TABLES["calibrations"]
     chosen = (
         select(run, calibration.c.verdict, calibration.c.model, calibration.c.judged)
         .join_from(run, calibration, isouter=True)
+        .where(once())
         .order_by(run.c.seen.desc().nulls_last(), run.c.created.desc(), run.c.id)
         .limit(most)
     )
     return _found(registry, chosen if unit is None else chosen.where(run.c.unit == unit))
+
+
+def once() -> ColumnElement[bool]:
+    """Of a run whose folder was copied to another archive, one row counts."""
+    run = TABLES["runs"]
+    return run.c.id.in_(select(func.min(run.c.id)).group_by(run.c.unit, run.c.manifest_sha256))
 
 
 def known_runs(registry: Registry, archive: str) -> tuple[bool, frozenset[str]]:

@@ -1,9 +1,10 @@
 """The ledger of an archive: what people entered and which runs were seen, one JSON line each, beside the run folders.
 
-`ledger.jsonl` begins with the id of the archive; later lines add instruments, operators, lots and runs, and the last
-line about one of them counts. `previous` of a line is the SHA-256 of everything before it, and the archive's chain.seal
-holds that of the whole file. The registry can be made again from the ledger and the run folders alone; the order of
-runs is the one in which they stand here, whatever the clocks of the stations said.
+`ledger.jsonl` begins with the id of the archive, which a later line may replace where it is a copy; others add
+instruments, operators, lots and runs, and the last line about one of them counts. `previous` of a line is the SHA-256
+of everything before it, and the archive's chain.seal holds that of the whole file. The registry can be made again from
+the ledger and the run folders alone; the order of runs is the one in which they stand here, whatever the clocks of the
+stations said.
 """
 
 from __future__ import annotations
@@ -43,6 +44,11 @@ class Ledger:
         """host:folder, the location of the archive."""
         return f"{socket.gethostname()}:{self.root.resolve()}"
 
+    def moved_from(self, place: str) -> bool:
+        """Whether another place is a folder of this computer in which there is no archive any more."""
+        host, _, folder = place.partition(":")
+        return host == socket.gethostname() and not is_archive(Path(folder))
+
     def append(self, *entries: Entry) -> None:
         """Add lines; two programs may do so at the same time. InputError where the file was altered."""
         extend(self.root, FILE, lambda old: _with(_whole(old), entries))
@@ -72,6 +78,11 @@ class Ledger:
                 path = str(entry.get("run"))
                 found[path] = found.get(path, (number, ""))[0], str(entry.get("manifest"))
         return found
+
+    def renewed(self) -> Ledger:
+        """The same folder as an archive of its own, with a new id: it was a copy of another one."""
+        self.append({"kind": "archive", "id": secrets.token_hex(6), "copy_of": self.id, "place": self.place})
+        return archive(self.root)
 
     def broken(self) -> Iterator[str]:
         """Lines that do not continue what stands before them; those of older benches continue nothing."""
@@ -109,7 +120,8 @@ def archive(root: Path) -> Ledger:
     begin = _entry(lines[0], path, 1)
     if begin.get("kind") != "archive" or not isinstance(begin.get("id"), str):
         raise InputError("does not begin with the id of an archive; restore the file", path, 1)
-    return Ledger(root, begin["id"])
+    renewed = [line for line in lines[1:] if '"kind": "archive"' in line]
+    return Ledger(root, str(_entry(renewed[-1], path, 1)["id"]) if renewed else begin["id"])
 
 
 def _read(root: Path) -> bytes:

@@ -52,6 +52,12 @@ class Registry:
         except SQLAlchemyError as error:
             raise InputError(f"registry: {_first_line(error)}", self.url) from error
 
+    def inside(self, folder: Path) -> bool:
+        """Whether it is a file in this folder, which moves and is copied with it."""
+        url = self._engine.url
+        own = url.get_backend_name() == "sqlite" and url.database
+        return bool(own) and Path(str(own)).resolve().parent == folder.resolve()
+
     def close(self) -> None:
         """Close the connections."""
         self._engine.dispose()

@@ -13,7 +13,7 @@ from sqlalchemy import Connection, select
 from bench.archive.registry.ledger import Ledger
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import OF_RUNS, Key, Row, Rows, empty, of_archive, of_run, update
-from bench.archive.registry.writing import SHARED, TABLES, TOLD, drop, remove, stored, upsert, write_runs
+from bench.archive.registry.writing import SHARED, TABLES, TOLD, drop, refuse_copy, remove, stored, upsert, write_runs
 from bench.base import InputError
 from bench.record import MANIFEST, RunFolder
 
@@ -29,10 +29,11 @@ class Rebuilt:
     digest: str
 
 
-def rebuild(registry: Registry, ledger: Ledger, *, only_compare: bool = False) -> Rebuilt:
+def rebuild(registry: Registry, ledger: Ledger, *, only_compare: bool = False, moved: bool = False) -> Rebuilt:
     """Make the rows of this archive equal to its folders, or only list the differences.
 
-    Runs that another program registers meanwhile are kept. InputError where rows still differ afterwards.
+    Runs that another program registers meanwhile are kept. InputError where rows still differ afterwards, or where the
+    registry knows the archive at another place and nobody says that it was `moved`.
     """
     wanted, unreadable = of_archive(ledger)
     if not only_compare:
@@ -41,6 +42,8 @@ def rebuild(registry: Registry, ledger: Ledger, *, only_compare: bool = False) -
             ledger.saw_all([(str(row["path"]), str(row["manifest_sha256"])) for row in runs])
             wanted, unreadable = of_archive(ledger)
     with registry.reading() if only_compare else registry.writing() as connection:
+        if not only_compare and not moved:
+            refuse_copy(connection, registry, ledger)
         before = stored(connection, ledger.id)
         _read_again(wanted, before, ledger)
         _lend(connection, wanted, before, ledger)

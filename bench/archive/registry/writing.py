@@ -13,6 +13,7 @@ from bench.archive.registry.ledger import Entry, Ledger
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import OF_RUNS, PRIMARY, Key, Row, Rows, empty, of_run, place_of, update_by
 from bench.archive.registry.tables import IN_ORDER
+from bench.base import InputError
 from bench.record import MANIFEST, RunFolder, sha256
 
 TABLES: dict[str, SqlTable] = {table.__tablename__: cast(SqlTable, table.__table__) for table in IN_ORDER}
@@ -27,18 +28,38 @@ def register(registry: Registry, folder: RunFolder, ledger: Ledger) -> None:
     ledger.saw(place_of(folder, ledger), sha256(folder.path / MANIFEST))
     rows = of_run(folder, ledger)
     with registry.writing() as connection:
+        refuse_copy(connection, registry, ledger)
         write_runs(connection, rows)
 
 
 def tell(registry: Registry, ledger: Ledger, entry: Entry) -> None:
-    """Write a line into the ledger and its rows into the database."""
+    """Write a line into the ledger and its rows into the database, or into neither."""
     rows = empty()
     rows["archives"][(ledger.id,)] = {"id": ledger.id, "path": ledger.place}
     update_by(rows, entry, ledger)
-    ledger.append(entry)
     with registry.writing() as connection:
+        refuse_copy(connection, registry, ledger)
         for name, found in rows.items():
             upsert(connection, name, list(found.values()))
+        ledger.append(entry)
+
+
+def refuse_copy(connection: Connection, registry: Registry, ledger: Ledger) -> None:
+    """InputError where a registry elsewhere knows this archive at another place: one of the two may be a copy.
+
+    A copy, such as a cloned disk, must not take the rows of the other one for its own. On one computer it is seen
+    whether the other place is empty now.
+    """
+    if registry.inside(ledger.root):
+        return
+    table = TABLES["archives"]
+    known = connection.execute(select(table.c.path).where(table.c.id == ledger.id)).scalar_one_or_none()
+    if known is not None and known != ledger.place and not ledger.moved_from(known):
+        raise InputError(
+            f"registry: knows archive {ledger.id} at {known}, this is {ledger.place}; if it was moved, "
+            "`bench registry rebuild --moved`; if it is a copy, give it an id of its own with --copied",
+            registry.url,
+        )
 
 
 def write_runs(connection: Connection, rows: Rows) -> None:

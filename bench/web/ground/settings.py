@@ -17,6 +17,8 @@ class Settings:
 
     out: Path
     """Root of the run folders, `<unit>/<run>` below it."""
+    registry: str | None = None
+    """Another registry than the file in `out`."""
     project: Path = field(default_factory=Path.cwd)
     """Folder with the user's own `profiles/`; runs are started in it."""
     access: Path | None = None
