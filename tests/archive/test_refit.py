@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -98,10 +99,54 @@ class Deadly(Model):
 
 def test_a_group_that_kills_its_process_is_recorded_as_failed(moments, monkeypatch):
     monkeypatch.setenv("BENCH_TEST_PARENT", str(os.getpid()))
-    group = next(moments_file.stored_groups(moments))
+    whole = next(moments_file.stored_groups(moments))
+    group = moments_file.Group(whole.units[:2], whole.runs[:2], whole.values[:2])
     (some,) = engines.local_engine(2)(Deadly("deadly", (Spline(12),)), [group])
     assert len(some) == len(group.units)
     assert {record.error for record in some} == {"not refitted: its worker process died"}
+
+
+@pytest.mark.parametrize("deadly", [(0,), (17,), (40, 41), (3, 200)])
+def test_a_unit_that_kills_its_process_costs_no_other_one(moments, deadly):
+    group = next(moments_file.stored_groups(moments))
+    names = {group.units[number] for number in deadly}
+    found = engines._halved(group, lambda part: None if names & set(part.units) else refit_group(MODEL, part))
+    assert [record.unit for record in found if record.error] == sorted(names)
+    assert [record.unit for record in found] == list(group.units)
+
+
+class Gone:
+    """A cluster without workers, and a task of it."""
+
+    def nthreads(self):
+        return {}
+
+    def exception(self, timeout):
+        raise TimeoutError
+
+
+def test_a_cluster_whose_workers_are_all_gone_ends_with_a_sentence():
+    with pytest.raises(InputError, match="no Dask worker for 60 s; start some"):
+        engines._result(Gone(), Gone())
+
+
+def test_a_worker_with_other_code_of_the_same_version_is_refused(monkeypatch):
+    theirs = {**engines.fingerprint(), "code": "000000000000"}
+    workers = SimpleNamespace(run=lambda function: {"tcp://a": function(), "tcp://b": theirs})
+    with pytest.raises(InputError, match=r"worker tcp://b has code 000000000000, this computer [0-9a-f]{12}"):
+        engines._require_same_code(workers)
+
+
+def test_a_scheduler_that_goes_away_ends_with_a_sentence(moments):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        answers = engines.dask_engine(1, cluster.scheduler_address)(MODEL, moments_file.stored_groups(moments))
+        next(answers)
+        cluster.close()
+        with pytest.raises(InputError, match="the Dask scheduler went away"):
+            list(answers)
 
 
 def test_no_scheduler_there_is_bad_input(moments, tmp_path):

@@ -6,15 +6,21 @@ fleet. (Bit for bit holds among computers of one kind: another processor may rou
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import multiprocessing
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from importlib import import_module
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
+
+import numpy as np
+import scipy
 
 from bench.analysis import Model
 from bench.archive.fleet.moments_file import Group
@@ -23,6 +29,11 @@ from bench.base import InputError, __version__
 
 WINDOW = 3
 """Groups per worker that are in work or waiting."""
+GONE_S = 60.0
+"""How long a cluster may be without any worker [s]."""
+_LOOK_S = 2.0
+_LEAST_TRIES, _MOST_TRIES = 6, 40
+"""Of parts of one group: without a part that can be refitted, and twice what finds one or two units among 256."""
 
 Engine = Callable[[Model, Iterable[Group]], Iterator[list[Record]]]
 
@@ -30,7 +41,7 @@ Engine = Callable[[Model, Iterable[Group]], Iterator[list[Record]]]
 def local_engine(workers: int) -> Engine:
     """On this computer: in this process for one worker, else in `workers` processes.
 
-    A group that kills its process is tried once more alone; the second time it is recorded as failed.
+    A group that kills its process is halved until the unit that does it stands alone; only that one fails.
     """
 
     def run(model: Model, groups: Iterable[Group]) -> Iterator[list[Record]]:
@@ -53,7 +64,7 @@ def local_engine(workers: int) -> Engine:
                 try:
                     yield future.result()
                 except BrokenProcessPool:
-                    yield _alone(work, group)
+                    yield _halved(group, partial(_alone, work))
         finally:
             executor.shutdown(cancel_futures=True)
 
@@ -63,23 +74,68 @@ def local_engine(workers: int) -> Engine:
 def dask_engine(workers: int, scheduler: str | None) -> Engine:
     """The Dask cluster at `scheduler` (tcp://…), else one of `workers` processes on this computer.
 
-    A group whose worker died three times is recorded as failed. InputError: Dask is not installed, no scheduler answers
-    at the address, or its workers have another version of the bench.
+    A group whose worker died three times is halved until the unit that does it stands alone; only that one fails.
+    InputError: Dask is not installed, no scheduler answers at the address, it or all workers went away meanwhile, or
+    the workers have other code than this computer.
     """
 
     def run(model: Model, groups: Iterable[Group]) -> Iterator[list[Record]]:
         work = partial(refit_group, model)
         with _client(workers, scheduler) as client:
-            _require_same_version(client)
+            _require_same_code(client)
             threads = max(1, sum(client.nthreads().values()))
             # Not pure: equal moments of two units are two tasks.
             submit = partial(client.submit, work, pure=False, retries=2)
-            for group, future in _ahead(submit, groups, WINDOW * threads):
-                error = future.exception()
-                yield future.result() if error is None else _failed(group, f"{type(error).__name__}: {error}")
+
+            def again(group: Group) -> list[Record] | None:
+                return _result(client, submit(group))
+
+            for done, (group, future) in enumerate(_ahead(submit, groups, WINDOW * threads)):
+                try:
+                    found = _result(client, future)
+                    yield _halved(group, again) if found is None else found
+                except (OSError, CancelledError) as error:
+                    text = f"the Dask scheduler went away after {done} groups ({type(error).__name__}); start it again"
+                    raise InputError(f"{text}, and give the command again", scheduler) from None
                 future.release()
 
     return run
+
+
+def _result(client: Any, future: Any) -> list[Record] | None:
+    """What a task made; None where it failed. InputError where no worker comes back for a minute."""
+    left_s = GONE_S
+    while True:
+        try:
+            error = future.exception(timeout=_LOOK_S)
+            break
+        except TimeoutError:
+            left_s = GONE_S if client.nthreads() else left_s - _LOOK_S
+            if left_s <= 0.0:
+                text = f"no Dask worker for {GONE_S:g} s; start some with `dask worker`, and give the command again"
+                raise InputError(text) from None
+    if isinstance(error, CancelledError):
+        raise error
+    return future.result() if error is None else None
+
+
+def _halved(group: Group, again: Callable[[Group], list[Record] | None]) -> list[Record]:
+    """Records of a group that could not be refitted as one; `again` refits a part, None where it fails, too."""
+    found: dict[int, Record] = {}
+    waiting, tries, some = deque([range(len(group.units))]), 0, False
+    while waiting:
+        part = waiting.popleft()
+        rows = slice(part.start, part.stop)
+        own = Group(group.units[rows], group.runs[rows], group.values[rows])
+        hopeless = tries >= (_MOST_TRIES if some else _LEAST_TRIES)
+        records = None if hopeless else again(own)
+        tries, some = tries + (not hopeless), some or records is not None
+        if records is None and len(part) > 1 and not hopeless:
+            middle = (part.start + part.stop) // 2
+            waiting += [range(part.start, middle), range(middle, part.stop)]
+            continue
+        found |= dict(zip(part, records or _failed(own, "its worker process died"), strict=True))
+    return [found[i] for i in range(len(group.units))]
 
 
 def _ahead(submit: Callable[[Group], Any], groups: Iterable[Group], window: int) -> Iterator[tuple[Group, Any]]:
@@ -98,12 +154,12 @@ def _executor(workers: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
 
 
-def _alone(work: Callable[[Group], list[Record]], group: Group) -> list[Record]:
+def _alone(work: Callable[[Group], list[Record]], group: Group) -> list[Record] | None:
     with _executor(1) as executor:
         try:
             return executor.submit(work, group).result()
         except BrokenProcessPool:
-            return _failed(group, "its worker process died")
+            return None
 
 
 def _client(workers: int, scheduler: str | None) -> Any:
@@ -127,18 +183,30 @@ def _client(workers: int, scheduler: str | None) -> Any:
         raise InputError(f"no Dask scheduler: {error}; start one with `dask scheduler`", scheduler) from None
 
 
-def _require_same_version(client: Any) -> None:
-    found = set(client.run(_version).values())
-    if found - {__version__}:
-        raise InputError(
-            f"the workers have bench {', '.join(sorted(found))}, this one is {__version__}; install the same"
-        )
+def _require_same_code(client: Any) -> None:
+    found = client.run(fingerprint)
     if not found:
         raise InputError("the Dask scheduler has no workers; start some with `dask worker`")
+    own = fingerprint()
+    for worker, theirs in sorted(found.items()):
+        if theirs != own:
+            what = next(name for name in own if theirs.get(name) != own[name])
+            text = f"worker {worker} has {what} {theirs.get(what)}, this computer {own[what]}: install the same"
+            raise InputError(f"{text}, or the numbers would differ")
 
 
-def _version() -> str:
-    return __version__
+def fingerprint() -> dict[str, str]:
+    """What the numbers of a refit depend on: versions, and the hash of the bench's own code."""
+    digest = hashlib.sha256()
+    top = Path(str(files("bench")))
+    for path in sorted(top.rglob("*.py")):
+        digest.update(path.relative_to(top).as_posix().encode() + b"\0" + path.read_bytes())
+    return {
+        "bench": __version__,
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "code": digest.hexdigest()[:12],
+    }
 
 
 def _failed(group: Group, why: str) -> list[Record]:
