@@ -90,7 +90,6 @@ from .judging.diagnosed import improvement_rungs as improvement_rungs
 from .judging.diagnosed import rivals as rivals
 from .judging.earlier import BEFORE as BEFORE
 from .judging.earlier import SAVED as SAVED
-from .judging.imu_verification import ImuVerification as ImuVerification
 from .judging.imu_verification import verify_imu as verify_imu
 from .judging.judge import BASELINES as BASELINES
 from .judging.judge import analyse as analyse

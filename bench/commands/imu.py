@@ -62,10 +62,14 @@ def imu(table: Path, plan_file: Path, out: Path | None = None, unit: str = "") -
 
 
 def verify_imu(table: Path, plan_file: Path, calibration: Path, limits_path: Path | None = None) -> ImuVerified:
-    """`bench imu --verify`: a calibration judged by the rows of another table that have other positions or rates."""
+    """`bench imu --verify`: a calibration judged by the rows of another table that have other positions or rates.
+
+    Where the calibration is a folder, the verdict is kept there, and stands in its report.
+    """
     from bench.acquisition import read_confined
     from bench.analysis import load_imu_plan, load_limits, rows_of
     from bench.analysis import verify_imu as verify
+    from bench.deliver import write_imu_report
 
     record = ImuRecord.of(calibration)
     prove(calibration if calibration.is_dir() else calibration.parent)
@@ -73,20 +77,28 @@ def verify_imu(table: Path, plan_file: Path, calibration: Path, limits_path: Pat
         raise InputError("is the table that this calibration was fitted to; verify with another one", table)
     limits = None if limits_path is None else load_limits(limits_path)
     plan, document = load_imu_plan(plan_file)
-    return ImuVerified(
-        table, calibration, verify(record, rows_of(read_confined(table).columns, plan, document), limits)
-    )
+    rows = rows_of(read_confined(table).columns, plan, document)
+    found = verify(record, rows, limits, _sources(table, plan_file))
+    if not calibration.is_dir():
+        return ImuVerified(table, calibration, found)
+    return ImuVerified(table, calibration, found, (found.write(calibration), write_imu_report(calibration)))
+
+
+def _sources(*files: Path) -> list[ImuSource]:
+    return [ImuSource(file=path.name, sha256=sha256(path)) for path in files]
 
 
 def _kept(made: ImuCalibration, columns: Mapping[str, FloatArray], files: Sequence[Path], out: Path) -> list[Path]:
     """Write the record and, into a folder, what people look at."""
-    record = made.record(columns, [ImuSource(file=path.name, sha256=sha256(path)) for path in files])
+    from bench.deliver import write_imu_report
+
+    record = made.record(columns, _sources(*files))
     if out.suffix == ".json":
         return [record.write(out.parent, out.name)]
     out.mkdir(exist_ok=True)
     paths = [record.write(out), out / TABLE]
     write(out / TABLE, parameters_csv(made.estimates))
-    return paths
+    return [*paths, write_imu_report(out)]
 
 
 def parameters_csv(estimates: Iterable[Estimate]) -> str:

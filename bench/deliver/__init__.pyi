@@ -62,6 +62,7 @@ from .report.figures_workbench import side_by_side as side_by_side
 from .report.html import Headline as Headline
 from .report.html import html_page as html_page
 from .report.html import write_report as write_report
+from .report.imu_page import write_imu_report as write_imu_report
 from .report.markup import Row as Row
 from .report.markup import Section as Section
 from .report.markup import figure as figure

@@ -68,6 +68,7 @@ from .records.diagnosis import DiagnosisRecord as DiagnosisRecord
 from .records.flash import FlashRecord as FlashRecord
 from .records.flash import StoredImage as StoredImage
 from .records.imu import ImuAxis as ImuAxis
+from .records.imu import ImuAxisError as ImuAxisError
 from .records.imu import ImuFinding as ImuFinding
 from .records.imu import ImuParameter as ImuParameter
 from .records.imu import ImuPosition as ImuPosition
@@ -75,6 +76,7 @@ from .records.imu import ImuRecord as ImuRecord
 from .records.imu import ImuSource as ImuSource
 from .records.imu import ImuTriad as ImuTriad
 from .records.imu import ImuValue as ImuValue
+from .records.imu import ImuVerificationRecord as ImuVerificationRecord
 from .records.job import JobRecord as JobRecord
 from .records.judged import Judged as Judged
 from .records.judged import JudgedQuantity as JudgedQuantity

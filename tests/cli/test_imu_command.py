@@ -9,7 +9,7 @@ import yaml
 from click.testing import CliRunner
 
 from bench.cli import main
-from bench.record import ImuRecord, sha256
+from bench.record import ImuRecord, ImuVerificationRecord, sha256
 from benchmarks import imu_data
 from drivers.sim.truth.imu.drawn import drawn
 
@@ -99,7 +99,7 @@ def calibrated(folder):
 def test_the_result_is_kept_as_a_record_that_names_what_it_was_made_from(folder, calibrated):
     out, answer = calibrated
     found, record = json.loads(answer.stdout), ImuRecord.read(out)
-    assert found["files"] == [str(out / name) for name in ("imu.json", "parameters.csv")]
+    assert found["files"] == [str(out / name) for name in ("imu.json", "parameters.csv", "report.html")]
     assert record.unit == "SIM-IMU-0001"
     digests = {source.file: source.sha256 for source in record.sources}
     assert digests == {name: sha256(folder / name) for name in ("imu.csv", "changed.yaml")}
@@ -145,8 +145,10 @@ def test_a_calibration_is_verified_by_other_attitudes_and_rates(folder, calibrat
     found = json.loads(answer.stdout)
     assert answer.exit_code == (0 if found["verdict"] in {"PASS", "MARGINAL"} else 1)
     assert (found["rows"], found["fitted_rows"], found["rows_beyond"]) == (24, 0, 0)
+    assert ImuVerificationRecord.read(folder / "cal").verdict == found["verdict"] == "PASS"
     for axis in found["axes"]:
         assert axis["rms"] < 0.2 * axis["raw_rms"]
+        assert axis["floor"] < axis["stated"]
         assert 0.3 * axis["floor"] < axis["rms"] < 12.0 * axis["floor"]
         assert axis["interval"][0] < axis["rms"] < axis["interval"][1]
 
@@ -172,7 +174,10 @@ def test_a_verification_is_judged_by_limits_and_fails_where_the_unit_changed(fol
     assert words == {"gyro_error_rms_dph": "FAIL", "accelerometer_error_rms_mps2": "PASS"}
     assert found["verdict"] == "FAIL"
     assert found["axes"][1]["mean"] == pytest.approx(25.0, abs=5.0)
-    assert "gyro y: most of its error is its mean" in verified(folder, "bad").stdout
+    own = verified(folder, "bad")  # without limits: by what the calibration states
+    assert own.exit_code == 1
+    assert own.stdout.startswith("FAIL")
+    assert "gyro y: most of its error is its mean" in own.stdout
 
 
 def test_rows_that_were_fitted_or_lie_beyond_the_range_verify_nothing(folder, calibrated):

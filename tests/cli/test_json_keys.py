@@ -95,7 +95,8 @@ IMU_KEYS = {
     "imu IMU/imu.csv --plan IMU/imu.yaml --unit U-7 --out IMU/cal":
         "table out files rows left_out range_degc parameters undetermined findings",
     "imu IMU/check.csv --plan IMU/check.yaml --verify IMU/cal":
-        """table calibration verdict rows stays fitted_rows rows_beyond range_degc axes quantities rule""",
+        """table calibration files format created sources verdict rows stays fitted_rows rows_beyond range_degc axes
+        quantities rule""",
     "export IMU/cal --format px4 --force":
         "run format files unit serial calibration_id crc words lost objections",
 }  # fmt: skip

@@ -1,25 +1,37 @@
 """The calibration of an inertial unit against other positions and rates than it was fitted to.
 
 Nothing is fitted: not to the unit, nor to fixture or place. Only rows whose attitude or rate was not fitted are judged;
-a row beyond the calibrated temperatures is left out and counted.
+a row beyond the calibrated temperatures is left out and counted. Without limits the calibration is judged by what it
+states of itself: the mean of an axis is one draw of its wandering bias and of its parameters, its scatter is many.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
+from bench.analysis.imu.curves import TriadCurves
 from bench.analysis.imu.rows import ImuRows
 from bench.analysis.imu.stored import curves_of
 from bench.analysis.imu.triad import Triad
-from bench.analysis.judging.limits import Limits, Quantity, Verdict, judge_limits
+from bench.analysis.judging.limits import COVERAGE, Limits, Quantity, Verdict, judge_limits
+from bench.analysis.noise.whitening import Ratios, covariance
 from bench.analysis.thresholds import VERIFIED_RATIO
-from bench.base import BoolArray, FloatArray, InputError, finite
-from bench.record import AXES, ImuRecord, ImuTriad
+from bench.base import BoolArray, FloatArray, InputError
+from bench.record import (
+    AXES,
+    ImuAxisError,
+    ImuRecord,
+    ImuSource,
+    ImuTriad,
+    ImuVerificationRecord,
+    Judged,
+    StoredQuantity,
+)
 
 NEW_DEG = 5.0
 """An attitude that is closer to a fitted one is that one."""
@@ -31,69 +43,13 @@ UNITS = {"gyro": "dph", "accelerometer": "mps2"}
 """End of the names of quantities."""
 
 
-@dataclass(frozen=True)
-class AxisError:
-    """One axis over the judged rows, in the unit of its output."""
+def verify_imu(
+    record: ImuRecord, rows: ImuRows, limits: Limits | None = None, sources: Sequence[ImuSource] = ()
+) -> ImuVerificationRecord:
+    """Judge a calibration by rows of another table, made from `sources`.
 
-    name: str
-    unit: str
-    raw_rms: float
-    """Output less input, before the correction."""
-    rms: float
-    """After it."""
-    interval: tuple[float, float]
-    """95 %, as if each stay were one value: the rows of a stay share its attitude's error."""
-    mean: float
-    peak: float
-    floor: float
-    """What a perfect calibration would leave: noise of neighbouring rows of a stay, and attitudes that are as exact as
-    the calibration found them. The wandering of a bias between two runs is not in it: the unit's user sees that."""
-
-    @property
-    def over_floor(self) -> float:
-        """RMS over the floor."""
-        return self.rms / self.floor
-
-    def to_json(self) -> dict[str, Any]:
-        """All of it."""
-        numbers = {key: finite(getattr(self, key)) for key in ("raw_rms", "rms", "mean", "peak", "floor", "over_floor")}
-        return {"name": self.name, "unit": self.unit, **numbers, "interval": [finite(end) for end in self.interval]}
-
-
-@dataclass(frozen=True)
-class ImuVerification:
-    """What other positions and rates say of a calibration."""
-
-    axes: tuple[AxisError, ...]
-    rows: int
-    """Judged."""
-    stays: int
-    fitted: int
-    """Rows left out because attitude and rate were fitted."""
-    beyond: int
-    """Rows left out because a temperature was beyond the calibrated range."""
-    range_degc: tuple[float, float]
-    quantities: tuple[Quantity, ...]
-    verdict: Verdict
-    judged: dict[str, Any]
-
-    def to_json(self) -> dict[str, Any]:
-        """What the command answers."""
-        return {
-            "verdict": self.verdict.value,
-            "rows": self.rows,
-            "stays": self.stays,
-            "fitted_rows": self.fitted,
-            "rows_beyond": self.beyond,
-            "range_degc": list(self.range_degc),
-            "axes": [axis.to_json() for axis in self.axes],
-            "quantities": [quantity.to_json() for quantity in self.quantities],
-            **self.judged,
-        }
-
-
-def verify_imu(record: ImuRecord, rows: ImuRows, limits: Limits | None = None) -> ImuVerification:
-    """Judge a calibration by rows of another table; InputError where none of them has a new attitude or rate."""
+    InputError where none of them has a new attitude or rate.
+    """
     within, new = _within(record, rows), _new(record, rows.gyro)
     chosen = np.flatnonzero(within & new)
     if not len(chosen):
@@ -102,18 +58,31 @@ def verify_imu(record: ImuRecord, rows: ImuRows, limits: Limits | None = None) -
             f"were fitted, {np.sum(~within)} temperatures beyond the calibrated ones; measure other positions or rates"
         )
     gyro, accelerometer = rows.gyro.rows(chosen), rows.accelerometer.rows(chosen)
-    found = curves_of(record).corrected(gyro, accelerometer)
+    curves = curves_of(record)
+    found = curves.corrected(gyro, accelerometer)
     axes = tuple(
         error
-        for data, values, stored in zip((gyro, accelerometer), found, record.triads, strict=True)
-        for error in _errors(data, values, stored)
+        for data, values, own, stored in zip(
+            (gyro, accelerometer), found, (curves.gyro, curves.accelerometer), record.triads, strict=True
+        )
+        for error in _errors(data, values, own, stored)
     )
     quantities = tuple(_quantities(axes))
     verdict, judged = _judged(axes, quantities, limits)
     both = np.hstack([gyro.temperature, accelerometer.temperature])
-    span = float(both.min()), float(both.max())
-    counts = len(chosen), len(np.unique(gyro.visit)), int(np.sum(within & ~new)), int(np.sum(~within))
-    return ImuVerification(axes, *counts, span, quantities, verdict, judged)
+    return ImuVerificationRecord(
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        sources=tuple(sources),
+        verdict=verdict.value,
+        rows=len(chosen),
+        stays=len(np.unique(gyro.visit)),
+        fitted_rows=int(np.sum(within & ~new)),
+        rows_beyond=int(np.sum(~within)),
+        range_degc=(float(both.min()), float(both.max())),
+        axes=axes,
+        quantities=tuple(StoredQuantity.model_validate(quantity.to_json()) for quantity in quantities),
+        **judged,
+    )
 
 
 def _within(record: ImuRecord, rows: ImuRows) -> BoolArray:
@@ -137,16 +106,26 @@ def _new(record: ImuRecord, data: Triad) -> BoolArray:
     return np.asarray(~same.any(axis=1))
 
 
-def _errors(data: Triad, found: FloatArray, stored: ImuTriad) -> Iterator[AxisError]:
+def _errors(data: Triad, found: FloatArray, own: TriadCurves, stored: ImuTriad) -> Iterator[ImuAxisError]:
     error, raw = found - data.driving, data.output - data.driving
     stays = len(np.unique(data.visit))
     for i, axis in enumerate(AXES):
         rms = _rms(error[:, i])
         low, high = (rms * float(np.sqrt(stays / chi2.ppf(p, stays))) for p in (0.975, 0.025))
-        yield AxisError(
-            f"{data.kind} {axis}", stored.unit, _rms(raw[:, i]), rms, (low, high), float(np.mean(error[:, i])),
-            float(np.max(np.abs(error[:, i]))), _floor(data, error[:, i], i, stored),
-        )  # fmt: skip
+        floor = _floor(data, error[:, i], i, stored)
+        yield ImuAxisError(
+            name=f"{data.kind} {axis}",
+            unit=stored.unit,
+            raw_rms=_rms(raw[:, i]),
+            rms=rms,
+            interval=(low, high),
+            mean=float(np.mean(error[:, i])),
+            scatter=float(np.std(error[:, i])),
+            peak=float(np.max(np.abs(error[:, i]))),
+            floor=floor,
+            over_floor=rms / floor,
+            stated=float(np.sqrt(floor**2 + _uncertain(data, i, own) + _wandering(data, i, stored))),
+        )
 
 
 def _floor(data: Triad, error: FloatArray, axis: int, stored: ImuTriad) -> float:
@@ -162,7 +141,27 @@ def _floor(data: Triad, error: FloatArray, axis: int, stored: ImuTriad) -> float
     return float(np.sqrt(noise + attitudes))
 
 
-def _quantities(axes: tuple[AxisError, ...]) -> Iterator[Quantity]:
+def _uncertain(data: Triad, axis: int, own: TriadCurves) -> float:
+    """Mean variance of these rows from the uncertainty of the parameters."""
+    fit, reference = own.axes[axis], own.reference
+    parts = [term.curve.columns(data.temperature[:, axis]) * term.drive(data, axis)[:, None] for term in fit.terms]
+    columns = np.hstack(parts)
+    ppm = reference.rate_ppm if own.kind == "gyro" else reference.gravity_ppm
+    scale = (1e-6 * ppm * data.driving[:, axis]) ** 2
+    return float(np.mean(np.sum(columns @ fit.covariance * columns, axis=1) + scale))
+
+
+def _wandering(data: Triad, axis: int, stored: ImuTriad) -> float:
+    """Mean variance of these rows from flicker and walk, as the calibration found them."""
+    variances, none = stored.axes[axis].variances, np.zeros(len(data.time))
+    flicker, walk = (
+        float(np.mean(np.diag(covariance(data.time, data.interval_s, ratios, none))))
+        for ratios in (Ratios(1.0, 0.0), Ratios(0.0, 1.0))
+    )
+    return variances.get("flicker", 0.0) * flicker + variances.get("walk", 0.0) * walk
+
+
+def _quantities(axes: tuple[ImuAxisError, ...]) -> Iterator[Quantity]:
     """The worst axis of each triad."""
     for kind, unit in UNITS.items():
         own = [axis for axis in axes if axis.name.startswith(kind)]
@@ -176,7 +175,7 @@ def _quantities(axes: tuple[AxisError, ...]) -> Iterator[Quantity]:
 
 
 def _judged(
-    axes: tuple[AxisError, ...], quantities: tuple[Quantity, ...], limits: Limits | None
+    axes: tuple[ImuAxisError, ...], quantities: tuple[Quantity, ...], limits: Limits | None
 ) -> tuple[Verdict, dict[str, Any]]:
     if limits is not None:
         own = tuple(limit for limit in limits.limits if limit.quantity in {q.name for q in quantities})
@@ -186,14 +185,16 @@ def _judged(
                 f"limits {limits.name}: none is for a quantity of an inertial unit's verification: {names}"
             )
         judgement = judge_limits(limits.model_copy(update={"limits": own}), quantities)
-        return judgement.verdict, {"limits": judgement.to_json()}
+        return judgement.verdict, {"limits": Judged.model_validate(judgement.to_json())}
     rule = (
-        f"RMS of each axis at most {VERIFIED_RATIO:g} times its floor; MARGINAL where only 95 % intervals reach below"
+        f"of each axis the mean within {COVERAGE:g} times the stated standard deviation, the scatter within "
+        f"{VERIFIED_RATIO:g} times; MARGINAL where the 95 % interval of the scatter reaches below"
     )
-    if all(axis.rms <= VERIFIED_RATIO * axis.floor for axis in axes):
-        return Verdict.PASS, {"rule": rule}
-    low = all(axis.interval[0] <= VERIFIED_RATIO * axis.floor for axis in axes)
-    return (Verdict.MARGINAL if low else Verdict.FAIL), {"rule": rule}
+    if any(abs(axis.mean) > COVERAGE * axis.stated for axis in axes):
+        return Verdict.FAIL, {"rule": rule}
+    over = [axis for axis in axes if axis.scatter > VERIFIED_RATIO * axis.stated]
+    low = all(axis.scatter * axis.interval[0] / axis.rms <= VERIFIED_RATIO * axis.stated for axis in over)
+    return (Verdict.FAIL if not low else Verdict.MARGINAL if over else Verdict.PASS), {"rule": rule}
 
 
 def _rms(values: FloatArray) -> float:

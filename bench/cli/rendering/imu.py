@@ -63,30 +63,38 @@ def _(result: ImuCalibrated) -> dict[str, Any]:
 def _(result: ImuVerified) -> Iterator[str | Table]:
     found = result.verification
     low, high = found.range_degc
-    yield f"{found.verdict.value}: {found.rows} rows of {found.stays} stays with other attitudes or rates than fitted"
+    yield f"{found.verdict}: {found.rows} rows of {found.stays} stays with other attitudes or rates than fitted"
     yield ""
     rows = [
         (a.name, a.unit, number(a.raw_rms), number(a.rms), f"{number(a.interval[0])} to {number(a.interval[1])}",
-         number(a.mean), number(a.peak), number(a.floor), f"{a.over_floor:.2f}")
+         number(a.mean), number(a.scatter), number(a.peak), number(a.floor), f"{a.over_floor:.2f}", number(a.stated))
         for a in found.axes
     ]  # fmt: skip
-    yield table(("", "", ">raw RMS", ">RMS left", ">95 %", ">mean", ">peak", ">floor", ">over floor"), rows)
+    yield table(
+        ("", "", ">raw RMS", ">RMS left", ">95 %", ">mean", ">scatter", ">peak", ">floor", ">over floor", ">stated"),
+        rows,
+    )
     yield ""
-    yield f"from {low:.1f} to {high:.1f} degC; {found.fitted} rows left out as fitted, {found.beyond} beyond the range"
+    yield f"from {low:.1f} to {high:.1f} degC; left out: {found.fitted_rows} rows as fitted, {found.rows_beyond} beyond"
     yield "floor: noise of neighbouring rows, and attitudes that are as exact as the calibration found them"
+    yield "stated: the floor, the uncertainty of the parameters, and how the calibration saw a bias wander"
     moved = [axis for axis in found.axes if 2.0 * axis.mean**2 > axis.rms**2 and axis.over_floor > 1.0]
     yield from (f"{a.name}: most of its error is its mean, {number(a.mean)} {a.unit}: its bias moved" for a in moved)
-    limited = found.judged.get("limits")
-    if limited is None:
-        yield f"rule: {found.judged['rule']}"
-        return
-    for one in limited["results"]:
-        yield f"{one['verdict'] or '-':<9} {one['name']} = {number(one['value'])} {one['unit']}"
+    if found.rule is not None:
+        yield f"rule: {found.rule}"
+    for one in found.limits.results if found.limits else ():
+        yield f"{one.verdict or '-':<9} {one.name} = {number(one.value)} {one.unit}"
+    yield from (f"written to {path}" for path in result.files)
 
 
 @content.register(ImuVerified)
 def _(result: ImuVerified) -> dict[str, Any]:
-    return {"table": str(result.table), "calibration": str(result.calibration), **result.verification.to_json()}
+    return {
+        "table": str(result.table),
+        "calibration": str(result.calibration),
+        "files": [str(path) for path in result.files],
+        **result.verification.content(),
+    }
 
 
 @lines.register(ImuExported)

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
         Finding,
         Floor,
         Improvement,
-        ImuVerification,
         Signature,
     )
     from bench.base import BenchError
     from bench.commands.replay.replaying import Replay
     from bench.mystery import Score
+    from bench.record import ImuVerificationRecord
 
 
 WORST_FIRST = (
@@ -288,9 +288,10 @@ class ImuVerified(Result):
 
     table: Path
     calibration: Path
-    verification: ImuVerification
+    verification: ImuVerificationRecord
+    files: tuple[Path, ...] = ()
 
     @property
     def exit_code(self) -> int:
         """1 outside limits."""
-        return int(not self.verification.verdict.within)
+        return int(self.verification.verdict not in {"PASS", "MARGINAL"})

@@ -8,7 +8,7 @@ from bench.record.records.chain import ChainRecord
 from bench.record.records.comparison import ComparisonRecord
 from bench.record.records.diagnosis import DiagnosisRecord
 from bench.record.records.flash import FlashRecord
-from bench.record.records.imu import ImuRecord
+from bench.record.records.imu import ImuRecord, ImuVerificationRecord
 from bench.record.records.job import JobRecord
 from bench.record.records.judged import LimitsRecord, VerificationRecord
 from bench.record.records.lot import LotRecord
@@ -29,6 +29,7 @@ RECORDS: tuple[type[Record], ...] = (
     JobRecord,
     LotRecord,
     ImuRecord,
+    ImuVerificationRecord,
     StartRecord,
 )
 """In the order in which a unit's work makes them."""

@@ -8,6 +8,8 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field
 
 from bench.base import InputError
+from bench.record.records.calibration import StoredQuantity
+from bench.record.records.judged import Judged
 from bench.record.records.stored import Record, Stored
 
 Three = tuple[float, float, float]
@@ -119,6 +121,7 @@ class ImuRecord(Record):
     time_s: tuple[float, ...] = ()
     """Middle of each fitted row."""
     sample_hz: float | None = None
+    simulated: bool = False
     range_degc: tuple[float, float]
     """Range of temperature that all six axes had."""
     rate_ppm: float = 0.0
@@ -152,3 +155,56 @@ class ImuRecord(Record):
         if found is None:
             raise InputError("is no calibration of an inertial unit; make one with `bench imu … --out FOLDER`", path)
         return found
+
+
+class ImuAxisError(Stored):
+    """One axis over the rows of a verification, in the unit of its output."""
+
+    name: str
+    unit: str
+    raw_rms: float
+    """Output less input, before the correction."""
+    rms: float
+    """After it."""
+    interval: tuple[float, float]
+    """95 %, as if each stay were one value: the rows of a stay share its attitude's error."""
+    mean: float
+    scatter: float
+    """RMS about the mean."""
+    peak: float
+    floor: float
+    """What a perfect calibration would leave: noise of neighbouring rows of a stay, and attitudes that are as exact as
+    the calibration found them."""
+    over_floor: float
+    """RMS over the floor."""
+    stated: float
+    """Standard deviation that the calibration states of such rows: the floor, the uncertainty of its parameters, and
+    how it saw a bias wander."""
+
+
+class ImuVerificationRecord(Record):
+    """A calibration against attitudes and rates that it was not fitted to."""
+
+    FILE: ClassVar[str] = "imu_verification.json"
+    TITLE: ClassVar[str] = "imu_verification"
+    MADE_FROM: ClassVar[tuple[str, ...]] = (ImuRecord.FILE,)
+    ADVICE: ClassVar[str] = "make it again with `bench imu … --verify`"
+
+    created: str
+    sources: tuple[ImuSource, ...] = ()
+    """Data and plan."""
+    verdict: str
+    """PASS, MARGINAL or FAIL."""
+    rows: int
+    """Judged."""
+    stays: int
+    fitted_rows: int
+    """Left out because attitude and rate were fitted."""
+    rows_beyond: int
+    """Left out because a temperature was beyond the calibrated range."""
+    range_degc: tuple[float, float]
+    axes: tuple[ImuAxisError, ...]
+    quantities: tuple[StoredQuantity, ...] = ()
+    rule: str | None = None
+    """Without limits: the rule that took their place."""
+    limits: Judged | None = None
