@@ -302,7 +302,7 @@ class Dataset:
             segment=self.segment[starts],
             interval_s=float(interval_s),
             finer_step=self.temperature_step,
-            finer_rate_step=self.rate_step,
+            finer_rate_step=self.rate_step if "rate" in self.channels else None,
             finer=Finer(self, group) if self.finer is None else self.finer.to(group),
         )
 

@@ -22,7 +22,7 @@ from bench.acquisition.importer.plan import load_columns, plan_import, write_imp
 from bench.acquisition.importer.tables import read_table
 from bench.acquisition.importer.units import conversion
 from bench.base.errors import InputError
-from bench.record import dataset
+from bench.record import apart, dataset, load, read_samples
 from bench.record.folder import open_run
 from drivers.wire import Message
 
@@ -585,3 +585,31 @@ def test_what_is_unlikely_is_warned_of(tmp_path, body, words):
 def test_an_ordinary_record_is_not_doubted(tmp_path):
     for step_s, rows in ((1.0, 8000), (0.5, 15_000), (10.0, 1500), (30.0, 800)):
         assert plan_import(write(tmp_path, ramps(step_s, rows=rows))).warnings == ()
+
+
+def test_all_axes_and_thermometers_of_a_table_become_one_run(tmp_path):
+    """As a log of an inertial unit is: three rates and three forces that only their axis tells apart, two dies."""
+    degc = np.linspace(-20.0, 60.0, 400)
+    columns = {"time [s]": 10.0 * np.arange(400.0), "temp_1 [degC]": degc, "temperature_2": degc + 1.0}
+    columns |= {f"g{axis} [dps]": 0.001 * (n + 1) + 1e-5 * degc for n, axis in enumerate("xyz")}
+    columns |= {f"acc_{axis} (g)": np.full(400, 0.5 * n) + 1e-6 * degc for n, axis in enumerate("xyz")}
+    path = tmp_path / "imu.csv"
+    pd.DataFrame(columns).to_csv(path, index=False)
+    run = write_import(
+        plan_import(path, ColumnMap(temperature_1=ChannelSource(column="temp_1 [degC]")), "IMU-1"), tmp_path / "out"
+    )
+    whole = load(run.path, 60.0)
+    assert whole.outputs == ("rate_x", "rate_y", "rate_z", "acceleration_x", "acceleration_y", "acceleration_z")
+    assert np.array_equal(whole.channel("temperature"), whole.channel("temperature_1"))
+    data = read_samples(run.data)
+    assert data["rate_y"] == pytest.approx(3600.0 * columns["gy [dps]"])
+    assert data["acceleration_z"] == pytest.approx(9.80665 * columns["acc_z (g)"])
+    assert data["temperature_2"] == pytest.approx(degc + 1.0)
+    assert [each.manifest().output for each in apart(run)] == ["rate_x", "rate_y", "rate_z"]
+
+
+def test_one_axis_of_three_is_imported_by_name(tmp_path):
+    path = write(tmp_path, "time,gx_dph,gy_dph,gz_dph,temp_C\n0,1,2,3,20\n1,1,2,3,21\n")
+    plan = plan_import(path, ColumnMap(rate=ChannelSource(column="gy_dph")))
+    assert [mapped.channel for mapped in plan.mapped] == ["rate", "temperature"]
+    assert plan.channels["rate"].tolist() == [2.0, 2.0]

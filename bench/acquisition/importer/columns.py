@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from bench.acquisition.importer.table import Table
 from bench.acquisition.importer.units import conversion, examples
-from bench.base import CHANNELS, STRICT, InputError, nearest
+from bench.base import CHANNELS, OUTPUTS, RATES, STRICT, THERMOMETERS, InputError, nearest
 from drivers.units import Conversion, is_unit
 
 _SYNONYMS = {
@@ -27,6 +27,16 @@ _SYNONYMS = {
     "applied_rate": "appliedrate tablerate ratetable referencerate",
 }
 _BY_WORD = {word: channel for channel, words in _SYNONYMS.items() for word in words.split()}
+_AXES = {
+    f"{word}{axis}": f"{channel}_{axis}"
+    for channel, words in {
+        "rate": "gyro g w rate omega angularrate angularvelocity",
+        "acceleration": "acc accel a acceleration accelerometer linearacceleration",
+    }.items()
+    for word in words.split()
+    for axis in "xyz"
+}
+"""Headers of the axes of a unit that has three."""
 _COUNTERS = {"sample", "samples", "samplenumber", "index", "n", "i", "row", "counter", "samplecounter"}
 
 
@@ -86,6 +96,21 @@ class ColumnMap(BaseModel):
     chamber_setpoint: ChannelSource | None = None
     compressor: ChannelSource | None = None
     applied_rate: ChannelSource | None = None
+    rate_x: ChannelSource | None = None
+    rate_y: ChannelSource | None = None
+    rate_z: ChannelSource | None = None
+    acceleration_x: ChannelSource | None = None
+    acceleration_y: ChannelSource | None = None
+    acceleration_z: ChannelSource | None = None
+    temperature_1: ChannelSource | None = None
+    temperature_2: ChannelSource | None = None
+    temperature_3: ChannelSource | None = None
+    temperature_4: ChannelSource | None = None
+    temperature_5: ChannelSource | None = None
+    temperature_6: ChannelSource | None = None
+    temperature_7: ChannelSource | None = None
+    temperature_8: ChannelSource | None = None
+    temperature_9: ChannelSource | None = None
 
     def channel(self, name: str) -> ChannelSource | None:
         """Source of one channel other than time."""
@@ -94,7 +119,7 @@ class ColumnMap(BaseModel):
 
 
 IMPORTED = tuple(name for name in CHANNELS if name in ColumnMap.model_fields)
-"""Channels that a table may hold: one output, of a unit with one."""
+"""Channels that a table may hold: `rate` of a unit with one output, or rates and accelerations by axis."""
 
 
 def column_map(table: Table, columns: Mapping[str, str], units: Mapping[str, str]) -> ColumnMap:
@@ -161,8 +186,11 @@ def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
     named = {name: columns.channel(name) for name in IMPORTED if name != "time"}
     found = {name: _mapped(table, name, source) for name, source in named.items() if source is not None}
     taken = {mapped.column for mapped in found.values()} | {columns.time.column if columns.time else None}
-    for channel, candidates in _obvious(table, taken).items():
-        if channel in found or channel == "time":
+    obvious = _obvious(table, taken)
+    if not {*RATES} & {*found}:
+        found |= _triads(table, taken, obvious)
+    for channel, candidates in obvious.items():
+        if channel in found or channel == "time" or (channel in RATES and {*RATES} & {*found}):
             continue
         if len(candidates) > 1:
             if CHANNELS[channel].required:
@@ -171,11 +199,29 @@ def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
                 raise UnclearColumnError(f"several columns could be {channel}: {names}", advice, table)
             continue
         found[channel] = _mapped(table, channel, ChannelSource(column=candidates[0]))
-    for channel in ("rate", "temperature"):
-        if channel not in found:
+    for channel, some in (("rate", RATES), ("temperature", THERMOMETERS)):
+        if not {*some} & {*found}:
             advice = f"name it in a column map, `{channel}: {{column: …, unit: {examples(channel)[0]}}}`"
             raise UnclearColumnError(f"no column is {channel}; the table has {', '.join(table.columns)}", advice, table)
     return {channel: found[channel] for channel in IMPORTED if channel in found}
+
+
+def _triads(table: Table, taken: set[str | None], obvious: Mapping[str, list[str]]) -> dict[str, Mapped]:
+    """Three rates that only their axis tells apart, and three accelerations beside them whose unit is stated."""
+    named: dict[str, list[str]] = {}
+    for name in table.columns:
+        channel = _AXES.get(_word(split_header(name, table.units.get(name))[0]))
+        if channel is not None and name not in taken:
+            named.setdefault(channel, []).append(name)
+    found: dict[str, Mapped] = {}
+    for kind in ("rate", "acceleration"):
+        own = {channel: names[0] for channel, names in named.items() if channel.startswith(kind) and len(names) == 1}
+        stated = all(split_header(name, table.units.get(name))[1] for name in own.values())
+        if len(own) < 3 or (kind == "rate" and len(obvious.get("rate", ())) not in {0, 3}):
+            continue
+        if kind == "rate" or (found and stated):
+            found |= {channel: _mapped(table, channel, ChannelSource(column=name)) for channel, name in own.items()}
+    return found
 
 
 def find_time(table: Table, columns: ColumnMap) -> TimeSource:
@@ -241,9 +287,9 @@ def _mapped(table: Table, channel: str, source: ChannelSource) -> Mapped:
     header = split_header(source.column, table.units.get(source.column))[1]
     unit, how = source.unit or header, "column map" if source.unit else "header"
     if unit is None:
-        if channel == "rate" and source.column != "rate":
+        if channel in OUTPUTS and source.column != channel:
             problem = f"'{source.column}' does not say its unit, which may be {', '.join(examples(channel))}"
-            advice = f"say it in a column map, `rate: {{column: {source.column}, unit: …}}`"
+            advice = f"say it in a column map, `{channel}: {{column: {source.column}, unit: …}}`"
             raise UnclearColumnError(problem, advice, table)
         unit, how = CHANNELS[channel].unit, "assumed"
     return Mapped(channel, source.column, unit, _convert(table, unit, channel), how)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from bench.acquisition.importer.columns import Mapped
 from bench.acquisition.importer.table import Table
-from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, FloatArray, InputError
+from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, RATES, THERMOMETERS, FloatArray, InputError
 
 _FASTEST_DPH = 5000 * DPH_PER_DPS
 """No gyro measures more [deg/h]."""
@@ -21,7 +21,8 @@ _GAP_INTERVALS = 5.0
 
 _DEGC = (-273.15, 1000.0)
 _POSSIBLE = {
-    "rate": (-1e6 * DPH_PER_DPS, 1e6 * DPH_PER_DPS), "temperature": _DEGC, "chamber_temperature": _DEGC,
+    **dict.fromkeys(RATES, (-1e6 * DPH_PER_DPS, 1e6 * DPH_PER_DPS)), **dict.fromkeys(THERMOMETERS, _DEGC),
+    **{f"acceleration_{axis}": (-1e6, 1e6) for axis in "xyz"}, "chamber_temperature": _DEGC,
     "chamber_setpoint": _DEGC, "frequency": (0.0, 1e9), "applied_rate": (-1e6, 1e6), "drive": (-1e6, 1e6),
     "quadrature": (-1e6, 1e6), "supply": (-1e6, 1e6),
 }  # fmt: skip
@@ -96,24 +97,12 @@ def _fastest(time: FloatArray, degc: FloatArray) -> float:
 
 def doubts(channels: Mapping[str, FloatArray], mapped: Mapping[str, Mapped]) -> list[str]:
     """What the magnitudes make doubtful."""
-    found = []
-    rate, degc = (channels[name][np.isfinite(channels[name])] for name in ("rate", "temperature"))
-    given = mapped["rate"].unit
-    fastest, scatter = float(np.abs(rate).max()), float(np.std(np.diff(rate))) if rate.size > 1 else 0.0
-    if fastest > _FASTEST_DPH:
-        found.append(f"rate reaches {fastest / DPH_PER_DPS:.3g} deg/s when read as {given}: more than any "
-                     "gyro measures; is it in deg/h?")  # fmt: skip
-    elif 0 < scatter < _QUIETEST_DPH and fastest < 15.0:
-        found.append(
-            f"rate scatters by only {scatter:.2g} deg/h from sample to sample when read as {given}; read as rad/s it "
-            f"would be {scatter * DPH_PER_RADPS:.2g} deg/h, as deg/s {scatter * DPH_PER_DPS:.2g} deg/h: check the unit"
-        )
+    rates, warm = [name for name in RATES if name in channels], next(n for n in THERMOMETERS if n in channels)
+    found = [text for name in rates for text in _of_rate(name, channels[name], mapped[name].unit)]
+    degc = channels[warm][np.isfinite(channels[warm])]
     if degc.min() < _COLDEST_DEGC or degc.max() > _HOTTEST_DEGC:
-        text = f"temperature is {degc.min():.4g} to {degc.max():.4g} degC when read as {mapped['temperature'].unit}"
+        text = f"temperature is {degc.min():.4g} to {degc.max():.4g} degC when read as {mapped[warm].unit}"
         found.append(f"{text}: check the unit (K, degF?)")
-    if rate.size > 1 and np.ptp(rate) == 0.0:
-        found.append(f"rate is {rate[0]:.6g} deg/h in every row: no gyro is so quiet; is it the right column, and did "
-                     "the unit still measure?")  # fmt: skip
     if np.ptp(degc) < _CONSTANT_DEGC:
         found.append(f"temperature is constant ({degc.min():.2f} to {degc.max():.2f} degC): good as a static run for "
                      "the noise, useless for a model over temperature")  # fmt: skip
@@ -133,3 +122,25 @@ def time_gaps(time: FloatArray, table: Table) -> list[str]:
     line = table.line(int(gaps[0]) + 1)
     where = "" if line is None else f", the first before line {line}"
     return [f"{gaps.size} gaps in time, together {float(steps[gaps].sum()):.4g} s{where}; they stay gaps"]
+
+
+def _of_rate(name: str, values: FloatArray, given: str) -> Iterator[str]:
+    rate = values[np.isfinite(values)]
+    if not rate.size:
+        return
+    fastest, scatter = float(np.abs(rate).max()), float(np.std(np.diff(rate))) if rate.size > 1 else 0.0
+    if fastest > _FASTEST_DPH:
+        yield (
+            f"{name} reaches {fastest / DPH_PER_DPS:.3g} deg/s when read as {given}: more than any gyro measures; is "
+            "it in deg/h?"
+        )
+    elif 0 < scatter < _QUIETEST_DPH and fastest < 15.0:
+        yield (
+            f"{name} scatters by only {scatter:.2g} deg/h from sample to sample when read as {given}; read as rad/s it "
+            f"would be {scatter * DPH_PER_RADPS:.2g} deg/h, as deg/s {scatter * DPH_PER_DPS:.2g} deg/h: check the unit"
+        )
+    if rate.size > 1 and np.ptp(rate) == 0.0:
+        yield (
+            f"{name} is {rate[0]:.6g} deg/h in every row: no gyro is so quiet; is it the right column, and did the "
+            "unit still measure?"
+        )

@@ -19,7 +19,7 @@ from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, fi
 from bench.acquisition.importer.doubts import doubts, refuse_impossible, time_doubts, time_gaps
 from bench.acquisition.importer.table import Table
 from bench.acquisition.importer.tables import read_table
-from bench.base import CHANNELS, FloatArray, InputError, __version__, dump, load_config
+from bench.base import CHANNELS, RATES, THERMOMETERS, FloatArray, InputError, __version__, dump, load_config
 from bench.record import (
     EVENTS,
     Dataset,
@@ -62,7 +62,9 @@ class ImportPlan:
         """The table as a record in memory, its rows as they are; nothing is written."""
         segments = tuple(Segment.of(branch.as_segment(i)) for i, branch in enumerate(self.branches))
         segment = segment_of(self.branches, self.time)
-        return Dataset(self.table.path.stem, self.time, self.channels, segment, segments, self.interval_s)
+        warm = next(name for name in THERMOMETERS if name in self.channels)
+        channels = {"temperature": self.channels[warm], **self.channels}
+        return Dataset(self.table.path.stem, self.time, channels, segment, segments, self.interval_s)
 
     def preview(self) -> str:
         """What was understood, as text for a person."""
@@ -121,15 +123,16 @@ def plan_table(table: Table, columns: ColumnMap, serial: str) -> ImportPlan:
     time = _time(table, source)
     with np.errstate(over="ignore"):  # what is beyond every number is refused below
         channels = {name: entry.convert(table.columns[entry.column]) for name, entry in mapped.items()}
-    for name in ("rate", "temperature"):
+    rate, warm = (next(name for name in some if name in channels) for some in (RATES, THERMOMETERS))
+    for name in (rate, warm):
         if not np.any(np.isfinite(channels[name])):
             raise InputError(f"column '{mapped[name].column}' ({name}) has no value in any row", table.path)
     channels = {name: values for name, values in channels.items() if np.any(np.isfinite(values))}
     used = tuple(mapped[name] for name in channels)
     refuse_impossible(time, channels, used, table)
-    warnings = (*table.notes, *time_doubts(time, channels["temperature"]), *doubts(channels, mapped))
+    warnings = (*table.notes, *time_doubts(time, channels[warm]), *doubts(channels, mapped))
     warnings = (*warnings, *time_gaps(time, table))
-    branches = find_branches(time, channels["temperature"])
+    branches = find_branches(time, channels[warm])
     return ImportPlan(table, serial, source, time, channels, used, branches, warnings)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.acquisition import answering, shortened
+from bench.base import RATES, THERMOMETERS
 
 if TYPE_CHECKING:
     from bench.acquisition import ImportPlan, Table
@@ -129,7 +130,9 @@ def _figure(plan: ImportPlan) -> dict[str, Any]:
 
     hours = plan.time / 3600
     traces = []
-    for name, colour, where in (("temperature", VERMILION, "y"), ("rate", BLUE, "y2")):
+    lines = [(name, VERMILION, "y") for name in THERMOMETERS if name in plan.channels][:1]
+    lines += [(name, BLUE, "y2") for name in RATES if name in plan.channels]
+    for name, colour, where in lines:
         rows = thin(plan.channels[name], _DRAWN)
         traces.append(line_trace(hours[rows], plan.channels[name][rows], name, colour, yaxis=where, width=1.3))
     layout = {
