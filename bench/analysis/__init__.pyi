@@ -70,9 +70,12 @@ from .imu.identify import after as after
 from .imu.identify import refuse_undetermined as refuse_undetermined
 from .imu.mounting import Finding as Finding
 from .imu.plan import ImuPlan as ImuPlan
+from .imu.plan import RunOptions as RunOptions
 from .imu.plan import load_imu_plan as load_imu_plan
+from .imu.plan import load_run_options as load_run_options
 from .imu.rows import ImuRows as ImuRows
 from .imu.rows import rows_of as rows_of
+from .imu.runs import rows_of_runs as rows_of_runs
 from .imu.stored import ImuCalibration as ImuCalibration
 from .imu.stored import curves_of as curves_of
 from .judging.analysis import LIMITS_YAML as LIMITS_YAML

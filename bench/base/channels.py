@@ -50,6 +50,7 @@ CHANNELS: dict[str, Channel] = {
         Channel("chamber_setpoint", "degC", "set point in force"),
         Channel("compressor", "0/1", "compressor running"),
         Channel("applied_rate", "deg/s", "rate table, from its own encoder"),
+        Channel("table_angle", "deg", "the same; of runs whose profile names attitudes"),
         *(Channel(f"rate_{axis}", "deg/h", f"output of the gyro {axis}, raw") for axis in "xyz"),
         *(Channel(f"acceleration_{axis}", "m/s^2", f"output of the accelerometer {axis}, raw") for axis in "xyz"),
         *(Channel(f"temperature_{number}", "degC", f"thermometer {number} of the unit") for number in range(1, 10)),

@@ -230,30 +230,36 @@ def reveal(folder: Path, model: str) -> Result:
 
 
 @click.command()
-@path_argument("table")
-@path_option("--plan", "plan_file", required=True, help="Plan (YAML): place, and the attitude of each stay.")
+@path_argument("sources", nargs=-1, required=True)
+@path_option("--plan", "plan_file", help="Plan (YAML): place and attitudes of a table; options of the fit for runs.")
 @path_option(
     "--out", help="Folder for record, parameters and report; or a file: .json the record, .csv the parameters."
 )
 @click.option("--unit", default="", help="Serial number of the unit, for record and image.")
-@path_option("--verify", "calibration", help="Instead: judge this calibration (folder or imu.json) by TABLE.")
+@path_option("--verify", "calibration", help="Instead: judge this calibration (folder or imu.json) by SOURCES.")
 @limits_option
 @answers
 def imu(
-    table: Path, plan_file: Path, out: Path | None, unit: str, calibration: Path | None, limits: Path | None
+    sources: tuple[Path, ...],
+    plan_file: Path | None,
+    out: Path | None,
+    unit: str,
+    calibration: Path | None,
+    limits: Path | None,
 ) -> Result:
-    """Calibrate a whole inertial unit from TABLE: three gyros and three accelerometers over temperature.
+    """Calibrate a whole inertial unit: three gyros and three accelerometers over temperature.
 
-    TABLE has the channels time, rate_x … acceleration_z, temperatures and applied_rate, as CSV, Parquet or MF4. Exit
-    code 1 where outputs, fixture, place or the model of an axis are not as they should be, or, with --verify, where the
-    calibration is outside its limits.
+    SOURCES are run folders, which know their attitudes, or one table with --plan. A table has the channels time,
+    rate_x … acceleration_z, temperatures and applied_rate, as CSV, Parquet or MF4. Exit code 1 where outputs, fixture,
+    place or the model of an axis are not as they should be, or, with --verify, where the calibration is outside its
+    limits.
     """
     from bench import commands
 
     if calibration is not None:
         if out is not None or unit:
             raise click.UsageError("--verify calibrates nothing: leave out --out and --unit")
-        return commands.verify_imu(table, plan_file, calibration, limits)
+        return commands.verify_imu(sources, plan_file, calibration, limits)
     if limits is not None:
         raise click.UsageError("--limits judges a verification: name the calibration with --verify")
-    return commands.imu(table, plan_file, out, unit)
+    return commands.imu(sources, plan_file, out, unit)

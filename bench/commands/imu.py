@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.base import FloatArray, InputError
+from bench.base import InputError
 from bench.commands.files import write
+from bench.commands.imu_rows import Measured, measured
 from bench.commands.results.analyse import ImuCalibrated, ImuVerified
-from bench.record import ImuRecord, ImuSource, prove, sha256
+from bench.record import ImuRecord, prove
 
 if TYPE_CHECKING:
     from bench.analysis import Estimate, ImuCalibration, ImuRows
@@ -21,19 +22,20 @@ if TYPE_CHECKING:
 TABLE = "parameters.csv"
 
 
-def imu(table: Path, plan_file: Path, out: Path | None = None, unit: str = "") -> ImuCalibrated:
-    """`bench imu`: calibrate a unit from a table of its outputs and the plan of its attitudes.
+def imu(
+    sources: Sequence[Path], plan_file: Path | None = None, out: Path | None = None, unit: str = ""
+) -> ImuCalibrated:
+    """`bench imu`: calibrate a unit from its runs, or from a table of its outputs and the plan of its attitudes.
 
     `out`: a CSV for the parameters; or a JSON file for the record; or a folder for the record, the CSV and a report.
     """
-    from bench.acquisition import read_confined
-    from bench.analysis import ImuCalibration, after, diagnose_imu, load_imu_plan, refuse_undetermined, rows_of
+    from bench.analysis import ImuCalibration, after, diagnose_imu, refuse_undetermined
 
     if out is not None and not out.parent.is_dir():
         raise InputError(f"folder {out.parent} does not exist; make it first", out)
-    plan, document = load_imu_plan(plan_file)
-    model, columns = plan.orders.model(), read_confined(table).columns
-    rows: ImuRows = rows_of(columns, plan, document)
+    given = measured(sources, plan_file)
+    rows, plan = given.rows, given.plan
+    model = plan.orders.model()
     for triad in (rows.gyro, rows.accelerometer):
         refuse_undetermined(triad, model)
     found = diagnose_imu(rows.gyro, rows.accelerometer, plan.latitude_deg, model, plan.reference)
@@ -46,10 +48,10 @@ def imu(table: Path, plan_file: Path, out: Path | None = None, unit: str = "") -
         write(out, parameters_csv(estimates))
         files = [out]
     elif out is not None:
-        made = ImuCalibration(unit, plan, rows, found, (low, high), estimates, undetermined)
-        files = _kept(made, columns, (table, plan_file), out)
+        made = ImuCalibration(unit or given.unit, plan, rows, found, (low, high), estimates, undetermined)
+        files = _kept(made, given, out)
     return ImuCalibrated(
-        table,
+        sources[0],
         out,
         len(rows.gyro.time),
         rows.left_out,
@@ -61,38 +63,35 @@ def imu(table: Path, plan_file: Path, out: Path | None = None, unit: str = "") -
     )
 
 
-def verify_imu(table: Path, plan_file: Path, calibration: Path, limits_path: Path | None = None) -> ImuVerified:
-    """`bench imu --verify`: a calibration judged by the rows of another table that have other positions or rates.
+def verify_imu(
+    sources: Sequence[Path], plan_file: Path | None, calibration: Path, limits_path: Path | None = None
+) -> ImuVerified:
+    """`bench imu --verify`: a calibration judged by rows of other runs or another table at other positions or rates.
 
     Where the calibration is a folder, the verdict is kept there, and stands in its report.
     """
-    from bench.acquisition import read_confined
-    from bench.analysis import load_imu_plan, load_limits, rows_of
+    from bench.analysis import load_limits
     from bench.analysis import verify_imu as verify
     from bench.deliver import write_imu_report
 
     record = ImuRecord.of(calibration)
     prove(calibration if calibration.is_dir() else calibration.parent)
-    if sha256(table) in {source.sha256 for source in record.sources}:
-        raise InputError("is the table that this calibration was fitted to; verify with another one", table)
+    given, known = measured(sources, plan_file), {source.sha256 for source in record.sources}
+    for source, own in zip(sources, given.files, strict=False):
+        if own.sha256 in known:
+            raise InputError("is what this calibration was fitted to; verify with another run or table", source)
     limits = None if limits_path is None else load_limits(limits_path)
-    plan, document = load_imu_plan(plan_file)
-    rows = rows_of(read_confined(table).columns, plan, document)
-    found = verify(record, rows, limits, _sources(table, plan_file))
+    found = verify(record, given.rows, limits, given.files)
     if not calibration.is_dir():
-        return ImuVerified(table, calibration, found)
-    return ImuVerified(table, calibration, found, (found.write(calibration), write_imu_report(calibration)))
+        return ImuVerified(sources[0], calibration, found)
+    return ImuVerified(sources[0], calibration, found, (found.write(calibration), write_imu_report(calibration)))
 
 
-def _sources(*files: Path) -> list[ImuSource]:
-    return [ImuSource(file=path.name, sha256=sha256(path)) for path in files]
-
-
-def _kept(made: ImuCalibration, columns: Mapping[str, FloatArray], files: Sequence[Path], out: Path) -> list[Path]:
+def _kept(made: ImuCalibration, given: Measured, out: Path) -> list[Path]:
     """Write the record and, into a folder, what people look at."""
     from bench.deliver import write_imu_report
 
-    record = made.record(columns, _sources(*files))
+    record = made.record(given.columns, given.files)
     if out.suffix == ".json":
         return [record.write(out.parent, out.name)]
     out.mkdir(exist_ok=True)

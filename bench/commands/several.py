@@ -63,8 +63,13 @@ def report_on_all(units: Sequence[UnitResult], models: Sequence[Model], limits: 
 
 
 def _apart(run: RunFolder) -> list[RunFolder]:
-    """The run of each rate; the run itself where they cannot be told apart, and its analysis says why."""
+    """The run of each rate; the run itself where they cannot be told apart, and its analysis says why.
+
+    A run through attitudes belongs to the whole unit: gravity, Earth and table are in all its rates.
+    """
     try:
+        if any(segment.attitude is not None for segment in run.manifest().segments):
+            return [run]
         return apart(run)
     except (InputError, OSError):
         return [run]

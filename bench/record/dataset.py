@@ -44,6 +44,8 @@ class Segment:
     rate: float | None = None
     turn_on: int = 1
     """Which turn-on of the run it belongs to."""
+    attitude: str | None = None
+    """Name of the attitude that the unit stood in; None: nobody said."""
 
     @property
     def settles(self) -> bool:
@@ -63,6 +65,7 @@ class Segment:
             target=entry.target_degc,
             rate=entry.rate_degc_per_min,
             turn_on=entry.turn_on,
+            attitude=entry.attitude,
         )
 
 

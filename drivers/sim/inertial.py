@@ -67,6 +67,7 @@ class InertialUnit:
         self._thermometers = [name for name in layout.channels if THERMOMETERS.fullmatch(name)]
         if others := layout.channels.keys() - self._columns.keys() - {*self._thermometers}:
             raise ConfigError(f"signals: a simulated inertial unit does not send {', '.join(sorted(others))}")
+        self._standing: tuple[tuple[int, float], tuple[FloatArray, FloatArray]] | None = None
         self._sample_s = layout.interval_ms * 1e-3
         self.imu = SimulatedImu(settings.truth(), settings.place(latitude_deg), seed, self._sample_s * DIVIDER)
 
@@ -79,10 +80,7 @@ class InertialUnit:
         turned = np.concatenate([[0.0], np.cumsum(0.5 * step_s * (edges[1:] + edges[:-1]))])
         stand = Stand(0, np.eye(3) if environment.attitude is None else environment.attitude, visit=environment.visit)
         angles = self.imu.mounting.angle_deg + turned
-        if not turned.any():
-            rate, force = (np.repeat(one, steps, axis=0) for one in self.imu.mounting.turned(stand, angles[:2], 1.0))
-        else:
-            rate, force = self.imu.mounting.turned(stand, angles, 1.0 / step_s)
+        rate, force = self._driven(stand, angles, 1.0 / step_s)
         case = np.linspace(*environment.fixture_temperature, steps + 1)[1:]
         signals = self.imu.measured(rate, force, case)
         outputs = np.repeat(np.hstack([signals.rate, signals.acceleration]), DIVIDER, axis=0)
@@ -91,3 +89,15 @@ class InertialUnit:
         for place, name in enumerate(self._thermometers):
             values[name] = np.repeat(signals.temperatures[:, place % 4], DIVIDER)
         return values
+
+    def _driven(self, stand: Stand, angles: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+        """Rates and forces (steps, 3) while the table goes through these angles (steps + 1,); one that stands is asked
+        once.
+        """
+        if np.ptp(angles) > 0.0:
+            return self.imu.mounting.turned(stand, angles, rate_hz)
+        key = stand.visit, float(angles[0])
+        if self._standing is None or self._standing[0] != key:
+            self._standing = key, self.imu.mounting.turned(stand, angles[:2], rate_hz)
+        rate, force = (np.repeat(one, len(angles) - 1, axis=0) for one in self._standing[1])
+        return rate, force

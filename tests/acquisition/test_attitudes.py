@@ -55,6 +55,13 @@ def test_an_attitude_stays_until_another_one_is_named():
     assert [leg.attitude for leg in legs] == ["x_up"] * 3 + ["-x-y_up"] * 3
 
 
+def test_rates_are_turned_in_each_attitude_at_each_temperature():
+    segment = "{kind: rate, rates_dps: [30], dwell_s: 9, attitudes: [x_up, z_up], temperatures_degc: [20, 25]}"
+    legs = profile_from_text(f"name: rates\nsegments:\n  - {segment}\n").legs()
+    turned = [(leg.target_degc, leg.attitude, leg.turn_dps) for leg in legs if leg.kind == "rate"]
+    assert turned == [(t, a, w) for t in (20, 25) for a in ("x_up", "z_up") for w in (30, -30)]
+
+
 def test_a_tumble_throughout_a_ramp_divides_it_evenly():
     text = """\
 name: slow

@@ -164,9 +164,9 @@ def test_legs_follow_each_other_without_gaps_and_add_up_to_the_duration(found):
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_profiles_run_on_the_chamber_that_they_are_for(path):
     chamber = CHAMBER
-    if path.stem.endswith("-55_125"):
-        station = path.parent / "stations" / "wide_range.yaml"
-        chamber = load_config(station, StationSettings).limits()
+    special = {"imu_quick": "imu", "rate_surface_-55_125": "wide_range"}
+    if path.stem in special:
+        chamber = load_config(path.parent / "stations" / f"{special[path.stem]}.yaml", StationSettings).limits()
     found = preflight.check_profile(profile.load_profile(path), replace(chamber, switches_power=True))
     assert levels(found, "error") == []
     assert not any("chamber can only do" in text for text in levels(found, "warning"))
@@ -175,7 +175,13 @@ def test_shipped_profiles_run_on_the_chamber_that_they_are_for(path):
 
 @pytest.mark.parametrize(
     ("name", "low_h", "high_h"),
-    [("ramp_-40_85", 8, 8.5), ("check_minor_loops", 4, 5), ("quick", 1, 80 / 60), ("steps_-40_85", 8, 11)],
+    [
+        ("ramp_-40_85", 8, 8.5),
+        ("check_minor_loops", 4, 5),
+        ("quick", 1, 80 / 60),
+        ("imu_quick", 1.2, 1.7),
+        ("steps_-40_85", 8, 11),
+    ],
 )
 def test_shipped_profiles_take_the_time_that_they_promise(name, low_h, high_h):
     path = next(path for path in SHIPPED if path.stem == name)

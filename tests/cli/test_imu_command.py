@@ -198,7 +198,7 @@ def test_rows_that_were_fitted_or_lie_beyond_the_range_verify_nothing(folder, ca
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--verify", "CAL"), "is the table that this calibration was fitted to; verify with another one"),
+        (("--verify", "CAL"), "is what this calibration was fitted to; verify with another"),
         (("--verify", "CAL", "--out", "x"), "--verify calibrates nothing"),
         (("--limits", "x.yaml"), "name the calibration with --verify"),
         (("--verify", "FOLDER"), "is no calibration of an inertial unit"),

@@ -115,9 +115,9 @@ class LegBuilder:
                 self._stay("start soak", start.soak_min)
         for place, segment in _walk(self._profile.segments, ("segments",)):
             self._place = place
-            self._turn_dps = 0.0 if isinstance(segment, RateSteps | Tumble | PowerCycle) else segment.turn_dps
-            if not isinstance(segment, Tumble | PowerCycle):
-                self._attitude = segment.attitude or self._attitude
+            self._turn_dps = 0.0
+            if not isinstance(segment, RateSteps | Tumble | PowerCycle):
+                self._turn_dps, self._attitude = segment.turn_dps, segment.attitude or self._attitude
             self._one(segment)
             if len(self._legs) > _MAX_LEGS:
                 raise PlacedError(f"makes more than {_MAX_LEGS} legs; repeat less", self._place)
@@ -178,17 +178,22 @@ class LegBuilder:
             self._turn_dps = 0.0
             if target is not None:
                 self._settle(f"{turning.name or 'rates'}: to {target:g}", target, self._rule(turning.settle), i)
-            for turn in turning.turns():
-                reach_s = abs(turn - self._turn_dps) / ACCEL_DPS2
-                self._turn_dps = turn
-                self._add(
-                    f"{turning.name or 'rate'} {f'{turn:+g}' if turn else '0'} deg/s at {self._degc:g}",
-                    "rate",
-                    self._degc,
-                    duration_s=turning.dwell_s,
-                    nominal_s=reach_s + turning.dwell_s,
-                    timeout_s=reach_s + turning.dwell_s + _LATEST_TURN_S,
-                )
+            for attitude in (self._attitude,) if turning.attitudes is None else names_of(turning.attitudes):
+                self._turn_dps, self._attitude = 0.0, attitude
+                self._turn(turning)
+
+    def _turn(self, turning: RateSteps) -> None:
+        for turn in turning.turns():
+            reach_s = abs(turn - self._turn_dps) / ACCEL_DPS2
+            self._turn_dps = turn
+            self._add(
+                f"{turning.name or 'rate'} {f'{turn:+g}' if turn else '0'} deg/s at {self._degc:g}",
+                "rate",
+                self._degc,
+                duration_s=turning.dwell_s,
+                nominal_s=reach_s + turning.dwell_s,
+                timeout_s=reach_s + turning.dwell_s + _LATEST_TURN_S,
+            )
 
     def _tumble(self, tumble: Tumble) -> None:
         names = names_of(tumble.attitudes)

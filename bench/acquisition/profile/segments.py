@@ -153,8 +153,8 @@ class RateSteps(BaseModel):
     """Go to each of these, settle with the table standing, and turn there; left out: where the chamber stands."""
     settle: SettleChange | None = None
     """Values that differ from the profile's `settle`."""
-    attitude: AttitudeName | None = None
-    """How the unit stands from its beginning on; left out: as before. The station needs a `fixture`."""
+    attitudes: Attitudes | None = None
+    """Turn in each of these, at each temperature; left out: as the unit stands. The station needs a `fixture`."""
 
     @model_validator(mode="after")
     def _settles(self) -> RateSteps:

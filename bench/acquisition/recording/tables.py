@@ -40,6 +40,8 @@ class Grid:
     ) -> None:
         self.clock, self.readings = clock, readings
         self.turns = len(table) > 0
+        self.placed = self.turns and any(segment.attitude is not None for segment in segments)
+        """Whether units stood on the table in attitudes of a fixture."""
         self._segments = segments
         chamber = {name: readings[field] for name, field in _CHAMBER.items()}
         self.read_at = self.nearest(readings["t_s"])
@@ -53,7 +55,10 @@ class Grid:
         if self.turns:
             index = self.nearest(table["t_s"])
             new = np.diff(index, prepend=-1) > 0  # two readings at one tick: stamps of a host that was late
-            self._sources.append((index[new], {"applied_rate": table["rate_dps"][new]}))
+            turned = {"applied_rate": table["rate_dps"][new]}
+            if self.placed:
+                turned["table_angle"] = table["position_deg"][new]
+            self._sources.append((index[new], turned))
 
     def air_for_unit(self) -> None:
         """The air of the chamber is the temperature of a unit that sends none."""
@@ -130,7 +135,9 @@ def write_data(path: Path, parts: Sequence[tuple[Iterator[GyroBlock], Grid]], wi
     turns = any(grid.turns for _, grid in parts)
     sent = set(wires[0]) if wires else {"rate", "temperature"}
     usual = USUAL if "rate" in sent else {"time", *_CHAMBER}
-    names = [name for name in CHANNELS if name in usual | sent or (name == "applied_rate" and turns)]
+    turned = {"applied_rate"} if turns else set()
+    turned |= {"table_angle"} if any(grid.placed for _, grid in parts) else set()
+    names = [name for name in CHANNELS if name in usual | sent | turned]
     if not sent & set(THERMOMETERS):  # the air of the chamber takes its place
         names.insert(2, "temperature")
         for _, grid in parts:

@@ -209,7 +209,13 @@ def _begun(
 
 
 def _kind(settings: UnitSettings) -> GyroKind:
-    return GyroKind(layout=settings.dbc or "", number=settings.number, bus=settings.bus, signals=settings.mapping)
+    return GyroKind(
+        layout=settings.dbc or "",
+        number=settings.number,
+        bus=settings.bus,
+        signals=settings.mapping,
+        thermometers=settings.thermometers,
+    )
 
 
 def _finish(folder: RunFolder, unit: LiveUnit) -> BenchError | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.base import DPH_PER_DPS, FloatArray, IntArray
+from bench.base import DPH_PER_DPS, BoolArray, FloatArray, IntArray
 from bench.record import EARTH_DPH
 
 STANDARD_GRAVITY = 9.80665
@@ -17,6 +17,10 @@ def gravity_at(latitude_deg: float) -> float:
     """Normal gravity at sea level [m/s^2]: the closed form of Somigliana on the ellipsoid WGS 84 (NGA.STND.0036)."""
     square = np.sin(np.radians(latitude_deg)) ** 2
     return float(9.7803253359 * (1.0 + 0.00193185265241 * square) / np.sqrt(1.0 - 0.00669437999013 * square))
+
+
+STANDING_DPS = 1e-3
+"""A table whose mean rate over a row is less than this stands."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,11 @@ class Stay:
     """(n,) of the table."""
     interval_s: float
     """Length of a row."""
+
+    @property
+    def stands(self) -> BoolArray:
+        """(n,) whether the table stands; an encoder that stands still reads no exact 0."""
+        return np.asarray(np.abs(self.rate_dps) < STANDING_DPS)
 
     def rows(self, chosen: FloatArray | IntArray) -> Stay:
         """Only these rows."""

@@ -92,8 +92,10 @@ def world(gyro: Triad, accelerometer: Triad, model: TriadModel) -> World:
     """Fit the errors of gravity, table and Earth beside all parameters of the unit; axes are joined by their weight."""
     tilt = np.degrees(1.0)
     # On a turning table a fixture's tilt turns along and a leaning table's does not: only rows that stand are asked.
-    still = accelerometer.rows(np.flatnonzero(accelerometer.stay.rate_dps == 0.0))
-    gravity = _shared(still, model, [_gravity(still, k) for k in range(2)])
+    still = accelerometer.rows(np.flatnonzero(accelerometer.stay.stands))
+    gravity = np.zeros(2), np.full(2, np.inf)  # a table that always turns does not show it
+    if len(still.time):
+        gravity = _shared(still, model, [_gravity(still, k) for k in range(2)])
     both = _shared(gyro, model, [*(_axis_tilt(gyro, k) for k in range(2)), *(_earth(gyro, k) for k in range(3))])
     return World(
         (tilt * gravity[0], tilt * gravity[1]),
@@ -195,7 +197,7 @@ def believed(data: Triad, found: World, findings: list[Finding]) -> Triad:
     if causes & {"fixture_rotation", "table_tilt"}:
         turns_along = "fixture_rotation" in causes
         tilted = sum(a * _gravity(data, k) for k, a in enumerate(np.radians(found.gravity_tilt_deg[0])))
-        force += tilted if turns_along else np.where(data.stay.rate_dps[:, None] == 0.0, tilted, 0.0)
+        force += tilted if turns_along else np.where(data.stay.stands[:, None], tilted, 0.0)
     if causes & {"fixture_rotation", "axis_tilt"} and np.isfinite(found.axis_tilt_deg[1]).all():
         rate += sum(a * _axis_tilt(data, k) for k, a in enumerate(np.radians(found.axis_tilt_deg[0])))
     if causes & {"latitude", "heading"}:

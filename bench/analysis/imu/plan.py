@@ -13,6 +13,7 @@ from bench.base import STRICT, Document, PlacedError, load_config, nearest_or_al
 from bench.record import ATTITUDES, AXES, Attitude
 
 Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
 Seconds = Annotated[float, Field(ge=0.0)]
 Order = Annotated[int, Field(ge=0, le=6)]
 _THERMOMETERS = ("temperature", "temperature", "temperature")
@@ -74,13 +75,11 @@ class OrderSettings(BaseModel):
         return TriadModel(Curve(self.bias), Curve(self.scale_factor), Curve(self.misalignment), *optional)
 
 
-class ImuPlan(BaseModel):
-    """Where an inertial unit was calibrated, and how it stood when."""
+class ImuOptions(BaseModel):
+    """How the outputs of an inertial unit are fitted."""
 
     model_config = STRICT
 
-    latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
-    """Latitude, north positive; gravity and the Earth's rate follow from it."""
     gravity: Annotated[float, Field(gt=9.7, lt=9.9)] | None = None
     """Gravity at the place [m/s^2]; left out: normal gravity at sea level."""
     row_s: Annotated[float, Field(ge=1.0, le=3600.0)] = 60.0
@@ -95,16 +94,6 @@ class ImuPlan(BaseModel):
     """The same of each accelerometer."""
     orders: OrderSettings = OrderSettings()
     """Of the curves over temperature."""
-    stays: Annotated[tuple[StaySettings, ...], Field(min_length=1)]
-    """Attitudes, in the order of time."""
-
-    @model_validator(mode="after")
-    def _in_order(self) -> ImuPlan:
-        for i, (one, other) in enumerate(zip(self.stays, self.stays[1:], strict=False), start=1):
-            if other.from_s < one.to_s:
-                text = f"from_s is {other.from_s:g}, the stay before ends at {one.to_s:g} s; put stays in order"
-                raise PlacedError(text, ("stays", i, "from_s"))
-        return self
 
     @property
     def reference(self) -> Reference:
@@ -116,10 +105,39 @@ class ImuPlan(BaseModel):
         return self.gyro_thermometers if kind == "gyro" else self.accelerometer_thermometers
 
 
+class RunOptions(ImuOptions):
+    """The same for runs, which know their attitudes, and mostly where they were."""
+
+    latitude_deg: Latitude | None = None
+    """Latitude, north positive; left out: as the runs state it."""
+
+
+class ImuPlan(ImuOptions):
+    """Where an inertial unit was calibrated, and how it stood when."""
+
+    latitude_deg: Latitude
+    """Latitude, north positive; gravity and the Earth's rate follow from it."""
+    stays: Annotated[tuple[StaySettings, ...], Field(min_length=1)]
+    """Attitudes, in the order of time."""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> ImuPlan:
+        for i, (one, other) in enumerate(zip(self.stays, self.stays[1:], strict=False), start=1):
+            if other.from_s < one.to_s:
+                text = f"from_s is {other.from_s:g}, the stay before ends at {one.to_s:g} s; put stays in order"
+                raise PlacedError(text, ("stays", i, "from_s"))
+        return self
+
+
 def load_imu_plan(source: Path | str) -> tuple[ImuPlan, Document]:
     """A plan and the document that it was read from; InputError with everything that is wrong, by line."""
     document = read_yaml(source)
     return load_config(document, ImuPlan), document
+
+
+def load_run_options(source: Path | str | None) -> RunOptions:
+    """Options for runs; the usual ones for None. InputError as `load_imu_plan`."""
+    return RunOptions() if source is None else load_config(source, RunOptions)
 
 
 OUTPUTS = {"gyro": tuple(f"rate_{a}" for a in AXES), "accelerometer": tuple(f"acceleration_{a}" for a in AXES)}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,10 +37,8 @@ def rows_of(columns: Mapping[str, FloatArray], plan: ImuPlan, document: Document
     thermometers = [*plan.thermometers("gyro"), *plan.thermometers("accelerometer")]
     values = np.stack([_channel(columns, name) for name in (*names, *thermometers)], axis=1)
     turning = columns.get("applied_rate", np.zeros(len(time)))
-    # Between samples the table turns by the mean of their rates; it stands at 0 at the first.
-    steps = np.diff(time, prepend=time[0]) * 0.5 * (turning + np.concatenate([turning[:1], turning[:-1]]))
-    angle = np.cumsum(np.nan_to_num(steps))
-    row, visit, starts = _cut(time, plan)
+    angle = _angle(columns, time, turning)
+    row, visit, starts = _cut(time, turning, plan)
     if not len(starts):
         raise InputError(f"no stay is as long as a row of {plan.row_s:g} s; lower row_s", document.file)
     means, sound = _means(np.column_stack([values, angle, turning]), row, len(starts), time, plan.row_s)
@@ -61,23 +59,41 @@ def rows_of(columns: Mapping[str, FloatArray], plan: ImuPlan, document: Document
     return ImuRows(*triads, int(np.sum(~sound)))
 
 
+def _angle(columns: Mapping[str, FloatArray], time: FloatArray, turning: FloatArray) -> FloatArray:
+    """Of the table (n,) [deg] since the first sample: as its encoder says, else between samples by their mean rate."""
+    if (own := columns.get("table_angle")) is not None and np.isfinite(own).any():
+        return np.asarray(own - own[np.isfinite(own)][0])
+    steps = np.diff(time, prepend=time[0]) * 0.5 * (turning + np.concatenate([turning[:1], turning[:-1]]))
+    return np.cumsum(np.nan_to_num(steps))
+
+
 def _channel(columns: Mapping[str, FloatArray], name: str) -> FloatArray:
     if name not in columns:
         raise InputError(f"channel '{name}' is missing; the table has {', '.join(sorted(columns))}")
     return columns[name]
 
 
-def _cut(time: FloatArray, plan: ImuPlan) -> tuple[IntArray, IntArray, FloatArray]:
-    """Row of each sample (n,), -1 for none; stay and start [s] of each row."""
+def _cut(time: FloatArray, turning: FloatArray, plan: ImuPlan) -> tuple[IntArray, IntArray, FloatArray]:
+    """Row of each sample (n,), -1 for none; stay and start [s] of each row.
+
+    A row begins again after the table has changed its rate, so that what a stay lasts beyond that is not lost.
+    """
     row = np.full(len(time), -1, dtype=np.int64)
     visit: list[int] = []
     starts: list[float] = []
+    half = 0.5 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     for number, stay in enumerate(plan.stays):
-        count = int((stay.to_s - stay.from_s + 1e-6) // plan.row_s)
-        first, last = np.searchsorted(time, [stay.from_s, stay.from_s + count * plan.row_s])
-        row[first:last] = len(starts) + ((time[first:last] - stay.from_s) // plan.row_s).astype(np.int64)
-        visit += [number] * count
-        starts += [stay.from_s + i * plan.row_s for i in range(count)]
+        start = stay.from_s
+        while start + plan.row_s <= stay.to_s + 1e-6:
+            first, last = np.searchsorted(time, [start, start + plan.row_s - 1e-6])
+            changed = np.abs(turning[first:last] - turning[last - 1 : last]) > STEADY_DPS
+            if changed.any():
+                start = float(time[first + int(np.flatnonzero(changed)[-1]) + 1]) - half
+                continue
+            row[first:last] = len(starts)
+            visit.append(number)
+            starts.append(start)
+            start += plan.row_s
     return row, np.array(visit, dtype=np.int64), np.array(starts)
 
 
@@ -109,11 +125,56 @@ def _triads(
     plan: ImuPlan, means: FloatArray, middle: FloatArray, stay: Stay, visit: IntArray, histories: tuple[Dataset, ...]
 ) -> tuple[Triad, Triad]:
     rate, force = inputs(stay, plan.latitude_deg, plan.gravity)
-    names = [plan.stays[number].placed.name for number in visit]
-    attitude = np.unique(names, return_inverse=True)[1].astype(np.int64)
-    common = (rate, force, stay, visit, attitude, plan.row_s)
+    common = (rate, force, stay, visit, _numbered(stay), plan.row_s)
     gyro = Triad("gyro", middle, means[:, :3], means[:, 6:9], *common, histories[:3])
     return gyro, Triad("accelerometer", middle, means[:, 3:6], means[:, 9:12], *common, histories[3:])
+
+
+def _numbered(stay: Stay) -> IntArray:
+    """The same number (n,) for the same attitude."""
+    flat = np.round(stay.attitude.reshape(len(stay.attitude), 9), 6)
+    return np.unique(flat, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+
+
+def joined(parts: Sequence[ImuRows], later_s: Sequence[float]) -> ImuRows:
+    """Rows of several records of a unit as those of one; `later_s` is when each of them began [s]."""
+    visits = np.cumsum([0, *(int(part.gyro.visit.max()) + 1 for part in parts)])
+    triads = []
+    for kind in ("gyro", "accelerometer"):
+        own: list[Triad] = [getattr(part, kind) for part in parts]
+
+        def together(name: str, own: list[Triad] = own) -> FloatArray:
+            return np.concatenate([getattr(one, name) for one in own])
+
+        stays = [one.stay for one in own]
+        stay = Stay(
+            np.concatenate([one.attitude for one in stays]), np.concatenate([one.angle_deg for one in stays]),
+            np.concatenate([one.rate_dps for one in stays]), stays[0].interval_s,
+        )  # fmt: skip
+        triads.append(
+            Triad(
+                own[0].kind,
+                np.concatenate([one.time + later for one, later in zip(own, later_s, strict=True)]),
+                together("output"),
+                together("temperature"),
+                together("rate"),
+                together("force"),
+                stay,
+                np.concatenate([one.visit + first for one, first in zip(own, visits, strict=False)]),
+                _numbered(stay),
+                own[0].interval_s,
+                tuple(_after([one.history[k] for one in own], later_s) for k in range(3)),
+            )
+        )
+    return ImuRows(triads[0], triads[1], sum(part.left_out for part in parts))
+
+
+def _after(records: Sequence[Dataset], later_s: Sequence[float]) -> Dataset:
+    time = np.concatenate([one.time + later for one, later in zip(records, later_s, strict=True)])
+    warm = np.concatenate([one.channels["temperature"] for one in records])
+    return replace(
+        records[0], time=time, channels={"temperature": warm}, segment=np.zeros(len(time), dtype=np.int64)
+    )  # fmt: skip
 
 
 def _refuse_wrong_attitudes(accelerometer: Triad, plan: ImuPlan, document: Document) -> None:

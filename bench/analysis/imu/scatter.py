@@ -41,7 +41,7 @@ def components(data: Triad, axis: int) -> dict[str, FloatArray]:
     }
     if data.kind == "accelerometer":
         # A table that stands leans by its wobble, the same in every attitude; while it turns this averages out.
-        level = np.where(data.stay.rate_dps[:, None] == 0.0, data.stay.attitude[:, axis, :2], 0.0)
+        level = np.where(data.stay.stands[:, None], data.stay.attitude[:, axis, :2], 0.0)
         found["lean"] = float(np.mean(data.force**2)) * 3.0 * (level @ level.T)
     if len(np.unique(data.visit)) > len(np.unique(data.attitude)) > 1:
         found["attitude"] = turned * (data.attitude[:, None] == data.attitude[None, :])

@@ -19,6 +19,8 @@ from bench.base import FloatArray, InputError, __version__
 from bench.record import AXES, ImuAxis, ImuFinding, ImuParameter, ImuPosition, ImuRecord, ImuSource, ImuTriad, ImuValue
 
 _LEAST_PAIRS = 100
+_STILL_DPS = 0.05
+"""A sample at which the table turns no faster is one at rest: encoders of a table that stands are never quite still."""
 _DIGITS = 7
 """Significant digits of rows that are kept to be looked at."""
 
@@ -133,7 +135,7 @@ def _noise(columns: Mapping[str, FloatArray], plan: ImuPlan) -> tuple[float, dic
     time = columns["time"]
     steps = np.diff(time)
     step = float(np.median(steps))
-    still = np.nan_to_num(columns.get("applied_rate", np.zeros(len(time)))) == 0.0
+    still = np.abs(np.nan_to_num(columns.get("applied_rate", np.zeros(len(time))))) < _STILL_DPS
     inside = np.zeros(len(time), dtype=np.int64)
     for number, stay in enumerate(plan.stays, start=1):
         inside[(time >= stay.from_s) & (time < stay.to_s)] = number

@@ -120,7 +120,13 @@ def _means(run: RunFolder, interval_s: float) -> tuple[Dataset | None, Dataset |
         seconds = seconds_of(run.path)
         if len(seconds.outputs) > 1:
             text = f"the unit has {len(seconds.outputs)} outputs ({', '.join(seconds.outputs)})"
-            return None, None, f"{text}; `bench report` analyses each rate in a run folder of its own"
+            stood = any(segment.attitude for segment in seconds.segments)
+            way = f"`bench imu {run.path}` calibrates it as a whole, by the attitudes that it stood in"
+            return (
+                None,
+                None,
+                f"{text}; {way if stood else '`bench report` analyses each rate in a run folder of its own'}",
+            )
     except InputError as error:
         return None, None, str(error).replace(f"{run.path}/", "")
     steady = averaged(seconds, 1.0)

@@ -19,6 +19,8 @@ class GyroKind(Stored):
     bus: str
     signals: dict[str, Any] | None = None
     """Which signals are what, as in the station file; null: by the names that the bench knows."""
+    thermometers: dict[str, str] = Field(default_factory=dict)
+    """Thermometer that sits at each output, by output; an output that is not named has the first one."""
 
 
 class Orientation(Stored):

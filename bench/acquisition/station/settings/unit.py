@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from bench.acquisition.station.settings.signals import SignalSettings
-from bench.base import STRICT
+from bench.base import OUTPUTS, STRICT, THERMOMETERS, PlacedError
 from drivers.flash_objects import Addresses
 from drivers.gyro import GyroDecoder
 
@@ -59,10 +59,24 @@ class UnitSettings(BaseModel):
     """Name of a shipped DBC, or the path of a DBC file."""
     signals: SignalSettings | None = None
     """Which signals are what; left out: the DBC has the names that the bench knows."""
+    thermometers: dict[str, str] = {}
+    """Thermometer that sits at each output, such as `rate_x: temperature_1`; others have the first thermometer."""
     flash: FlashSettings = FlashSettings()
     """How its calibration memory is reached."""
     simulation: dict[str, Any] | None = None
     """Truth, noise and channels of a simulated unit; left out: the default unit."""
+
+    @model_validator(mode="after")
+    def _thermometers_are_mapped(self) -> UnitSettings:
+        sent = {} if self.signals is None else self.signals.content()
+        for output, thermometer in self.thermometers.items():
+            for name, kind in ((output, OUTPUTS), (thermometer, THERMOMETERS)):
+                if name not in kind or name not in sent:
+                    known = ", ".join(one for one in kind if one in sent) or "none"
+                    raise PlacedError(
+                        f"{name!r} is not one that `signals` maps; known: {known}", ("thermometers", output)
+                    )
+        return self
 
     @property
     def dbc(self) -> str | None:

@@ -60,6 +60,7 @@ class Mounting:
     def __init__(self, settings: MountingSettings, seed: int) -> None:
         self._settings, self._seed = settings, seed
         self.angle_deg = 0.0
+        self._last: tuple[int, FloatArray, Rotation] | None = None
         self._unit = Rotation.from_rotvec(settings.unit_in_fixture_deg, degrees=True)
         self._fixture = Rotation.from_rotvec(settings.fixture_on_table_deg, degrees=True)
         self._base = Rotation.from_rotvec([*settings.table_tilt_deg, 0.0], degrees=True)
@@ -104,7 +105,11 @@ class Mounting:
 
     def _small(self, attitude: FloatArray, visit: int) -> Rotation:
         """What the attitude is off, every time and this time."""
+        if self._last is not None and self._last[0] == visit and np.array_equal(self._last[1], attitude):
+            return self._last[2]
         key = [self._seed, 11, *(np.round(1000.0 * attitude).astype(np.int64).ravel() % 99991).tolist()]
         every = np.random.default_rng(key).standard_normal(3) * self._settings.attitude_arcsec
         now = np.random.default_rng([self._seed, 13, visit]).standard_normal(3) * self._settings.visit_arcsec
-        return Rotation.from_rotvec((every + now) * _ARCSEC)
+        off = Rotation.from_rotvec((every + now) * _ARCSEC)
+        self._last = visit, attitude, off
+        return off
