@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 @registers(begin=True, pass_on=True)
 def run(profile: Path, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
     """Run PROFILE: drive the chamber, capture the units, fit the models, write the reports."""
+    if sys.stderr.isatty() and not quiet:  # at once: what follows takes a while to load
+        click.echo(f"{profile}: checking, then opening the station", err=True)
     from bench import commands
 
     return commands.run_profile(profile, station, commands.RunOptions(**options), out, quiet)
