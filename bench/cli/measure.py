@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bench.cli import completion
 from bench.cli.options import (
     answers,
     effect_option,
@@ -30,7 +31,13 @@ if TYPE_CHECKING:
 @click.command()
 @path_argument("profile")
 @station_option
-@click.option("--unit", "serials", multiple=True, help="Serial number; may be repeated. Default: all of the station.")
+@click.option(
+    "--unit",
+    "serials",
+    multiple=True,
+    shell_complete=completion.units,
+    help="Serial number; may be repeated. Default: all of the station.",
+)
 @model_option
 @limits_option
 @click.option("--production", is_flag=True, help="Refuse to start without valid equipment.")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 
 from bench.base import BenchError
+from bench.cli import completion
 from drivers.errors import DriverError
 
 if TYPE_CHECKING:
@@ -42,9 +43,13 @@ output_option = click.option(
 )
 station_option = path_option("--station", help="Station file (YAML); default: the embedded simulator.")
 model_option = click.option(
-    "--model", "models", multiple=True, help="Model file or name; may be repeated. Default: the three of the papers."
+    "--model",
+    "models",
+    multiple=True,
+    shell_complete=completion.models,
+    help="Model file or name; may be repeated. Default: the three of the papers.",
 )
-model_argument = click.option("--model", required=True, help="Model file or name.")
+model_argument = click.option("--model", required=True, shell_complete=completion.models, help="Model file or name.")
 run_argument = path_argument("run_folder", metavar="RUN")
 runs_argument = path_argument("runs", nargs=-1, required=True)
 unseen_options = together(
