@@ -54,9 +54,9 @@ def _value(value: Any) -> Any:
     return str(value) if isinstance(value, Path | date) else value
 
 
-def unit_text(unit: str) -> str:
+def unit_text(unit: str | None) -> str:
     """A unit behind its number; nothing for a plain number."""
-    return "" if unit == "1" else f" {unit}"
+    return "" if unit in {None, "1"} else f" {unit}"
 
 
 def show(result: object) -> None:
