@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,9 @@ def bash(script, folder):
 @pytest.mark.slow(first=True)
 @pytest.mark.timeout(1800)
 def test_the_tutorial_runs_from_its_first_line_to_its_last(tmp_path):
-    said = "".join(bash(block, tmp_path) for block in blocks(ROOT / "docs" / "tutorial.md"))
+    said = bash("\n".join(blocks(ROOT / "docs" / "tutorial.md")), tmp_path)
+    for language, shown in re.findall(r"```(\w*)\n(.*?)```", (ROOT / "docs" / "tutorial.md").read_text(), re.DOTALL):
+        assert language or shown in said
     assert "Missing: aging" in said
     assert re.search(r"^right +aging$", said, re.MULTILINE)
     assert list(tmp_path.glob("reports/SIM-0001/*/report.html"))
@@ -63,6 +66,13 @@ def test_the_readme_names_every_command_and_no_other():
 
     named = set(re.findall(r"^\| `bench ([a-z-]+)", (ROOT / "README.md").read_text(), re.MULTILINE))
     assert named == set(main.commands)
+
+
+def test_the_readme_names_every_extra():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    rows = re.search(r"\| extra \| for \|\n(.*?)\n\n", (ROOT / "README.md").read_text(), re.DOTALL)
+    named = [name for row in rows[1].splitlines()[1:] for name in re.findall(r"`([a-z0-9]+)`", row.split("|")[1])]
+    assert sorted(named) == sorted(extras)
 
 
 def test_the_files_page_lists_every_channel_with_its_unit_and_meaning():

@@ -27,6 +27,7 @@ from .errors import EquipmentError as EquipmentError
 from .errors import InputError as InputError
 from .errors import RunAborted as RunAborted
 from .processes import process_alive as process_alive
+from .processes import user_name as user_name
 from .shipped import library as library
 from .spelling import closest as closest
 from .spelling import nearest as nearest

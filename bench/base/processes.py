@@ -1,7 +1,8 @@
-"""Processes of this computer."""
+"""Processes of this computer, and whose they are."""
 
 from __future__ import annotations
 
+import getpass
 import os
 
 
@@ -14,3 +15,11 @@ def process_alive(pid: int) -> bool:
     except OSError:  # it is somebody else's
         return True
     return pid > 0
+
+
+def user_name() -> str:
+    """The user of this process; `unknown` in a container without a name for its user."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):
+        return "unknown"

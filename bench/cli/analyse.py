@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bench.cli import completion
 from bench.cli.options import (
     answers,
     effect_option,
@@ -153,7 +154,7 @@ def diagnose(check_runs: tuple[Path, ...], **options: Any) -> Result:
 
 
 @click.command()
-@click.argument("effect")
+@click.argument("effect", shell_complete=completion.effects)
 @model_argument
 @path_option("--out", required=True, help="The new model file.")
 @effect_option
@@ -171,7 +172,7 @@ def add(effect: str, model: str, out: Path) -> Result:
 
 @click.command()
 @click.argument("action", type=click.Choice(["list", "show"]), default="list")
-@click.argument("name", required=False)
+@click.argument("name", required=False, shell_complete=completion.effects)
 @effect_option
 @answers
 def effects(action: str, name: str | None) -> Result:

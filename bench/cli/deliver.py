@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bench.cli import completion
 from bench.cli.options import (
     answers,
     limits_option,
@@ -111,7 +112,7 @@ def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Re
 
 
 @click.command()
-@click.argument("unit")
+@click.argument("unit", shell_complete=completion.units)
 @path_option("--run", help="Use this run; default: the newest of the unit.")
 @path_option("--image", help="Write this image (docs/eeprom.md) unchanged.")
 @click.option("--form", help="float32, fixed, split or split_fixed; default: the one with the least error.")
@@ -131,7 +132,7 @@ def flash(unit: str, station: Path | None, out: Path, quiet: bool, **options: An
 
 @click.command()
 @path_argument("profile")
-@click.option("--unit", "serial", required=True, help="Serial number.")
+@click.option("--unit", "serial", required=True, shell_complete=completion.units, help="Serial number.")
 @station_option
 @limits_option
 @out_option
@@ -146,7 +147,7 @@ def verify(profile: Path, serial: str, station: Path | None, limits: Path | None
 
 
 @click.command()
-@click.option("--unit", "serial", required=True, help="Serial number of the unit.")
+@click.option("--unit", "serial", required=True, shell_complete=completion.units, help="Serial number of the unit.")
 @path_option("--plan", "plan", required=True, help="Plan file (YAML).")
 @station_option
 @path_option("--junit", help="Write JUnit XML here: steps and limits as test cases.")

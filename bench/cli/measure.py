@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from bench.cli import completion
 from bench.cli.options import (
     answers,
     effect_option,
@@ -29,7 +31,13 @@ if TYPE_CHECKING:
 @click.command()
 @path_argument("profile")
 @station_option
-@click.option("--unit", "serials", multiple=True, help="Serial number; may be repeated. Default: all of the station.")
+@click.option(
+    "--unit",
+    "serials",
+    multiple=True,
+    shell_complete=completion.units,
+    help="Serial number; may be repeated. Default: all of the station.",
+)
 @model_option
 @limits_option
 @click.option("--production", is_flag=True, help="Refuse to start without valid equipment.")
@@ -42,6 +50,8 @@ if TYPE_CHECKING:
 @registers(begin=True, pass_on=True)
 def run(profile: Path, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
     """Run PROFILE: drive the chamber, capture the units, fit the models, write the reports."""
+    if sys.stderr.isatty() and not quiet:  # at once: what follows takes a while to load
+        click.echo(f"{profile}: checking, then opening the station", err=True)
     from bench import commands
 
     return commands.run_profile(profile, station, commands.RunOptions(**options), out, quiet)

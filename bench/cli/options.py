@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 
 from bench.base import BenchError
+from bench.cli import completion
 from drivers.errors import DriverError
 
 if TYPE_CHECKING:
@@ -42,9 +43,13 @@ output_option = click.option(
 )
 station_option = path_option("--station", help="Station file (YAML); default: the embedded simulator.")
 model_option = click.option(
-    "--model", "models", multiple=True, help="Model file or name; may be repeated. Default: the three of the papers."
+    "--model",
+    "models",
+    multiple=True,
+    shell_complete=completion.models,
+    help="Model file or name; may be repeated. Default: the three of the papers.",
 )
-model_argument = click.option("--model", required=True, help="Model file or name.")
+model_argument = click.option("--model", required=True, shell_complete=completion.models, help="Model file or name.")
 run_argument = path_argument("run_folder", metavar="RUN")
 runs_argument = path_argument("runs", nargs=-1, required=True)
 unseen_options = together(
@@ -133,7 +138,7 @@ def answers(command: Callable[..., Result | Registered]) -> Callable[..., None]:
 
 def answer(work: Callable[[], Result | Registered], as_json: bool) -> NoReturn:
     """Print a result and end with its exit code. An error of another class is a bug and shows its traceback."""
-    with exits():
+    with exits(as_json):
         result = work()
         from bench.cli import rendering
 
@@ -145,7 +150,10 @@ def answer(work: Callable[[], Result | Registered], as_json: bool) -> NoReturn:
 
 
 class exits:  # noqa: N801 - a context manager, named like a function
-    """Turn an error of bench or drivers into one line on stderr and its exit code."""
+    """Turn an error of bench or drivers into one line on stderr and its exit code; with `as_json` also into JSON."""
+
+    def __init__(self, as_json: bool = False) -> None:
+        self._as_json = as_json
 
     def __enter__(self) -> None:
         """Nothing to do."""
@@ -153,9 +161,13 @@ class exits:  # noqa: N801 - a context manager, named like a function
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Raises SystemExit for an error that has an exit code."""
         if isinstance(error, BenchError | DriverError):
-            print(f"bench: {error}", file=sys.stderr)
-            sys.exit(error.exit_code)
+            self._end(str(error), error.exit_code)
         if isinstance(error, OSError) and error.filename is not None:
             # A folder that cannot be written, a file that is a folder: the user's disk, not a bug.
-            print(f"bench: {error.filename}: cannot be read or written: {error.strerror}", file=sys.stderr)
-            sys.exit(2)
+            self._end(f"{error.filename}: cannot be read or written: {error.strerror}", 2)
+
+    def _end(self, text: str, code: int) -> NoReturn:
+        print(f"bench: {text}", file=sys.stderr)
+        if self._as_json:
+            click.echo(json.dumps({"error": text, "exit_code": code}))
+        sys.exit(code)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bench.cli import completion
 from bench.cli.options import (
     answer,
     answers,
@@ -31,7 +32,7 @@ def registry() -> None:
 
 
 @registry.command("list")
-@click.option("--unit", help="Only runs of this unit.")
+@click.option("--unit", shell_complete=completion.units, help="Only runs of this unit.")
 @click.option("--most", type=click.IntRange(1), default=50, show_default=True, help="Newest runs to list.")
 @archive_options
 @answers
@@ -93,7 +94,7 @@ def registry_operator(name: str, out: Path, where: str | None) -> Result:
 
 
 @registry.command("certificates")
-@click.option("--unit", help="Only those of this unit.")
+@click.option("--unit", shell_complete=completion.units, help="Only those of this unit.")
 @archive_options
 @answers
 def registry_certificates(unit: str | None, out: Path, where: str | None) -> Result:

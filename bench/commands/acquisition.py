@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.base import Document, InputError, library, load_config, read_yaml
+from bench.base import Document, InputError, library, load_config, read_yaml, user_name
 from bench.commands.files import write
 from bench.commands.papers import Papers
 from bench.commands.results.measure import Checked, Copied, StationServed
@@ -105,7 +105,7 @@ def job_of(profile: Path | Document, station: Path | Document | None, task: Task
         serials=task.serials,
         out=task.out,
         compensation=task.compensation,
-        operator=task.operator,
+        operator=task.operator or user_name(),
     )
 
 

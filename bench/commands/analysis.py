@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.base import BenchError, InputError
+from bench.base import BenchError, InputError, user_name
 from bench.commands.clocks import tell_ahead
 from bench.commands.files import tell_unproven, write
 from bench.commands.results.analyse import (
@@ -254,4 +254,4 @@ def import_table(
     memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
     confines = Confines(memory_bytes, cpu_s=4 * HOUR_S, wall_s=4 * HOUR_S, written_bytes=1 << 40)
     plan = plan_table(read_confined(file, dbc, confines), chosen, serial)
-    return Imported(plan, None if out is None else write_import(plan, out).path)
+    return Imported(plan, None if out is None else write_import(plan, out, operator=user_name()).path)

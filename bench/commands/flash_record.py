@@ -6,7 +6,6 @@ run folder that the calibration came from, too, as flash.json.
 
 from __future__ import annotations
 
-import getpass
 import hashlib
 import struct
 from collections.abc import Callable
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.acquisition import StationSettings, UnitSettings, open_alone
-from bench.base import InputError, __version__
+from bench.base import InputError, __version__, user_name
 from bench.commands.clocks import FUTURE_S, tell_ahead
 from bench.commands.registering import refuse_foreign, seen_in
 from bench.deliver import ExportOptions, Image, prepare, read, to_bytes, to_words
@@ -230,7 +229,7 @@ def _record(settings: StationSettings, unit: UnitSettings, calibration: Calibrat
         unit=unit.serial,
         serial=calibration.image.serial,
         utc=now.isoformat(timespec="seconds"),
-        operator=_operator(),
+        operator=user_name(),
         station=settings.name,
         simulated=settings.simulated,
         protocol=addresses.protocol,
@@ -272,13 +271,6 @@ def _held(content: bytes) -> Image | None:
         return read(to_words(content))
     except (InputError, struct.error, IndexError):
         return None
-
-
-def _operator() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):  # a container without a user database
-        return "unknown"
 
 
 def _date(seconds: int) -> str:

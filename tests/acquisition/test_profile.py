@@ -228,7 +228,7 @@ def test_a_profile_that_ends_cold_and_never_returns_is_warned_of():
     assert any("frost" in line for line in found)
     assert any("never returns to its start temperature" in line for line in found)
     assert any("no heating branch" in line for line in found)
-    assert any("noise floor needs" in line for line in found)
+    assert any("noise floor is read where the unit stands still for 5 min" in line for line in found)
 
 
 def test_a_disk_that_is_too_small_is_an_error():

@@ -188,10 +188,11 @@ def test_a_lost_chamber_is_said_loudly_and_the_data_are_kept(world, tmp_path):
     assert [event["ok"] for event in steps if "ok" in event] == [False] * 3
 
 
-def test_a_silent_unit_trips_its_guard_and_ends_safe(world, tmp_path):
+def test_a_silent_unit_trips_its_guard_and_ends_safe(world, tmp_path, capsys):
     result = run_job(acquisition.job(tmp_path), at(20, lambda station: world[0].units.clear()))
     assert isinstance(result.error, RunAborted)
     assert "unit silent: frame_age" in str(result.error)
+    assert capsys.readouterr().err == f"bench: {result.error}; the safe state was reached and read back\n"
     assert is_safe(world)
     assert result.run.manifest().state == "aborted"
 

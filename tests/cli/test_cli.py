@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from bench.base import user_name
 from bench.cli import main
 from tests.support.run_folders import make_run, ramp_run
 
@@ -245,3 +246,19 @@ def test_resume_makes_a_run_of_what_a_killed_bench_left(profile, tmp_path):
     assert answer.exit_code == 0
     assert content["rows"] == before["rows"]
     assert json.loads((Path(run) / "manifest.json").read_text())["files"] == before["files"]
+
+
+def test_an_error_with_json_is_one_object_on_stdout_and_the_line_on_stderr(tmp_path):
+    answer = bench("compare", tmp_path / "nothing", "--json")
+    assert answer.exit_code == 2
+    told = json.loads(answer.stdout)
+    assert told["exit_code"] == 2
+    assert answer.stderr == f"bench: {told['error']}\n"
+
+
+def test_who_imported_a_table_is_on_record(tmp_path):
+    (tmp_path / "log.csv").write_text("time,rate,temperature\n" + "".join(f"{n},1,{20 + n}\n" for n in range(9)))
+    made = bench("import", tmp_path / "log.csv", "--out", tmp_path / "reports", "--json")
+    assert made.exit_code == 0
+    (run,) = json.loads(bench("registry", "list", "--out", tmp_path / "reports", "--json").stdout)["runs"]
+    assert run["operator"] == user_name()

@@ -101,3 +101,13 @@ def test_time_left_follows_a_leg_that_is_late():
     assert show.left_s(status(100.0)) == pytest.approx(200 + 600)
     assert show.left_s(status(1000.0)) == pytest.approx(600)  # the ramp is late: the soak is still to come
     assert show.left_s(status(1100.0, leg=1, leg_from_s=1000.0)) == pytest.approx(500)
+
+
+def test_a_hold_is_told_in_a_pipe_at_once_with_its_reason(capsys):
+    with Progress(PROFILE) as show:
+        show(STATION, status(1.0))
+        show(STATION, status(2.0, holding=("ada at the keyboard",)))
+        show(STATION, status(3.0, holding=("ada at the keyboard",)))
+        show(STATION, status(4.0))
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.endswith("; HELD by ada at the keyboard") for line in lines] == [False, True, False]

@@ -46,6 +46,9 @@ def make_safe(
         error = EquipmentError(f"{trouble}{further}{cause}")
         with suppress(OSError):  # now, and not after minutes of tables and report
             print(f"bench: {error}", file=sys.stderr, flush=True)
+    elif error is not None and sequencer.moved:
+        with suppress(OSError):
+            print(f"bench: {error}; the safe state was reached and read back", file=sys.stderr, flush=True)
     try:
         recorder.write_held()
         station.stop_capture()

@@ -8,7 +8,6 @@ the process that wrote it knows its token. One request and one answer a connecti
 from __future__ import annotations
 
 import contextlib
-import getpass
 import json
 import os
 import socket
@@ -19,7 +18,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from bench.base import EquipmentError, InputError
+from bench.base import EquipmentError, InputError, user_name
 from drivers.journal import Kind, read_blocks
 
 LIVE = "live.json"
@@ -199,8 +198,4 @@ def read_line(connection: socket.socket, patience_s: float) -> bytes:
 
 def whoami() -> str:
     """Who asks: user, host and process."""
-    try:
-        user = getpass.getuser()
-    except (OSError, KeyError, ImportError):  # a container without a name for its user
-        user = "unknown"
-    return f"{user}@{socket.gethostname()} (process {os.getpid()})"
+    return f"{user_name()}@{socket.gethostname()} (process {os.getpid()})"

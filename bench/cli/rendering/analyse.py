@@ -11,7 +11,7 @@ import numpy as np
 from bench.base import finite
 from bench.cli.rendering.difference import difference
 from bench.cli.rendering.drawing import plot
-from bench.cli.rendering.printing import bound, content, lines, number, table
+from bench.cli.rendering.printing import bound, content, lines, number, table, unit_text
 from bench.commands import (
     Compared,
     ComparedSamples,
@@ -135,7 +135,7 @@ def judged(judgement: Mapping[str, Any]) -> Iterator[str]:
         if one["verdict"] not in {"PASS", None}:
             value = one["reason"] if one["value"] is None else f"{one['value']:.4g}"
             spread = "" if None in (one["low"], one["high"]) else f" ({one['low']:.4g} to {one['high']:.4g})"
-            allowed = f"{bound(one['lower'])} to {bound(one['upper'])} {one['unit']}"
+            allowed = f"{bound(one['lower'])} to {bound(one['upper'])}{unit_text(one['unit'])}"
             yield f"  {one['verdict']:<9} {one['name']} {value}{spread}, limits {allowed}"
     skipped = [one["name"] for one in results if one["verdict"] is None]
     rest = f"; not measured: {', '.join(skipped)}" if skipped else ""

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from bench.analysis import State
-from bench.cli.rendering.printing import content, lines, number, table
+from bench.cli.rendering.printing import content, lines, number, table, unit_text
 from bench.commands import Calibrated, CertificateChecked, Certified, Exported, Flashed, MeasuredExported, Verified
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def _(result: Verified) -> Iterator[str | Table]:
         yield f"        calibration run: {verification.done_before.counted}"
     yield f"run     {verification.run.path}"
     for one in limited.get("results", ()):
-        yield f"{one['verdict'] or '-':<9} {one['name']} = {number(one['value'])} {one['unit']}"
+        yield f"{one['verdict'] or '-':<9} {one['name']} = {number(one['value'])}{unit_text(one['unit'])}"
 
 
 @content.register(Verified)

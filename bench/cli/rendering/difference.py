@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from bench.cli.rendering.printing import unit_text
+
 _MOST = 12
 
 
@@ -60,7 +62,7 @@ def _quantity(entry: Mapping[str, Any]) -> str:
                                        else f" ({side['low']:.4g} to {side['high']:.4g})")
         for side in (entry["a"], entry["b"])
     ]  # fmt: skip
-    unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
+    unit = unit_text(entry["unit"])
     return f"{entry['quantity']}: {sides[0]} | {sides[1]}{unit}"
 
 

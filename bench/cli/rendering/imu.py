@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from bench.base import finite
-from bench.cli.rendering.printing import content, lines, number, table
+from bench.cli.rendering.printing import content, lines, number, table, unit_text
 from bench.commands import ImuCalibrated, ImuExported, ImuVerified
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def _(result: ImuVerified) -> Iterator[str | Table]:
     if found.rule is not None:
         yield f"rule: {found.rule}"
     for one in found.limits.results if found.limits else ():
-        yield f"{one.verdict or '-':<9} {one.name} = {number(one.value)} {one.unit}"
+        yield f"{one.verdict or '-':<9} {one.name} = {number(one.value)}{unit_text(one.unit)}"
     yield from (f"written to {path}" for path in result.files)
 
 

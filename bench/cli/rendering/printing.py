@@ -54,6 +54,11 @@ def _value(value: Any) -> Any:
     return str(value) if isinstance(value, Path | date) else value
 
 
+def unit_text(unit: str | None) -> str:
+    """A unit behind its number; nothing for a plain number."""
+    return "" if unit in {None, "1"} else f" {unit}"
+
+
 def show(result: object) -> None:
     """Print a result: tables fit a terminal; a pipe gets plain text in its full width."""
     if not sys.stdout.isatty():

@@ -60,9 +60,9 @@ def judged(content: Mapping[str, Any]) -> tuple[Case, ...]:
     cases = [Case(f"refusal {i + 1}", "INVALID", text=text) for i, text in enumerate(content["refusals"])]
     for result in content["results"]:
         word = result["verdict"]
-        value = result["reason"] if result["value"] is None else f"{result['value']:.6g} {result['unit']}"
-        bounds = f"{_bound(result['lower'])} to {_bound(result['upper'])}"
-        text = f"{word or 'not measured'}: {value}, limits {bounds} {result['unit']}"
+        unit = "" if result["unit"] == "1" else f" {result['unit']}"
+        value = result["reason"] if result["value"] is None else f"{result['value']:.6g}{unit}"
+        text = f"{word or 'not measured'}: {value}, limits {_bound(result['lower'])} to {_bound(result['upper'])}{unit}"
         cases.append(Case(result["name"], "" if word in {"PASS", "MARGINAL", None} else word, word is None, text))
     return tuple(cases)
 

@@ -33,7 +33,7 @@ class Progress:
         self._quiet = quiet
         self._live: Live | None = None
         self._shown_wall_s = -1e9
-        self._leg = -1
+        self._seen: tuple[int, tuple[str, ...]] = (-1, ())
         self._started_wall_s = time.monotonic()
 
     def __enter__(self) -> Progress:
@@ -57,9 +57,15 @@ class Progress:
             if now_s - self._shown_wall_s >= REFRESH_WALL_S:
                 self._shown_wall_s = now_s
                 self._live.update(self._table(station, status), refresh=True)
-        elif status.leg.index != self._leg or now_s - self._shown_wall_s >= PLAIN_LINE_WALL_S:
-            self._leg, self._shown_wall_s = status.leg.index, now_s
+        elif self._news(status) or now_s - self._shown_wall_s >= PLAIN_LINE_WALL_S:
+            self._shown_wall_s = now_s
             print(self._line(station, status), file=sys.stderr, flush=True)
+
+    def _news(self, status: Status) -> bool:
+        """Whether another segment has begun, or something else holds the run than before."""
+        now = status.leg.index, status.holding
+        new, self._seen = now != self._seen, now
+        return new
 
     def left_s(self, status: Status) -> float:
         """Bench time left [s]: the nominal rest of the profile, late by as much as this leg already is."""
@@ -71,6 +77,7 @@ class Progress:
             f"[{clock(status.t_s)}] {status.leg.index + 1}/{status.legs} {status.leg.name}: "
             f"chamber {status.reading.temperature:.1f} degC, {_units_text(station, status)}, "
             f"{losses['received']} frames, {losses['lost']} lost, {clock(self.left_s(status))} left"
+            f"{'; HELD by ' + ', '.join(status.holding) if status.holding else ''}"
         )
 
     def _table(self, station: Station, status: Status) -> Table:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import getpass
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import Depends, HTTPException, Request, Response
 
-from bench.base import InputError
+from bench.base import InputError, user_name
 from bench.web.ground.callers import network, recognised
 from bench.web.ground.settings import Settings
 from bench.web.ground.throttle import Throttle
@@ -59,7 +58,7 @@ class Access:
     def _who(self, request: Request) -> Who:
         address = request.client.host if request.client else "unknown"
         if self.people is None:
-            return Who(_user(), "engineer", address)
+            return Who(user_name(), "engineer", address)
         scheme, _, token = request.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
             person: Person | None = self._by_token(token.strip(), address)
@@ -82,7 +81,7 @@ class Access:
         """Exchange a token for a cookie; HTTPException 401 or 429 as for any wrong token."""
         address = request.client.host if request.client else "unknown"
         if self.people is None or self._sessions is None:
-            return Who(_user(), "engineer", address)
+            return Who(user_name(), "engineer", address)
         person = self._by_token(token, address)
         recognised(request.scope, person.name)
         key = self._sessions.begin(person)
@@ -153,10 +152,3 @@ Viewer = Annotated[Who, Depends(requires("viewer"))]
 Operator = Annotated[Who, Depends(requires("operator"))]
 Engineer = Annotated[Who, Depends(requires("engineer"))]
 """A parameter of a route that needs the role: `def hold(who: Operator)`."""
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError, ImportError):  # a container without a name for its user
-        return "unknown"
