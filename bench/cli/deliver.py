@@ -93,7 +93,10 @@ def export(run_folder: Path, format_: str, output: str | None, out: Path | None,
 @answers
 @registers(begin=False, pass_on=True)
 def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Result:
-    """Write the certificate of RUN as signed PDF and XML; refused without sufficient evidence. Or verify one."""
+    """Write the certificate of RUN as signed PDF and XML; refused without sufficient evidence. Or verify one.
+
+    RUN may be the folder of an inertial unit's calibration (`bench imu --out`).
+    """
     from bench import commands
 
     names = ("verify", "trust", "withdraw", "archive", "registry")
@@ -108,7 +111,10 @@ def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Re
     if run_folder is None:
         raise click.UsageError("name the RUN, or a certificate with --verify FILE or --withdraw NUMBER")
     options["verifications"] = commands.of_outputs(options["verifications"], output)
-    return commands.certificate(commands.of_one(run_folder, output), commands.CertificateOptions(**options), out)
+    chosen = commands.CertificateOptions(**options)
+    if output is None and commands.is_imu(run_folder):
+        return commands.imu_certificate(run_folder, chosen, out)
+    return commands.certificate(commands.of_one(run_folder, output), chosen, out)
 
 
 @click.command()

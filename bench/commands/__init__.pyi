@@ -86,6 +86,8 @@ from .calibration.order import Order as Order
 from .certifying import CertificateOptions as CertificateOptions
 from .certifying import certificate as certificate
 from .certifying import verify_certificate as verify_certificate
+from .imu_certifying import imu_certificate as imu_certificate
+from .imu_certifying import is_imu as is_imu
 from .issuing import registry_certificates as registry_certificates
 from .issuing import withdraw_certificate as withdraw_certificate
 from .delivering import export as export
@@ -97,6 +99,7 @@ from .results.deliver import CertificateChecked as CertificateChecked
 from .results.deliver import Certified as Certified
 from .results.deliver import Exported as Exported
 from .results.deliver import Flashed as Flashed
+from .results.deliver import ImuCertified as ImuCertified
 from .results.deliver import ImuExported as ImuExported
 from .results.deliver import MeasuredExported as MeasuredExported
 from .results.deliver import Verified as Verified

@@ -75,7 +75,7 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
     lacks = lacking(papers.laboratory, papers.equipment, folder)
     if lacks and not options.draft:
         raise lacks[0].error()
-    issued = _issued(options.issued)
+    issued = issued_on(options.issued)
     total = budget(evidence)
     signer = None
     if not options.draft:
@@ -148,7 +148,8 @@ def _of_run(folder: Path, name: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def _issued(text: str | None) -> date:
+def issued_on(text: str | None) -> date:
+    """The day of issue; today (UTC) where none is given. InputError for what is no day."""
     if text is None:
         return datetime.now(UTC).date()
     try:

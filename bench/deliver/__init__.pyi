@@ -8,6 +8,8 @@ from .certificate.evidence import gather as gather
 from .certificate.figures import figures as figures
 from .certificate.formalities import Lack as Lack
 from .certificate.formalities import lacking as lacking
+from .certificate.imu import imu_dcc as imu_dcc
+from .certificate.imu import imu_facts as imu_facts
 from .certificate.laboratory import InstrumentsFile as InstrumentsFile
 from .certificate.laboratory import Laboratory as Laboratory
 from .certificate.laboratory import instrument_of_registry as instrument_of_registry

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.base import finite
 from bench.cli.rendering.printing import content, lines, number, table, unit_text
-from bench.commands import ImuCalibrated, ImuExported, ImuVerified
+from bench.commands import ImuCalibrated, ImuCertified, ImuExported, ImuVerified
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -125,3 +125,25 @@ def _(result: ImuExported) -> dict[str, Any]:
         "lost": list(result.delivered.made.lost),
         "objections": list(result.delivered.objections),
     }
+
+
+@lines.register(ImuCertified)
+def _(result: ImuCertified) -> Iterator[str]:
+    facts = result.facts
+    yield f"Certificate {facts['number']}{' (simulated: not valid as a certificate)' if facts['simulated'] else ''}"
+    names = {one["name"] for one in facts["parameters"]}
+    yield f"{len(names)} parameters with U, k = 2; verification: {facts['verdict'] or 'none: it certifies no range'}"
+    if facts["draft"] is not None:
+        yield f"DRAFT: {'; '.join(facts['draft'])}"
+    elif facts["signer"] is None:
+        yield "warning: not signed: there is no key of the laboratory; --sign-key and --sign-certificate name one"
+    else:
+        yield f"signed by {facts['signer']['subject']}"
+    yield ""
+    yield from (f"{name:<6}{path}" for name, path in (("pdf", result.pdf), ("xml", result.xml), ("json", result.json)))
+
+
+@content.register(ImuCertified)
+def _(result: ImuCertified) -> dict[str, Any]:
+    known = {key: result.facts[key] for key in ("number", "verdict", "issued", "simulated", "draft")}
+    return {"run": str(result.run), "pdf": str(result.pdf), "json": str(result.json), "xml": str(result.xml), **known}

@@ -68,6 +68,22 @@ class Certified(Result):
 
 
 @dataclass(frozen=True)
+class ImuCertified(Result):
+    """A certificate of a whole inertial unit; `facts` are what it says."""
+
+    run: Path
+    pdf: Path
+    json: Path
+    xml: Path
+    facts: Mapping[str, Any]
+
+    @property
+    def exit_code(self) -> int:
+        """1 where its verification failed."""
+        return int(self.facts["verdict"] not in {None, "PASS", "MARGINAL"})
+
+
+@dataclass(frozen=True)
 class CertificateChecked(Result):
     """Whether a certificate is as it was signed."""
 

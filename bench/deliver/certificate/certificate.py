@@ -63,7 +63,7 @@ def facts(
         "simulated": bool(known.simulated),
         "issued": issued.isoformat(),
         "verdict": verdict,
-        **_people(laboratory),
+        **people(laboratory),
         "item": _item(known, laboratory),
         "calibrated": known.created,
         "verified": evidence.verification.manifest.created if evidence.verification else None,
@@ -72,7 +72,7 @@ def facts(
         "method": _method(evidence),
         "conditions": _conditions(evidence),
         "equipment": [tool.model_dump(mode="json") for tool in evidence.instruments],
-        "traceability": _traceability(evidence.instruments),
+        "traceability": traceability(evidence.instruments),
         "as_found": _as_found(evidence, change),
         "as_left": _as_left(evidence, change, budget),
         "over_temperature": _over_temperature(evidence),
@@ -110,7 +110,8 @@ def number_of(content: Mapping[str, Any]) -> str:
     return f"{draft}{content['item']['serial']}-{str(content['issued']).replace('-', '')}-{digest}"
 
 
-def _people(laboratory: Laboratory | None) -> dict[str, Any]:
+def people(laboratory: Laboratory | None) -> dict[str, Any]:
+    """Laboratory, customer and signatory, as far as they are stated."""
     if laboratory is None:
         return {
             "laboratory": None, "place": "", "customer": None, "authorised_by": None, "operator": None, "remarks": [],
@@ -174,7 +175,7 @@ def _verification(evidence: Evidence) -> dict[str, Any] | None:
     }
 
 
-def _traceability(instruments: Sequence[Instrument]) -> str:
+def traceability(instruments: Sequence[Instrument]) -> str:
     """The statement of ISO/IEC 17025, 7.8.4.1 c."""
     if not instruments:
         return "No reference equipment was stated: the results are not metrologically traceable."

@@ -36,11 +36,11 @@ _OF_MODEL = ("id", "coefficients", "parameters", "condition", "rows")
 _CONFORMITY = {"PASS": "pass", "MARGINAL": "conditionalPass", "FAIL": "fail"}
 
 
-def dcc_xml(facts: Mapping[str, Any]) -> bytes:
-    """The certificate as XML, not yet signed."""
+def dcc_xml(facts: Mapping[str, Any], document: DccDocument | None = None) -> bytes:
+    """The certificate as XML, not yet signed; `document` makes its parts, left out: that of a gyro."""
     from lxml import etree
 
-    document = _Document()
+    document = document or DccDocument()
     root = document.node("digitalCalibrationCertificate")
     root.set("schemaVersion", SCHEMA)
     root.append(document.administrative(facts))
@@ -49,8 +49,11 @@ def dcc_xml(facts: Mapping[str, Any]) -> bytes:
     return made
 
 
-class _Document:
-    """Elements of the DCC; texts are English."""
+class DccDocument:
+    """Elements of the DCC of a gyro; texts are English."""
+
+    ITEM = "Gyroscope"
+    MEASURED = "Zero-rate output over temperature"
 
     def __init__(self) -> None:
         from lxml.builder import ElementMaker
@@ -123,7 +126,7 @@ class _Document:
         notes = [f"{name}: {item[key]}" for key, name in noted.items() if item[key] not in (None, "")]
         made = self.node(
             "item",
-            self.text("name", f"Gyroscope {item['serial']}"),
+            self.text("name", f"{self.ITEM} {item['serial']}"),
             *([self.text("description", *notes)] if notes else []),
             self.node("manufacturer", self.text("name", "see model" if item["model"] else "not stated")),
             *([self.node("model", _token(item["model"]))] if item["model"] else []),
@@ -163,15 +166,14 @@ class _Document:
 
     def measured(self, facts: Mapping[str, Any]) -> Element:
         """Method, equipment, conditions and all numbers."""
-        numbers = Numbers(self.node, self.si, facts)
         return self.node(
             "measurementResult",
-            self.text("name", "Zero-rate output over temperature"),
+            self.text("name", self.MEASURED),
             self.node("usedMethods", self._method(facts)),
             *([self._software("usedSoftware", facts["software"]["run"])] if facts["software"]["run"] else []),
             *self._equipment(facts["equipment"]),
             self._conditions(facts["conditions"]),
-            self.node("results", *self._results(facts, numbers)),
+            self.node("results", *self._results(facts)),
         )
 
     def _method(self, facts: Mapping[str, Any]) -> Element:
@@ -208,7 +210,8 @@ class _Document:
         )
         return self.node("influenceConditions", *made)
 
-    def _results(self, facts: Mapping[str, Any], numbers: Numbers) -> Iterator[Element]:
+    def _results(self, facts: Mapping[str, Any]) -> Iterator[Element]:
+        numbers = Numbers(self.node, self.si, facts)
         for key, name in RESULTS.items():
             content = facts[key]
             if key == "calibration":

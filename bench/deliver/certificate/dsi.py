@@ -13,12 +13,13 @@ _NAMES = {
     "V": r"\volt",
     "Hz": r"\hertz",
     "m": r"\metre",
+    "mrad": r"\milli\radian",
     "ppm": r"\ppm",
     "%": r"\percent",
 }
 """A difference of temperatures is in kelvin; a temperature by itself is in degrees Celsius."""
 _ALONE = {"1": r"\one", "degC": r"\degreecelsius"}
-_FACTOR = re.compile(r"(sqrt\()?(deg|degC|h|min|s|V|Hz|m|ppm|%)\)?(?:\^(\d+))?")
+_FACTOR = re.compile(r"(sqrt\()?(deg|degC|h|min|s|V|Hz|mrad|m|ppm|%)\)?(?:\^(\d+))?")
 _SUFFIXES = {
     "dph": "deg/h",
     "dps": "deg/s",

@@ -15,7 +15,7 @@ from typing import Any
 
 from bench.base import BenchError, InputError
 
-_TEMPLATE = files("bench.deliver.certificate") / "certificate.typ"
+_TEMPLATES = files("bench.deliver.certificate")
 
 
 def require_typst() -> None:
@@ -29,13 +29,16 @@ def facts_text(facts: Mapping[str, Any]) -> str:
     return json.dumps(facts, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def typeset_pdf(facts: Mapping[str, Any], figures: Mapping[str, Any], dcc: bytes, issued: date) -> bytes:
-    """The certificate as PDF, with its facts and its XML inside."""
+def typeset_pdf(
+    facts: Mapping[str, Any], figures: Mapping[str, Any], dcc: bytes, issued: date, body: str = "certificate"
+) -> bytes:
+    """The certificate as PDF, with its facts and its XML inside; `body` names the template of its pages."""
     require_typst()
     import typst
 
     inputs = {"facts": facts_text(facts), "figures": json.dumps(figures, allow_nan=False), "dcc": dcc.decode()}
-    compiler = typst.Compiler(_TEMPLATE.read_bytes(), ignore_system_fonts=True, sys_inputs=inputs)
+    template = b"".join((_TEMPLATES / f"{name}.typ").read_bytes() for name in ("style", body))
+    compiler = typst.Compiler(template, ignore_system_fonts=True, sys_inputs=inputs)
     at = datetime(issued.year, issued.month, issued.day, tzinfo=UTC)
     try:
         made = compiler.compile(format="pdf", pdf_standards=["a-3a", "ua-1"], timestamp=int(at.timestamp()))
