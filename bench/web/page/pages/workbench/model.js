@@ -1,6 +1,7 @@
 // The current model: its effects, another model to start with, a name to save it.
 import { html, t, api, measured, useEffect, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
+import { offered } from "./offered.js";
 import { OwnTerm } from "./term.js";
 
 const optionsOf = ({ effect: _, ...options }) => Object.entries(options).map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`).join(", ");
@@ -8,7 +9,7 @@ const optionsOf = ({ effect: _, ...options }) => Object.entries(options).map(([n
 /** Models of the library, fetched once; `again()` after one was saved. */
 function useModels() {
   const [models, setModels] = useState([]);
-  const again = () => api.get("/models").then((known) => setModels(known.models.filter((one) => one.model)), () => setModels([]));
+  const again = () => api.get("/models").then((known) => setModels(offered(known.models)), () => setModels([]));
   useEffect(() => void again(), []);
   return { models, again };
 }
@@ -48,7 +49,7 @@ export function ModelPanel({ model, fitted, steps, busy, act }) {
   const { models, again } = useModels();
   const choose = (event) => {
     const known = models.find((one) => one.name === event.target.value);
-    if (known) act({ type: "model", model: { ...known.model, name: known.name } });
+    if (known) act({ type: "model", model: known.model });
   };
   return html`<section class="wb-card wb-model" aria-labelledby="wb-model-title">
     <div class="wb-card-head"><h2 id="wb-model-title">${t("workbench.model.title")}</h2>
