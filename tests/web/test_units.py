@@ -94,6 +94,21 @@ def test_the_fleet_is_told_in_numbers_and_drawn_a_figure_at_a_time(client):
     assert client.get(f"{API}/fleet", params={"q": "(a+)+$"}).json()["units"] == 0, "text, not a pattern"
 
 
+def test_units_that_cannot_be_judged_are_not_counted_as_rejects(tmp_path):
+    line(tmp_path, 12)
+    limits = tmp_path / "profiles" / "limits"
+    limits.mkdir(parents=True)
+    (limits / "wider.yaml").write_text(
+        f"{LIMITS}  - {{quantity: condition, unit: '1', upper: 1e6, reason: nobody measured it}}\n"
+    )
+    with served(Settings(out=tmp_path, project=tmp_path)) as client:
+        client.post(f"{API}/registry", json={})
+        fleet = client.get(f"{API}/fleet", params={"limits": "wider"}).json()
+    assert (fleet["yield"]["judged"], fleet["yield"]["unjudged"]) == (0, 12)
+    assert (fleet["attention"]["outside"], fleet["attention"]["unjudged"]) == (0, 12)
+    assert fleet["missing"] == ["condition"]
+
+
 def test_the_table_for_a_spreadsheet_has_no_cell_that_is_calculated(client):
     rows = list(csv.reader(io.StringIO(client.get(f"{API}/fleet.csv").text)))
     assert len(rows) > 48

@@ -103,6 +103,7 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
     console.log(JSON.stringify([
       word({}, { analysed: false }), word({}, { analysed: true }), word({ analysing: true }, { analysed: false }),
       word({ state: "aborted" }, { analysed: false }), word({}, { analysed: true, limits: "PASS" }),
+      word({}, { analysed: true, limits: "INVALID" }), told(page.worst(["pass", "invalid", "fail"])),
     ]));
     """
     assert told("pages/verdict/judged.js", script) == [
@@ -111,6 +112,8 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
         ["analysing", "link"],
         ["aborted", "idle"],
         ["pass", "good"],
+        ["invalid", "warn"],
+        ["fail", "bad"],
     ]
 
 

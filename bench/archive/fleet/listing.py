@@ -57,7 +57,7 @@ def _empty(serial: str, lot: str | None) -> Found:
 def _standing(one: Found) -> Standing:
     if one["model"] is None:
         return "uncalibrated"
-    if one["judged"] not in set(Verdict):
+    if one["judged"] not in set(Verdict) or not Verdict(one["judged"]).judged:
         return "unjudged"
     return "pass" if Verdict(one["judged"]).within else "fail"
 

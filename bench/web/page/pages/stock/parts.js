@@ -45,7 +45,7 @@ export function day(iso) {
   return new Intl.DateTimeFormat(language.get(), { dateStyle: "medium" }).format(date);
 }
 
-const TONES = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "bad", adequate: "good", pass: "good", fail: "bad" };
+const TONES = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "warn", adequate: "good", pass: "good", fail: "bad" };
 const STATES = { done: "good", running: "link", aborted: "warn", failed: "bad" };
 
 /** A verdict or a status in colour, shape and word. */
