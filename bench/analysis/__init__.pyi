@@ -133,6 +133,7 @@ from .noise.estimate import Noise as Noise
 from .noise.floor import Floor as Floor
 from .noise.floor import noise_floor as noise_floor
 from .thresholds import MOST_EXTRAPOLATED as MOST_EXTRAPOLATED
+from .thresholds import NEAR_RANGE as NEAR_RANGE
 from .thresholds import SETTLED_DEGC_PER_MIN as SETTLED_DEGC_PER_MIN
 from .thresholds import TIE as TIE
 from .thresholds import WIDEST_HOLE as WIDEST_HOLE

@@ -117,6 +117,14 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
     ]
 
 
+def test_to_repeat_a_run_is_the_advice_only_where_it_can_help() -> None:
+    whole = {"segments": [{"settled": True, "outcome": "done"}], "losses": {"received": 9, "lost": 0}}
+    runs = [whole, {**whole, "losses": {"lost": 3}}, {**whole, "segments": [{"settled": False, "outcome": "timeout"}]}]
+    script = "console.log(JSON.stringify(given.map(page.advice)))"
+    repeat, plan = "verdict.invalid.next", "verdict.invalid.next_plan"
+    assert told("pages/verdict/advice.js", script, runs) == [plan, repeat, repeat]
+
+
 def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:
     """Every screen shows what to do."""
     judged = (SOURCE / "pages" / "verdict" / "judged.js").read_text(encoding="utf-8")
