@@ -181,7 +181,7 @@ def test_a_run_in_one_direction_is_refused(tmp_path):
 
 
 def test_a_run_that_visits_each_end_once_may_be_judged(tmp_path):
-    """Whichever block holds an end of the range is left out once: the rest almost reaches it, and the tangent goes on."""
+    """A block that holds an end of the range is left out once: the rest almost reaches it, and the tangent goes on."""
     legs = [("up", "ramp", 50.0, 2.0), ("hot", "soak", 50.0, 240.0), ("down", "ramp", 0.0, 2.0),
             ("cold", "soak", 0.0, 240.0), ("back", "ramp", 40.0, 3.0), ("end", "ramp", 25.0, 1.5)]  # fmt: skip
     analysis = quick(make_run(tmp_path / "once", **ramp_run(legs, loop_dph=0.0)))

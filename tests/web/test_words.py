@@ -120,9 +120,24 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
 def test_to_repeat_a_run_is_the_advice_only_where_it_can_help() -> None:
     whole = {"segments": [{"settled": True, "outcome": "done"}], "losses": {"received": 9, "lost": 0}}
     runs = [whole, {**whole, "losses": {"lost": 3}}, {**whole, "segments": [{"settled": False, "outcome": "timeout"}]}]
-    script = "console.log(JSON.stringify(given.map(page.advice)))"
+    script = "console.log(JSON.stringify(given.map((run) => page.advice('invalid', run))))"
     repeat, plan = "verdict.invalid.next", "verdict.invalid.next_plan"
     assert told("pages/verdict/advice.js", script, runs) == [plan, repeat, repeat]
+
+
+def test_a_unit_is_passed_on_only_when_every_step_is_done() -> None:
+    steps = {"calibrated": True, "flashed": True, "verified": True, "certified": True}
+    runs = [{"steps": steps}, {"steps": {**steps, "certified": False}}]
+    script = "console.log(JSON.stringify(given.map((run) => [page.advice('pass', run), page.achieved(run).missing])))"
+    answer = told("pages/verdict/advice.js", script, runs)
+    assert answer == [["verdict.pass.next_done", []], ["verdict.pass.next", ["certified"]]]
+    words = [
+        form
+        for key, entry in catalogue("en").items()
+        if key != "verdict.pass.next_done"
+        for form in forms(entry).values()
+    ]
+    assert not [text for text in words if "pass it on" in text]
 
 
 def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:

@@ -91,7 +91,8 @@ class Statistics:
         """Whether nothing needs attention: all units were judged and passed, no drift, no odd unit, no value beyond limits."""
         beyond = any(signal.rule == 1 for one in self.measured if one.chart for signal in one.chart.signals)
         moved = any(one.significant for one in self.drifts)
-        return not (beyond or moved or self.odd or self.passes.outside or self.passes.unjudged)
+        refused = self.passes.outside + self.passes.unjudged > 0
+        return not (beyond or moved or self.odd or refused)
 
     @property
     def silent(self) -> bool:
@@ -118,9 +119,7 @@ def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
     passes = _yield(fleet, limits, verdicts)
     wanted = [limit.quantity for limit in limits.limits if limit.required] if limits else []
     missing = tuple(quantity for quantity in wanted if quantity not in fleet.units)
-    return Statistics(
-        fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd), missing
-    )
+    return Statistics(fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd), missing)
 
 
 def _yield(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) -> Yield:

@@ -7,7 +7,7 @@ import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { number, or, t } from "../lib/words.js";
 import { planName } from "./live/words.js";
-import { advice } from "./verdict/advice.js";
+import { achieved, advice } from "./verdict/advice.js";
 import { judged, toneOf, worst } from "./verdict/judged.js";
 
 const LOOK_MS = 2000;
@@ -59,6 +59,7 @@ export default function Verdict({ params }) {
       <p class="verdict-sentence">${t(`verdict.${word}.sentence`)}</p>
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
       ${answer?.limits && html`<${Reasons} limits=${answer.limits} />`}
+      ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
       ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail" lang="en">${units[0].sentence}</p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end, answer))}</p></section>
       <${Ways} units=${units} />
@@ -69,7 +70,7 @@ export default function Verdict({ params }) {
 /** The next step; with an unverified safe state, go to the chamber first. */
 const next = (word, end, answer) => {
   if (end.state !== "done" && (end.safe === false || (end.state === "failed" && !end.safe))) return "verdict.equipment_failed.next_unsafe";
-  return word === "invalid" && answer ? advice(answer) : `verdict.${word}.next`;
+  return advice(word, answer);
 };
 
 /** Answer of GET /runs/… about a unit's run that was judged; null before it. */
@@ -105,6 +106,16 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
         <a class="small" href=${workbench(unit)}>${t("verdict.workbench")}</a>`}</div>
   </li>`)}
 </ul>`;
+
+/** What was passed: the limits by name, the steps that are done, and those that are missing before the unit goes on. */
+function Achieved({ run }) {
+  const { done, missing } = achieved(run);
+  const named = (steps) => steps.map((step) => t(`verdict.step.${step}`)).join(", ");
+  return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.achieved")}>
+    ${done.length > 0 && html`<li><span class="tone-good"><${Shape} tone="good" /></span><span>${t("verdict.done", { steps: named(done), limits: or(`limits.${run.limits.name}`, run.limits.name) })}</span></li>`}
+    ${missing.length > 0 && html`<li><span class="tone-warn"><${Shape} tone="warn" /></span><span>${t("verdict.missing", { steps: named(missing) })}</span></li>`}
+  </ul>`;
+}
 
 /** Reasons of the verdict: refusals, and each quantity that is not clearly within its limits. */
 function Reasons({ limits }) {
