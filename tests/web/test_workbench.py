@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from bench.analysis import load_model
 from bench.analysis.diagnosis.experiment import Proposal
 from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
+from bench.base import number
 from bench.record.dataset import load
 from bench.web.ground.settings import Settings
 from bench.web.people.access import Access
@@ -104,6 +106,31 @@ def test_every_figure_has_words_and_a_table(client: httpx.Client, kind: str) -> 
     assert str(made["words"]).isprintable()
     most = max(len(trace["x"]) for trace in made["figure"]["data"])
     assert most <= 2100
+
+
+def test_one_error_and_one_floor_whatever_is_shown(client: httpx.Client) -> None:
+    known = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE]})
+    said = set()
+    for view_of in ({"width": 100}, {"width": 2000}, {"from_s": 3000.0, "to_s": 3400.0}):
+        words = done(client, "/figures", {"kind": "time", "runs": [RUN], "model": SPLINE, **view_of})["words"]
+        said.add((re.search(r": ([\d.]+) deg/h RMS", words)[1], re.search(r"oise floor ([\d.]+)", words)[1]))
+    assert said == {(number(known["models"][0]["rms_dph"]), number(known["floor_dph"]))}
+
+
+def test_data_that_a_model_does_not_fit_are_drawn_all_the_same_and_the_first_model_follows_the_data(
+    client: httpx.Client, store: Path
+) -> None:
+    legs = [("up", "ramp", 60.0, 4.0), ("end", "soak", 60.0, 1800.0), ("down", "ramp", 20.0, 4.0)]
+    run_folders.make_run(store / "SIM-0004" / "short", **run_folders.ramp_run(legs))
+    runs = {"runs": ["SIM-0004/short"]}
+    fine = {"name": "fine", "effects": [{"effect": "spline", "intervals": 24}]}
+    for kind in ("time", "temperature"):
+        drawn = done(client, "/figures", {"kind": kind, **runs, "model": fine})
+        assert "use fewer intervals" in drawn["note"]
+        assert drawn["figure"]["data"]
+    first = told("pages/workbench/first.js", "console.log(JSON.stringify(page.START_MODEL))")
+    assert done(client, "/analyses", {**runs, "models": [first]})["models"][0]["rms_dph"] < 1.0
+    assert "note" not in done(client, "/figures", {"kind": "time", **runs, "model": first})
 
 
 def test_looking_closer_fetches_finer_data_until_every_sample_is_seen(client: httpx.Client) -> None:

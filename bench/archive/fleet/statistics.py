@@ -88,7 +88,7 @@ class Statistics:
 
     @property
     def quiet(self) -> bool:
-        """Whether nothing needs attention: all units were judged and passed, no drift, no odd unit, no value beyond limits."""
+        """Whether nothing needs attention: all units judged and within, no drift, none odd, none beyond three sigma."""
         beyond = any(signal.rule == 1 for one in self.measured if one.chart for signal in one.chart.signals)
         moved = any(one.significant for one in self.drifts)
         refused = self.passes.outside + self.passes.unjudged > 0

@@ -115,6 +115,7 @@ export function Page() {
   const session = useSession();
   const { chosen, act } = session;
   const [mode, setMode] = useState("bench");
+  const [offered, setOffered] = useState([]);
   useEffect(() => {
     const runs = addressed();
     if (runs.length === 1) begin(runs[0]);
@@ -122,12 +123,11 @@ export function Page() {
   }, []);
   useEffect(() => remember(chosen), [chosen]);
   const begin = async (row) => {
-    const own = { ...row, role: "fit" };
-    // First find the check and static runs; otherwise the run would be fitted twice.
+    act({ type: "choose", runs: [{ ...row, role: "fit" }] });
+    setMode("bench");
     const near = await api.get(`/runs${api.query({ unit: row.unit, limit: 200 })}`)
       .then((found) => companions(found.runs.find((one) => one.run === row.run) ?? row, found.runs), () => []);
-    act({ type: "choose", runs: [own, ...near] });
-    setMode("bench");
+    setOffered(near);
   };
   const take = (row) => {
     act({ type: "take", run: { ...row, role: likelyRole(row, chosen) } });
@@ -139,7 +139,7 @@ export function Page() {
   return html`<div class="wb">
     <h1 class=${choosing ? "" : "unseen"}>${t("workbench.title")}</h1>
     ${choosing && !adding && html`<p class="wb-lead">${t("workbench.lead")}</p>`}
-    ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
+    ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} offered=${offered} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
     ${choosing && html`<div class="wb-card"><${Chooser} taken=${taken} onChoose=${adding ? take : begin} label=${adding ? t("workbench.chooser.add") : null} />
       ${chosen.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => setMode("bench")}>${t("workbench.chooser.back")}</button></p>`}</div>`}
     ${!choosing && mode === "compare" && html`<${Compare} a=${chosen[0].run} onClose=${() => setMode("bench")} />`}

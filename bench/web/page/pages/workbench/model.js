@@ -2,9 +2,27 @@
 import { html, t, api, measured, useEffect, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { offered } from "./offered.js";
+import { typed, written } from "./typed.js";
 import { OwnTerm } from "./term.js";
 
-const optionsOf = ({ effect: _, ...options }) => Object.entries(options).map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`).join(", ");
+/** Options of the effects by name, with their defaults, fetched once. */
+function useOptions() {
+  const [options, setOptions] = useState({});
+  useEffect(() => {
+    api.get("/effects").then((known) => setOptions(Object.fromEntries(known.effects.map((one) => [one.effect, one.options]))), () => {});
+  }, []);
+  return options;
+}
+
+/** One option of an effect, changed in place; the server says what is wrong with a value. */
+function Option({ of, name, value, busy, change }) {
+  const label = t("workbench.model.option", { option: name, effect: effectWord(of) });
+  if (typeof value === "boolean") {
+    return html`<label class="wb-option"><input type="checkbox" aria-label=${label} checked=${value} disabled=${busy} onChange=${(event) => change(event.target.checked)} /> ${name}</label>`;
+  }
+  return html`<label class="wb-option">${name} <input class="wb-code" aria-label=${label} spellcheck=${false} autocomplete="off" disabled=${busy}
+    value=${written(value)} onChange=${(event) => change(typed(event.target.value))} /></label>`;
+}
 
 /** Models of the library, fetched once; `again()` after one was saved. */
 function useModels() {
@@ -47,6 +65,7 @@ function Found({ fitted, effect }) {
 /** `steps` are the models so far, the last one is the current one; `fitted` are its scores; `act` changes it. */
 export function ModelPanel({ model, fitted, steps, busy, act }) {
   const { models, again } = useModels();
+  const options = useOptions();
   const choose = (event) => {
     const known = models.find((one) => one.name === event.target.value);
     if (known) act({ type: "model", model: known.model });
@@ -59,7 +78,9 @@ export function ModelPanel({ model, fitted, steps, busy, act }) {
           ${models.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === steps[0].model.name}>${one.name}</option>`)}
         </select></label></div>
     <ol class="wb-effects">${model.effects.map((effect, i) => html`<li key=${`${i} ${effect.effect}`}>
-      <span>${effectWord(effect.effect)} <code>${effect.effect}</code> <span class="wb-soft">${optionsOf(effect)}</span> <${Found} fitted=${fitted} effect=${effect.effect} /></span>
+      <span>${effectWord(effect.effect)} <code>${effect.effect}</code>
+        ${Object.entries({ ...options[effect.effect], ...effect }).filter(([name]) => name !== "effect").map(([name, value]) => html`<${Option} key=${name}
+          of=${effect.effect} name=${name} value=${value} busy=${busy} change=${(next) => act({ type: "edit", index: i, option: name, value: next })} />`)} <${Found} fitted=${fitted} effect=${effect.effect} /></span>
       ${model.effects.length > 1 && html`<button type="button" class="wb-x" disabled=${busy} aria-label=${t("workbench.model.remove", { effect: effectWord(effect.effect) })}
         onClick=${() => act({ type: "remove", index: i })}>×</button>`}
     </li>`)}</ol>
