@@ -27,6 +27,7 @@ from bench.deliver import (
     residual_map,
     residuals_figure,
     side_by_side,
+    zeros_of,
 )
 from bench.record import DEFAULT_INTERVAL_S, Dataset
 from bench.web.workbench import computing
@@ -192,8 +193,9 @@ def _inside(data: Dataset, drawing: Drawing) -> BoolArray:
 
 def _side_by_side(drawing: Drawing) -> Figure:
     pairs = [(run.id, computing.dataset(run)) for run in dict.fromkeys((*drawing.runs, *drawing.check))]
-    spans = [f"{name} {_range(data.bias - np.nanmean(data.bias))}" for name, data in pairs]
-    words = f"Bias over temperature, each run minus its mean, in deg/h: {'; '.join(spans)}."
+    zeros = zeros_of([data for _, data in pairs])
+    spans = [f"{name} {_range(data.bias - zero)}" for (name, data), zero in zip(pairs, zeros, strict=True)]
+    words = f"Bias over temperature, each run minus its mean over their common range, in deg/h: {'; '.join(spans)}."
     return described(side_by_side(pairs), words)
 
 

@@ -2,7 +2,7 @@
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { get, url } from "../lib/api.js";
 import { useLive } from "../lib/live.js";
-import { Busy, Lamp, Shape, Trouble } from "../lib/parts.js";
+import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { number, or, t } from "../lib/words.js";
@@ -16,7 +16,7 @@ const LOOK_MS = 2000;
 function useEnd(params) {
   const wanted = `${params.unit}/${params.run}`;
   const told = useLive((now) => Object.values(now.ended).find((end) => end.run === wanted || end.runs?.includes(wanted)));
-  const [seen, setSeen] = useState(/** @type {{run?: any, end?: any, error?: Error}} */ ({}));
+  const [seen, setSeen] = useState(/** @type {{run?: any, end?: any, error?: any}} */ ({}));
   useEffect(() => {
     let timer = 0;
     let left = false;
@@ -50,6 +50,7 @@ export default function Verdict({ params }) {
   const words = end ? units.map((unit) => judged(end, unit)) : [];
   const word = worst(words);
   const answer = useJudged(units[words.indexOf(word)]);
+  if (!end && error?.status === 404) return html`<div class="page"><${Unknown} what=${t("live.unknown", { run: `${params.unit}/${params.run}` })} way="/units" words=${t("units.all")} /></div>`;
   if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
   const fault = end.state !== "done";
   return html`<article class=${`verdict tone-${toneOf(word)}`}>

@@ -32,18 +32,23 @@ function useModels() {
   return { models, again };
 }
 
+/** Names that the server takes. */
+const NAME = /^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$/;
+
 function Save({ model, onSaved }) {
   const [name, setName] = useState("");
   const [message, setMessage] = useState(null);
   const save = async (event) => {
     event.preventDefault();
+    if (!NAME.test(name)) return setMessage({ good: false, text: t("workbench.model.name_wrong") });
     try {
       await api.post("/models", { name, model: { ...model, name } });
       setMessage({ good: true, text: t("workbench.model.saved", { name }) });
       onSaved();
     } catch (error) {
-      setMessage({ good: false, text: error.message });
+      setMessage({ good: false, text: error.status === 409 ? t("workbench.model.name_used", { name }) : error.message });
     }
+    return undefined;
   };
   return html`<form class="wb-save" onSubmit=${save}>
     <label for="wb-model-name">${t("workbench.model.save_as")}</label>
