@@ -37,8 +37,10 @@ from .effects.catalogue import entry as entry
 from .effects.expression import Expression as Expression
 from .effects.formula import FUNCTIONS as FUNCTIONS
 from .effects.formula import variables as variables
+from .effects.model import MODELS as MODELS
 from .effects.model import Model as Model
 from .effects.model import load_model as load_model
+from .effects.model import model_files as model_files
 from .effects.model import model_from as model_from
 from .effects.registry import doc as doc
 from .effects.registry import effect_names as effect_names
@@ -134,6 +136,7 @@ from .noise.estimate import Noise as Noise
 from .noise.floor import Floor as Floor
 from .noise.floor import noise_floor as noise_floor
 from .thresholds import MOST_EXTRAPOLATED as MOST_EXTRAPOLATED
+from .thresholds import NEAR_RANGE as NEAR_RANGE
 from .thresholds import SETTLED_DEGC_PER_MIN as SETTLED_DEGC_PER_MIN
 from .thresholds import TIE as TIE
 from .thresholds import WIDEST_HOLE as WIDEST_HOLE

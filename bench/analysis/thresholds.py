@@ -60,7 +60,12 @@ ADEQUATE_RATIO = 1.5
 OVERFIT_RATIO = 2.0
 """Held-out error over the error in the fitted rows above which the model fits noise."""
 MOST_EXTRAPOLATED = 0.05
-"""Share of the unseen rows outside the fitted range; above it the held-out error is one of extrapolation."""
+"""Share of the unseen rows beyond the fitted range; above it the held-out error is one of extrapolation."""
+NEAR_RANGE = 0.02
+"""A row is beyond the fitted range if it is further from it than this share of it.
+
+A run that visits its ends once never has them in the rest when their block is left out; the rest almost reaches them.
+"""
 MOST_LEFT_OUT = 0.01
 """Share of a run's data that may be no measurements; the rest of a run that lacks more is not trusted either."""
 LEAST_BRANCH_S = 600.0

@@ -104,6 +104,9 @@ from .results.deliver import ImuExported as ImuExported
 from .results.deliver import MeasuredExported as MeasuredExported
 from .results.deliver import Verified as Verified
 
+# Whole calibrations
+from .calibration.plan import Plan as Plan
+
 # Many units
 from .fleet import fleet as fleet
 from .lots import calibrate_lot as calibrate_lot

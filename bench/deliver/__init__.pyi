@@ -61,6 +61,7 @@ from .report.figures_workbench import measured_figure as measured_figure
 from .report.figures_workbench import over_temperature as over_temperature
 from .report.figures_workbench import residuals_figure as residuals_figure
 from .report.figures_workbench import side_by_side as side_by_side
+from .report.figures_workbench import zeros_of as zeros_of
 from .report.html import Headline as Headline
 from .report.html import html_page as html_page
 from .report.html import write_report as write_report

@@ -7,6 +7,7 @@ import pytest
 
 from bench.acquisition.profile.guards import DEFAULT_GUARDS, Guards, GuardSettings, Signal
 from bench.acquisition.profile.profile import profile_from_text
+from bench.acquisition.run.control import time_left
 from bench.acquisition.run.sequencer import Sequencer
 from bench.acquisition.run.wiring import Continue, Stop, Wiring
 from bench.acquisition.station.settings.link import LinkSettings
@@ -396,6 +397,18 @@ def test_an_operator_holds_a_ramp_where_it_is_and_resumes_it_without_rewinding()
     targets = [target for _, target, _ in bench.chamber.commands[2:]]
     assert targets == [33.0, pytest.approx(26, abs=1), 33.0]
     assert bench.readings == len(bench.seen) + 1  # every second of the hold is recorded
+
+
+def test_the_forecast_stays_true_through_a_hold():
+    hold = lambda bench: bench.sequencer.request_hold("operator")  # noqa: E731
+    resume = lambda bench: bench.sequencer.request_resume("operator")  # noqa: E731
+    bench = FakeBench(hooks={100: hold, 400: resume})
+    results = bench.go(RAMP, "kind: soak, duration_min: 5")
+    nominal_s = bench.seen[0].leg.nominal_end_s + 300.0
+    ends = {status.t_s: status.t_s + time_left(status, nominal_s)[1] for status in bench.seen}
+    during = [end_s - t_s for t_s, end_s in ends.items() if 110 < t_s < 390]
+    assert max(during) - min(during) <= 1.0, "a hold takes nothing of what is left"
+    assert ends[450.0] == pytest.approx(results[-1].to_s, abs=30.0)
 
 
 def test_a_pause_waits_for_the_end_of_the_segment_and_holds_its_target():

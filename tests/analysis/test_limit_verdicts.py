@@ -180,6 +180,14 @@ def test_a_run_in_one_direction_is_refused(tmp_path):
     assert any("of cooling" in text for text in found)
 
 
+def test_a_run_that_visits_each_end_once_may_be_judged(tmp_path):
+    """A block that holds an end of the range is left out once: the rest almost reaches it, and the tangent goes on."""
+    legs = [("up", "ramp", 50.0, 2.0), ("hot", "soak", 50.0, 240.0), ("down", "ramp", 0.0, 2.0),
+            ("cold", "soak", 0.0, 240.0), ("back", "ramp", 40.0, 3.0), ("end", "ramp", 25.0, 1.5)]  # fmt: skip
+    analysis = quick(make_run(tmp_path / "once", **ramp_run(legs, loop_dph=0.0)))
+    assert not any("outside the range" in text for text in refusals(analysis))
+
+
 def test_an_extrapolating_and_an_ill_conditioned_fit_are_refused(whole):
     far = replace(whole.best, held_out=replace(whole.best.held_out, out_of_range=0.3))
     assert any("30% of the unseen data" in text for text in refusals(replace(whole, best=far)))

@@ -13,6 +13,7 @@ from bench.base.errors import InputError
 from bench.record import faults
 from bench.record.folder import RunFolder
 from bench.web.ground.settings import Settings
+from bench.web.imports import imports
 from bench.web.imports.confined import Confines, previewed
 from bench.web.imports.uploads import safe_name
 from tests.support.web_client import served
@@ -106,6 +107,22 @@ def test_an_upload_is_bounded_while_it_comes_in(client, tmp_path):
     )
     assert answer.status_code == 413
     assert not list((tmp_path / "out" / ".web" / "imports").iterdir()), "nothing is left of it"
+
+
+def test_abandoned_uploads_are_listed_given_up_and_expire(client, tmp_path):
+    folder = tmp_path / "out" / ".web" / "imports"
+    for number in range(imports.MOST):
+        (folder / f"{number:016x}" / "file").mkdir(parents=True)
+        (folder / f"{number:016x}" / "file" / f"{number}.csv").write_text("time,rate\n")
+    full = send(client, "time,rate\n0,1\n")
+    assert (full.status_code, "discard one" in full.json()["detail"]) == (503, True)
+    waiting = client.get(API).json()["waiting"]
+    assert sorted(one["file"] for one in waiting) == [f"{number}.csv" for number in range(imports.MOST)]
+    assert client.delete(f"{API}/{waiting[0]['import']}", headers=HEADERS).status_code == 200
+    old = folder / waiting[1]["import"]
+    os.utime(old, (0, 0))
+    assert len(client.get(API).json()["waiting"]) == imports.MOST - 2
+    assert not old.exists()
 
 
 @pytest.mark.parametrize(

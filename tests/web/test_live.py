@@ -152,6 +152,22 @@ def test_an_end_is_told_at_once_and_again_with_the_verdict(desk, folder, recorde
     )  # fmt: skip
 
 
+def test_each_unit_is_told_as_soon_as_its_report_is_there(desk, folder, recorder, watcher, heard):
+    other = folder.parents[1] / "G-2" / "run"
+    other.mkdir(parents=True)
+    with control.serve_desk(desk, [folder, other], [folder / "journal" / "bench.gtbj"]):
+        watcher.turn(0.0)
+        recorder.event("end", "profile done", state="done")
+        recorder.sync()
+    watcher.turn(10.0)
+    (other / "calibration.json").write_text(json.dumps({"verdict": {"verdict": "adequate", "sentence": "Good."}}))
+    (other / "report.html").write_text("")
+    watcher.turn(20.0)
+    for end in (heard.ends[-1], watcher.ended("G-1/run")):
+        assert {unit["unit"]: unit["verdict"] for unit in end["units"]} == {"G-1": None, "G-2": "adequate"}
+        assert end["analysing"]
+
+
 def test_an_analysis_that_dies_is_told_with_why_and_what_to_do(desk, folder, recorder, watcher, heard, monkeypatch):
     said = {
         "unit": "G-1",

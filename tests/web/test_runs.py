@@ -53,6 +53,25 @@ def kept(tmp_path: Path) -> Path:
     return folder
 
 
+def test_a_run_says_which_steps_to_the_certificate_are_done(tmp_path: Path) -> None:
+    origin, check = (write(tmp_path, f"SIM-0001/20261121T0{hour}0000Z_ramp") for hour in (6, 8))
+
+    def steps(folder: Path) -> dict[str, bool]:
+        with served(Settings(out=tmp_path)) as client:
+            found: dict[str, bool] = client.get(f"/api/v1/runs/SIM-0001/{folder.name}").json()["steps"]
+        return found
+
+    assert not any(steps(origin).values())
+    fit = {"model": {"name": "spline"}, "coefficients": [], "parameters": [], "validity": {}}
+    run_folders.keep(origin, "calibration.json", {"verdict": {"verdict": "adequate"}, "calibration": fit})
+    run_folders.keep(origin, "flash.json", {"state": "done"})
+    verified = {"verdict": "PASS", "calibration_run": f"/elsewhere/{origin.name}"}
+    run_folders.keep(check, "verification.json", verified)
+    run_folders.keep(origin, "certificate.json", {"number": "1", "draft": ["no laboratory"]})
+    wanted = {"calibrated": True, "flashed": True, "verified": True, "certified": False}
+    assert steps(origin) == steps(check) == wanted
+
+
 def test_ten_thousand_runs_are_read_once_and_then_answered_from_memory(
     tmp_path: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -113,6 +113,15 @@ def test_a_run_outlives_the_server_is_found_again_and_is_aborted_by_name(setting
 
 
 @pytest.mark.slow
+def test_a_plan_brings_the_limits_and_models_of_the_calibration_that_it_belongs_to(settings):
+    with served(settings[0]) as client:
+        answer = client.get("/api/v1/plans", headers=settings[1]["viewer"]).json()
+    told = {plan["id"]: (plan["limits"], plan["models"]) for plan in answer["plans"]}
+    assert told["quick_calibration"] == told["quick_check"] == ("quick", ["spline_lag_loop", "polynomial"])
+    assert told["ramp_-40_85"] == ("vibratory", ["spline_lag_loop", "spline"])
+    assert told["quick"] == ("", [])
+
+
 def test_a_run_goes_to_its_verdict_and_is_announced(settings):
     made, bearer = settings
     with served(made) as client:

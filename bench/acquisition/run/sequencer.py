@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal
 from bench.acquisition.profile.guards import OF_UNITS, Guards
 from bench.acquisition.profile.legs import Leg
 from bench.acquisition.recording.recorder import Recorder
+from bench.acquisition.run.continuation import rest_of
 from bench.acquisition.run.operating import Operating
 from bench.acquisition.run.settling import Settling
 from bench.acquisition.run.signals import Signals
@@ -138,11 +139,12 @@ class Sequencer:
         self._place(leg)
         part = leg
         while self._run_leg(part) == "held":
-            self._wait_for_release(leg, self._waits_at(leg))
-            part = replace(leg, name=f"{leg.name} (resumed)")
+            part = rest_of(leg, self._here())
+            self._wait_for_release(part, self._waits_at(leg))
         self._operating.segment_is_over()
         if self._operating.hold:
-            self._wait_for_release(leg, leg.target_degc)
+            over = replace(leg, nominal_s=0.0, nominal_start_s=leg.nominal_end_s)
+            self._wait_for_release(over, leg.target_degc)
 
     def _place(self, leg: Leg) -> None:
         """Bring the units into the attitude of a leg; the chamber stays where it is until they stand so."""
@@ -246,13 +248,16 @@ class Sequencer:
         return in_force is not None and abs(in_force - leg.target_degc) < ARRIVED_DEGC
 
     def _wait_for_release(self, leg: Leg, at_degc: float) -> None:
-        """Keep the chamber at `at_degc` [degC] and record until nothing holds the run any more."""
+        """Keep the chamber at `at_degc` [degC] and record until nothing holds the run any more.
+
+        What is left of `leg` stays left as long as that lasts.
+        """
         here = replace(leg, name="hold", kind="soak", rate_degc_per_min=None, settle=None, target_degc=at_degc)
         self._recorder.event("hold", f"held at {at_degc:g} degC: {'; '.join(self._holding())}", phase="start")
         from_s, commanded = self._clock.now(), False
         while self._holding():
             commanded = commanded or self._link.set_point(at_degc)
-            self._tick(here, from_s)
+            self._tick(here, self._clock.now())
         self._recorder.event("hold", f"released after {self._clock.now() - from_s:.0f} s", phase="end")
 
     def _holding(self) -> tuple[str, ...]:

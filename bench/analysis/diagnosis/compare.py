@@ -17,7 +17,7 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_corrected
 from bench.analysis.fit.solve import one_blas_thread
-from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES
+from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES, NEAR_RANGE
 from bench.base import BoolArray, FloatArray, InputError, IntArray, finite, number
 from bench.record import Dataset, refuse_mixed
 
@@ -221,7 +221,7 @@ def _checked(fit: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
     except InputError as error:
         return HeldOut("check", reason=str(error))
     residuals = tuple(check.bias - p.bias for check, p in zip(checks, predictions, strict=True))
-    outside = float(np.mean(np.concatenate([p.out_of_range for p in predictions])))
+    outside = float(np.mean(np.concatenate([fit.out_of_range(check, NEAR_RANGE) for check in checks])))
     return error_of("check", checks, residuals, outside)
 
 
@@ -254,9 +254,8 @@ def _left_out(
             )
         except InputError as error:
             return HeldOut(by, reason=f"without {_named(records[i], by, piece)}: {error}")
-        predicted = part.predict(records[i])
-        residuals[i][out] = (records[i].bias - predicted.bias)[out]
-        outside += int(np.sum(predicted.out_of_range & out))
+        residuals[i][out] = (records[i].bias - part.predict(records[i]).bias)[out]
+        outside += int(np.sum(part.out_of_range(records[i], NEAR_RANGE) & out))
     share = outside / sum(len(record) for record in records)
     return error_of(by, records, residuals, share)
 

@@ -26,6 +26,9 @@ ROWS = ("all", "heating", "cooling", "soaks_2", "soaks_3", "bins")
 bins of equal width: a surface's at each rate, a spline's about each knot, through whose means it then goes.
 """
 
+MODELS = Path("profiles") / "models"
+"""Folder of the user's own named models, below the folder that commands and the page's server are started in."""
+
 _KEYS = ("name", "rows", "effects")
 
 
@@ -107,18 +110,20 @@ def load_model(source: str | Path | Document) -> Model:
     name = str(source)
     if path.suffix in {".yaml", ".yml"} or path.parent != Path():
         raise InputError("no such model file", path)
-    for folder in _libraries():
-        if (folder / f"{name}.yaml").is_file():
-            return _read(folder / f"{name}.yaml")
+    files = model_files()
+    if name in files:
+        return _read(files[name])
     if name in effects.effect_names() or name in effects.PACKED:
         return Model(name, (effects.make(name),))
-    known = {file.stem for folder in _libraries() for file in folder.glob("*.yaml")} | set(effects.effect_names())
+    known = {*files, *effects.effect_names()}
     raise InputError(f"unknown model '{name}'{nearest_or_all(name, tuple(sorted(known)))}")
 
 
-def _libraries() -> tuple[Path, ...]:
-    """Folders of named models: the user's own (`bench init`), the shipped ones."""
-    return tuple(folder for folder in (Path("profiles/models"), library() / "models") if folder.is_dir())
+def model_files(project: Path = Path()) -> dict[str, Path]:
+    """Named models, sorted: shipped ones, replaced by those in `profiles/models` of the user's folder `project`."""
+    folders = (library() / "models", project / MODELS)
+    found = {file.stem: file for folder in folders if folder.is_dir() for file in folder.glob("*.yaml")}
+    return {name: found[name] for name in sorted(found) if found[name].is_file()}
 
 
 def _read(path: Path) -> Model:

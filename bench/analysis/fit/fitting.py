@@ -124,12 +124,15 @@ class Fit:
         variance = np.einsum("ij,jk,ik->i", columns, linear, columns)
         return Prediction(columns @ self.beta, np.sqrt(np.maximum(variance, 0.0)), self.out_of_range(dataset))
 
-    def out_of_range(self, dataset: Dataset) -> BoolArray:
-        """Rows (n,) where a channel that the model needs is outside the range it was fitted to."""
+    def out_of_range(self, dataset: Dataset, near: float = 0.0) -> BoolArray:
+        """Rows (n,) where a channel that the model needs is outside the range it was fitted to.
+
+        `near`: by more than this share of that range.
+        """
         outside = np.zeros(len(dataset), dtype=bool)
         for channel, (low, high) in self.validity.items():
-            values = dataset.channel(channel)
-            outside |= (values < low) | (values > high)
+            values, allowed = dataset.channel(channel), near * (high - low)
+            outside |= (values < low - allowed) | (values > high + allowed)
         return outside
 
     def contributions(self, dataset: Dataset) -> dict[str, FloatArray]:

@@ -134,6 +134,11 @@ class Verdict(StrEnum):
         """Whether the unit may go on."""
         return self in {Verdict.PASS, Verdict.MARGINAL}
 
+    @property
+    def judged(self) -> bool:
+        """Whether this tells something of the unit: an invalid run neither passes nor rejects it."""
+        return self is not Verdict.INVALID
+
 
 @dataclass(frozen=True)
 class Quantity:

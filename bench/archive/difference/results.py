@@ -41,7 +41,7 @@ def quantities(a: CalibrationRecord, b: CalibrationRecord) -> list[Entry]:
 
 
 def _apart(x: StoredQuantity | None, y: StoredQuantity | None) -> float:
-    """Gap between the intervals over their mean half-width; infinite where only one run has the number."""
+    """Difference in half-widths of the intervals; infinite without intervals, or where only one run has the number."""
     if x is None or y is None or x.value is None or y.value is None:
         known = [side for side in (x, y) if side is not None and side.value is not None]
         return np.inf if known else 0.0
@@ -49,7 +49,7 @@ def _apart(x: StoredQuantity | None, y: StoredQuantity | None) -> float:
     difference = abs(one - other)
     width = sum(side.high - side.low for side in (x, y) if side.high is not None and side.low is not None)
     if not width:
-        return difference if difference > _ROUGH.get(x.name, EXACT_SHARE) * max(abs(one), abs(other)) else 0.0
+        return np.inf if difference > _ROUGH.get(x.name, EXACT_SHARE) * max(abs(one), abs(other)) else 0.0
     return difference / (0.5 * width) if difference > 0.5 * width else 0.0
 
 

@@ -53,7 +53,8 @@ def _attention(found: Statistics) -> Found:
     return {
         "quiet": found.quiet,
         "silent": found.silent,
-        "outside": found.passes.judged - found.passes.final,
+        "outside": found.passes.outside,
+        "unjudged": found.passes.unjudged,
         "stations": places["station"],
         "lots": places["lot"],
         "odd": [found.fleet.newest[one.row].unit for one in found.odd],

@@ -73,7 +73,7 @@ def _run(run: Mapping[str, Any], archive: Archive) -> Found:
         verified = VerificationRecord(verdict="damaged")
     if verified:
         told["judged"] = verified.verdict
-    kind = "verification" if verified else "calibration" if run["model"] else "run"
+    kind = "verification" if verified or run["corrected"] else "calibration" if run["model"] else "run"
     if run["cause"] == "imported":
         kind = "import"
     return {"run": run["path"], "here": folder is not None, "kind": kind, **told}
@@ -89,7 +89,7 @@ def calibrations(
     out: list[Found] = []
     for run in runs:
         row = rows.get(run["id"])
-        if row is None or row["model"] is None:
+        if row is None or row["model"] is None or run["corrected"]:
             continue
         status = _status(run, row, held, passed_before=any(one["usable"] for one in out))
         certificate = numbers.get(run["id"])

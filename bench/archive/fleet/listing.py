@@ -25,8 +25,8 @@ def listing(registry: Registry) -> list[Found]:
     judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
     chosen = (
         select(
-            run.c.unit, run.c.created, run.c.station, run.c.state, run.c.path, calibration.c.model, judged,
-            certificate.c.number,
+            run.c.unit, run.c.created, run.c.station, run.c.state, run.c.path, run.c.corrected, calibration.c.model,
+            judged, certificate.c.number,
         )
         .join_from(run, calibration, isouter=True)
         .join(certificate, certificate.c.run == run.c.id, isouter=True)
@@ -38,7 +38,7 @@ def listing(registry: Registry) -> list[Found]:
             one = units[row.unit]
             one["runs"] += 1
             one |= {"last": row.created, "last_run": row.path, "state": row.state, "station": row.station}
-            if row.model is not None:
+            if row.model is not None and not row.corrected:  # nothing is fitted to a unit that corrected itself
                 one["calibrations"] += 1
                 one |= {"calibrated": row.created, "model": row.model, "judged": row.judged}
                 one["certificate"] = row.number
@@ -57,7 +57,7 @@ def _empty(serial: str, lot: str | None) -> Found:
 def _standing(one: Found) -> Standing:
     if one["model"] is None:
         return "uncalibrated"
-    if one["judged"] not in set(Verdict):
+    if one["judged"] not in set(Verdict) or not Verdict(one["judged"]).judged:
         return "unjudged"
     return "pass" if Verdict(one["judged"]).within else "fail"
 

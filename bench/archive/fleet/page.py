@@ -46,9 +46,11 @@ def render(found: Statistics) -> str:
 def sentence(found: Statistics) -> str:
     """What needs attention, or that nothing does."""
     parts = []
-    bad = found.passes.judged - found.passes.final
-    if bad:
+    if bad := found.passes.outside:
         parts.append(f"{bad} of {found.passes.judged} judged units are outside their limits")
+    if unknown := found.passes.unjudged:
+        why = f" (no unit has {listed(list(found.missing))})" if found.missing else ""
+        parts.append(f"{unknown} of {len(found.words)} units are not judged: their runs do not allow it{why}")
     for kind in ("station", "lot"):
         places = dict.fromkeys(one.place for one in found.drifts if one.kind == kind and one.significant)
         if places:
@@ -66,7 +68,7 @@ def sentence(found: Statistics) -> str:
 
 
 def _verdict(found: Statistics) -> _Word:
-    if found.passes.final < found.passes.judged:
+    if found.passes.outside:
         return _Word("bad", "Units outside their limits", sentence(found))
     if found.silent:
         return _Word("warn", "Cannot tell yet", sentence(found))

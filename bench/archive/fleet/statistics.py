@@ -14,7 +14,7 @@ from bench.analysis import Limits
 from bench.archive.fleet.capability import Capability, capability, proportion
 from bench.archive.fleet.charts import Chart, chart
 from bench.archive.fleet.drift import Drift, corrected, drifts
-from bench.archive.fleet.units import Fleet, good, words
+from bench.archive.fleet.units import Fleet, decided, good, words
 from bench.archive.fleet.unlike import Odd, unlike
 from bench.base import FloatArray, finite
 
@@ -24,13 +24,22 @@ SHARE = 0.9
 
 @dataclass(frozen=True)
 class Yield:
-    """Number of judged units, and of those that passed at the first attempt and with their newest run."""
+    """Number of judged units, and of those that passed at the first attempt and with their newest run.
+
+    A unit whose newest run is INVALID is not judged: `unjudged` counts such units.
+    """
 
     judged: int
     first: int
     final: int
     interval: tuple[float, float]
     """95 % of the first-pass yield."""
+    unjudged: int = 0
+
+    @property
+    def outside(self) -> int:
+        """Number of judged units outside their limits."""
+        return self.judged - self.final
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +68,8 @@ class Statistics:
     drifts: tuple[Drift, ...]
     distances: FloatArray
     odd: tuple[Odd, ...]
+    missing: tuple[str, ...] = ()
+    """Quantities that the limits require and no unit has."""
 
     def to_json(self) -> dict[str, Any]:
         """The answer of `bench fleet --json`; null where a number does not exist."""
@@ -67,6 +78,7 @@ class Statistics:
             "units": len(self.fleet.newest),
             "left_out": list(self.fleet.left_out),
             "limits": self.limits,
+            "missing": list(self.missing),
             "yield": {**_plain(asdict(self.passes)), "first_pass": share},
             "quantities": [_quantity(one, self.fleet) for one in self.measured],
             "drifts": [{**_plain(asdict(one)), "significant": one.significant} for one in self.drifts],
@@ -76,10 +88,11 @@ class Statistics:
 
     @property
     def quiet(self) -> bool:
-        """Whether nothing needs attention: all judged units passed, no drift, no odd unit, no value beyond limits."""
+        """Whether nothing needs attention: all units judged and within, no drift, none odd, none beyond three sigma."""
         beyond = any(signal.rule == 1 for one in self.measured if one.chart for signal in one.chart.signals)
         moved = any(one.significant for one in self.drifts)
-        return not (beyond or moved or self.odd or self.passes.final < self.passes.judged)
+        refused = self.passes.outside + self.passes.unjudged > 0
+        return not (beyond or moved or self.odd or refused)
 
     @property
     def silent(self) -> bool:
@@ -104,14 +117,18 @@ def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
     distances, odd = unlike(table, [one.name for one in whole], [one.lot for one in fleet.newest])
     name = limits.name if limits else None
     passes = _yield(fleet, limits, verdicts)
-    return Statistics(fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd))
+    wanted = [limit.quantity for limit in limits.limits if limit.required] if limits else []
+    missing = tuple(quantity for quantity in wanted if quantity not in fleet.units)
+    return Statistics(fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd), missing)
 
 
 def _yield(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) -> Yield:
-    first = list(words(fleet.first, limits))
-    judged = [i for i, word in enumerate(first) if word is not None]
-    passed = sum(good(first[i]) for i in judged)
-    return Yield(len(judged), passed, sum(good(newest[i]) for i in judged), proportion(passed, len(judged)))
+    pairs = [(first, last) for first, last in zip(words(fleet.first, limits), newest, strict=True) if decided(last)]
+    # An attempt that was not judged is no attempt.
+    passed = sum(good(first if decided(first) else last) for first, last in pairs)
+    unjudged = sum(word is not None and not decided(word) for word in newest)
+    interval = proportion(passed, len(pairs))
+    return Yield(len(pairs), passed, sum(good(last) for _, last in pairs), interval, unjudged)
 
 
 def _measured(fleet: Fleet, name: str, lower: float | None, upper: float | None) -> Measured:

@@ -144,3 +144,8 @@ def words(runs: Sequence[Calibrated], limits: Limits | None) -> Iterator[str | N
 def good(word: str | None) -> bool:
     """Whether a unit with this verdict passed."""
     return word is not None and Verdict(word).within
+
+
+def decided(word: str | None) -> bool:
+    """Whether a unit with this verdict passed or failed."""
+    return word is not None and Verdict(word).judged

@@ -100,8 +100,8 @@ class FleetJudged(Result):
 
     @property
     def exit_code(self) -> int:
-        """1 where a judged unit is outside its limits."""
-        return int(self.statistics.passes.final < self.statistics.passes.judged)
+        """1 where a unit is outside its limits, or its runs do not allow to judge it."""
+        return int(self.statistics.passes.outside + self.statistics.passes.unjudged > 0)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 
 from bench.analysis import (
     MOST_EXTRAPOLATED,
+    NEAR_RANGE,
     WIDEST_HOLE,
     Completeness,
     HeldOut,
@@ -239,7 +240,7 @@ def _verify(run: RunFolder, manifest: Manifest, source: Source, limits: Limits |
     verdict = _verdict_of(run.path)
     done = _complete(run, theirs, limits)
     record = load(run.path, source.dataset.interval_s)
-    outside = float(source.fit.out_of_range(record).mean())
+    outside = float(source.fit.out_of_range(record, NEAR_RANGE).mean())
     if outside > MOST_EXTRAPOLATED:
         _refuse(run.path, [f"{outside:.0%} of the verification lie outside the calibration's range of validity"])
     covered = _coverage(record, source)

@@ -16,6 +16,8 @@ from bench.deliver.report.figures_run import BIAS, HOUR_S, TEMPERATURE
 from bench.deliver.report.plotting import BLUE, CYCLE, GREEN, GREY, ORANGE, VERMILION, Plot, axis
 from bench.record import Dataset
 
+_GRID = 200
+
 _BINS = 60
 _LEAST_ROWS = 3
 
@@ -83,18 +85,34 @@ def curve(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def side_by_side(runs: Sequence[tuple[str, Dataset]]) -> Plot:
-    """Bias of several runs over temperature, each minus its mean, so that a turn-on bias does not show."""
+    """Bias of several runs over temperature, all on one zero: each minus its mean over what all of them cover."""
     traces: list[go.Scatter] = []
+    zeros = zeros_of([data for _, data in runs])
     for i, (name, data) in enumerate(runs):
         colour, symbol = CYCLE[i % len(CYCLE)], ("circle", "diamond", "square", "cross", "x", "star")[i % 6]
-        bias = data.bias - np.nanmean(data.bias)
+        bias = data.bias - zeros[i]
         temperature = data.channel("temperature")
         traces.append(plotting.dot_trace(temperature, bias, f"{name}, rows", colour, opacity=0.2, showlegend=False))
         x, y = curve(temperature, bias)
         marker = {"symbol": symbol, "size": 8, "color": colour}
         x_shown, y_shown = plotting.plain(x), plotting.plain(y)
         traces.append(go.Scatter(x=x_shown, y=y_shown, name=name, mode="lines+markers", marker=marker))
-    return plotting.plot(traces, {"xaxis": axis(TEMPERATURE), "yaxis": axis(f"{BIAS}, minus its mean")}, 520)
+    return plotting.plot(
+        traces, {"xaxis": axis(TEMPERATURE), "yaxis": axis(f"{BIAS}, minus its mean over the common range")}, 520
+    )
+
+
+def zeros_of(runs: Sequence[Dataset]) -> list[float]:
+    """Mean bias [deg/h] of each run's curve over the range of temperature that all cover, a degree as much as another.
+
+    Of its own rows where they cover nothing in common.
+    """
+    curves = [curve(data.channel("temperature"), data.bias) for data in runs]
+    low, high = max(np.nanmin(x) for x, _ in curves), min(np.nanmax(x) for x, _ in curves)
+    if not high > low:
+        return [float(np.nanmean(data.bias)) for data in runs]
+    grid = np.linspace(low, high, _GRID)
+    return [float(np.mean(np.interp(grid, x[np.isfinite(y)], y[np.isfinite(y)]))) for x, y in curves]
 
 
 def residuals_figure(dataset: Dataset, left: FloatArray, floor_dph: float | None) -> Plot:

@@ -1,16 +1,17 @@
 """`/imports`: takes a foreign table, shows how a confined process understands it, and imports it.
 
-An upload lies in its own folder under `.web/imports` until it is imported, discarded, or a day old.
+An upload lies in its own folder under `.web/imports` until it is imported, discarded, or abandoned.
 `bench.web.imports.parsing` reads and checks it within limits, and writes only the run.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import secrets
 import shutil
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ from bench.web.people.access import Engineer, Who
 
 router = APIRouter(tags=["imports"])
 
-KEPT_S = 86400.0
+KEPT_S = 2 * 3600.0
+"""An upload that nobody has looked at for so long is removed [s]."""
 MOST = 8
 """Number of uploads that may wait."""
 _ASK = "bench.web.imports.confined:ask"
@@ -49,12 +51,23 @@ class ImportChannel(BaseModel):
     examples: list[str]
 
 
+class Waiting(BaseModel):
+    """An upload that was neither imported nor discarded; `left_s`: time until it is removed [s]."""
+
+    import_id: str = Field(serialization_alias="import")
+    file: str
+    bytes: int
+    left_s: float
+
+
 class ImportKinds(BaseModel):
-    """Channels and files that can be imported."""
+    """Channels and files that can be imported, and uploads that wait."""
 
     channels: list[ImportChannel]
     endings: list[str]
     most_bytes: int
+    most_waiting: int
+    waiting: list[Waiting]
 
 
 class Uploaded(Asked):
@@ -80,12 +93,16 @@ async def lifespan(app: FastAPI) -> AsyncIterator[None]:
 
 @router.get("/imports")
 def kinds(here: Here) -> ImportKinds:
-    """Channels, units and kinds of files."""
+    """Channels, units and kinds of files; uploads that wait."""
+    _sweep(here)
     channels = [
         ImportChannel(name=one.name, unit=one.unit, required=one.required, examples=list(examples(one.name)))
         for one in map(CHANNELS.__getitem__, IMPORTED)
     ]
-    return ImportKinds(channels=channels, endings=list(ENDINGS), most_bytes=here.upload_bytes)
+    return ImportKinds(
+        channels=channels, endings=list(ENDINGS), most_bytes=here.upload_bytes, most_waiting=MOST,
+        waiting=list(_waiting(here)),
+    )  # fmt: skip
 
 
 @router.post("/imports", status_code=202, openapi_extra={"requestBody": _FORM})
@@ -155,7 +172,9 @@ def _new(here: Settings) -> Path:
     _sweep(here)
     home = _home(here)
     if len(list(home.iterdir())) >= MOST:
-        raise HTTPException(503, f"{MOST} uploads wait already: import or discard one of them", {"Retry-After": "60"})
+        raise HTTPException(
+            503, f"{MOST} uploads wait already: discard one of them, or wait until one expires", {"Retry-After": "60"}
+        )
     folder = home / secrets.token_hex(8)
     folder.mkdir(mode=0o700)
     return folder
@@ -166,7 +185,17 @@ def _existing(here: Settings, import_id: str) -> Path:
     found = next((path for path in _home(here).iterdir() if path.name == import_id and path.is_dir()), None)
     if found is None:
         raise HTTPException(404, "no such import (any more): send the file again")
+    os.utime(found)
     return found
+
+
+def _waiting(here: Settings) -> Iterator[Waiting]:
+    for folder in sorted(_home(here).iterdir(), key=lambda path: path.stat().st_mtime):
+        table = next(iter((folder / "file").glob("*")), None)
+        if table is not None:
+            left_s = max(0.0, KEPT_S - (time.time() - folder.stat().st_mtime))
+            size = table.stat().st_size
+            yield Waiting(import_id=folder.name, file=table.name, bytes=size, left_s=round(left_s))
 
 
 def _sweep(here: Settings) -> None:

@@ -10,7 +10,7 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -225,16 +225,22 @@ class Watcher:
             verdicts = story.verdicts(watched.live.folders, busy, start)
             if self.find(end["run"]):  # a killed run goes on
                 continue
+            told = {**end, **verdicts}
             if verdicts["analysing"]:
-                waiting.append((until_s, watched, end))
-            else:
-                news.append({**end, **verdicts})
+                waiting.append((until_s, watched, told))
+            if not verdicts["analysing"] or _analysed(told) != _analysed(end):
+                news.append(told)
         self._analysed = waiting
         return news
 
     def ended(self, run: str) -> dict[str, Any] | None:
         """The end of a run whose tables do not exist yet."""
         return next((end for _, watched, end in self._analysed if run in watched.runs), None)
+
+
+def _analysed(end: Mapping[str, Any]) -> list[bool]:
+    """Which units have their report: each is told as soon as it has."""
+    return [unit["analysed"] for unit in end["units"]]
 
 
 def _head(watched: Watched) -> dict[str, Any]:

@@ -91,7 +91,7 @@ async function insist() {
     await begin();
   } catch (error) {
     console.error(error);
-    root.textContent = `The bench does not answer (${error.message}); trying again …`;
+    root.textContent = "The bench does not answer; trying again …";
     setTimeout(insist, 1000);
   }
 }

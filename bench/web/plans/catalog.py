@@ -6,14 +6,16 @@ diagnosis proposed are in the server's own folder. Computing processes use this 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile
-from bench.analysis import effect_names, load_limits
-from bench.base import InputError, library, nearest
+from bench.analysis import effect_names, load_limits, model_files
+from bench.base import BenchError, InputError, library, load_config, nearest
+from bench.commands import Plan as CalibrationPlan
 from bench.commands import check_on, load_station
 
 MOST_CORNERS = 256
@@ -42,10 +44,25 @@ class Catalog:
         """Limits files by id."""
         return _listing(library() / "limits", self.project / "profiles" / "limits")
 
+    def belonging(self) -> dict[str, dict[str, Any]]:
+        """Limits and models of the calibration plans, by the profiles that they calibrate and verify with.
+
+        A plan that cannot be read gives nothing: `bench calibrate` says what is wrong with it.
+        """
+        found: dict[str, dict[str, Any]] = {}
+        limits = self.limits()
+        for file in _listing(library() / "plans", self.project / "profiles" / "plans").values():
+            with contextlib.suppress(BenchError):
+                known = load_config(file, CalibrationPlan)
+                name = Path(known.limits).stem
+                belongs = {"limits": name if name in limits else "", "models": list(known.models)}
+                for profile in (known.profile, known.verification):
+                    found.setdefault(Path(profile).stem, belongs)
+        return found
+
     def model(self, name: str) -> str:
         """A model as `bench run --model` takes it: a file, or the name of an effect."""
-        folder = Path("profiles") / "models"
-        known = _listing(library() / "models", self.project / folder, self.own / "models")
+        known = model_files(self.project)
         return name if name in effect_names() and name not in known else str(named(known, name, "model"))
 
 

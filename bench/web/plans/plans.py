@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from fastapi import APIRouter
 from pydantic import BaseModel
@@ -29,6 +31,10 @@ class Plan(BaseModel):
     kind: str = "temperature"
     """`rate`: needs a station with a rate table."""
     segments: int = 0
+    limits: str = ""
+    """Limits of the calibration plan that uses this profile; empty without one."""
+    models: list[str] = []
+    """Models of that plan."""
     problem: str = ""
 
 
@@ -80,8 +86,9 @@ def limits(here: Here) -> LimitsListed:
 @router.get("/plans")
 def plans(here: Here) -> Plans:
     """All profiles."""
-    found = Catalog(here.project, here.own).plans()
-    return Plans(plans=[_plan(id_, path) for id_, path in found.items()])
+    known = Catalog(here.project, here.own)
+    belonging = known.belonging()
+    return Plans(plans=[_plan(id_, path, belonging.get(id_, {})) for id_, path in known.plans().items()])
 
 
 @router.get("/stations")
@@ -98,9 +105,9 @@ def _limits(id_: str, path: Path) -> LimitsInShort:
     )
 
 
-def _plan(id_: str, path: Path) -> Plan:
+def _plan(id_: str, path: Path, belonging: Mapping[str, Any]) -> Plan:
     return row(
-        lambda: Plan(id=id_, **_read(path, catalog.plan)),
+        lambda: Plan(id=id_, **_read(path, catalog.plan), **belonging),
         lambda problem: Plan(id=id_, name=id_, title=id_, problem=problem),
     )
 

@@ -32,6 +32,8 @@ class Fleet(BaseModel):
     registry: bool
     units: int = 0
     limits: str | None = None
+    missing: list[str] = []
+    """Quantities that the limits require and no unit has."""
     known_limits: list[str] = []
     lots: int = 0
     stations: int = 0

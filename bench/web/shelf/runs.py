@@ -20,6 +20,7 @@ from bench.record import CalibrationRecord, ComparisonRecord, DiagnosisRecord, L
 from bench.web.ground.policy import REPORT
 from bench.web.live import story
 from bench.web.shelf.indexing import Index, RunEntry, index_of, ordered
+from bench.web.shelf.steps import Steps, steps_of
 
 _MOST_EVENTS = 2000
 _BATCH_ROWS = 4096
@@ -92,6 +93,7 @@ class RunAnswer(BaseModel):
     files: list[FileEntry]
     report: bool
     certificate: bool
+    steps: Steps
 
 
 @router.get("/runs")
@@ -143,6 +145,7 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
         files=_files(folder.path),
         report=folder.report.is_file(),
         certificate=(folder.path / "certificate.pdf").is_file(),
+        steps=steps_of(folder.path),
     )
 
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import error_of
 from bench.analysis import ladder as usual_models
 from bench.base import CHANNELS, BoolArray, FloatArray, InputError, finite, listed, number
 from bench.deliver import (
     DIRECTIONS,
-    HOUR_S,
     allan_figure,
     channels_figure,
     columns,
@@ -27,6 +27,7 @@ from bench.deliver import (
     residual_map,
     residuals_figure,
     side_by_side,
+    zeros_of,
 )
 from bench.record import DEFAULT_INTERVAL_S, Dataset
 from bench.web.workbench import computing
@@ -82,19 +83,28 @@ class Drawing:
         computing.refuse_mixed(self.runs)
         return computing.predicted(self.runs, self.model, self.of, interval_s)
 
-    def floor_dph(self, interval_s: float = DEFAULT_INTERVAL_S) -> float:
-        """Noise floor of means over `interval_s` of the drawn run; NaN if it is unknown."""
-        floor = computing.floor(self.runs, self.static)
-        if interval_s == DEFAULT_INTERVAL_S or floor.noise is None:
-            return floor.floor_dph
-        if interval_s < FINE_S:  # only white noise is so fast
-            return floor.noise.white / float(np.sqrt(interval_s / HOUR_S))
-        return floor.noise.std_of_means(interval_s, float(np.ptp(self.data().time)))
+    def floor_dph(self) -> float:
+        """Noise floor of 30 s means, as every command says it, whatever is shown; NaN if it is unknown."""
+        return computing.floor(self.runs, self.static).floor_dph
+
+    def rms_dph(self) -> float:
+        """Error of the model in the whole drawn run in 30 s means, as `bench compare` counts it [deg/h]."""
+        data = self.data()
+        return error_of("run", (data,), (data.bias - self.fitted(),)).rms_dph
 
 
 def draw(inputs: dict[str, Any]) -> Figure:
-    """The figure of a request with its description and its table."""
-    return FIGURES[inputs["kind"]](Drawing.read(inputs))
+    """The figure of a request with its description and its table.
+
+    Where the model cannot be fitted, the data alone are drawn, and `note` says why.
+    """
+    drawing, make = Drawing.read(inputs), FIGURES[inputs["kind"]]
+    try:
+        return make(drawing)
+    except InputError as error:
+        if drawing.model is None or inputs["kind"] not in BARE:
+            raise
+        return {**make(replace(drawing, model=None)), "note": str(error)}
 
 
 def time(drawing: Drawing) -> Figure:
@@ -102,8 +112,7 @@ def time(drawing: Drawing) -> Figure:
     fitted = None if drawing.model is None else drawing.fitted(FINE_S)
     shown = view(drawing.data(FINE_S), Path(drawing.of.path) / "data.parquet", drawing.span_s, drawing.width, fitted)
     data, extremes = shown.dataset(drawing.of.id), (shown.low, shown.high)
-    # The floor of means over the same time.
-    floor_dph = float("nan") if fitted is None else drawing.floor_dph(shown.interval_s)
+    floor_dph = float("nan") if fitted is None else drawing.floor_dph()
     if shown.fitted is None:
         plot = measured_figure(data, extremes)
     else:
@@ -128,8 +137,9 @@ def _time_words(drawing: Drawing, shown: View, floor_dph: float) -> str:
     left = shown.bias - shown.fitted
     worst = int(np.nanargmax(np.abs(left))) if np.any(np.isfinite(left)) else 0
     return (
-        f"{words} Residual of model {drawing.name}: {_rms(left)} deg/h RMS, largest at {shown.time[worst]:.0f} s: "
-        f"{number(float(left[worst]))} deg/h. {floor_words(floor_dph)}"
+        f"{words} Residual of model {drawing.name}: {number(drawing.rms_dph())} deg/h RMS of the whole run in "
+        f"{DEFAULT_INTERVAL_S:g} s means; largest here at {shown.time[worst]:.0f} s: {number(float(left[worst]))} "
+        f"deg/h. {floor_words(floor_dph)}"
     )
 
 
@@ -146,17 +156,18 @@ def temperature(drawing: Drawing) -> Figure:
     if shown is None or not shown.any():
         raise InputError(f"{drawing.of.id}: nothing was captured in this range of temperature and time")
     fitted = drawing.fitted(data.interval_s)
-    floor_dph = drawing.floor_dph(data.interval_s)
+    floor_dph = drawing.floor_dph()
     plot = over_temperature(data, fitted, drawing.name, finite(floor_dph), shown)
-    left = data.bias - fitted
-    parts = []
+    parts, whole = [], drawing.data()
+    left = whole.bias - drawing.fitted()
     for sign, (text, _) in DIRECTIONS.items():
-        own = shown & (data.direction == sign) & np.isfinite(left)
+        own = _inside(whole, drawing) & (whole.direction == sign) & np.isfinite(left)
         if own.any():
             parts.append(f"{text} {_rms(left[own])} RMS with a mean of {number(float(left[own].mean()))}")
     words = (
         f"Run {drawing.of.id} over {_range(data.channel('temperature')[shown])} °C in means over "
-        f"{data.interval_s:g} s; residual of model {drawing.name} in deg/h: {'; '.join(parts)}. "
+        f"{data.interval_s:g} s; residual of model {drawing.name} in {DEFAULT_INTERVAL_S:g} s means, in deg/h: "
+        f"{'; '.join(parts)}. "
         f"{floor_words(floor_dph)}"
     )
     table = columns({
@@ -182,8 +193,9 @@ def _inside(data: Dataset, drawing: Drawing) -> BoolArray:
 
 def _side_by_side(drawing: Drawing) -> Figure:
     pairs = [(run.id, computing.dataset(run)) for run in dict.fromkeys((*drawing.runs, *drawing.check))]
-    spans = [f"{name} {_range(data.bias - np.nanmean(data.bias))}" for name, data in pairs]
-    words = f"Bias over temperature, each run minus its mean, in deg/h: {'; '.join(spans)}."
+    zeros = zeros_of([data for _, data in pairs])
+    spans = [f"{name} {_range(data.bias - zero)}" for (name, data), zero in zip(pairs, zeros, strict=True)]
+    words = f"Bias over temperature, each run minus its mean over their common range, in deg/h: {'; '.join(spans)}."
     return described(side_by_side(pairs), words)
 
 
@@ -283,6 +295,8 @@ def _rms(values: FloatArray) -> str:
     return number(float(np.sqrt(np.mean(known**2)))) if known.size else "–"
 
 
+BARE = {"time", "temperature", "map", "loop"}
+"""Figures that there are without a model, too."""
 FIGURES: Mapping[str, Callable[[Drawing], Figure]] = {
     "time": time, "temperature": temperature, "map": map_, "loop": loop, "allan": allan, "ladder": ladder,
     "channels": channels,

@@ -8,11 +8,11 @@ from typing import Any, Literal
 from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
-from bench.analysis import FUNCTIONS, Expression, catalogue, load_model, variables
+from bench.analysis import FUNCTIONS, MODELS, Expression, catalogue, load_model, model_files, variables
 from bench.base import InputError, library
 from bench.record import slug, write_atomically
 from bench.web.ground.problems import row
-from bench.web.ground.settings import Here, Settings
+from bench.web.ground.settings import Here
 from bench.web.jobs.jobs import jobs_of
 from bench.web.people.access import Engineer
 from bench.web.plans.catalog import is_text
@@ -20,7 +20,7 @@ from bench.web.workbench.asking import ModelJson, model_json
 
 router = APIRouter(tags=["workbench"])
 
-Where = Literal["shipped", "project", "saved"]
+Where = Literal["shipped", "project"]
 """Where a model comes from."""
 
 
@@ -37,7 +37,7 @@ class KnownModel(BaseModel):
 
 
 class KnownModels(BaseModel):
-    """All shipped models, those of the project, and those saved on the page."""
+    """All shipped models, and those of the project, where the page saves and commands look."""
 
     models: list[KnownModel]
 
@@ -50,7 +50,7 @@ class SaveRequest(BaseModel):
 
 
 class Saved(BaseModel):
-    """A saved model: `file` is the argument for `--model` on the command line."""
+    """A saved model: `name` or `file` is the argument for `--model` on the command line."""
 
     name: str
     file: str
@@ -112,25 +112,25 @@ class FormulaAnswer(BaseModel):
 def models(request: Request, here: Here) -> KnownModels:
     """All models; also starts the computing processes, because a computation usually follows."""
     jobs_of(request).warm()
-    return KnownModels(models=[_known(path, where) for path, where in model_files(here).values()])
+    return KnownModels(models=[_known(path) for path in model_files(here.project).values() if is_text(path.stem)])
 
 
 @router.post("/models", status_code=201)
 def save(body: SaveRequest, here: Here, who: Engineer, response: Response) -> Saved:
     """Save a model under an unused name; saving the same model twice is not an error."""
-    known = model_files(here)
+    known = model_files(here.project)
     model = ModelJson(name=body.name, effects=body.model.effects, rows=body.model.rows).model()
     text = model.to_yaml()
-    path = here.own / "models" / f"{slug(body.name)}.yaml"
-    if path.stem in known:
-        existing, where = known[path.stem]
-        if where != "saved" or existing.read_text(encoding="utf-8") != text:
-            raise HTTPException(409, f"the name '{body.name}' is used for another model ({where}): choose another name")
+    path = here.project / MODELS / f"{slug(body.name)}.yaml"
+    if (existing := known.get(path.stem)) is not None:
+        if existing.read_text(encoding="utf-8") != text:
+            told = f"the name '{body.name}' is used for another model ({_where(existing)}): choose another name"
+            raise HTTPException(409, told)
         response.status_code = 200
     else:
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, text.encode())
-    return Saved(name=body.name, file=str(path), yaml=text)
+    return Saved(name=path.stem, file=str(path), yaml=text)
 
 
 @router.get("/effects")
@@ -174,23 +174,13 @@ def formula(body: FormulaRequest) -> FormulaAnswer:
     )
 
 
-def model_files(here: Settings) -> dict[str, tuple[Path, Where]]:
-    """Model files by name; those of the project replace shipped ones."""
-    by_name: dict[str, tuple[Path, Where]] = {}
-    folders: tuple[tuple[Path, Where], ...] = (
-        (library() / "models", "shipped"), (here.project / "profiles" / "models", "project"),
-        (here.own / "models", "saved"),
-    )  # fmt: skip
-    for folder, where in folders:
-        for path in sorted(folder.glob("*.yaml")) if folder.is_dir() else ():
-            if not path.is_file() or not is_text(path.stem):
-                continue
-            if path.stem not in by_name or not path.samefile(by_name[path.stem][0]):
-                by_name[path.stem] = (path, where)
-    return by_name
+def _where(path: Path) -> Where:
+    return "shipped" if path.parent.resolve() == (library() / "models").resolve() else "project"
 
 
-def _known(path: Path, where: Where) -> KnownModel:
+def _known(path: Path) -> KnownModel:
+    where = _where(path)
+
     def made() -> KnownModel:
         model = load_model(path)
         content = model_json(model)

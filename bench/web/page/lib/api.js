@@ -1,5 +1,6 @@
 // The server's API: JSON requests and answers, and errors of one line.
 import { session } from "./store.js";
+import { t } from "./words.js";
 
 const BASE = "/api/v1";
 const WAIT_S = 20;
@@ -16,7 +17,7 @@ async function answer(response) {
   const body = await response.json().catch(() => null);
   if (response.ok) return body;
   if (response.status === 401) session.set((now) => now && { ...now, name: null, role: null });
-  throw new ApiError(response.status, body?.detail ?? `${response.status} ${response.statusText}`);
+  throw new ApiError(response.status, body?.detail ?? t("error.no_reason", { status: String(response.status) }));
 }
 
 async function send(method, path, /** @type {{body?: any, form?: FormData, signal?: AbortSignal}} */ { body, form, signal } = {}) {
@@ -28,7 +29,7 @@ async function send(method, path, /** @type {{body?: any, form?: FormData, signa
     });
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new ApiError(0, error.message);
+    throw new ApiError(0, t("error.unreachable"));
   }
   return answer(response);
 }

@@ -23,9 +23,12 @@ export const Busy = ({ children }) => html`<p class="row" role="status"><span cl
 /** An error message of the server. */
 export const Trouble = ({ error, retry }) =>
   error && html`<div class="notice bad" role="alert">
-    <p>${error.status === 0 ? t("error.unreachable") : error.detail ?? error.message ?? String(error)}</p>
+    <p>${error.message ?? String(error)}</p>
     ${retry && html`<p><button class="narrow" onClick=${retry}>${t("error.retry")}</button></p>`}
   </div>`;
+
+/** Shown where the address names nothing: a sentence and a way on. */
+export const Unknown = ({ what, way, words }) => html`<div class="notice warn" role="alert"><p>${what}</p><p><a class="button narrow" href=${way}>${words}</a></p></div>`;
 
 /** A native dialog: focus stays in it, Escape closes it, focus returns to where it was. */
 export function Dialog({ onClose, label, children }) {

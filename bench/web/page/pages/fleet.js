@@ -13,11 +13,12 @@ const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i
 const percent = (share) => `${number(100 * share, 1)} %`;
 
 function Attention({ fleet }) {
-  const { outside, stations, lots, odd, beyond, quiet, silent } = fleet.attention;
+  const { outside, unjudged, stations, lots, odd, beyond, quiet, silent } = fleet.attention;
   if (silent) return html`<div class="notice"><p><${Lamp} tone="idle">${t("fleet.silent")}<//></p></div>`;
   if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${t("fleet.quiet")}<//></p></div>`;
   const lines = [
     outside > 0 && ["bad", t("fleet.outside", { n: outside, judged: fleet.yield.judged })],
+    unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${fleet.missing.length > 0 && html` ${t("fleet.missing")} ${listed(fleet.missing.map(quantity))}`}`],
     stations.length > 0 && ["warn", html`${t("fleet.stations_drift")} ${listed(stations)}`],
     lots.length > 0 && ["warn", html`${t("fleet.lots_differ")} ${listed(lots)}`],
     odd.length > 0 && ["warn", html`${t("fleet.odd")} ${listed(odd.map(unitLink))}`],

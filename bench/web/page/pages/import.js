@@ -37,6 +37,15 @@ function Drop({ kinds, take, refused }) {
   </section>`;
 }
 
+/** Uploads that were neither imported nor given up. */
+function Waiting({ kinds, goOn, giveUp }) {
+  if (!kinds.waiting.length) return null;
+  return html`<section class="panel stack" aria-labelledby="waiting"><h2 id="waiting">${t("import.waiting", { n: kinds.waiting.length, most: String(kinds.most_waiting) })}</h2>
+    <ul class="findings">${kinds.waiting.map((one) => html`<li key=${one.import} class="row spread"><span><b>${one.file}</b> <span class="soft">${bytes(one.bytes)}, ${t("import.expires", { left: duration(one.left_s) })}</span></span>
+      <span class="row"><button type="button" class="narrow" onClick=${() => goOn(one)}>${t("import.go_on")}<span class="unseen"> ${one.file}</span></button>
+      <button type="button" class="narrow" onClick=${() => giveUp(one.import)}>${t("import.give_up")}<span class="unseen"> ${one.file}</span></button></span></li>`)}</ul></section>`;
+}
+
 /** The chosen columns and units in the form of the API; empty ones are taken from the headers. */
 function columnsOf(chosen) {
   const out = {};
@@ -101,7 +110,7 @@ function Done({ result, again }) {
 }
 
 export default function Import() {
-  const { data: kinds, error } = useGet("/imports");
+  const { data: kinds, error, again: list } = useGet("/imports");
   const [state, setState] = useState(/** @type {any} */ ({ step: "drop" }));
   const [choice, setChoice] = useState({});
   const [unit, setUnit] = useState("");
@@ -160,12 +169,24 @@ export default function Import() {
     if (state.id && state.step !== "done") remove(place).catch(() => {});
     turn.current += 1;
     setState({ step: "drop" });
+    list();
+  };
+  const giveUp = (id) => remove(url`/imports/${id}`).then(list, (trouble) => merge({ error: trouble }));
+  const goOn = async (one) => {
+    const ticket = ++turn.current;
+    setState({ step: "reading", id: one.import, file: one.file });
+    setChoice({});
+    try {
+      await read((await post(url`/imports/${one.import}/preview`)).job, ticket);
+    } catch (trouble) {
+      if (turn.current === ticket) setState({ step: "drop", error: trouble });
+    }
   };
   const wrong = unit && !UNIT.test(unit);
   return html`<div class="page stack"><h1>${t("import.title")}</h1><p class="soft">${t("import.what")}</p>
     <${Trouble} error=${error} />
     ${!may("engineer") && html`<div class="notice"><p>${t("import.engineers")}</p></div>`}
-    ${kinds && may("engineer") && state.step === "drop" && html`<${Drop} kinds=${kinds} take=${take} refused=${state.error} />`}
+    ${kinds && may("engineer") && state.step === "drop" && html`<${Drop} kinds=${kinds} take=${take} refused=${state.error} /><${Waiting} kinds=${kinds} goOn=${goOn} giveUp=${giveUp} />`}
     ${["sending", "reading"].includes(state.step) && html`<section class="st-drop"><h2>${state.file}</h2><${Busy}>${t(`import.${state.step}`)}<//><button onClick=${again}>${t("import.give_up")}</button></section>`}
     ${state.step === "look" && html`<div class="row spread"><p><b>${state.file}</b> <span class="soft">${t("import.rows", { n: state.shown.rows })}</span></p><button class="narrow" onClick=${again}>${t("import.give_up")}</button></div>
       <form class="panel row" onSubmit=${make}>

@@ -2,7 +2,7 @@
 import { html, useEffect, useState } from "../lib/preact.js";
 import { get, url } from "../lib/api.js";
 import { traces, useLive } from "../lib/live.js";
-import { Busy, Trouble } from "../lib/parts.js";
+import { Busy, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { Trace } from "../lib/trace.js";
@@ -51,6 +51,7 @@ function Missing({ id, params }) {
     look();
     return () => clearTimeout(timer);
   }, [id]);
+  if (error?.status === 404) return html`<div class="page"><${Unknown} what=${t("live.unknown", { run: id })} way="/live" words=${t("nav.live")} /></div>`;
   return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy}>${t("live.looking")}<//>`}</div>`;
 }
 

@@ -1,7 +1,7 @@
 // One unit: its memory, its calibration in force, trends of its quantities, its runs.
 import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
-import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { duration, moment, number, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { day, Outcome, quantity, sig, Spark, Tile, unitText, useGet, Verdict } from "./stock/parts.js";
@@ -103,16 +103,20 @@ function Runs({ unit }) {
     </tr>`)}</tbody></table></div>`;
 }
 
+/** Name of the run that a number is of. */
+const runOf = ({ run }) => run.split("/").pop();
+
 function Summary({ unit }) {
   const counts = unit.calibrations.find((one) => one.status === "in_unit") ?? unit.calibrations.find((one) => one.usable);
   const error = unit.trends.find((trend) => trend.name === "residual_rms_dph");
   const last = unit.runs[0];
+  const change = error && (error.change === null ? t("units.tile.first") : t("units.tile.change", { change: `${error.change > 0 ? "+" : ""}${sig(error.change, 2)} ${unitText(error.unit)}` }));
   return html`<div class="st-tiles">
     <${Tile} what=${t("units.tile.counts")} value=${counts ? day(counts.created) : "–"} tone=${counts ? (counts.status === "in_unit" ? "good" : "warn") : "bad"}
-      more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}` : t("units.tile.no_calibration")} />
-    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${t("units.tile.holds_more")} />
+      more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}, ${runOf(counts)}` : t("units.tile.no_calibration")} />
+    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${[t("units.tile.holds_more"), counts && runOf(counts)].filter(Boolean).join(", ")} />
     ${error && html`<${Tile} what=${quantity("residual_rms_dph")} value=${sig(error.last)} unit=${unitText(error.unit)} tone=${error.outside ? "bad" : undefined}
-      more=${error.change === null ? t("units.tile.first") : t("units.tile.change", { change: `${error.change > 0 ? "+" : ""}${sig(error.change, 2)} ${unitText(error.unit)}` })} />`}
+      more=${`${runOf(error.points[error.points.length - 1])}; ${change}`} />`}
     <${Tile} what=${t("units.runs")} value=${unit.runs.length} more=${last && t("units.tile.last", { when: moment(last.created) })} />
   </div>`;
 }
@@ -120,6 +124,9 @@ function Summary({ unit }) {
 export default function Unit({ params }) {
   const { data: unit, error, again } = useGet(url`/units/${params.serial}`);
   const head = html`<p class="small"><a href="/units">← ${t("units.title")}</a></p>`;
+  if (error?.status === 404) {
+    return html`<div class="page stack"><h1>${params.serial}</h1><${Unknown} what=${t("units.unknown", { serial: params.serial })} way="/units" words=${t("units.all")} /></div>`;
+  }
   if (error) return html`<div class="page stack">${head}<h1>${params.serial}</h1><${Trouble} error=${error} retry=${again} /></div>`;
   if (!unit) return html`<div class="page stack">${head}<${Busy} /></div>`;
   return html`<div class="page stack">${head}

@@ -2,11 +2,12 @@
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { get, url } from "../lib/api.js";
 import { useLive } from "../lib/live.js";
-import { Busy, Lamp, Shape, Trouble } from "../lib/parts.js";
+import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { number, or, t } from "../lib/words.js";
 import { planName } from "./live/words.js";
+import { achieved, advice } from "./verdict/advice.js";
 import { judged, toneOf, worst } from "./verdict/judged.js";
 
 const LOOK_MS = 2000;
@@ -15,7 +16,7 @@ const LOOK_MS = 2000;
 function useEnd(params) {
   const wanted = `${params.unit}/${params.run}`;
   const told = useLive((now) => Object.values(now.ended).find((end) => end.run === wanted || end.runs?.includes(wanted)));
-  const [seen, setSeen] = useState(/** @type {{run?: any, end?: any, error?: Error}} */ ({}));
+  const [seen, setSeen] = useState(/** @type {{run?: any, end?: any, error?: any}} */ ({}));
   useEffect(() => {
     let timer = 0;
     let left = false;
@@ -45,10 +46,12 @@ export default function Verdict({ params }) {
   useEffect(() => {
     if (run?.condition && run.condition !== "ended" && !end) navigate(`/live/${params.unit}/${params.run}`, { replace: true });
   }, [run?.condition, !end]);
-  if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
-  const units = end.units?.length ? end.units : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
-  const words = units.map((unit) => judged(end, unit));
+  const units = end?.units?.length ? end.units : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
+  const words = end ? units.map((unit) => judged(end, unit)) : [];
   const word = worst(words);
+  const answer = useJudged(units[words.indexOf(word)]);
+  if (!end && error?.status === 404) return html`<div class="page"><${Unknown} what=${t("live.unknown", { run: `${params.unit}/${params.run}` })} way="/units" words=${t("units.all")} /></div>`;
+  if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
   const fault = end.state !== "done";
   return html`<article class=${`verdict tone-${toneOf(word)}`}>
     <${Word} word=${word} />
@@ -56,17 +59,32 @@ export default function Verdict({ params }) {
       <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}</p>
       <p class="verdict-sentence">${t(`verdict.${word}.sentence`)}</p>
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
-      ${["fail", "marginal", "invalid"].includes(word) && html`<${Reasons} unit=${units[words.indexOf(word)]} />`}
+      ${answer?.limits && html`<${Reasons} limits=${answer.limits} />`}
+      ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
       ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail" lang="en">${units[0].sentence}</p>`}
-      <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end))}</p></section>
+      <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end, answer))}</p></section>
       <${Ways} units=${units} />
     </div>
   </article>`;
 }
 
 /** The next step; with an unverified safe state, go to the chamber first. */
-const next = (word, end) =>
-  end.state !== "done" && (end.safe === false || (end.state === "failed" && !end.safe)) ? "verdict.equipment_failed.next_unsafe" : `verdict.${word}.next`;
+const next = (word, end, answer) => {
+  if (end.state !== "done" && (end.safe === false || (end.state === "failed" && !end.safe))) return "verdict.equipment_failed.next_unsafe";
+  return advice(word, answer);
+};
+
+/** Answer of GET /runs/… about a unit's run that was judged; null before it. */
+function useJudged(unit) {
+  const [seen, setSeen] = useState(/** @type {{run?: string, answer?: any}} */ ({}));
+  const run = unit?.limits && unit.run;
+  useEffect(() => {
+    if (!run) return;
+    const [serial, folder] = run.split("/");
+    get(url`/runs/${serial}/${folder}`).then((answer) => setSeen({ run, answer }), () => setSeen({}));
+  }, [run]);
+  return seen.run === run ? seen.answer : null;
+}
 
 function Word({ word }) {
   const heading = useRef(null);
@@ -90,14 +108,19 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
   </li>`)}
 </ul>`;
 
+/** What was passed: the limits by name, the steps that are done, and those that are missing before the unit goes on. */
+function Achieved({ run }) {
+  const { done, missing } = achieved(run);
+  const named = (steps) => steps.map((step) => t(`verdict.step.${step}`)).join(", ");
+  return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.achieved")}>
+    ${done.length > 0 && html`<li><span class="tone-good"><${Shape} tone="good" /></span><span>${t("verdict.done", { steps: named(done), limits: or(`limits.${run.limits.name}`, run.limits.name) })}</span></li>`}
+    ${missing.length > 0 && html`<li><span class="tone-warn"><${Shape} tone="warn" /></span><span>${t("verdict.missing", { steps: named(missing) })}</span></li>`}
+  </ul>`;
+}
+
 /** Reasons of the verdict: refusals, and each quantity that is not clearly within its limits. */
-function Reasons({ unit }) {
-  const [limits, setLimits] = useState(null);
-  useEffect(() => {
-    const [serial, folder] = unit.run.split("/");
-    get(url`/runs/${serial}/${folder}`).then((run) => setLimits(run.limits), () => setLimits(null));
-  }, [unit.run]);
-  if (!limits) return null;
+function Reasons({ limits }) {
+  if (limits.verdict === "PASS") return null;
   const off = (limits.results ?? []).filter(({ verdict }) => verdict === limits.verdict);
   return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.reasons")}>
     ${(limits.refusals ?? []).map((text) => html`<li key=${text} lang="en"><span class="tone-bad"><${Shape} tone="bad" /></span><span>${text}</span></li>`)}

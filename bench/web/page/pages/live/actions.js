@@ -28,7 +28,8 @@ export function Actions({ run }) {
       await post(url`/live/${unit}/${folder}/${action}`);
       if (action !== "abort") setRequested("");
     } catch (problem) {
-      setError(problem);
+      // Whether an abort arrived is not known without an answer: the person must go to the equipment.
+      setError(action === "abort" && (problem.status === 0 || problem.status >= 500) ? t("abort.offline") : problem);
       setRequested("");
     }
   };

@@ -13,7 +13,8 @@ const LOOK_MS = 300;
 /** After this time without an answer of the bench, the operator is asked to look at the chamber. */
 const PATIENCE_MS = 120000;
 
-const lastLimits = remembered("limits", null);
+/** Limits that were chosen for each plan in this browser. */
+const lastLimits = remembered("limits_of", {});
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 function useCheck(order) {
@@ -34,8 +35,8 @@ function useCheck(order) {
 }
 
 /** Start the run and wait until it has a folder; its id. Throws the message of the bench when it refuses. */
-async function begin(order, limits) {
-  const { start } = await post("/starts", { ...order, ...(limits ? { limits } : {}) });
+async function begin(order, models, limits) {
+  const { start } = await post("/starts", { ...order, models, ...(limits ? { limits } : {}) });
   const until = Date.now() + PATIENCE_MS;
   while (Date.now() < until) {
     const seen = await get(url`/starts/${start}`);
@@ -51,13 +52,16 @@ export function Ready({ order, plan, station, limits, begun }) {
   const { result, error, again } = useCheck(order);
   const [starting, setStarting] = useState(false);
   const [refused, setRefused] = useState(null);
-  const [within, setWithin] = useState(limits.some(({ id }) => id === lastLimits.get()) ? lastLimits.get() : "");
+  const [within, setWithin] = useState(() => {
+    const chosen = lastLimits.get()[plan.id] ?? plan.limits;
+    return limits.some(({ id }) => id === chosen) ? chosen : "";
+  });
   const start = async () => {
     setStarting(true);
     setRefused(null);
     try {
-      lastLimits.set(within || null);
-      const run = await begin(order, within);
+      lastLimits.set((now) => ({ ...now, [plan.id]: within }));
+      const run = await begin(order, plan.models, within);
       begun();
       navigate(`/live/${run}`);
     } catch (problem) {
@@ -77,7 +81,8 @@ export function Ready({ order, plan, station, limits, begun }) {
         <select id="limits" value=${within} onChange=${(event) => setWithin(event.target.value)}>
           <option value="">${t("ready.no_limits")}</option>
           ${limits.map((one) => html`<option key=${one.id} value=${one.id}>${or(`limits.${one.id}`, one.title ?? one.id)}</option>`)}
-        </select></div>`}
+        </select>
+        ${plan.models.length > 0 && html`<p class="soft small">${t("ready.models", { models: plan.models.join(", ") })}</p>`}</div>`}
       <${Trouble} error=${refused} />
       <${StartButton} ready=${ready} starting=${starting} start=${start} />
     </div>

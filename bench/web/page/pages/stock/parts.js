@@ -6,7 +6,7 @@ import { language, or, t } from "../../lib/words.js";
 
 /** The answer of GET `path` as {data, error, busy}, and `again` to repeat it; older data is shown while newer is fetched. */
 export function useGet(path) {
-  const [state, setState] = useState(/** @type {{data?: any, error?: Error, busy: boolean}} */ ({ busy: true }));
+  const [state, setState] = useState(/** @type {{data?: any, error?: any, busy: boolean}} */ ({ busy: true }));
   const [turn, setTurn] = useState(0);
   useEffect(() => {
     if (path === null) return undefined;
@@ -45,7 +45,7 @@ export function day(iso) {
   return new Intl.DateTimeFormat(language.get(), { dateStyle: "medium" }).format(date);
 }
 
-const TONES = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "bad", adequate: "good", pass: "good", fail: "bad" };
+const TONES = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "warn", adequate: "good", pass: "good", fail: "bad" };
 const STATES = { done: "good", running: "link", aborted: "warn", failed: "bad" };
 
 /** A verdict or a status in colour, shape and word. */

@@ -2,7 +2,7 @@
 
 /** Worst first; the tone of each. */
 const WORDS = {
-  equipment_failed: "bad", invalid: "bad", fail: "bad", aborted: "idle", partial: "bad", no_data: "bad",
+  equipment_failed: "bad", fail: "bad", invalid: "warn", aborted: "idle", partial: "bad", no_data: "bad",
   not_analysed: "warn", unproven: "warn", marginal: "warn", model_error: "warn", unknown_effect: "warn", missing_effect: "warn",
   undecided: "warn",
   analysing: "link", measured: "good", adequate: "good", pass: "good",

@@ -6,10 +6,11 @@ const WORDS = () => ({ fit: t("workbench.role.fit"), check: t("workbench.role.ch
 const HINTS = () => ({ fit: t("workbench.role.fit_hint"), check: t("workbench.role.check_hint"), static: t("workbench.role.static_hint") });
 const SHAPES = { fit: "●", check: "◇", static: "▬" };
 
-/** `chosen`: [{run, role}]; the bar also opens the list again, to add a run or to start with another one. */
-export function Chosen({ chosen, act, onAdd, onOther, onCompare }) {
+/** `chosen`, `offered`: [{run, role}]; a run that is offered is used only after a click, because it changes the numbers. The bar also opens the list again, to add a run or to start with another one. */
+export function Chosen({ chosen, offered, act, onAdd, onOther, onCompare }) {
   const words = WORDS();
   const hints = HINTS();
+  const more = offered.filter((one) => !chosen.some(({ run }) => run === one.run) && chosen.some(({ run }) => unitOf(run) === unitOf(one.run)));
   const units = [...new Set(chosen.map((one) => unitOf(one.run)))];
   return html`<section class="wb-chosen" aria-label=${t("workbench.chosen.title")}>
     ${units.length === 1 && html`<b class="wb-unit">${units[0]}</b>`}
@@ -21,6 +22,8 @@ export function Chosen({ chosen, act, onAdd, onOther, onCompare }) {
       </select>
       <button type="button" class="wb-x" aria-label=${t("workbench.chosen.drop", { run: one.run })} onClick=${() => act({ type: "drop", run: one.run })}>×</button>
     </li>`)}</ul>
+    ${more.map((one) => html`<button type="button" key=${one.run} class="narrow" title=${hints[one.role]} onClick=${() => act({ type: "take", run: one })}>
+      + ${t("workbench.chosen.use", { run: runName(one.run), role: words[one.role] })}</button>`)}
     <div class="wb-chosen-tools">
       <button type="button" class="narrow" onClick=${onAdd}>${t("workbench.chosen.add")}</button>
       <button type="button" class="narrow" onClick=${onCompare}>${t("workbench.chosen.compare")}</button>

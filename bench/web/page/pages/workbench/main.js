@@ -8,6 +8,7 @@ import { Ladder } from "./ladder.js";
 import { ModelPanel } from "./model.js";
 import { Pictures } from "./pictures.js";
 import { companions, known, likelyRole, useJob, useSession } from "./session.js";
+import { Unknown } from "../../lib/parts.js";
 import { Suspects } from "./suspects.js";
 
 /** Body of an analysis of one model. */
@@ -111,10 +112,23 @@ function remember(chosen) {
   if (address !== location.pathname + location.search) history.replaceState(history.state, "", address);
 }
 
+/** The first of the chosen runs that the server does not have, as after a mistyped address; null without one. */
+function useUnknown(chosen) {
+  const [missing, setMissing] = useState([]);
+  useEffect(() => {
+    for (const { run } of chosen) {
+      const [unit, folder] = run.split("/");
+      api.get(api.url`/runs/${unit}/${folder ?? ""}`).catch((error) => error.status === 404 && setMissing((before) => [...before, run]));
+    }
+  }, [chosen]);
+  return chosen.find(({ run }) => missing.includes(run))?.run ?? null;
+}
+
 export function Page() {
   const session = useSession();
   const { chosen, act } = session;
   const [mode, setMode] = useState("bench");
+  const [offered, setOffered] = useState([]);
   useEffect(() => {
     const runs = addressed();
     if (runs.length === 1) begin(runs[0]);
@@ -122,28 +136,29 @@ export function Page() {
   }, []);
   useEffect(() => remember(chosen), [chosen]);
   const begin = async (row) => {
-    const own = { ...row, role: "fit" };
-    // First find the check and static runs; otherwise the run would be fitted twice.
+    act({ type: "choose", runs: [{ ...row, role: "fit" }] });
+    setMode("bench");
     const near = await api.get(`/runs${api.query({ unit: row.unit, limit: 200 })}`)
       .then((found) => companions(found.runs.find((one) => one.run === row.run) ?? row, found.runs), () => []);
-    act({ type: "choose", runs: [own, ...near] });
-    setMode("bench");
+    setOffered(near);
   };
   const take = (row) => {
     act({ type: "take", run: { ...row, role: likelyRole(row, chosen) } });
     setMode("bench");
   };
+  const unknown = useUnknown(chosen);
   const adding = mode === "add" && chosen.length > 0;
   const choosing = !chosen.length || mode === "other" || adding;
   const taken = new Set(chosen.map((one) => one.run));
   return html`<div class="wb">
     <h1 class=${choosing ? "" : "unseen"}>${t("workbench.title")}</h1>
     ${choosing && !adding && html`<p class="wb-lead">${t("workbench.lead")}</p>`}
-    ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
+    ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} offered=${offered} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
     ${choosing && html`<div class="wb-card"><${Chooser} taken=${taken} onChoose=${adding ? take : begin} label=${adding ? t("workbench.chooser.add") : null} />
       ${chosen.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => setMode("bench")}>${t("workbench.chooser.back")}</button></p>`}</div>`}
-    ${!choosing && mode === "compare" && html`<${Compare} a=${chosen[0].run} onClose=${() => setMode("bench")} />`}
-    ${!choosing && mode !== "compare" && (session.runs ? html`<${Bench} session=${session} />` : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
+    ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way="/workbench" words=${t("workbench.chosen.other")} />`}
+    ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} onClose=${() => setMode("bench")} />`}
+    ${!choosing && !unknown && mode !== "compare" && (session.runs ? html`<${Bench} session=${session} />` : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
   </div>`;
 }
 

@@ -1,30 +1,54 @@
 // The current model: its effects, another model to start with, a name to save it.
 import { html, t, api, measured, useEffect, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
+import { offered } from "./offered.js";
+import { typed, written } from "./typed.js";
 import { OwnTerm } from "./term.js";
 
-const optionsOf = ({ effect: _, ...options }) => Object.entries(options).map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`).join(", ");
+/** Options of the effects by name, with their defaults, fetched once. */
+function useOptions() {
+  const [options, setOptions] = useState({});
+  useEffect(() => {
+    api.get("/effects").then((known) => setOptions(Object.fromEntries(known.effects.map((one) => [one.effect, one.options]))), () => {});
+  }, []);
+  return options;
+}
+
+/** One option of an effect, changed in place; the server says what is wrong with a value. */
+function Option({ of, name, value, busy, change }) {
+  const label = t("workbench.model.option", { option: name, effect: effectWord(of) });
+  if (typeof value === "boolean") {
+    return html`<label class="wb-option"><input type="checkbox" aria-label=${label} checked=${value} disabled=${busy} onChange=${(event) => change(event.target.checked)} /> ${name}</label>`;
+  }
+  return html`<label class="wb-option">${name} <input class="wb-code" aria-label=${label} spellcheck=${false} autocomplete="off" disabled=${busy}
+    value=${written(value)} onChange=${(event) => change(typed(event.target.value))} /></label>`;
+}
 
 /** Models of the library, fetched once; `again()` after one was saved. */
 function useModels() {
   const [models, setModels] = useState([]);
-  const again = () => api.get("/models").then((known) => setModels(known.models.filter((one) => one.model)), () => setModels([]));
+  const again = () => api.get("/models").then((known) => setModels(offered(known.models)), () => setModels([]));
   useEffect(() => void again(), []);
   return { models, again };
 }
+
+/** Names that the server takes. */
+const NAME = /^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$/;
 
 function Save({ model, onSaved }) {
   const [name, setName] = useState("");
   const [message, setMessage] = useState(null);
   const save = async (event) => {
     event.preventDefault();
+    if (!NAME.test(name)) return setMessage({ good: false, text: t("workbench.model.name_wrong") });
     try {
       await api.post("/models", { name, model: { ...model, name } });
       setMessage({ good: true, text: t("workbench.model.saved", { name }) });
       onSaved();
     } catch (error) {
-      setMessage({ good: false, text: error.message });
+      setMessage({ good: false, text: error.status === 409 ? t("workbench.model.name_used", { name }) : error.message });
     }
+    return undefined;
   };
   return html`<form class="wb-save" onSubmit=${save}>
     <label for="wb-model-name">${t("workbench.model.save_as")}</label>
@@ -46,9 +70,10 @@ function Found({ fitted, effect }) {
 /** `steps` are the models so far, the last one is the current one; `fitted` are its scores; `act` changes it. */
 export function ModelPanel({ model, fitted, steps, busy, act }) {
   const { models, again } = useModels();
+  const options = useOptions();
   const choose = (event) => {
     const known = models.find((one) => one.name === event.target.value);
-    if (known) act({ type: "model", model: { ...known.model, name: known.name } });
+    if (known) act({ type: "model", model: known.model });
   };
   return html`<section class="wb-card wb-model" aria-labelledby="wb-model-title">
     <div class="wb-card-head"><h2 id="wb-model-title">${t("workbench.model.title")}</h2>
@@ -58,7 +83,9 @@ export function ModelPanel({ model, fitted, steps, busy, act }) {
           ${models.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === steps[0].model.name}>${one.name}</option>`)}
         </select></label></div>
     <ol class="wb-effects">${model.effects.map((effect, i) => html`<li key=${`${i} ${effect.effect}`}>
-      <span>${effectWord(effect.effect)} <code>${effect.effect}</code> <span class="wb-soft">${optionsOf(effect)}</span> <${Found} fitted=${fitted} effect=${effect.effect} /></span>
+      <span>${effectWord(effect.effect)} <code>${effect.effect}</code>
+        ${Object.entries({ ...options[effect.effect], ...effect }).filter(([name]) => name !== "effect").map(([name, value]) => html`<${Option} key=${name}
+          of=${effect.effect} name=${name} value=${value} busy=${busy} change=${(next) => act({ type: "edit", index: i, option: name, value: next })} />`)} <${Found} fitted=${fitted} effect=${effect.effect} /></span>
       ${model.effects.length > 1 && html`<button type="button" class="wb-x" disabled=${busy} aria-label=${t("workbench.model.remove", { effect: effectWord(effect.effect) })}
         onClick=${() => act({ type: "remove", index: i })}>×</button>`}
     </li>`)}</ol>

@@ -132,6 +132,7 @@ export function Pictures({ runs, model, picked, onPickedOff }) {
       ${!picked && html`<${Choices} runs=${runs} kind=${kind} of=${of} onOf=${setOf} left=${left} onLeft=${setLeft} />`}</div>
     <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
       ${job.failed && html`<p class="wb-bad" role="alert">${job.failed}</p>`}
+      ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <span lang="en">${answer.note}</span></p>`}
       <${Picture} answer=${answer} running=${job.running} waiting=${job.running && !answer} title=${title} onZoom=${zoom} keep=${keep}
         name=${`${of} ${model.name} ${shown}`} />
     </div>

@@ -1,9 +1,9 @@
 // State of the workbench: the runs with their roles, the models in order, and their results.
 import { api, useEffect, useMemo, useReducer, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
+import { START_MODEL } from "./first.js";
 
 export const ROLES = ["fit", "check", "static"];
-export const START_MODEL = { name: "spline", effects: [{ effect: "spline", intervals: 24, ends: "natural" }] };
 const NEAR_MS = 7 * 24 * 3600 * 1000;
 const MOST_CACHED = 60;
 
@@ -46,6 +46,9 @@ function change(state, action) {
       }) };
     case "model":
       return { ...state, steps: [{ model: action.model, label: action.model.name }] };
+    case "edit":
+      return grown({ ...model, effects: model.effects.map((one, i) => (i === action.index ? { ...one, [action.option]: action.value } : one)) },
+        `${effectWord(model.effects[action.index].effect)} ${action.option} ${action.value}`);
     case "add":
       return grown({ ...model, name: `${model.name} + ${action.effect.effect}`, effects: [...model.effects, action.effect] }, label(action.effect));
     case "remove": {

@@ -1,5 +1,6 @@
 // A user-defined term: an expression, checked while it is typed, added like any other effect.
 import { html, t, api, useEffect, useState } from "./parts.js";
+import { numberOf } from "./typed.js";
 
 const PAUSE_MS = 250;
 
@@ -38,8 +39,8 @@ export function OwnTerm({ busy, onAdd }) {
   const [expression, setExpression] = useState("");
   const [typed, setTyped] = useState({});
   const inside = [...new Set([...expression.matchAll(/\b(?:lag|play)\([^()]*(?:\([^()]*\))?[^()]*,\s*([A-Za-z_]\w*)\s*\)/g)].map((found) => found[1]))];
-  const bounds = Object.fromEntries(inside.filter((name) => (typed[name] ?? ["10", "3600"]).every((end) => end !== "" && Number.isFinite(Number(end))))
-    .map((name) => [name, (typed[name] ?? ["10", "3600"]).map(Number)]));
+  const bounds = Object.fromEntries(inside.filter((name) => (typed[name] ?? ["10", "3600"]).every((end) => Number.isFinite(numberOf(end))))
+    .map((name) => [name, (typed[name] ?? ["10", "3600"]).map(numberOf)]));
   const answer = useCheck(expression, bounds);
   const wrong = answer && !answer.ok;
   const add = (event) => {

@@ -1,0 +1,46 @@
+"""What of the way from the first run to the certificate a unit's calibration has behind it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from bench.record import CalibrationRecord, CertificateRecord, FlashRecord, VerificationRecord
+from bench.web.live.story import sound
+
+
+class Steps(BaseModel):
+    """The steps that are done, in their order."""
+
+    calibrated: bool
+    """A model was fitted."""
+    flashed: bool
+    """It was written into the unit."""
+    verified: bool
+    """A run that the fit has not seen, with the unit's own correction on, is within the limits."""
+    certified: bool
+    """It has a certificate that is not a draft."""
+
+
+def steps_of(folder: Path) -> Steps:
+    """The steps of the calibration in this run folder, or of that which the run in it verifies."""
+    own = sound(VerificationRecord, folder)
+    origin = folder.parent / Path(own.calibration_run).name if own and own.calibration_run else folder
+    calibration, flash = sound(CalibrationRecord, origin), sound(FlashRecord, origin)
+    certificate = sound(CertificateRecord, origin)
+    return Steps(
+        calibrated=calibration is not None and calibration.calibration is not None,
+        flashed=flash is not None and flash.state == "done",
+        verified=any(_verifies(other, origin) for other in folder.parent.iterdir()),
+        certified=certificate is not None and not certificate.draft,
+    )
+
+
+def _verifies(folder: Path, origin: Path) -> bool:
+    found = sound(VerificationRecord, folder) if (folder / VerificationRecord.FILE).is_file() else None
+    return (
+        found is not None
+        and found.verdict in {"PASS", "MARGINAL"}
+        and Path(found.calibration_run or "").name == origin.name
+    )
