@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.analysis.thresholds import MOST_EXTRAPOLATED
+from bench.analysis.thresholds import MOST_EXTRAPOLATED, NEAR_RANGE
 from bench.base import FloatArray, IntArray
 from bench.record import Dataset
 
@@ -30,10 +30,11 @@ def pieces_of(record: Dataset) -> IntArray:
 
 
 def _taken_share(pieces: IntArray, degc: FloatArray) -> float:
-    """Share of the temperatures (n,) that lie outside those of all other blocks."""
+    """Share of the temperatures (n,) that lie beyond those of all other blocks, as a score counts them."""
     outside = 0
     for end in (degc, -degc):
         order = np.argsort(end)
-        own = pieces[order] == pieces[order[:1]]
-        outside += int(np.argmin(own)) if not own.all() else 0
+        others = end[order][pieces[order] != pieces[order[0]]]
+        if others.size:
+            outside += int(np.sum(end < others[0] - NEAR_RANGE * np.ptp(others)))
     return outside / max(degc.size, 1)
