@@ -1,6 +1,7 @@
 """Attitudes: a profile names them, a fixture takes the units there, gravity is looked at, and the run remembers."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from bench.acquisition.profile.preflight import check_profile
 from bench.acquisition.profile.profile import profile_from_text
-from bench.acquisition.run.continuation import remaining
+from bench.acquisition.run.continuation import plan, remaining
 from bench.acquisition.run.control import Desk
 from bench.acquisition.run.rehearsal import rehearse
 from bench.acquisition.run.runner import run_job
@@ -16,18 +17,20 @@ from bench.acquisition.station.fixture import LOOK_S, Fixture
 from bench.acquisition.station.settings.fixture import FixtureSettings
 from bench.acquisition.station.settings.station import StationSettings
 from bench.base import InputError, load_config, parse_yaml, read_yaml
-from bench.record import ATTITUDES, ExecutedSegment, read_samples, seconds_of
+from bench.record import ATTITUDES, ExecutedSegment, RunFolder, read_samples, seconds_of
 from drivers.clock import SimClock
 from tests.support import acquisition
 
 SHIPPED = Path(__file__).parents[2] / "profiles" / "stations" / "imu.yaml"
 OVER = """\
 name: over
+settle: {unit_band_degc: 15, slope_degc_per_min: 2, dwell_min: 0.2}
 segments:
   - {kind: soak, duration_min: 0.2, attitude: x_up}
   - {kind: soak, duration_min: 0.1}
   - {kind: tumble, attitudes: [x_up, -x-y_up], dwell_min: 0.2}
   - {kind: rate, rates_dps: [30], dwell_s: 10}
+  - {kind: tumble, attitudes: [z_up], dwell_min: 0.5, to_degc: 23.4}
 """
 
 
@@ -52,7 +55,7 @@ def run(tmp_path_factory):
 
 def test_an_attitude_stays_until_another_one_is_named():
     legs = profile_from_text(OVER).legs()
-    assert [leg.attitude for leg in legs] == ["x_up"] * 3 + ["-x-y_up"] * 3
+    assert [leg.attitude for leg in legs] == ["x_up"] * 3 + ["-x-y_up"] * 3 + ["z_up"]
 
 
 def test_rates_are_turned_in_each_attitude_at_each_temperature():
@@ -94,10 +97,10 @@ def test_a_check_refuses_what_the_station_does_not_reach_and_counts_the_changes(
     profile = profile_from_text(OVER, "over.yaml")
     findings = check_profile(profile, station().limits())
     assert not [one for one in findings if one.level == "error"]
-    assert any("2 changes of position by the operator (2 attitudes), 5 s each" in one.text for one in findings)
+    assert any("3 changes of position by the operator (3 attitudes), 5 s each" in one.text for one in findings)
     (error,) = [one for one in check_profile(profile, station(attitudes=6).limits()) if one.level == "error"]
     assert str(error).startswith(
-        "over.yaml:5: error: tumble: -x-y_up: the station's fixture does not reach -x-y_up; it"
+        "over.yaml:6: error: tumble: -x-y_up: the station's fixture does not reach -x-y_up; it"
     )
     findings = check_profile(profile, acquisition.station().limits())
     assert any("attitude x_up, but the station has no fixture" in one.text for one in findings if one.level == "error")
@@ -118,7 +121,7 @@ def test_a_simulated_operator_is_refused_on_a_real_station():
 
 def test_a_run_says_which_attitude_the_unit_had_when(run):
     segments = run.manifest().segments
-    assert [one.attitude for one in segments] == ["x_up"] * 3 + ["-x-y_up"] * 3
+    assert [one.attitude for one in segments] == ["x_up"] * 3 + ["-x-y_up"] * 3 + ["z_up"]
     assert run.manifest().latitude_deg == 45.0
     data, gravity = seconds_of(run.path), 9.80620
     for segment in segments[:4]:
@@ -127,8 +130,13 @@ def test_a_run_says_which_attitude_the_unit_had_when(run):
         assert seen == pytest.approx(gravity * ATTITUDES[segment.attitude].matrix[:, 2], abs=0.3)
 
 
+def test_each_attitude_of_a_tumble_is_kept_for_its_dwell(run):
+    last = run.manifest().segments[-1]
+    assert last.to_s - last.from_s >= 30.0
+
+
 def test_an_attitude_that_gravity_contradicts_holds_the_run(run):
-    first, wrong, right = attitude_events(run)
+    first, wrong, right, _ = attitude_events(run)
     assert (first["attitude"], first["who"]) == ("x_up", "the simulated operator")
     assert first["off_deg"]["IMU-0001"] < 2
     assert wrong["text"] == "gravity of unit IMU-0001 is 135 deg from where -x-y_up has it, as in x_up"
@@ -156,8 +164,8 @@ def test_people_are_asked_and_go_on(tmp_path):
 
     result = run_job(acquisition.job(tmp_path, OVER, station(operator="asked")), answer, desk)
     assert result.error is None
-    assert asked == [f"turn the fixture to {name} and confirm by going on" for name in ("x_up", "-x-y_up")]
-    assert [event["who"] for event in attitude_events(result.run)] == ["somebody"] * 2
+    assert asked == [f"turn the fixture to {name} and confirm by going on" for name in ("x_up", "-x-y_up", "z_up")]
+    assert [event["who"] for event in attitude_events(result.run)] == ["somebody"] * 3
 
 
 class Journal:
@@ -195,8 +203,26 @@ def test_who_confirms_the_same_twice_is_believed():
     assert fixture.waiting == ""
 
 
+def test_a_run_goes_on_in_the_attitude_in_which_it_was_cut_off(tmp_path):
+    desk, settings = Desk(), station()
+
+    def cut(station, status):
+        if status.leg.attitude == "-x-y_up" and status.t_s - status.leg_from_s > 3 and status.leg.name != "hold":
+            desk.ask("abort", "somebody")
+
+    path = run_job(acquisition.job(tmp_path, OVER, settings), cut, desk).run.path
+    profile = profile_from_text(OVER)
+    continuation = plan(RunFolder(path), profile, settings)
+    result = run_job(replace(acquisition.job(tmp_path, OVER, settings), continuation=continuation,
+                             serials=continuation.serials))  # fmt: skip
+    assert result.error is None
+    assert [one.attitude for one in result.run.manifest().segments] == ["x_up"] * 3 + ["-x-y_up"] * 5 + ["z_up"]
+    asked = [event["attitude"] for event in attitude_events(result.run)]
+    assert asked == ["x_up", "-x-y_up", "-x-y_up", "z_up"]
+
+
 def test_a_run_that_is_resumed_asks_for_the_attitude_again():
     profile = profile_from_text(OVER)
     done = [ExecutedSegment(name=leg.name, from_s=0, to_s=12, attitude=leg.attitude) for leg in profile.legs()[:3]]
     back, *legs = remaining(profile, done, 23.0)
-    assert [leg.attitude for leg in (back, *legs)] == ["-x-y_up"] * 4
+    assert [leg.attitude for leg in (back, *legs)] == ["-x-y_up"] * 4 + ["z_up"]

@@ -68,6 +68,8 @@ class Leg:
     """None: the set point jumps or stands."""
     duration_s: float = 0.0
     """Shortest duration; a step has none, it ends when settled; of a power cycle the time without power."""
+    least_s: float = 0.0
+    """Shortest duration of a ramp, which otherwise ends when the chamber has arrived."""
     settle: SettleRule | None = None
     """None: need not settle."""
     move_s: float = 0.0
@@ -137,7 +139,7 @@ class LegBuilder:
         else:
             self._step(segment)
 
-    def _ramp(self, ramp: Ramp) -> None:
+    def _ramp(self, ramp: Ramp, least_s: float = 0.0) -> None:
         rate = self._rate(ramp)
         move_s = 60.0 * abs(ramp.to_degc - self._degc) / rate
         self._add(
@@ -150,6 +152,7 @@ class LegBuilder:
             move_s=move_s,
             timeout_s=move_s + 60.0 * ramp.timeout_min,
             arrival_band_degc=ramp.arrival_band_degc,
+            least_s=least_s,
         )
 
     def _rate(self, ramp: Ramp) -> float:
@@ -205,7 +208,8 @@ class LegBuilder:
                 self._stay(name, tumble.dwell_min)
                 continue
             part, speed = start + (end - start) * i / len(names), abs(end - start) / (len(names) * tumble.dwell_min)
-            self._ramp(Ramp(kind="ramp", name=name, to_degc=round(part, 3), rate_degc_per_min=speed))
+            ramp = Ramp(kind="ramp", name=name, to_degc=round(part, 3), rate_degc_per_min=speed)
+            self._ramp(ramp, 60.0 * tumble.dwell_min)
 
     def _power(self, cycle: PowerCycle) -> None:
         name, off_s = cycle.name or f"power cycle at {self._degc:g}", 60.0 * cycle.off_min

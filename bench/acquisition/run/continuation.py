@@ -23,7 +23,7 @@ from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.recording.journals import BenchJournal, read_bench
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
-from bench.base import InputError, finite
+from bench.base import THERMOMETERS, InputError, finite
 from bench.record import MANIFEST, ExecutedSegment, RunFolder, open_run
 from drivers.chamber import ChamberReading
 from drivers.journal import Damage
@@ -230,7 +230,8 @@ class _Unit:
 def _recovered(run: RunFolder) -> _Unit:
     """The last temperature and the identity of a unit before the gap; makes its tables where the bench could not."""
     manifest = assemble(run) if not (run.path / MANIFEST).exists() else open_run(run.path).manifest()
-    known = pq.read_table(run.means, columns=["temperature"])["temperature"].drop_null()
+    own = next(name for name in THERMOMETERS if name in pq.read_schema(run.means).names)
+    known = pq.read_table(run.means, columns=[own])[own].drop_null()
     identity = manifest.unit_identity
     return _Unit(float(known[-1].as_py()) if len(known) else None, None if identity is None else identity.serial)
 

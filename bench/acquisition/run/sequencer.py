@@ -233,7 +233,8 @@ class Sequencer:
     def _complete(self, leg: Leg, now_s: float, from_s: float, settled_s: float) -> bool:
         if leg.kind == "ramp":
             arrived = self._commanded_all(leg) and abs(self._fresh_air() - leg.target_degc) <= leg.arrival_band_degc
-            return arrived and not (self._homeward and self._units_cold(leg))
+            lasted = now_s - from_s >= leg.least_s
+            return arrived and lasted and not (self._homeward and self._units_cold(leg))
         since_s = settled_s if leg.kind == "step" else from_s
         return now_s - since_s >= leg.duration_s
 
