@@ -63,7 +63,8 @@ class Progress:
 
     def _news(self, status: Status) -> bool:
         """Whether another segment has begun, or something else holds the run than before."""
-        now = status.leg.index, status.holding
+        # Behind the colon a guard has its value, which changes.
+        now = status.leg.index, tuple(text.partition(":")[0] for text in status.holding)
         new, self._seen = now != self._seen, now
         return new
 
