@@ -104,6 +104,18 @@ def registry_certificates(unit: str | None, out: Path, where: str | None) -> Res
     return commands.registry_certificates(out, where, unit)
 
 
+@registry.command("recall")
+@click.argument("equipment")
+@click.option("--since", type=click.DateTime(["%Y-%m-%d"]), help="Only runs from this day on. Default: all.")
+@archive_options
+@answers
+def registry_recall(equipment: str, since: datetime | None, out: Path, where: str | None) -> Result:
+    """List runs, units and certificates that rest on EQUIPMENT, given by its name or serial number."""
+    from bench import commands
+
+    return commands.registry_recall(out, where, equipment, None if since is None else since.date())
+
+
 @registry.group("equipment")
 def registry_equipment() -> None:
     """Chambers, sensors, rate tables, time bases, and the due dates of their calibrations."""

@@ -89,6 +89,7 @@ from .certifying import verify_certificate as verify_certificate
 from .imu_certifying import imu_certificate as imu_certificate
 from .imu_certifying import is_imu as is_imu
 from .issuing import registry_certificates as registry_certificates
+from .issuing import registry_recall as registry_recall
 from .issuing import withdraw_certificate as withdraw_certificate
 from .delivering import export as export
 from .flashing import FlashOptions as FlashOptions
@@ -122,6 +123,7 @@ from .registering import registry_show as registry_show
 from .registering import registry_tell as registry_tell
 from .results.stock import CertificatesListed as CertificatesListed
 from .results.stock import EquipmentListed as EquipmentListed
+from .results.stock import Recalled as Recalled
 from .results.stock import FleetJudged as FleetJudged
 from .results.stock import LotCalibrated as LotCalibrated
 from .results.stock import LotChecked as LotChecked

@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
 from bench.base import InputError
 from bench.commands.files import write
+from bench.commands.papers import EQUIPMENT
 from bench.commands.registering import registry_tell
-from bench.commands.results.stock import CertificatesListed, Noted
+from bench.commands.results.stock import CertificatesListed, Noted, Recalled
 from bench.record import MANIFEST, CertificateRecord, sha256
 
 NO_REASON = "issued again from the same run; no reason was given"
@@ -125,6 +126,48 @@ def withdraw_certificate(number: str, reason: str, root: Path, where: str | None
     Shelf.of_archive(root).in_force(number, root)
     utc = datetime.now(UTC).isoformat(timespec="seconds")
     return registry_tell(root, where, {"kind": "withdrawal", "number": number, "reason": reason, "utc": utc})
+
+
+def registry_recall(root: Path, where: str | None, equipment: str, since: date | None) -> Recalled:
+    """`bench registry recall`: the runs, units and certificates that rest on equipment of this name or serial number.
+
+    What a run was made with stands in its folder; the certificate's own equipment counts as well.
+    """
+    from bench.archive import archive, certificates, runs
+    from bench.commands.registering import existing
+
+    with existing(root, where) as registry:
+        ledger, every = archive(root), runs(registry)
+        numbers: dict[str, list[str]] = {}
+        for row in certificates(registry):
+            numbers.setdefault(row["path"], []).append(str(row["number"]))
+    recalled, unknown, elsewhere = [], 0, 0
+    for row in sorted(every, key=lambda row: str(row["created"])):
+        if since is not None and str(row["created"] or "9999")[:10] < since.isoformat():
+            continue
+        folder = root / row["path"]
+        if row["archive"] != ledger.id or not folder.is_dir():
+            elsewhere += 1
+            continue
+        used = _equipment_of(folder)
+        unknown += not used
+        if equipment.casefold() in used:
+            found = numbers.get(row["path"], [])
+            recalled.append({"run": row["path"], "unit": row["unit"], "created": row["created"], "certificates": found})
+    return Recalled(equipment, since, recalled, unknown, elsewhere)
+
+
+def _equipment_of(folder: Path) -> set[str]:
+    """Names and serial numbers of what a run and its certificate rest on."""
+    from bench.deliver import load_instruments
+
+    tools = [] if not (folder / EQUIPMENT).is_file() else list(load_instruments(folder / EQUIPMENT))
+    names = {text.casefold() for tool in tools for text in (tool.name, tool.serial)}
+    record = CertificateRecord.find(folder)
+    extra = {} if record is None else record.content()
+    for tool in extra.get("equipment") or ():
+        names |= {str(tool.get(key, "")).casefold() for key in ("name", "serial")}
+    return names - {""}
 
 
 def registry_certificates(root: Path, where: str | None, unit: str | None) -> CertificatesListed:

@@ -144,3 +144,23 @@ def test_an_import_is_registered(tmp_path):
     root = tmp_path / "reports"
     answer("import", table, "--unit", "MINE", "--out", root)
     assert answer("registry", "list", "--out", root)["runs"][0]["unit"] == "MINE"
+
+
+def test_a_recall_lists_what_rests_on_a_piece_of_equipment(reports):
+    """A sensor turns out to be wrong: which runs, units and certificates rest on it?"""
+    tool = (
+        "{name: chamber sensor, model: Pt100, serial: PT-7, certificate: C-1, calibrated: 2026-01-01, due: 2027-01-01}"
+    )
+    make_run(reports / "U-3" / "r2", **ramp_run(), unit="U-3", run="r2", created="2026-11-05T00:00:00+00:00")
+    for path in ("U-2/r1", "U-3/r2"):
+        (reports / path / "equipment.yaml").write_text(f"equipment:\n  - {tool}\n")
+    answer("registry", "rebuild", "--out", reports)
+    found = answer("registry", "recall", "pt-7", "--out", reports)
+    assert [(run["run"], run["unit"], run["certificates"]) for run in found["runs"]] == [
+        ("U-2/r1", "U-2", []),
+        ("U-3/r2", "U-3", []),
+    ]
+    assert (found["unknown"], found["elsewhere"]) == (1, 0)
+    later = answer("registry", "recall", "chamber sensor", "--since", "2026-11-02", "--out", reports)
+    assert [run["unit"] for run in later["runs"]] == ["U-3"]
+    assert "no run rests on PT-9" in bench("registry", "recall", "PT-9", "--out", reports).output

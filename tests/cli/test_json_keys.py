@@ -69,6 +69,7 @@ KEYS = {
     "registry operator Ada --out ROOT": "ledger kind name",
     "registry equipment add c s --kind chamber --out ROOT": "ledger kind name serial type calibrated_on due_on",
     "registry equipment list --out ROOT": "on equipment",
+    "registry recall c --out ROOT": "equipment since runs unknown elsewhere",
     "fleet refit --model polynomial --out ROOT": """model units failed without_moments left_out engine seconds
         units_per_s rms_dph failures records""",
 }

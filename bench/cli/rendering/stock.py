@@ -18,6 +18,7 @@ from bench.commands import (
     LotCalibrated,
     LotChecked,
     Noted,
+    Recalled,
     Refitted,
     RegisteredRuns,
     RegistryEntry,
@@ -139,6 +140,27 @@ def _(result: CertificatesListed) -> Iterator[str | Table]:
 @content.register(CertificatesListed)
 def _(result: CertificatesListed) -> dict[str, Any]:
     return {"registry": result.registry, "certificates": [dict(row) for row in result.certificates]}
+
+
+@lines.register(Recalled)
+def _(result: Recalled) -> Iterator[str | Table]:
+    rows = [[row["run"], row["unit"], row["created"], ", ".join(row["certificates"])] for row in result.recalled]
+    yield table(("run", "unit", "created", "certificates"), rows) if rows else f"no run rests on {result.equipment}"
+    if result.unknown:
+        yield f"{result.unknown} runs do not say what equipment they were made with (`bench run --equipment`)"
+    if result.elsewhere:
+        yield f"{result.elsewhere} runs are not in this folder: ask where they are"
+
+
+@content.register(Recalled)
+def _(result: Recalled) -> dict[str, Any]:
+    return {
+        "equipment": result.equipment,
+        "since": None if result.since is None else result.since.isoformat(),
+        "runs": [dict(row) for row in result.recalled],
+        "unknown": result.unknown,
+        "elsewhere": result.elsewhere,
+    }
 
 
 @lines.register(EquipmentListed)

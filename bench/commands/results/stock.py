@@ -78,6 +78,19 @@ class CertificatesListed(Result):
 
 
 @dataclass(frozen=True)
+class Recalled(Result):
+    """Runs since a day that rest on a piece of equipment, each with its unit and the numbers of its certificates."""
+
+    equipment: str
+    since: date | None
+    recalled: Sequence[Mapping[str, Any]]
+    unknown: int
+    """Runs of which nobody said what equipment they were made with …"""
+    elsewhere: int
+    """… and whose folders are not here."""
+
+
+@dataclass(frozen=True)
 class EquipmentListed(Result):
     """Equipment of a registry, judged by a day; `state` of each is valid, overdue or no due date."""
 
