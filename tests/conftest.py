@@ -33,10 +33,12 @@ def pytest_unconfigure():
 
 
 def pytest_collection_modifyitems(items):
-    """Tests of the page in a browser carry the mark `browser`, and more time: a busy computer draws slowly."""
+    """Tests of the page in a browser carry the mark `browser`; they and slow ones have more time, on busy computers."""
     for item in items:
         if "tests/browser/" in item.path.as_posix():
             item.add_marker("browser")
+        slow = {"browser", "slow"} & {mark.name for mark in item.iter_markers()}
+        if slow and item.get_closest_marker("timeout") is None:
             item.add_marker(pytest.mark.timeout(900))
     items.sort(key=_late)
 
