@@ -139,7 +139,7 @@ def test_an_attitude_that_gravity_contradicts_holds_the_run(run):
     first, wrong, right, _ = attitude_events(run)
     assert (first["attitude"], first["who"]) == ("x_up", "the simulated operator")
     assert first["off_deg"]["IMU-0001"] < 2
-    assert wrong["text"] == "gravity of unit IMU-0001 is 135 deg from where -x-y_up has it, as in x_up"
+    assert wrong["text"] == "gravity of unit IMU-0001, 135 deg from where -x-y_up has it, as in x_up"
     assert right["attitude"] == "-x-y_up"
     assert right["t_s"] - wrong["t_s"] >= 5
 
@@ -157,14 +157,16 @@ def test_people_are_asked_and_go_on(tmp_path):
     desk, asked = Desk(), []
 
     def answer(station, status):
-        question = next((text for text in status.holding if "turn the fixture to" in text), "")
+        question = next((text for text in status.holding if "to be turned to" in text), "")
         if question and question not in asked:
             asked.append(question)
             desk.ask("resume", "somebody")
 
     result = run_job(acquisition.job(tmp_path, OVER, station(operator="asked")), answer, desk)
     assert result.error is None
-    assert asked == [f"turn the fixture to {name} and confirm by going on" for name in ("x_up", "-x-y_up", "z_up")]
+    assert asked == [
+        f"the fixture, to be turned to {name}: confirm by going on" for name in ("x_up", "-x-y_up", "z_up")
+    ]
     assert [event["who"] for event in attitude_events(result.run)] == ["somebody"] * 3
 
 
@@ -198,7 +200,7 @@ def test_who_confirms_the_same_twice_is_believed():
         fixture.tick()
         if time == 5.0:
             assert "as in y_up" in fixture.waiting
-            assert "or confirm once more to measure as it is" in fixture.waiting
+            assert "go on to measure as it is" in fixture.waiting
     assert fixture.attitude == "x_up"
     assert fixture.waiting == ""
 

@@ -60,7 +60,7 @@ class Fixture:
         if self._turn is not None and not forgotten:
             self._turn(ATTITUDES[self._asked].matrix)
         self._by, self._ready_s, self._looks_s = who, np.inf, self._clock.now() + LOOK_S
-        self.waiting = f"attitude {self._asked}: looking at gravity"
+        self.waiting = f"gravity, looked at in {self._asked}"
 
     def tick(self) -> None:
         """Once a tick, after the units were heard."""
@@ -83,9 +83,9 @@ class Fixture:
         if worst and off[worst] > WRONG_DEG and not self._insisted(forces[worst]):
             self._seen = forces[worst]
             like = nearest_attitude(self._seen).name
-            text = f"gravity of unit {worst} is {off[worst]:.0f} deg from where {self._asked} has it, as in {like}"
+            text = f"gravity of unit {worst}, {off[worst]:.0f} deg from where {self._asked} has it, as in {like}"
             self._journal.event("attitude", text, unit=worst, asked=self._asked, like=like, off_deg=off[worst])
-            self._request(f"{text}; ")
+            self._request(text)
             return
         self.attitude, self.waiting = self._asked, ""
         told = f", gravity at most {off[worst]:.1f} deg off" if worst else ", unseen: no unit has three accelerometers"
@@ -99,7 +99,8 @@ class Fixture:
         return self._seen is not None and float(off_deg(self._seen / np.linalg.norm(self._seen), force)) < WRONG_DEG
 
     def _request(self, trouble: str) -> None:
-        again = ", or confirm once more to measure as it is" if trouble else ""
-        self.waiting = f"{trouble}turn the fixture to {self._asked} and confirm by going on{again}"
+        self.waiting = f"the fixture, to be turned to {self._asked}: confirm by going on"
+        if trouble:
+            self.waiting = f"{trouble}: turn the fixture and go on, or go on to measure as it is"
         if self._settings.operator == "simulated":
             self._ready_s = self._clock.now() + self._settings.takes_s
