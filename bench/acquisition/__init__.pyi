@@ -60,6 +60,8 @@ from .station.doctor import Examination as Examination
 from .station.doctor import examine as examine
 from .station.memory import Compensated as Compensated
 from .station.memory import open_alone as open_alone
+from .station.proposal import Proposal as Proposal
+from .station.proposal import propose as propose
 from .station.serve import Served as Served
 from .station.serve import keep_running as keep_running
 from .station.serve import serve_station as serve_station

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.commands.acquisition import load_station
-from bench.commands.results.measure import ContractTried, Examined
+from bench.commands.files import write
+from bench.commands.results.measure import ContractTried, Examined, Proposed
 
 
 def doctor(station_path: Path | None, listen_s: float) -> Examined:
@@ -13,6 +14,15 @@ def doctor(station_path: Path | None, listen_s: float) -> Examined:
     from bench.acquisition import examine
 
     return Examined(examine(load_station(station_path), listen_s))
+
+
+def propose(station_path: Path | None, listen_s: float, target: Path) -> Proposed:
+    """A mapping for units that nobody described, from what their buses carry; written to `target`."""
+    from bench.acquisition import propose
+
+    found = propose(load_station(station_path), listen_s)
+    write(target, found.yaml())
+    return Proposed(found, target)
 
 
 def contract(station_path: Path | None) -> ContractTried:

@@ -1,13 +1,17 @@
 """Gyros that nobody described to the bench before: a DBC beside the station file, and what is said about it at once."""
 
+import json
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from bench.acquisition.station.doctor import examine
+from bench.base import read_yaml
 from bench.cli import main
 from bench.commands.acquisition import load_station
+from drivers.errors import ConfigError
+from drivers.layout import layout_of
 
 ROOT = Path(__file__).parents[2]
 FAMILY = (ROOT / "drivers" / "gyros" / "vibratory.dbc").read_text()
@@ -70,3 +74,20 @@ def test_doctor_names_what_the_layout_has_and_nobody_sends(tmp_path: Path) -> No
     (tmp_path / "own.dbc").write_text(warmth)
     found = {(one.what, one.verdict): one.detail for one in examine(settings, 0.5).findings}
     assert "no thermometer" in found["unit SIM-0001", "unknown"]
+
+
+def test_doctor_proposes_a_mapping_that_reads_as_the_dbc_does(tmp_path: Path) -> None:
+    target = tmp_path / "units.yaml"
+    answer = CliRunner().invoke(main, ["doctor", "--listen", "1.5", "--propose", str(target), "--json"])
+    assert answer.exit_code == 0, answer.output
+    assert json.loads(answer.stdout)["file"] == str(target)
+    signals = read_yaml(target).content["units"][0]["signals"]
+    rate = {"id": 0x120, "start": 0, "length": 32, "type": "signed", "scale": 1.0, "unit": "CONFIRM", "cycle_ms": 2.0}
+    assert signals["rate"] == rate
+    assert signals["temperature"]["id"] == 0x130
+    assert (signals["temperature"]["start"], signals["temperature"]["scale"]) == (32, 0.005)
+    assert signals["counter"][0] == {"id": 0x120, "start": 32, "length": 16}
+    with pytest.raises(ConfigError, match=r"'CONFIRM' is not a unit that is known; rate may be in deg/h"):
+        layout_of(None, signals)
+    confirmed = layout_of(None, {**signals, "rate": {**rate, "scale": 1e-6, "unit": "deg/s"}})
+    assert confirmed.interval_ms == layout_of("vibratory").interval_ms

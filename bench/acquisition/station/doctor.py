@@ -71,7 +71,7 @@ class Examination:
 
 def examine(settings: StationSettings, listen_s: float = 2.0) -> Examination:
     """Ask chamber and buses of a station, listening `listen_s` [s] to each bus; raises ConfigError for a bad map."""
-    with _reachable(settings) as (real, clock):
+    with reachable(settings) as (real, clock):
         found = Examination(settings.name)
         _chamber(found, real, clock)
         for name, bus in real.buses.items():
@@ -82,7 +82,7 @@ def examine(settings: StationSettings, listen_s: float = 2.0) -> Examination:
 
 
 @contextmanager
-def _reachable(settings: StationSettings) -> Iterator[tuple[StationSettings, Clock]]:
+def reachable(settings: StationSettings) -> Iterator[tuple[StationSettings, Clock]]:
     """The station as one that is there: a simulated one behind its servers, advancing with its clock."""
     if not settings.simulated:
         yield settings, WallClock()
@@ -220,20 +220,12 @@ def _latency(found: Examination, registers: RegisterMap, link: ModbusLink, timeo
 def _bus(found: Examination, name: str, bus: Bus, units: list[UnitSettings], clock: Clock, listen_s: float) -> None:
     what = f"bus {name}"
     try:
-        opened = open_bus(bus.to_driver())
+        frames = listen(bus, clock, listen_s)
     except LinkError as error:
         found.add(what, "no link", str(error))
         return
-    try:
-        records = list(_heard(opened.recv, clock, listen_s))
-    except Exception as error:  # each interface has errors of its own
-        found.add(what, "no link", f"{bus.interface} {bus.channel}: {error}")
-        return
-    finally:
-        opened.shutdown()
-    frames = to_frames(records)
     silence: Verdict = "disagrees" if units else "unknown"
-    found.add(what, "agrees" if records else silence, f"{len(records)} frames in {listen_s:g} s")
+    found.add(what, "agrees" if len(frames) else silence, f"{len(frames)} frames in {listen_s:g} s")
     for unit in units:
         _unit(found, unit, frames, listen_s)
 
@@ -264,6 +256,17 @@ def _unit(found: Examination, unit: UnitSettings, frames: FrameArray, listen_s: 
             found.add(f"{what} {channel}", "disagrees", f"not heard in {listen_s:g} s, though its layout has it")
     for text in layout.lacks():
         found.add(what, "unknown", text)
+
+
+def listen(bus: Bus, clock: Clock, listen_s: float) -> FrameArray:
+    """All frames of a bus within `listen_s` [s]; LinkError where it cannot be opened or read."""
+    opened = open_bus(bus.to_driver())
+    try:
+        return to_frames(list(_heard(opened.recv, clock, listen_s)))
+    except Exception as error:  # each interface has errors of its own
+        raise LinkError(f"{bus.interface} {bus.channel}: {error}") from error
+    finally:
+        opened.shutdown()
 
 
 def _heard(recv: Callable[[float], Any], clock: Clock, listen_s: float) -> Iterator[bytes]:

@@ -8,10 +8,12 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from bench.cli.rendering.printing import content, lines, table
-from bench.commands import Checked, ContractTried, Copied, Examined, StationServed
+from bench.commands import Checked, ContractTried, Copied, Examined, Proposed, StationServed
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from drivers.unknown_frames import Field, Heard
 
 _MARKS = {"agrees": "ok", "disagrees": "!!", "no link": "!!", "unknown": "??", "told": ""}
 _TRIED = {"ok": "ok", "failed": "!!", "not applicable": "--"}
@@ -58,6 +60,39 @@ def _(result: Examined) -> dict[str, Any]:
     findings = [asdict(finding) for finding in examination.findings]
     return {"station": examination.station, "agrees": not result.exit_code, "findings": findings,
             "latency_s": examination.latency_s}  # fmt: skip
+
+
+@lines.register(Proposed)
+def _(result: Proposed) -> Iterator[str | Table]:
+    found = result.proposal
+    for bus, messages in found.heard.items():
+        yield f"bus {bus}"
+        rows = [
+            (f"0x{m.id:X}", f"{m.rate_hz:.4g}", str(m.length), "; ".join(map(_field, m.fields)) or "too few frames")
+            for m in messages
+        ]
+        yield table(("identifier", ">a second", ">bytes", "what is in it"), rows)
+        yield from (f"not found: {text}" for text in found.missing.get(bus, ()))
+        yield ""
+    yield f"written to {result.file}: replace each CONFIRM, put the units into the station file, then `bench check`"
+
+
+def _field(field: Field) -> str:
+    order = "" if field.size == 1 else " big endian" if field.big else " little endian"
+    return f"byte {field.first}: {field.kind} of {8 * field.size} bits{order}"
+
+
+def _message(message: Heard) -> dict[str, Any]:
+    return {key: value for key, value in asdict(message).items() if key != "data"}
+
+
+@content.register(Proposed)
+def _(result: Proposed) -> dict[str, Any]:
+    found = result.proposal
+    units = {bus: {key: bits for key, (bits, _) in signals.items()} for bus, signals in found.units.items()}
+    heard = {bus: [_message(message) for message in messages] for bus, messages in found.heard.items()}
+    return {"file": str(result.file), "air_degc": found.air_degc, "heard": heard, "units": units,
+            "missing": {bus: list(texts) for bus, texts in found.missing.items()}}  # fmt: skip
 
 
 @lines.register(ContractTried)

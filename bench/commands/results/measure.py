@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from bench.commands.results.result import Result
 
 if TYPE_CHECKING:
-    from bench.acquisition import Examination, Finding, Profile, SegmentResult, StationSettings
+    from bench.acquisition import Examination, Finding, Profile, Proposal, SegmentResult, StationSettings
     from drivers.contract import Outcome
 
 
@@ -61,6 +61,14 @@ class Examined(Result):
     def exit_code(self) -> int:
         """1 where something disagrees, 4 where something does not answer."""
         return self.examination.exit_code
+
+
+@dataclass(frozen=True)
+class Proposed(Result):
+    """A mapping that was proposed, and its file."""
+
+    proposal: Proposal
+    file: Path
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,63 @@
+"""Frames that nobody described: what cantools encoded is found again, in either byte order, and nothing else is."""
+
+import cantools
+import numpy as np
+import pytest
+
+from drivers.can_record import frame_type
+from drivers.unknown_frames import heard, thermometers, values
+
+AXES = """VERSION ""
+NS_ :
+BS_:
+BU_: Imu
+BO_ 416 AXES: 8 Imu
+ SG_ X : {x}@{order}- (1,0) [0|0] "" Imu
+ SG_ Y : {y}@{order}- (1,0) [0|0] "" Imu
+ SG_ Z : {z}@{order}- (1,0) [0|0] "" Imu
+ SG_ Tick : {tick}@{order}+ (1,0) [0|0] "" Imu
+BO_ 512 SLOW: 3 Imu
+ SG_ Warm : {warm}@{order}- (1,0) [0|0] "" Imu
+ SG_ Mode : {mode}@{order}+ (1,0) [0|0] "" Imu
+"""
+LITTLE = {"x": "0|16", "y": "16|16", "z": "32|16", "tick": "48|16", "warm": "0|16", "mode": "16|8", "order": "1"}
+BIG = {"x": "7|16", "y": "23|16", "z": "39|16", "tick": "55|16", "warm": "7|16", "mode": "23|8", "order": "0"}
+
+
+def frames(places, count=1500):
+    """A fast message with three noisy numbers and a counter, a slow one with a thermometer near 23.4 degC x 100."""
+    database = cantools.database.load_string(AXES.format(**places), "dbc")
+    random = np.random.default_rng(1)
+    axes = random.normal((900, -20, -1500), 40, (count, 3))
+    rows = []
+    for k in range(count):
+        told = dict(zip("XYZ", np.round(axes[k]).astype(int).tolist(), strict=True)) | {"Tick": (k + 65000) & 0xFFFF}
+        rows.append((k * 4_000_000, 416, database.encode_message("AXES", told, strict=False)))
+        if k % 10 == 0:
+            warm = {"Warm": 2340 + int(random.integers(-3, 4)), "Mode": 5}
+            rows.append((k * 4_000_000 + 7, 512, database.encode_message("SLOW", warm, strict=False)))
+    made = np.zeros(len(rows), dtype=frame_type(8))
+    for row, (t_ns, identifier, data) in zip(made, rows, strict=True):
+        row["t_ns"], row["id"], row["len"] = t_ns, identifier, len(data)
+        row["data"][: len(data)] = np.frombuffer(data, np.uint8)
+    return made, axes
+
+
+@pytest.mark.parametrize(("places", "big"), [(LITTLE, False), (BIG, True)])
+def test_numbers_and_counters_are_found_in_their_byte_order(places, big):
+    made, axes = frames(places)
+    fast, slow = heard(made, 6.0)
+    assert (fast.id, slow.id) == (416, 512)
+    assert fast.rate_hz == pytest.approx(250.0)
+    numbers, (counter,) = fast.of_kind("number"), fast.of_kind("counter")
+    assert [(one.first, one.size, one.big, one.signed) for one in numbers] == [(k, 2, big, True) for k in (0, 2, 4)]
+    assert (counter.first, counter.size, counter.big, counter.mean) == (6, 2, big, 1.0)
+    data = np.ascontiguousarray(made[made["id"] == 416]["data"])
+    np.testing.assert_array_equal(values(data, 2, 2, big=big, signed=True), np.round(axes[:, 1]))
+    (((identifier, _), (field, scale)),) = thermometers((fast, slow), 23.0).items()
+    assert (identifier, field.first, field.size, field.big, scale) == (512, 0, 2, big, 0.01)
+
+
+def test_too_few_frames_tell_nothing():
+    made, _ = frames(LITTLE, 15)
+    assert [one.fields for one in heard(made, 0.06)] == [(), ()]
