@@ -63,7 +63,7 @@ class ImportPlan:
         segments = tuple(Segment.of(branch.as_segment(i)) for i, branch in enumerate(self.branches))
         segment = segment_of(self.branches, self.time)
         warm = next(name for name in THERMOMETERS if name in self.channels)
-        channels = {"temperature": self.channels[warm], **self.channels}
+        channels = {**self.channels, "temperature": self.channels[warm]}
         return Dataset(self.table.path.stem, self.time, channels, segment, segments, self.interval_s)
 
     def preview(self) -> str:
