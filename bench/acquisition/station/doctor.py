@@ -32,6 +32,7 @@ from drivers.registers import RegisterMap, load_map
 ROUNDS = 10
 """Polls that the latency is judged by."""
 _LEAST_SAMPLES, _LEAST_S = 20, 1.0
+_LEAST_SHARE = 0.6  # of the samples: on a busy computer the last frames are heard late
 """From so many on, over so long, their number says how often they come."""
 _PIECE_S = 0.1
 _DRAIN_S = 0.5
@@ -246,7 +247,7 @@ def _unit(found: Examination, unit: UnitSettings, frames: FrameArray, listen_s: 
         return
     took_s = 1e-9 * float(block.t_ns[-1] - block.t_ns[0])
     rate_hz, heard_hz = 1e3 / layout.interval_ms, (samples - 1) / took_s if took_s > 0.0 else 0.0
-    if took_s > _LEAST_S and samples > _LEAST_SAMPLES and not 0.8 < heard_hz / rate_hz < 1.25:
+    if took_s > _LEAST_S and samples > _LEAST_SAMPLES and not _LEAST_SHARE < heard_hz / rate_hz < 1.25:
         detail = f"{heard_hz:.0f} samples in a second, its layout says {rate_hz:g}: state `cycle_ms` in `signals`"
         found.add(f"{what} rate", "disagrees", detail)
     slow = {channel for source in layout.others for channel in source.channels}
