@@ -127,7 +127,7 @@ def diff(a: Path, b: Path) -> Result:
 @answers
 @registers(begin=True)
 def import_(out: Path, preview: bool, **options: Any) -> Result:
-    """Make a run folder from a FILE of another program: CSV, Parquet, MF4, BLF or ASC."""
+    """Make a run folder from a FILE of another program: CSV, XLSX, Parquet, MF4, TDMS, ULog, HDF5, BLF or ASC."""
     from bench import commands
 
     return commands.import_table(out=None if preview else out, **options)
