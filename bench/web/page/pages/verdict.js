@@ -123,7 +123,7 @@ function Reasons({ limits }) {
   if (limits.verdict === "PASS") return null;
   const off = (limits.results ?? []).filter(({ verdict }) => verdict === limits.verdict);
   return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.reasons")}>
-    ${(limits.refusals ?? []).map((text) => html`<li key=${text} lang="en"><span class="tone-bad"><${Shape} tone="bad" /></span><span>${text}</span></li>`)}
+    ${(limits.refusals ?? []).map((text) => html`<li key=${text} lang="en"><span class="tone-warn"><${Shape} tone="warn" /></span><span>${text}</span></li>`)}
     ${off.map((result) => html`<li key=${result.name}><span class=${`tone-${toneOf(result.verdict.toLowerCase())}`}><${Shape} tone=${toneOf(result.verdict.toLowerCase())} /></span>
       <span class="figures">${allowed(result)}</span></li>`)}
   </ul>`;
