@@ -1,5 +1,5 @@
 // The engineer's workbench: choose a run, see where the model fails and what is missing, add it, compare the error.
-import { html, t, api, number, useEffect, useRef, useState, unitOf } from "./parts.js";
+import { html, t, api, number, runName, useEffect, useRef, useState, unitOf } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Chosen } from "./chosen.js";
 import { Compare } from "./compare.js";
@@ -55,7 +55,7 @@ function Standing({ session, analysis, floor }) {
       ${steps.length > 1 && html`<button type="button" class="narrow" onClick=${() => act({ type: "undo" })}>↶ ${t("workbench.model.undo")}</button>`}</div>
     ${analysis.failed && html`<p class="wb-bad" role="alert">${analysis.failed}</p>`}
     ${last && html`<div class="wb-tiles" role="status">
-      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${WHERE()[last.heldOutBy]} />
+      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${runs.check.map(runName).join(", ")}` : ""}`} />
       <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />
       <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t("workbench.ladder.noise")} />
     </div>`}
