@@ -117,6 +117,12 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
     ]
 
 
+def test_a_margin_is_what_is_left_to_the_nearest_limit() -> None:
+    given = [(0.5, None, 0.7), (3.0, -1.0, 2.0), (None, 0.0, 1.0)]
+    script = "console.log(JSON.stringify(given.map(([value, lower, upper]) => page.margin({ value, lower, upper }))))"
+    assert told("pages/verdict/judged.js", script, given) == [pytest.approx(0.2), -1.0, None]
+
+
 def test_to_repeat_a_run_is_the_advice_only_where_it_can_help() -> None:
     whole = {"segments": [{"settled": True, "outcome": "done"}], "losses": {"received": 9, "lost": 0}}
     runs = [whole, {**whole, "losses": {"lost": 3}}, {**whole, "segments": [{"settled": False, "outcome": "timeout"}]}]

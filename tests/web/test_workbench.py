@@ -129,8 +129,13 @@ def test_data_that_a_model_does_not_fit_are_drawn_all_the_same_and_the_first_mod
         assert "use fewer intervals" in drawn["note"]
         assert drawn["figure"]["data"]
     first = told("pages/workbench/first.js", "console.log(JSON.stringify(page.START_MODEL))")
-    assert done(client, "/analyses", {**runs, "models": [first]})["models"][0]["rms_dph"] < 1.0
-    assert "note" not in done(client, "/figures", {"kind": "time", **runs, "model": first})
+    analysed = done(client, "/analyses", {**runs, "models": [first]})["models"][0]
+    assert analysed["rms_dph"] < 1.0
+    script = "console.log(JSON.stringify(given.map(page.isOpen)))"
+    assert told("pages/workbench/first.js", script, [first, analysed["model"]]) == [True, False]
+    settled = done(client, "/analyses", {**runs, "models": [analysed["model"]]})["models"][0]
+    assert settled["rms_dph"] == analysed["rms_dph"]
+    assert "note" not in done(client, "/figures", {"kind": "time", **runs, "model": analysed["model"]})
 
 
 def test_looking_closer_fetches_finer_data_until_every_sample_is_seen(client: httpx.Client) -> None:

@@ -20,6 +20,7 @@ from bench.analysis import compare as compare_models
 from bench.base import BenchError, FloatArray, InputError, finite
 from bench.deliver import described, ladder_words, model_ladder
 from bench.record import DEFAULT_INTERVAL_S, Dataset, Manifest, load
+from bench.web.workbench.asking import model_json
 
 FINE_S = 1.0
 
@@ -112,6 +113,7 @@ def analysis(inputs: dict[str, Any]) -> dict[str, Any]:
     content = whole.to_json()
     for entry, score in zip(content["models"], scores, strict=True):
         entry["yaml"] = score.model.to_yaml()
+        entry["model"] = model_json(score.model)
     kept = ("name", "rms_dph", "held_out_rms_dph")
     content["rungs"] = [{key: entry[key] for key in kept} for entry in content["models"]]
     content["floor_reason"] = floor(runs, static).reason

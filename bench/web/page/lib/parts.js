@@ -27,8 +27,9 @@ export const Trouble = ({ error, retry }) =>
     ${retry && html`<p><button class="narrow" onClick=${retry}>${t("error.retry")}</button></p>`}
   </div>`;
 
-/** Shown where the address names nothing: a sentence and a way on. */
-export const Unknown = ({ what, way, words }) => html`<div class="notice warn" role="alert"><p>${what}</p><p><a class="button narrow" href=${way}>${words}</a></p></div>`;
+/** Shown where the address names nothing: a sentence and a way on, an address or what a button does. */
+export const Unknown = ({ what, way, words }) => html`<div class="notice warn" role="alert"><p>${what}</p>
+  <p>${typeof way === "string" ? html`<a class="button narrow" href=${way}>${words}</a>` : html`<button type="button" class="narrow" onClick=${way}>${words}</button>`}</p></div>`;
 
 /** A native dialog: focus stays in it, Escape closes it, focus returns to where it was. */
 export function Dialog({ onClose, label, children }) {

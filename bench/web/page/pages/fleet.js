@@ -14,7 +14,7 @@ const percent = (share) => `${number(100 * share, 1)} %`;
 
 function Attention({ fleet }) {
   const { outside, unjudged, stations, lots, odd, beyond, quiet, silent } = fleet.attention;
-  if (silent) return html`<div class="notice"><p><${Lamp} tone="idle">${t("fleet.silent")}<//></p></div>`;
+  if (silent && !unjudged) return html`<div class="notice"><p><${Lamp} tone="idle">${t("fleet.silent")}<//></p></div>`;
   if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${t("fleet.quiet")}<//></p></div>`;
   const lines = [
     outside > 0 && ["bad", t("fleet.outside", { n: outside, judged: fleet.yield.judged })],

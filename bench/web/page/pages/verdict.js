@@ -8,7 +8,7 @@ import { may } from "../lib/store.js";
 import { number, or, t } from "../lib/words.js";
 import { planName } from "./live/words.js";
 import { achieved, advice } from "./verdict/advice.js";
-import { judged, toneOf, worst } from "./verdict/judged.js";
+import { judged, margin, toneOf, worst } from "./verdict/judged.js";
 
 const LOOK_MS = 2000;
 
@@ -118,23 +118,25 @@ function Achieved({ run }) {
   </ul>`;
 }
 
-/** Reasons of the verdict: refusals, and each quantity that is not clearly within its limits. */
+/** Refusals, and every quantity beside its limits with what is left to the nearest of them. */
 function Reasons({ limits }) {
-  if (limits.verdict === "PASS") return null;
-  const off = (limits.results ?? []).filter(({ verdict }) => verdict === limits.verdict);
-  return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.reasons")}>
-    ${(limits.refusals ?? []).map((text) => html`<li key=${text} lang="en"><span class="tone-bad"><${Shape} tone="bad" /></span><span>${text}</span></li>`)}
-    ${off.map((result) => html`<li key=${result.name}><span class=${`tone-${toneOf(result.verdict.toLowerCase())}`}><${Shape} tone=${toneOf(result.verdict.toLowerCase())} /></span>
-      <span class="figures">${allowed(result)}</span></li>`)}
-  </ul>`;
+  const head = ["quantity", "value", "limits", "margin", "unit", "verdict"];
+  return html`<div class="verdict-reasons">
+    ${limits.refusals?.length > 0 && html`<ul class="findings" aria-label=${t("verdict.reasons")}>${limits.refusals.map((text) => html`
+      <li key=${text} lang="en"><span class="tone-warn"><${Shape} tone="warn" /></span><span>${text}</span></li>`)}</ul>`}
+    <div class="scroll" tabindex="0" role="region" aria-label=${t("verdict.table")}><table><thead><tr>${head.map((key) => html`<th key=${key} scope="col" class=${["value", "limits", "margin"].includes(key) ? "n" : undefined}>${t(`verdict.head.${key}`)}</th>`)}</tr></thead>
+      <tbody>${(limits.results ?? []).map((result) => html`<${Judged} key=${result.name} result=${result} />`)}</tbody></table></div>
+  </div>`;
 }
 
-function allowed({ name, value, unit, lower, upper, reason }) {
-  const told = { what: or(`quantity.${name}`, name.replaceAll("_", " ")), value: number(value), unit: unit === "1" ? "" : unit.replace("deg/h", t("unit.dph")) };
-  const sides = [lower, upper].map((side) => side !== null && side !== undefined);
-  if (reason) return html`<span>${told.what}: <span lang="en">${reason}</span></span>`;
-  const key = sides[0] && sides[1] ? "between" : sides[0] ? "least" : "most";
-  return t(`verdict.limit.${key}`, { ...told, lower: number(lower), upper: number(upper) });
+function Judged({ result }) {
+  const { name, value, unit, lower, upper, reason, verdict } = result;
+  const [tone, left] = [toneOf((verdict ?? "").toLowerCase()), margin(result)];
+  const sides = [lower !== null && `≥ ${number(lower)}`, upper !== null && `≤ ${number(upper)}`].filter(Boolean).join(", ");
+  return html`<tr><th scope="row">${or(`quantity.${name}`, name.replaceAll("_", " "))}${reason && html`<div class="soft small" lang="en">${reason}</div>`}</th>
+    <td class="n figures">${number(value)}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : number(left)}</td>
+    <td>${unit === "1" ? "" : unit.replace("deg/h", t("unit.dph"))}</td>
+    <td>${verdict ? html`<${Lamp} tone=${tone}>${t(`verdict.${verdict.toLowerCase()}`)}<//>` : "–"}</td></tr>`;
 }
 
 /** What happened and what the bench did, from the run's events. */

@@ -18,6 +18,12 @@ export function judged(end, unit) {
   return end.analysing ? "analysing" : "measured";
 }
 
+/** What is left of a value to the nearest of its limits, negative outside; null without a value or a limit. */
+export function margin({ value, lower, upper }) {
+  const left = [upper === null ? null : upper - value, lower === null ? null : value - lower].filter((one) => one !== null);
+  return value === null || !left.length ? null : Math.min(...left);
+}
+
 export const toneOf = (word) => WORDS[word] ?? "idle";
 
 /** The worst of several words. */

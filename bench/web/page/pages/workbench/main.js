@@ -1,8 +1,9 @@
 // The engineer's workbench: choose a run, see where the model fails and what is missing, add it, compare the error.
-import { html, t, api, number, useEffect, useRef, useState, unitOf } from "./parts.js";
+import { html, t, api, number, runName, useEffect, useRef, useState, unitOf } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Chosen } from "./chosen.js";
 import { Compare } from "./compare.js";
+import { isOpen } from "./first.js";
 import { NextExperiment } from "./experiment.js";
 import { Ladder } from "./ladder.js";
 import { ModelPanel } from "./model.js";
@@ -54,7 +55,7 @@ function Standing({ session, analysis, floor }) {
       ${steps.length > 1 && html`<button type="button" class="narrow" onClick=${() => act({ type: "undo" })}>↶ ${t("workbench.model.undo")}</button>`}</div>
     ${analysis.failed && html`<p class="wb-bad" role="alert">${analysis.failed}</p>`}
     ${last && html`<div class="wb-tiles" role="status">
-      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${WHERE()[last.heldOutBy]} />
+      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${runs.check.map(runName).join(", ")}` : ""}`} />
       <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />
       <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t("workbench.ladder.noise")} />
     </div>`}
@@ -71,7 +72,11 @@ function Bench({ session }) {
   const { runs, model, steps, act } = session;
   const [picked, setPicked] = useState(null);
   const analysis = useJob("/analyses", analysisOf(runs, model));
-  const diagnosis = useJob("/diagnoses", { ...runs, model });
+  // All numbers and pictures shall be of one model: the diagnosis waits until the data have chosen its options.
+  const open = isOpen(model);
+  const settled = open ? analysis.result?.models[0].model : null;
+  useEffect(() => settled && act({ type: "settle", model: settled }), [settled]);
+  const diagnosis = useJob("/diagnoses", open ? null : { ...runs, model });
   const floor = (analysis.result ?? analysis.stale)?.floor_dph ?? null;
   // A picked figure belongs to its diagnosis.
   const shown = picked && picked.of === diagnosis.result ? picked : null;
@@ -89,7 +94,7 @@ function Bench({ session }) {
     <div class="wb-side">
       <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} /></div>
       <section class="wb-card" aria-labelledby="wb-missing-title"><h2 id="wb-missing-title">${t("workbench.diagnosis.title")}</h2>
-        <${Suspects} found=${diagnosis.result} failed=${diagnosis.failed} busy=${analysis.running} picked=${shown?.id} onAdd=${add} onPicture=${pick} />
+        <${Suspects} found=${diagnosis.result} failed=${open ? analysis.failed : diagnosis.failed} busy=${analysis.running} picked=${shown?.id} onAdd=${add} onPicture=${pick} />
       </section>
       <${NextExperiment} next=${diagnosis.result?.next_experiment} unit=${unitOf(runs.runs[0])} />
     </div>
@@ -156,7 +161,7 @@ export function Page() {
     ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} offered=${offered} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
     ${choosing && html`<div class="wb-card"><${Chooser} taken=${taken} onChoose=${adding ? take : begin} label=${adding ? t("workbench.chooser.add") : null} />
       ${chosen.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => setMode("bench")}>${t("workbench.chooser.back")}</button></p>`}</div>`}
-    ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way="/workbench" words=${t("workbench.chosen.other")} />`}
+    ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
     ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} onClose=${() => setMode("bench")} />`}
     ${!choosing && !unknown && mode !== "compare" && (session.runs ? html`<${Bench} session=${session} />` : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
   </div>`;

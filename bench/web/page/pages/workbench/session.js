@@ -46,6 +46,8 @@ function change(state, action) {
       }) };
     case "model":
       return { ...state, steps: [{ model: action.model, label: action.model.name }] };
+    case "settle":
+      return { ...state, steps: [...steps.slice(0, -1), { ...steps[steps.length - 1], model: action.model }] };
     case "edit":
       return grown({ ...model, effects: model.effects.map((one, i) => (i === action.index ? { ...one, [action.option]: action.value } : one)) },
         `${effectWord(model.effects[action.index].effect)} ${action.option} ${action.value}`);
