@@ -7,7 +7,6 @@ waits for frames.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import can
 import numpy as np
@@ -16,7 +15,7 @@ from drivers.clock import Clock, WallClock
 from drivers.errors import ConfigError, LinkError
 from drivers.frames import to_messages
 from drivers.identity import Identity
-from drivers.wire import load_dbc
+from drivers.layout import Layout
 
 STEP_S = 0.02
 """Interval between polls of the bus [s]; waiting times on a simulated station must be whole multiples of it."""
@@ -28,7 +27,8 @@ BOOT_UP = 0
 class UnitLine:
     """Frames to and from unit `number` of a layout; the caller owns the bus, and nothing else may read from it."""
 
-    def __init__(self, bus: can.BusABC, clock: Clock, layout: str | Path, number: int) -> None:
+    def __init__(self, bus: can.BusABC, clock: Clock, layout: Layout, number: int) -> None:
+        """ConfigError for a layout whose heartbeat lacks serial number, state or coefficient set."""
         self.clock = clock
         self.identity: Identity | None = None
         """Identity in the last heartbeat."""
@@ -37,12 +37,12 @@ class UnitLine:
         self.deadline_s: float | None = None
         """Bench time at which the current operation fails."""
         self._bus, self._number = bus, number
-        matches = [m for m in load_dbc(layout).values() if {"Serial", "State", "CoefficientSet"} <= set(m.signals)]
-        if len(matches) != 1:
-            text = f"{len(matches)} messages with Serial, State and CoefficientSet, must be one"
-            raise ConfigError(f"DBC {layout}: {text}")
-        self._heartbeat = matches[0]
-        self._listeners: dict[int, Callable[[bytes], None]] = {self._heartbeat.id + number: self._on_heartbeat}
+        lacking = {"serial", "state", "coefficient_set"} - (layout.beat.signals.keys() if layout.beat else set())
+        if layout.beat is None or lacking:
+            raise ConfigError(f"the unit's heartbeat has no {', '.join(sorted(lacking))}: its memory cannot be served")
+        self._beat = layout.beat
+        identifier = self._beat.message.id + number
+        self._listeners: dict[int, Callable[[bytes], None]] = {identifier: self._on_heartbeat}
 
     def __str__(self) -> str:
         return f"unit number {self._number} on {self._bus.channel_info}"
@@ -100,13 +100,14 @@ class UnitLine:
 
     def _on_heartbeat(self, data: bytes) -> None:
         """Read a heartbeat; one with the wrong length or CRC is ignored."""
-        message = self._heartbeat
-        frame = np.frombuffer(data.ljust(8, b"\0"), dtype=np.uint8).reshape(1, 8).copy()
+        message = self._beat.message
+        width = max(8, message.length)
+        frame = np.frombuffer(data.ljust(width, b"\0"), dtype=np.uint8).reshape(1, -1)[:, :width].copy()
         crc_fits = "Crc8" not in message.signals or (
             message.crc(frame, message.id + self._number)[0] == frame[0, message.length - 1]
         )
         if len(data) != message.length or not crc_fits:
             return
-        raw = {name: int(signal.unpack(frame)[0]) for name, signal in message.signals.items()}
-        self.identity = Identity(raw["Serial"], raw.get("Firmware", 0), raw["CoefficientSet"], raw["State"])
-        self.boots += raw["State"] == BOOT_UP
+        raw = {what: int(signal.unpack(frame)[0]) for what, signal in self._beat.signals.items()}
+        self.identity = Identity(raw["serial"], raw.get("firmware", 0), raw["coefficient_set"], raw["state"])
+        self.boots += raw["state"] == BOOT_UP

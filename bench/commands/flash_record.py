@@ -18,10 +18,12 @@ from bench.acquisition import StationSettings, UnitSettings, open_alone
 from bench.base import InputError, __version__, user_name
 from bench.commands.clocks import FUTURE_S, tell_ahead
 from bench.commands.registering import refuse_foreign, seen_in
-from bench.deliver import ExportOptions, Image, prepare, read, to_bytes, to_words
+from bench.deliver import ExportOptions, Image, ImuImage, deliver_imu, prepare, read_either, to_bytes, to_words
 from bench.record import (
     CalibrationRecord,
     FlashRecord,
+    ImuRecord,
+    ImuVerificationRecord,
     LimitsRecord,
     Manifest,
     StoredImage,
@@ -41,7 +43,7 @@ class Calibration:
     """An image ready for a unit; `run` is the run folder that it was fitted to, `model` its name there."""
 
     content: bytes
-    image: Image
+    image: Image | ImuImage
     run: Path | None = None
     model: str = ""
 
@@ -72,6 +74,19 @@ def from_run(
     return Calibration(to_bytes(package.words), package.image, folder, package.delivery.model)
 
 
+def from_imu(folder: Path, unit: UnitSettings) -> Calibration:
+    """The calibration of a whole inertial unit; InputError where it is of another unit or may not be delivered."""
+    record, verified = ImuRecord.of(folder), ImuVerificationRecord.find(folder)
+    if record.unit != unit.serial:
+        raise InputError(
+            f"is a calibration of unit {record.unit or 'without a serial number'}, this is {unit.serial}", folder
+        )
+    if verified is not None and verified.verdict in _REFUSED:
+        raise InputError(f"not flashed: its verification is {verified.verdict}", folder)
+    package = deliver_imu(folder, record, "eeprom", ExportOptions(serial=unit.identity)).package
+    return Calibration(to_bytes(package.words), package.image, folder, "inertial unit")
+
+
 def from_file(path: Path) -> Calibration:
     """The image in a file; InputError where a unit would refuse it."""
     try:
@@ -79,7 +94,7 @@ def from_file(path: Path) -> Calibration:
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", path) from None
     try:
-        return Calibration(content, read(to_words(content)))
+        return Calibration(content, read_either(to_words(content)))
     except InputError as error:
         raise InputError(str(error), path) from None
 
@@ -111,7 +126,7 @@ def newest_run(out: Path, unit: str) -> Path:
     return newest
 
 
-def objection(new: Image, old: bytes, now_s: float, older: bool) -> str | None:
+def objection(new: Image | ImuImage, old: bytes, now_s: float, older: bool) -> str | None:
     """Why the new image must not replace the old one (empty: none) at this time [s since 1970]; None: it may."""
     if new.created > now_s + FUTURE_S:
         return f"the calibration is of {_date(new.created)}, which has not come yet: a clock was or is wrong"
@@ -265,10 +280,10 @@ def _described(content: bytes, file: str) -> StoredImage:
     )
 
 
-def _held(content: bytes) -> Image | None:
+def _held(content: bytes) -> Image | ImuImage | None:
     """An image from a unit; None where it is none that this bench can read."""
     try:
-        return read(to_words(content))
+        return read_either(to_words(content))
     except (InputError, struct.error, IndexError):
         return None
 

@@ -10,11 +10,20 @@ from typing import Any
 from bench.acquisition import StationSettings, UnitSettings, open_alone
 from bench.base import Document, InputError, read_yaml
 from bench.commands.acquisition import Task, conduct, load_station, station_file, station_of
-from bench.commands.flash_record import AlreadyThereError, Calibration, from_file, from_run, newest_record, newest_run
+from bench.commands.flash_record import (
+    AlreadyThereError,
+    Calibration,
+    from_file,
+    from_imu,
+    from_run,
+    newest_record,
+    newest_run,
+)
 from bench.commands.flash_record import flash as flash_unit
+from bench.commands.imu_certifying import is_imu
 from bench.commands.lots import refuse_unlike
 from bench.commands.results.deliver import Flashed, Verified
-from bench.deliver import read, to_words
+from bench.deliver import read_either, to_words
 from bench.record import FlashRecord, LotRecord, RunFolder, faults, prove, slug
 
 
@@ -58,6 +67,10 @@ def _calibration(unit: UnitSettings, options: FlashOptions, out: Path) -> Calibr
         if options.run is not None or options.form is not None or options.model is not None:
             raise InputError("--image is written as it is: leave out --run, --form and --model")
         return from_file(options.image)
+    if options.run is not None and is_imu(options.run):
+        if options.form is not None or options.model is not None or options.check is not None:
+            raise InputError("--form, --model and --check are for a single gyro; leave them out", options.run)
+        return from_imu(options.run, unit)
     run = options.run or newest_run(out, unit.serial)
     if of_lot := LotRecord.find(run) is not None:
         refuse_unlike(run, unit.serial, options.check)
@@ -102,7 +115,7 @@ def in_unit(settings: StationSettings, unit: UnitSettings, record: FlashRecord |
     if not content:
         raise InputError(f"unit {unit.serial} holds no calibration; write one with `bench flash {unit.serial}`")
     try:
-        image = read(to_words(content))
+        image = read_either(to_words(content))
     except InputError as error:
         raise InputError(f"unit {unit.serial}: {error}; write one with `bench flash {unit.serial}`") from None
     flashed = record.calibration_id if record else None

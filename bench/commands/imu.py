@@ -48,7 +48,8 @@ def imu(
         write(out, parameters_csv(estimates))
         files = [out]
     elif out is not None:
-        made = ImuCalibration(unit or given.unit, plan, rows, found, (low, high), estimates, undetermined)
+        own = unit or given.unit
+        made = ImuCalibration(own, plan, rows, found, (low, high), estimates, undetermined, given.simulated)
         files = _kept(made, given, out)
     return ImuCalibrated(
         sources[0],

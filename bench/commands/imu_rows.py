@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.base import FloatArray, InputError
-from bench.record import ImuSource, sha256
+from bench.record import ImuSource, Manifest, sha256
 
 if TYPE_CHECKING:
     from bench.analysis import ImuPlan, ImuRows
@@ -26,6 +26,8 @@ class Measured:
     """A digest of each source, in their order, and of the plan."""
     unit: str = ""
     """Serial number, where the runs know it."""
+    simulated: bool = False
+    """Whether one of the runs is simulated; a table does not say."""
 
 
 def measured(sources: Sequence[Path], plan_file: Path | None) -> Measured:
@@ -38,7 +40,7 @@ def measured(sources: Sequence[Path], plan_file: Path | None) -> Measured:
     if not tables:
         runs = rows_of_runs(sources, load_run_options(plan_file))
         files = tuple(_digest(source / "means.parquet", f"{source.name}/means.parquet") for source in sources)
-        return Measured(runs.rows, runs.plan, runs.columns, (*files, *planned), runs.unit)
+        return Measured(runs.rows, runs.plan, runs.columns, (*files, *planned), runs.unit, _simulated(sources))
     if len(sources) > 1:
         raise InputError("one table is calibrated at a time, or run folders alone; name one of them", tables[0])
     if plan_file is None:
@@ -46,6 +48,10 @@ def measured(sources: Sequence[Path], plan_file: Path | None) -> Measured:
     plan, document = load_imu_plan(plan_file)
     columns = read_confined(tables[0]).columns
     return Measured(rows_of(columns, plan, document), plan, columns, (_digest(tables[0], tables[0].name), *planned))
+
+
+def _simulated(runs: Sequence[Path]) -> bool:
+    return any(bool(Manifest.read(run).simulated) for run in runs)
 
 
 def _digest(path: Path, name: str) -> ImuSource:

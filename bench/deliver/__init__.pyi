@@ -30,6 +30,8 @@ from .export.image import Image as Image
 from .export.image import read as read
 from .export.imu_delivering import DeliveredImu as DeliveredImu
 from .export.imu_delivering import deliver_imu as deliver_imu
+from .export.imu_delivering import read_either as read_either
+from .export.imu_image import ImuImage as ImuImage
 from .export.measure import best_form as best_form
 from .export.measured import MEASURED as MEASURED
 from .export.measured import kalibr_yaml as kalibr_yaml

@@ -28,6 +28,8 @@ class CanUnit:
         self.sample_s = layout.interval_ms * 1e-3
         """True time between two samples [s]."""
         self.counter, self._booted = 0, False
+        self.coefficient_set = self.status = 0
+        """What the calibration memory says, where there is one; the layouts have no place for its status."""
 
     def reboot(self) -> None:
         """Start the sample counter again at 0, with a boot-up heartbeat before the next sample."""
@@ -84,7 +86,7 @@ class CanUnit:
     def _beat(self, due: np.ndarray[Any, Any], state: int) -> FrameArray:
         beat = self.layout.beat
         assert beat is not None
-        said = {"state": state, "serial": self.serial, "firmware": 0x0100, "coefficient_set": 0}
+        said = {"state": state, "serial": self.serial, "firmware": 0x0100, "coefficient_set": self.coefficient_set}
         values = dict.fromkeys(beat.message.signals, 0) | beat.states.sound()
         values |= {signal.name: said[what] for what, signal in beat.signals.items()}
         return self._frames(beat.message, due, values)

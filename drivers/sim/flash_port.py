@@ -8,6 +8,7 @@ import can
 
 from drivers.flash_objects import NMT_RESET, SDO_ANSWER, SDO_REQUEST, Addresses
 from drivers.sim.can_gyro import CanGyro
+from drivers.sim.can_unit import CanUnit
 from drivers.sim.eeprom import PowerLostError
 from drivers.sim.memory import CalibrationMemory
 from drivers.sim.sdo_server import SdoServer
@@ -17,7 +18,7 @@ from drivers.sim.uds_server import UdsServer
 class FlashPort:
     """The memory of one unit on its bus."""
 
-    def __init__(self, wire: CanGyro, memory: CalibrationMemory, addresses: Addresses) -> None:
+    def __init__(self, wire: CanGyro | CanUnit, memory: CalibrationMemory, addresses: Addresses) -> None:
         self.wire, self.memory = wire, memory
         self._addresses = addresses
         self.power_up()

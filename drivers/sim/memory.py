@@ -6,13 +6,16 @@ a unit that accepts neither sends its raw rate.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from drivers.flash_objects import BANK_BYTES, BANKS, SIGNATURE, Memory
 from drivers.sim.correction import Correction, IntArray, RefusedImageError
 from drivers.sim.eeprom import BLANK, Eeprom
+from drivers.sim.imu_correction import MAGIC, ImuCorrection
 from drivers.sim.resonator import DIVIDER, Signals
 
 OUTSIDE, REFUSED = 1, 2
@@ -39,7 +42,7 @@ class CalibrationMemory:
         self.active = 0
         self.compensates = False
         self.status = 0
-        self._correction: Correction | None = None
+        self._correction: Correction | ImuCorrection | None = None
         self.boot()
 
     def boot(self) -> None:
@@ -118,18 +121,31 @@ class CalibrationMemory:
             raise NotAllowedError(NotAllowedError.STATE) from None
         self.eeprom.turn(bank)
 
-    def _read(self, bank: int) -> Correction:
-        return Correction.read(self.eeprom.image(bank), self.serial, BANK_BYTES // 4)
+    def _read(self, bank: int) -> Correction | ImuCorrection:
+        image = self.eeprom.image(bank)
+        kind = ImuCorrection if image[:4] == MAGIC.to_bytes(4, "little") else Correction
+        return kind.read(image, self.serial, BANK_BYTES // 4)
 
-    def correct(self, signals: Signals) -> tuple[Signals, int]:
-        """Signals that the unit sends for a piece of time, and its status."""
+    def correct(self, signals: Any) -> tuple[Any, int]:
+        """Signals of a gyro, or channels of an inertial unit, that are sent for a piece of time; and the status.
+
+        An image of the other kind of unit corrects nothing.
+        """
         if not self.compensates or self._correction is None:
             return signals, self.status
+        if isinstance(self._correction, ImuCorrection):
+            if not isinstance(signals, Mapping):
+                return signals, REFUSED
+            sent, flags = self._correction.apply(signals)
+            return sent, OUTSIDE if flags else 0
+        return self._of_gyro(signals, self._correction) if isinstance(signals, Signals) else (signals, REFUSED)
+
+    def _of_gyro(self, signals: Signals, correction: Correction) -> tuple[Signals, int]:
         count = len(signals.rate_dph)
         counts: dict[int, IntArray] = {0: np.rint(signals.rate_dph / 3600e-6).astype(np.int64)}
         for name, (channel, per_unit) in _COUNTS.items():
             slow = np.rint(getattr(signals, name) * per_unit).astype(np.int64)
             counts[channel] = np.repeat(slow, DIVIDER)[:count]
         counts[_SUPPLY[0]] = np.full(count, round(signals.supply * _SUPPLY[1]), dtype=np.int64)
-        rate_dps, flags = self._correction.apply(counts)
+        rate_dps, flags = correction.apply(counts)
         return replace(signals, rate_dph=3600.0 * rate_dps), OUTSIDE if flags else 0

@@ -65,7 +65,8 @@ class SimulatedUnit:
         t0_s, sample_s = environment.t0_s, self.wire.sample_s
         due_s = t0_s if self._due_s is None else self._due_s
         samples = math.floor((t1_s - due_s) / (sample_s * DIVIDER) + 1e-6) * DIVIDER
-        if samples <= 0:
+        if samples <= 0:  # a step that is shorter than the unit's own
+            self._due_s = due_s
             return
         self._due_s = due_s + samples * sample_s
         rates = np.asarray(environment.applied_rate_dps, dtype=np.float64)

@@ -120,3 +120,13 @@ def test_a_draft_says_what_is_missing(tmp_path):
     assert "DRAFT: no laboratory and no signatory; no equipment" in done.stdout
     assert (tmp_path / "draft.pdf").is_file()
     assert not (tmp_path / "certificate.json").exists()
+
+
+def test_the_certificate_of_a_simulated_unit_says_so_and_is_signed_as_such(tmp_path):
+    imu_record().model_copy(update={"simulated": True}).write(tmp_path)
+    done = certificate(tmp_path, *PAPERS)
+    assert "(simulated: not valid as a certificate)" in done.stdout
+    assert "signed by" in done.stdout
+    checked = certificate("--verify", tmp_path / "certificate.pdf")
+    assert checked.exit_code == 0, checked.output
+    assert checked.stdout.startswith("sound")

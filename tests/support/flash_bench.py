@@ -15,6 +15,7 @@ from bench.deliver.export.words import to_bytes
 from drivers.canopen_store import CanopenStore
 from drivers.clock import SimClock
 from drivers.flash_objects import Addresses
+from drivers.layout import layout_of
 from drivers.sim.blockbus import BlockBus
 from drivers.sim.eeprom import Eeprom
 from drivers.sim.flash_port import FlashPort, serve
@@ -78,7 +79,7 @@ class World:
     def store(self, wrap=lambda bus: bus, transfer="segmented"):
         bus = BlockBus(self.channel)
         try:
-            line = UnitLine(wrap(bus), self.clock, "vibratory", self.number)
+            line = UnitLine(wrap(bus), self.clock, layout_of("vibratory"), self.number)
             addresses = Addresses.usual(self.number)
             if self.protocol == "uds":
                 yield UdsStore(line, addresses.request, addresses.answer)

@@ -22,6 +22,7 @@ from drivers.clock import Clock, WallClock
 from drivers.coefficients import CoefficientStore
 from drivers.errors import DriverError
 from drivers.interfaces import open_bus
+from drivers.layout import layout_of
 from drivers.unit_line import UnitLine
 
 Compensated = Literal["off", "on"]
@@ -34,7 +35,7 @@ def open_store(bus: Bus, clock: Clock, unit: UnitSettings) -> Iterator[Coefficie
     """The memory of a unit, over a connection to its bus of its own."""
     wire = open_bus(bus.to_driver())
     try:
-        line = UnitLine(wire, clock, unit.gyro, unit.number)
+        line = UnitLine(wire, clock, layout_of(unit.dbc, unit.mapping), unit.number)
         addresses = unit.flash.addresses(unit.number)
         if addresses.protocol == "uds":
             from drivers.uds_store import UdsStore  # an extra: only who flashes by UDS needs it

@@ -22,6 +22,7 @@ from drivers.sim.can_gyro import CanGyro, is_family
 from drivers.sim.can_unit import CanUnit
 from drivers.sim.eeprom import Eeprom
 from drivers.sim.flash_port import FlashPort
+from drivers.sim.imu_correction import ImuCorrection
 from drivers.sim.memory import CalibrationMemory
 from drivers.sim.power_ons import PowerOns
 from drivers.sim.resonator import PowerOn, Resonator, default_unit
@@ -53,14 +54,9 @@ def simulate(
             simulated.append(_several_axes(settings, unit, (wires[unit.bus], fd), (seed, lasting), occasion))
             continue
         physics = default_unit() if unit.simulation is None else GyroPhysics.parse(unit.simulation)
-        identity = unit.identity or unit.number + 1
-        wire = CanGyro(wires[unit.bus], unit.number, identity, layout=unit.gyro)
+        wire = CanGyro(wires[unit.bus], unit.number, _identity(unit), layout=unit.gyro)
         wire.sample_s *= 1.0 + 1e-6 * physics.clock_ppm
-        port = FlashPort(
-            wire,
-            CalibrationMemory(Eeprom(eeprom_file(settings, unit)), identity),
-            unit.flash.addresses(unit.number),
-        )
+        port = _port(settings, unit, wire)
         number, place = occasion.power_ons.get(unit.serial, 1), settings.units.index(unit)
         if occasion.start_s > 0.0:
             wire.go_on(round(occasion.start_s / wire.sample_s))
@@ -83,13 +79,24 @@ def _several_axes(
     layout = layout_of(unit.dbc, unit.mapping)
     number, place = occasion.power_ons.get(unit.serial, 1), settings.units.index(unit)
     power = PowerOn(number, occasion.start_s, seeds[1] + 1000 * place)
-    wire = CanUnit(bus[0], layout, unit.number, unit.identity or unit.number + 1, fd=bus[1])
+    wire = CanUnit(bus[0], layout, unit.number, _identity(unit), fd=bus[1])
     if occasion.start_s > 0.0:
         wire.go_on(round(occasion.start_s / wire.sample_s))
     seed, truth = seeds[0] + 1000 * place, unit.simulation or {}
-    return SimulatedUnit(
-        _physics(settings, layout, truth, seed, power), wire, None, PowerOns(power_ons_file(settings, unit), number)
-    )
+    counted = PowerOns(power_ons_file(settings, unit), number)
+    physics = _physics(settings, layout, truth, seed, power)
+    # An image corrects six outputs together.
+    whole = "imu" in truth and {*ImuCorrection.CHANNELS} <= layout.channels.keys()
+    return SimulatedUnit(physics, wire, _port(settings, unit, wire) if whole else None, counted)
+
+
+def _identity(unit: UnitSettings) -> int:
+    return unit.identity or unit.number + 1
+
+
+def _port(settings: StationSettings, unit: UnitSettings, wire: CanGyro | CanUnit) -> FlashPort:
+    memory = CalibrationMemory(Eeprom(eeprom_file(settings, unit)), _identity(unit))
+    return FlashPort(wire, memory, unit.flash.addresses(unit.number))
 
 
 def _physics(settings: StationSettings, layout: Layout, truth: Mapping[str, Any], seed: int, power: PowerOn) -> Physics:

@@ -36,6 +36,7 @@ class ImuCalibration:
     range_degc: tuple[float, float]
     estimates: tuple[Estimate, ...]
     undetermined: tuple[str, ...]
+    simulated: bool = False
 
     def record(self, columns: Mapping[str, FloatArray], sources: Sequence[ImuSource]) -> ImuRecord:
         """The record; `columns` are the samples that the rows were made of, for the noise between them."""
@@ -53,6 +54,7 @@ class ImuCalibration:
             left_out=self.rows.left_out,
             time_s=_kept(gyro.time),
             sample_hz=1.0 / step,
+            simulated=self.simulated,
             range_degc=self.range_degc,
             rate_ppm=plan.rate_ppm,
             gravity_ppm=plan.gravity_ppm,

@@ -78,7 +78,7 @@ def imu_facts(
 
 
 def _method(record: ImuRecord) -> dict[str, Any]:
-    plan = record.sources[-1]
+    plan = record.sources[-1]  # without a plan the attitudes stand in the run itself
     return {"plan": plan.file, "revision": plan.sha256, "orders": record.plan["orders"]}
 
 

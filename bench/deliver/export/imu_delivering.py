@@ -5,15 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from bench.base import InputError
 from bench.deliver.export.delivering import ExportOptions
+from bench.deliver.export.image import Image, read
 from bench.deliver.export.imu_formats import IMU_FORMATS, ImuFiles, ImuPackage
-from bench.deliver.export.imu_image import image_of, read_imu, words_of
+from bench.deliver.export.imu_image import MAGIC, ImuImage, image_of, read_imu, words_of
 from bench.record import ImuRecord, prove
 
 _OUTPUTS = {"swapped_axes", "wrong_sign", "attitude"}
@@ -55,6 +56,11 @@ def deliver_imu(path: Path, record: ImuRecord, format_: str, options: ExportOpti
     words = words_of(image_of(record, serial, _id(record), created))
     package = ImuPackage(options.name, record, words, read_imu(words, serial), options.address)
     return DeliveredImu(package, IMU_FORMATS[format_](package), objections)
+
+
+def read_either(words: Sequence[int]) -> Image | ImuImage:
+    """The image of a gyro, or of an inertial unit; InputError, one line, if a unit would refuse it."""
+    return read_imu(words) if words and words[0] == MAGIC else read(words)
 
 
 def _objections(record: ImuRecord) -> Iterator[str]:

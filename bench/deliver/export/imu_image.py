@@ -7,6 +7,7 @@ and rounded little.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -50,6 +51,8 @@ class ImuImage:
     created: int
     thermometers: int
     axes: tuple[AxisCurves, ...]
+    form: str = "imu"
+    valid_until: int = 0
 
     @property
     def label(self) -> str:
@@ -58,8 +61,15 @@ class ImuImage:
 
 
 def thermometers_of(record: ImuRecord) -> tuple[str, ...]:
-    """Channels with temperatures, each once, in the order in which the unit's code takes them."""
-    return tuple(dict.fromkeys(axis.thermometer for triad in record.triads for axis in triad.axes))
+    """Channels with temperatures in the order in which the unit's code takes them.
+
+    Those called temperature_1 to temperature_9 by their numbers, others in the order of the axes.
+    """
+    names = dict.fromkeys(axis.thermometer for triad in record.triads for axis in triad.axes)
+    numbers = [re.fullmatch("temperature_([1-9])", name) for name in names]
+    if not all(numbers):
+        return tuple(names)
+    return tuple(f"temperature_{k}" for k in range(1, 1 + max(int(found[1]) for found in numbers if found)))
 
 
 def image_of(record: ImuRecord, serial: int, calibration_id: int, created: int) -> ImuImage:
