@@ -116,3 +116,50 @@ def test_a_run_that_names_no_attitudes_is_refused(short_run):
     answer = CliRunner().invoke(main, ["imu", str(short_run.path)])
     assert answer.exit_code == 2
     assert "names no attitudes: run a profile with `attitude`" in answer.stderr
+
+
+PLAN = """\
+name: flat
+profile: both.yaml
+verification: other.yaml
+imu: flat.yaml
+limits: limits.yaml
+certificate: false
+"""
+
+
+@pytest.mark.slow
+def test_an_inertial_unit_goes_from_the_shelf_to_verified(place, tmp_path):
+    """Rates and a tumble, its calibration in the unit, judged at a rate that was not fitted."""
+    segments = [line for text in RUNS.values() for line in text.splitlines() if "kind" in line]
+    (tmp_path / "both.yaml").write_text("\n".join(["name: both", "segments:", *segments]))
+    (tmp_path / "other.yaml").write_text(
+        "name: other\nsegments:\n  - {kind: rate, attitudes: 6, rates_dps: [40], dwell_s: 19}\n"
+    )
+    limits = [f"  - {{quantity: {name}, unit: {unit}, upper: {upper}, reason: r}}" for name, unit, upper in (
+        ("gyro_error_rms_dph", "deg/h", 60), ("accelerometer_error_rms_mps2", "m/s^2", 0.01))]  # fmt: skip
+    (tmp_path / "limits.yaml").write_text("\n".join(["name: flat", "description: d", "limits:", *limits]))
+    (tmp_path / "plan.yaml").write_text(PLAN)
+    (tmp_path / "flat.yaml").write_text((place / "flat.yaml").read_text())
+    order = ["--unit", "IMU-0001", "--plan", tmp_path / "plan.yaml", "--station", place / "station.yaml"]
+    said = CliRunner().invoke(
+        main, ["calibrate", *map(str, order), "--out", str(tmp_path / "out"), "--json", "--quiet"]
+    )
+    assert said.exit_code == 0, said.output
+    job = json.loads(said.stdout)
+    steps = {step["name"]: step for step in job["steps"]}
+    assert job["verdict"] == "PASS"
+    assert steps["fit"]["facts"]["findings"] == []
+    assert "PASS" in steps["verify"]["sentence"]
+    (record,) = (tmp_path / "out" / "IMU-0001").glob("*_imu")
+    assert {path.name for path in record.iterdir()} >= {"imu.json", "imu_verification.json", "report.html"}
+    assert [case["name"] for case in steps["verify"]["cases"]] == [
+        "gyro_error_rms_dph", "accelerometer_error_rms_mps2"
+    ]  # fmt: skip
+
+
+def test_a_plan_says_what_is_fitted(tmp_path):
+    for wrong in (PLAN.replace("imu: flat.yaml", ""), PLAN.replace("imu:", "models: [spline]\nimu:")):
+        (tmp_path / "plan.yaml").write_text(wrong)
+        said = CliRunner().invoke(main, ["calibrate", "--unit", "U", "--plan", str(tmp_path / "plan.yaml")])
+        assert (said.exit_code, "state `imu: true`" in said.stderr) == (2, True)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from bench.base import BenchError, InputError
+from bench.commands.calibration.imu_steps import CertifyImu, DiagnoseImu, FitImu, VerifyImu
 from bench.commands.calibration.job import ENDED, HELD, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.steps import STEPS, AgainError, Step
@@ -25,7 +26,7 @@ def calibrate(
     *,
     release: str | None = None,
     anew: bool = False,
-    steps: Sequence[Step] = STEPS,
+    steps: Sequence[Step] | None = None,
     boundary: Boundary = lambda step, state: None,
 ) -> JobFile:
     """Begin a job, or go on with the one that this very plan began for this unit; the job as it stands then.
@@ -43,8 +44,14 @@ def calibrate(
         if release is not None:
             job.release(release)
         if job.state not in {ENDED, HELD}:
-            _go_on(order, job, steps, boundary)
+            _go_on(order, job, steps_of(order) if steps is None else steps, boundary)
     return job
+
+
+def steps_of(order: Order) -> Sequence[Step]:
+    """The steps of the plan's kind of unit; their names are the same."""
+    own: dict[str, Step] = {step.name: step for step in (FitImu(), DiagnoseImu(), VerifyImu(), CertifyImu())}
+    return [own.get(step.name, step) for step in STEPS] if order.plan.imu else STEPS
 
 
 def _go_on(order: Order, job: JobFile, steps: Sequence[Step], boundary: Boundary) -> None:

@@ -69,7 +69,8 @@ class Order:
         if self.station is not None:
             yield self.station
         yield from (self.file(name) for name in (plan.profile, plan.verification, plan.limits))
-        yield from (self.file(name) for name in (plan.static, plan.laboratory, plan.equipment) if name is not None)
+        named = (plan.static, plan.laboratory, plan.equipment, plan.imu)
+        yield from (self.file(name) for name in named if isinstance(name, str))
         yield from (Path(model) for model in map(self.model, plan.models) if isinstance(model, Path))
 
     def digest(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from bench.base import STRICT
 
@@ -46,8 +46,11 @@ class Plan(BaseModel):
     """Profile of the verification run, with the unit's own correction on; another one than `profile`."""
     static: Text | None = None
     """Profile of an isothermal run before the calibration: the noise is read from it. Left out: from the soaks."""
-    models: Annotated[tuple[Text, ...], Field(min_length=1)]
+    models: tuple[Text, ...] = ()
     """Models, by name or file; what has the least error on unseen data is delivered."""
+    imu: Literal[True] | Text | None = None
+    """Instead of `models`, of an inertial unit: all its axes are fitted from the attitudes of the profile. True, or the
+    file with options of that fit (`bench imu --plan`)."""
     improve: bool = False
     """Effects that the diagnosis finds missing in the first model are added where held-out data prove them."""
     limits: Text
@@ -64,3 +67,9 @@ class Plan(BaseModel):
     """A run that was cut off goes on from there, as with `bench resume`; or is done again whole."""
     policy: Policy = Policy()
     """What doubts lead to."""
+
+    @model_validator(mode="after")
+    def _fitted(self) -> Plan:
+        if bool(self.models) == bool(self.imu):
+            raise ValueError("name `models`, or state `imu: true` for an inertial unit")
+        return self

@@ -234,7 +234,9 @@ class Flash:
         """See the protocol."""
         from bench.commands.flashing import FlashOptions, flash
 
-        options = FlashOptions(run=run_of(job), form=order.plan.form)
+        record = job.facts("fit").get("record")  # of an inertial unit
+        run = run_of(job) if record is None else job.folder.parent / str(record)
+        options = FlashOptions(run=run, form=order.plan.form)
         flashed = flash(order.serial, order.station_file(), options, order.out, order.quiet)
         keys = ("calibration_id", "form", "bank", "crc", "coefficient_set")
         facts = {key: flashed.record.get(key) for key in keys}
@@ -252,7 +254,7 @@ class Verify:
         """See the protocol."""
         from bench.analysis import verify
 
-        inside = _in_unit(order)
+        inside = in_the_unit(order)
         if inside["calibration_id"] != job.facts("flash")["calibration_id"]:
             raise AgainError("flash", f"the unit holds calibration {inside['calibration_id']}")
         prove(run_of(job))
@@ -270,7 +272,7 @@ class Verify:
         return Done(sentence, facts, cases, word, hold, stop)
 
 
-def _in_unit(order: Order) -> dict[str, Any]:
+def in_the_unit(order: Order) -> dict[str, Any]:
     """The calibration that is in force in the unit, read over its bus."""
     from bench.commands.flash_record import newest_record
     from bench.commands.flashing import in_unit
@@ -301,4 +303,5 @@ class Certify:
 
 
 STEPS: tuple[Step, ...] = (Check(), Static(), Run(), Fit(), Diagnose(), Flash(), Verify(), Certify())
+"""Of a single gyro."""
 NAMES = tuple(step.name for step in STEPS)
