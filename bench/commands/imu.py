@@ -49,7 +49,9 @@ def imu(
         files = [out]
     elif out is not None:
         own = unit or given.unit
-        made = ImuCalibration(own, plan, rows, found, (low, high), estimates, undetermined, given.simulated)
+        made = ImuCalibration(
+            own, plan, rows, found, (low, high), estimates, undetermined, given.simulated, given.sample_hz
+        )
         files = _kept(made, given, out)
     return ImuCalibrated(
         sources[0],

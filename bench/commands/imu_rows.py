@@ -28,6 +28,8 @@ class Measured:
     """Serial number, where the runs know it."""
     simulated: bool = False
     """Whether one of the runs is simulated; a table does not say."""
+    sample_hz: float | None = None
+    """Of the unit, of which the runs have means; a table has the samples."""
 
 
 def measured(sources: Sequence[Path], plan_file: Path | None) -> Measured:
@@ -40,7 +42,9 @@ def measured(sources: Sequence[Path], plan_file: Path | None) -> Measured:
     if not tables:
         runs = rows_of_runs(sources, load_run_options(plan_file))
         files = tuple(_digest(source / "means.parquet", f"{source.name}/means.parquet") for source in sources)
-        return Measured(runs.rows, runs.plan, runs.columns, (*files, *planned), runs.unit, _simulated(sources))
+        manifests = [Manifest.read(source) for source in sources]
+        simulated, sample_hz = any(one.simulated for one in manifests), manifests[0].sample_rate_hz
+        return Measured(runs.rows, runs.plan, runs.columns, (*files, *planned), runs.unit, simulated, sample_hz)
     if len(sources) > 1:
         raise InputError("one table is calibrated at a time, or run folders alone; name one of them", tables[0])
     if plan_file is None:
@@ -48,10 +52,6 @@ def measured(sources: Sequence[Path], plan_file: Path | None) -> Measured:
     plan, document = load_imu_plan(plan_file)
     columns = read_confined(tables[0]).columns
     return Measured(rows_of(columns, plan, document), plan, columns, (_digest(tables[0], tables[0].name), *planned))
-
-
-def _simulated(runs: Sequence[Path]) -> bool:
-    return any(bool(Manifest.read(run).simulated) for run in runs)
 
 
 def _digest(path: Path, name: str) -> ImuSource:

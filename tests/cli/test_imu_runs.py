@@ -153,6 +153,7 @@ def test_an_inertial_unit_goes_from_the_shelf_to_verified(place, tmp_path):
     assert "PASS" in steps["verify"]["sentence"]
     (record,) = (tmp_path / "out" / "IMU-0001").glob("*_imu")
     assert {path.name for path in record.iterdir()} >= {"imu.json", "imu_verification.json", "report.html"}
+    assert json.loads((record / "imu.json").read_text())["sample_hz"] == 50.0
     assert [case["name"] for case in steps["verify"]["cases"]] == [
         "gyro_error_rms_dph", "accelerometer_error_rms_mps2"
     ]  # fmt: skip

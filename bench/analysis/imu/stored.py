@@ -37,6 +37,8 @@ class ImuCalibration:
     estimates: tuple[Estimate, ...]
     undetermined: tuple[str, ...]
     simulated: bool = False
+    sample_hz: float | None = None
+    """Of the unit, where the rows were made of means."""
 
     def record(self, columns: Mapping[str, FloatArray], sources: Sequence[ImuSource]) -> ImuRecord:
         """The record; `columns` are the samples that the rows were made of, for the noise between them."""
@@ -53,7 +55,7 @@ class ImuCalibration:
             interval_s=plan.row_s,
             left_out=self.rows.left_out,
             time_s=_kept(gyro.time),
-            sample_hz=1.0 / step,
+            sample_hz=self.sample_hz or 1.0 / step,
             simulated=self.simulated,
             range_degc=self.range_degc,
             rate_ppm=plan.rate_ppm,
