@@ -174,7 +174,9 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     assert "k * time" in (mystery / "profiles" / "models" / "mine.yaml").read_text()
     page.goto(page.url)
     page.get_by_label("Start with").select_option("mine")
-    page.get_by_role("listitem").filter(has_text="k * time").wait_for()
+    page.get_by_role("textbox", name=re.compile("formula", re.IGNORECASE)).first.wait_for()
+    values = [box.input_value() for box in page.locator(".wb-effects input.wb-code").all()]
+    assert any("k * time" in value for value in values), values
 
 
 def test_two_runs_are_compared(page):

@@ -117,7 +117,7 @@ def test_one_error_and_one_floor_whatever_is_shown(client: httpx.Client) -> None
     assert said == {(number(known["models"][0]["rms_dph"]), number(known["floor_dph"]))}
 
 
-def test_data_that_a_model_does_not_fit_are_drawn_all_the_same_and_the_first_model_follows_the_data(
+def test_data_that_a_model_does_not_fit_are_drawn_all_the_same_and_a_model_that_follows_them_is_there(
     client: httpx.Client, store: Path
 ) -> None:
     legs = [("up", "ramp", 60.0, 4.0), ("end", "soak", 60.0, 1800.0), ("down", "ramp", 20.0, 4.0)]
@@ -128,7 +128,7 @@ def test_data_that_a_model_does_not_fit_are_drawn_all_the_same_and_the_first_mod
         drawn = done(client, "/figures", {"kind": kind, **runs, "model": fine})
         assert "use fewer intervals" in drawn["note"]
         assert drawn["figure"]["data"]
-    first = told("pages/workbench/first.js", "console.log(JSON.stringify(page.START_MODEL))")
+    first = told("pages/workbench/first.js", "console.log(JSON.stringify(page.FOLLOWING_MODEL))")
     analysed = done(client, "/analyses", {**runs, "models": [first]})["models"][0]
     assert analysed["rms_dph"] < 1.0
     script = "console.log(JSON.stringify(given.map(page.isOpen)))"

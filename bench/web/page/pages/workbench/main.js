@@ -3,7 +3,7 @@ import { html, t, api, number, runName, useEffect, useRef, useState, unitOf } fr
 import { Chooser } from "./chooser.js";
 import { Chosen } from "./chosen.js";
 import { Compare } from "./compare.js";
-import { isOpen } from "./first.js";
+import { FOLLOWING_MODEL, START_MODEL, isOpen } from "./first.js";
 import { NextExperiment } from "./experiment.js";
 import { Ladder } from "./ladder.js";
 import { ModelPanel } from "./model.js";
@@ -76,6 +76,7 @@ function Bench({ session }) {
   const open = isOpen(model);
   const settled = open ? analysis.result?.models[0].model : null;
   useEffect(() => settled && act({ type: "settle", model: settled }), [settled]);
+  useEffect(() => analysis.failed && model === START_MODEL && act({ type: "settle", model: FOLLOWING_MODEL }), [analysis.failed]);
   const diagnosis = useJob("/diagnoses", open ? null : { ...runs, model });
   const floor = (analysis.result ?? analysis.stale)?.floor_dph ?? null;
   // A picked figure belongs to its diagnosis.
