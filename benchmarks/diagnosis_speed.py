@@ -57,13 +57,13 @@ def once(path: Path, workers: int) -> dict[str, Any]:
 
     from bench.analysis.diagnosis.diagnose import diagnose
     from bench.analysis.effects.model import load_model
-    from bench.commands.analysis import floor_of
-    from bench.record.dataset import load
+    from bench.commands.analysis import floor_of, recovered, usual_means
 
     model = load_model("spline")
     begun = _spent()
-    data = load(path)
-    floor_dph = floor_of([path], data.interval_s, None)
+    seconds = recovered([path])
+    (data,) = usual_means(seconds)
+    floor_dph = floor_of(seconds, data.interval_s)
     read = _spent()
     found = diagnose([data], model, floor_dph=floor_dph, workers=workers)
     done = _spent()
