@@ -164,7 +164,7 @@ def test_legs_follow_each_other_without_gaps_and_add_up_to_the_duration(found):
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_profiles_run_on_the_chamber_that_they_are_for(path):
     chamber = CHAMBER
-    special = {"imu_quick": "imu", "rate_surface_-55_125": "wide_range"}
+    special = {"imu_quick": "imu", "imu_check": "imu", "rate_surface_-55_125": "wide_range"}
     if path.stem in special:
         chamber = load_config(path.parent / "stations" / f"{special[path.stem]}.yaml", StationSettings).limits()
     found = preflight.check_profile(profile.load_profile(path), replace(chamber, switches_power=True))
