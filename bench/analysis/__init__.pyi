@@ -121,6 +121,7 @@ from .judging.quantities import standing as standing
 from .judging.quantities import turning as turning
 from .judging.quantities import zero_rate as zero_rate
 from .judging.stored import Source as Source
+from .judging.stored import serial_number as serial_number
 from .judging.stored import source_of as source_of
 from .judging.turn_ons import TurnOn as TurnOn
 from .judging.turn_ons import TurnOns as TurnOns

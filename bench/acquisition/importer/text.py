@@ -6,6 +6,7 @@ import codecs
 import csv
 import gzip
 import io
+import re
 import zlib
 from array import array
 from collections.abc import Iterator
@@ -27,6 +28,7 @@ LONGEST_HEADER = 100_000
 """Bytes of a header line that a person or a logger may have written."""
 _LOOKED_AT = 100_000
 """Bytes of the beginning in which what is no text shows."""
+_NO_TEXT = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")
 KNOWN = "text tables (also .gz), .parquet, .mf4, .blf, .asc, .log, .trc, .xlsx, .tdms, .ulg and .h5"
 
 
@@ -80,17 +82,12 @@ def decoded(path: Path, most_bytes: int | None) -> tuple[bytes, list[str]]:
     data = path.read_bytes()
     if path.suffix.lower() == ".gz":
         data = _unpacked(path, most_bytes)
-    for mark, encoding in (
-        (codecs.BOM_UTF8, "utf-8"),
-        (codecs.BOM_UTF16_LE, "utf-16"),
-        (codecs.BOM_UTF16_BE, "utf-16"),
-    ):
-        if data.startswith(mark):
-            data = data.removeprefix(mark) if encoding == "utf-8" else _as_utf8(data, encoding, path)
-    for at, byte in enumerate(data[:_LOOKED_AT]):
-        if byte < 32 and byte not in b"\t\n\r\f":
-            line = data.count(b"\n", 0, at) + 1
-            raise InputError(f"is no text table (byte {byte} in it); known are {KNOWN}", path, line)
+    data = data.removeprefix(codecs.BOM_UTF8)
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        data = _as_utf8(data, "utf-16", path)
+    if (found := _NO_TEXT.search(data, 0, _LOOKED_AT)) is not None:
+        line = data.count(b"\n", 0, found.start()) + 1
+        raise InputError(f"is no text table (byte {data[found.start()]} in it); known are {KNOWN}", path, line)
     try:
         data.decode()
     except UnicodeDecodeError:

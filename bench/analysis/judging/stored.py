@@ -37,9 +37,14 @@ class Source:
 
     @property
     def serial(self) -> int | None:
-        """Number in the unit's serial number (its last group of digits), None where it has none."""
-        groups = re.findall(r"\d+", self.unit)
-        return int(groups[-1]) if groups else None
+        """Of the unit, as a number."""
+        return serial_number(self.unit)
+
+
+def serial_number(unit: str) -> int | None:
+    """Number in a unit's serial number (its last group of digits), None where it has none."""
+    groups = re.findall(r"\d+", unit)
+    return int(groups[-1]) if groups else None
 
 
 def source_of(folder: Path, model: str | None = None) -> Source:

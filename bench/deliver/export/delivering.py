@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +90,11 @@ def files_of(package: Package, format_: str) -> Files:
 def calibration_id(source: Source) -> int:
     """First 32 bits of the SHA-256 of unit, model and numbers, so that calibrations differ in their ids."""
     fit = source.fit
-    content = [source.unit, fit.model.to_yaml(), fit.beta.tolist(), fit.theta, list(fit.runs)]
+    return id_of([source.unit, fit.model.to_yaml(), fit.beta.tolist(), fit.theta, list(fit.runs)])
+
+
+def id_of(content: Sequence[Any]) -> int:
+    """First 32 bits of the SHA-256 of what a calibration is."""
     return int(hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8], 16)
 
 

@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from typing import Protocol
 
 import bincopy
 
@@ -89,17 +90,33 @@ def as_c(package: Package) -> Files:
     return {name: text.encode() for name, text in c_files(package.image, list(package.words), package.name).items()}
 
 
-def as_eeprom(package: Package) -> Files:
+class Placed(Protocol):
+    """An image of any kind, to be put into memory."""
+
+    @property
+    def name(self) -> str:
+        """Of its files."""
+
+    @property
+    def words(self) -> Sequence[int]:
+        """The image."""
+
+    @property
+    def address(self) -> int:
+        """Where it stands [byte]."""
+
+
+def as_eeprom(package: Placed) -> Files:
     """The image as bytes."""
     return {f"{package.name}.bin": to_bytes(package.words)}
 
 
-def as_hex(package: Package) -> Files:
+def as_hex(package: Placed) -> Files:
     """Intel HEX."""
     return {f"{package.name}.hex": placed(package.words, package.address).as_ihex().encode()}
 
 
-def as_srec(package: Package) -> Files:
+def as_srec(package: Placed) -> Files:
     """Motorola S-records with 32-bit addresses."""
     return {f"{package.name}.srec": placed(package.words, package.address).as_srec(address_length_bits=32).encode()}
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from bench.analysis import serial_number
 from bench.base import InputError
-from bench.deliver.export.delivering import ExportOptions
+from bench.deliver.export.delivering import ExportOptions, id_of
 from bench.deliver.export.image import Image, read
 from bench.deliver.export.imu_formats import IMU_FORMATS, ImuFiles, ImuPackage
 from bench.deliver.export.imu_image import MAGIC, ImuImage, image_of, read_imu, words_of
@@ -69,13 +67,13 @@ def _objections(record: ImuRecord) -> Iterator[str]:
 
 
 def _serial(record: ImuRecord, path: Path) -> int:
-    digits = re.findall(r"\d+", record.unit)
-    if not digits:
+    number = serial_number(record.unit)
+    if number is None:
         raise InputError(f"unit '{record.unit}' has no number in its serial number; give one with --serial", path)
-    return int(digits[-1])
+    return number
 
 
 def _id(record: ImuRecord) -> int:
     """First 32 bits of the SHA-256 of unit and curves."""
     content = [record.unit, *(triad.model_dump(mode="json") for triad in record.triads)]
-    return int(hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8], 16)
+    return id_of(content)

@@ -12,7 +12,7 @@ from typing import Any
 from bench.base import __version__
 from bench.deliver.export.autopilots import ardupilot, px4
 from bench.deliver.export.ccode import refuse_name, rendered, single
-from bench.deliver.export.formats import Files, placed
+from bench.deliver.export.formats import Files, as_eeprom, as_hex, as_srec
 from bench.deliver.export.imu_image import (
     AXES,
     AXIS_WORDS,
@@ -24,7 +24,6 @@ from bench.deliver.export.imu_image import (
     thermometers_of,
 )
 from bench.deliver.export.imu_noise import kalibr
-from bench.deliver.export.words import to_bytes
 from bench.record import ImuRecord
 
 AXIS_NAMES = tuple(f"{kind}_{axis}" for kind in ("gyro", "accelerometer") for axis in "xyz")
@@ -124,22 +123,6 @@ def _axes(image: ImuImage) -> list[dict[str, Any]]:
     return found
 
 
-def as_eeprom(package: ImuPackage) -> ImuFiles:
-    """The image as bytes."""
-    return ImuFiles({f"{package.name}.bin": to_bytes(package.words)})
-
-
-def as_hex(package: ImuPackage) -> ImuFiles:
-    """Intel HEX."""
-    return ImuFiles({f"{package.name}.hex": placed(package.words, package.address).as_ihex().encode()})
-
-
-def as_srec(package: ImuPackage) -> ImuFiles:
-    """Motorola S-records with 32-bit addresses."""
-    text = placed(package.words, package.address).as_srec(address_length_bits=32)
-    return ImuFiles({f"{package.name}.srec": text.encode()})
-
-
 def as_a2l(package: ImuPackage) -> ImuFiles:
     """ASAM MCD-2 MC description of the image: each curve's coefficients by name."""
     at, curves = package.address + 4 * (HEADER_WORDS + AXES * AXIS_WORDS), []
@@ -176,9 +159,9 @@ IMU_FORMATS: dict[str, Callable[[ImuPackage], ImuFiles]] = {
     "json": as_json,
     "csv": as_csv,
     "c": as_c,
-    "hex": as_hex,
-    "srec": as_srec,
-    "eeprom": as_eeprom,
+    "hex": lambda package: ImuFiles(as_hex(package)),
+    "srec": lambda package: ImuFiles(as_srec(package)),
+    "eeprom": lambda package: ImuFiles(as_eeprom(package)),
     "a2l": as_a2l,
     "kalibr": as_kalibr,
     "px4": as_px4,
