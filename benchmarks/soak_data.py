@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 from unittest.mock import patch
 
-import bench.acquisition.station.station as opening
+import bench.acquisition.station.stage as opening
 from benchmarks.spoiled_unit_data import KINDS, State
 from drivers.sim.station import SimulatedStation
 

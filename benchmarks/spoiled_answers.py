@@ -32,6 +32,7 @@ from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run.runner import Job, run_job
 from bench.acquisition.run.status import Status
 from bench.acquisition.run.wiring import Continue, Stop
+from bench.acquisition.station import stage
 from bench.acquisition.station.settings.station import StationSettings
 from bench.base import BenchError, config
 from benchmarks import campaigns
@@ -171,7 +172,7 @@ _here = threading.local()
 @contextmanager
 def _between() -> Iterator[None]:
     """Keeps a reference to the simulator of each run, and routes its link through the proxy of its case."""
-    simulate = opening.simulate
+    simulate = stage.simulate
 
     @functools.wraps(simulate)
     def seen(*args: Any, **options: Any) -> SimulatedStation:
@@ -187,7 +188,7 @@ def _between() -> Iterator[None]:
         return ModbusLink(f"tcp://127.0.0.1:{proxy.port}", **options | {"timeout_s": TIMEOUT_S})
 
     with (
-        patch.object(opening, "simulate", seen), patch.object(opening, "ModbusLink", link), redirect_stderr(StringIO())
+        patch.object(stage, "simulate", seen), patch.object(opening, "ModbusLink", link), redirect_stderr(StringIO())
     ):  # fmt: skip
         yield
 

@@ -29,7 +29,7 @@ from unittest.mock import patch
 import numpy as np
 import numpy.typing as npt
 
-import bench.acquisition.station.station as opening
+import bench.acquisition.station.stage as opening
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import Job, run_job

@@ -63,12 +63,11 @@ def document(results: Sequence[Result]) -> str:
     parts = [_HEAD.format(cases=len(results), seeds=seeds, kinds=kinds)]
     parts.append(bars(results))
     parts.append("## All effects of the library together\n" + _strengths(inside(single), limits))
-    parts.append(
-        _PEERS_NOTE.format(
-            thresholds=", ".join(f"{t:g}" for t in STLSQ_THRESHOLDS),
-            **{peer: f"{limits[peer]:.3g}" for peer in _PEERS},
-        )
-    )
+    if any(_with(clean, peer) for peer in _PEERS):
+        shown = {peer: f"{limits[peer]:.3g}" for peer in _PEERS}
+        parts.append(_PEERS_NOTE.format(thresholds=", ".join(f"{t:g}" for t in STLSQ_THRESHOLDS), **shown))
+    else:
+        parts.append("The peers were not run: their packages (extra `peers`) were not installed.")
     parts.append("## Nothing hidden\n" + _clean(clean))
     for profile in dict.fromkeys(r["profile"] for r in single):
         own = [r for r in single if r["profile"] == profile]

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 
 import can
 import numpy as np
 
-from drivers.can_record import CLASSICAL_BYTES, FD_BYTES
+from drivers.can_record import CLASSICAL_BYTES
 from drivers.can_record import records as packed_records
 from drivers.journal import FLAG_ERROR, FLAG_EXTENDED, FLAG_FAST, FLAG_FD, FLAG_REMOTE, FRAME, FrameArray
 
 NO_FRAMES: FrameArray = np.zeros(0, dtype=FRAME)
 NO_FRAMES.flags.writeable = False
 
-_RECORDS = {room: struct.Struct(f"<qIBBBB{room}s") for room in (CLASSICAL_BYTES, FD_BYTES)}
+
+@lru_cache(maxsize=8)
+def _record(room: int) -> struct.Struct:
+    return struct.Struct(f"<qIBBBB{room}s")
 
 
 def to_record(message: can.Message, t_ns: int, channel: int = 0, room: int = CLASSICAL_BYTES) -> bytes:
@@ -30,7 +34,7 @@ def to_record(message: can.Message, t_ns: int, channel: int = 0, room: int = CLA
         | FLAG_FD * message.is_fd
         | FLAG_FAST * message.bitrate_switch
     )
-    return _RECORDS[room].pack(t_ns, message.arbitration_id, flags, message.dlc, channel, 0, bytes(message.data))
+    return _record(room).pack(t_ns, message.arbitration_id, flags, message.dlc, channel, 0, bytes(message.data))
 
 
 def to_frames(records: Iterable[bytes]) -> FrameArray:
@@ -44,6 +48,7 @@ def joined(blocks: Sequence[FrameArray]) -> FrameArray:
 
     They have room for the data of the longest.
     """
+    blocks = [block for block in blocks if len(block)] or blocks[:1]
     if len(blocks) == 1:
         return blocks[0]
     kind = max((block.dtype for block in blocks), key=lambda kind: kind.itemsize)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.can_record import CLASSICAL_BYTES, FD_BYTES
 from drivers.errors import ConfigError, LinkError, one_line
+from drivers.framing import Framing
 from drivers.layout import layout_of
 from drivers.wire import load_dbc
 
@@ -66,13 +67,19 @@ class BusSettings:
     data_bitrate: int | None = None
     timing: Mapping[str, Any] | None = None
     filters: Sequence[Mapping[str, Any]] = ()
+    framing: Framing | None = None
+    """How packets lie on a line that is no CAN; the interface is `packets` then."""
 
     @property
     def room(self) -> int:
         """Bytes of data that its longest frames have."""
+        if self.framing is not None:
+            return self.framing.room
         return FD_BYTES if self.fd else CLASSICAL_BYTES
 
     def __str__(self) -> str:
+        if self.framing is not None:
+            return f"packets on {self.channel}"
         return f"CAN bus {self.interface}:{self.channel}"
 
 
@@ -81,6 +88,8 @@ def open_bus(settings: BusSettings) -> can.BusABC:
 
     Our own frames are never received: they must not be mistaken for frames of a unit.
     """
+    if settings.framing is not None:
+        return _open_line(settings, settings.framing)
     import can
 
     if settings.interface not in can.VALID_INTERFACES:
@@ -101,6 +110,17 @@ def open_bus(settings: BusSettings) -> can.BusABC:
         raise LinkError(f"{settings} does not open: {one_line(error)}") from error
     _enlarge_buffer(bus)
     return bus
+
+
+def _open_line(settings: BusSettings, framing: Framing) -> can.BusABC:
+    from drivers.packet_bus import PacketBus
+
+    try:
+        return PacketBus(settings.channel, framing, settings.bitrate, **settings.options)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{settings}: {one_line(error)}; see `channel` and `options` in the station file") from error
+    except OSError as error:
+        raise LinkError(f"{settings} does not open: {one_line(error)}") from error
 
 
 def unit_filters(units: Iterable[tuple[str | Path | None, int, Mapping[str, Any] | None]]) -> list[dict[str, Any]]:

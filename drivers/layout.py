@@ -214,6 +214,9 @@ class _Mapped:
         for name, (message, signal) in places.items():
             if got := self._tried(lambda name=name, m=message, s=signal: converted(name, m, s)):  # type: ignore[misc]
                 groups.setdefault((message.name, signal.choice), {})[name] = got
+        for key in [key for key, group in groups.items() if outputs[0] in group and key[1] is not None]:
+            # What every frame of its message carries is taken from those of the first output: once a sample.
+            groups[key] |= groups.pop((key[0], None), {})
         sources = [self._source(name, group, counters) for (name, _), group in groups.items()]
         used = {source.message.name for source in sources}
         unused = [signal.name for message, signal in counters if message.name not in used]

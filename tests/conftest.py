@@ -8,7 +8,7 @@ from collections import Counter
 import hypothesis
 import pytest
 
-import bench.acquisition.station.station
+import bench.acquisition.station.stage
 from bench.acquisition.run.runner import run_job
 from tests.support import acquisition, leftovers, needs
 
@@ -76,6 +76,6 @@ def world(monkeypatch):
         opened.append(original(*args))
         return opened[-1]
 
-    original = bench.acquisition.station.station.simulate
-    monkeypatch.setattr(bench.acquisition.station.station, "simulate", simulate)
+    original = bench.acquisition.station.stage.simulate
+    monkeypatch.setattr(bench.acquisition.station.stage, "simulate", simulate)
     return opened

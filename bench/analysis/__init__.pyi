@@ -87,6 +87,7 @@ from .judging.cautions import refused_models as refused_models
 from .judging.change import Change as Change
 from .judging.change import Figures as Figures
 from .judging.change import State as State
+from .judging.completed import completed as completed
 from .judging.completeness import LOST as LOST
 from .judging.completeness import Completeness as Completeness
 from .judging.completeness import completeness as completeness
@@ -116,6 +117,8 @@ from .judging.limits import load_limits as load_limits
 from .judging.lot import Lot as Lot
 from .judging.lot import by_unit as by_unit
 from .judging.lot import calibrate_lot as calibrate_lot
+from .judging.prior import Expected as Expected
+from .judging.prior import Prior as Prior
 from .judging.quantities import of_data as of_data
 from .judging.quantities import standing as standing
 from .judging.quantities import turning as turning

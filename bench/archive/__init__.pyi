@@ -1,3 +1,21 @@
+from .centre.entries import Name as Name
+from .centre.entries import newest as newest
+from .centre.fetching import Fetched as Fetched
+from .centre.fetching import bring_back as bring_back
+from .centre.fetching import fetch as fetch
+from .centre.fetching import is_id as is_id
+from .centre.fetching import located as located
+from .centre.keeping import Released as Released
+from .centre.keeping import Scrubbed as Scrubbed
+from .centre.keeping import release as release
+from .centre.keeping import scrub as scrub
+from .centre.sending import Outbox as Outbox
+from .centre.sending import Sent as Sent
+from .centre.sending import outbox as outbox
+from .centre.sending import reached as reached
+from .centre.sending import send as send
+from .centre.store import Centre as Centre
+from .centre.store import named as named
 from .difference.differing import difference_of as difference_of
 from .difference.results import BEYOND_CHANCE as BEYOND_CHANCE
 from .fleet.board import drawn as drawn
@@ -36,6 +54,7 @@ from .registry.asking import plain as plain
 from .registry.asking import runs as runs
 from .registry.asking import show as show
 from .registry.ledger import Entry as Entry
+from .registry.ledger import Ledger as Ledger
 from .registry.ledger import archive as archive
 from .registry.ledger import is_archive as is_archive
 from .registry.opening import FILE as FILE
@@ -46,4 +65,5 @@ from .registry.rebuild import rebuild as rebuild
 from .registry.rows import of_ledger as of_ledger
 from .registry.rows import of_run as of_run
 from .registry.writing import register as register
+from .registry.writing import register_all as register_all
 from .registry.writing import tell as tell

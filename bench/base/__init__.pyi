@@ -23,9 +23,11 @@ from .digits import moment as moment
 from .digits import number as number
 from .digits import with_uncertainty as with_uncertainty
 from .errors import BenchError as BenchError
+from .errors import CentreError as CentreError
 from .errors import EquipmentError as EquipmentError
 from .errors import InputError as InputError
 from .errors import RunAborted as RunAborted
+from .processes import locked as locked
 from .processes import process_alive as process_alive
 from .processes import user_name as user_name
 from .shipped import library as library

@@ -3,7 +3,8 @@
 BenchError                  anything the bench refuses or cannot do; its text is one line for the user
 ├── InputError              the user's file, value or command is wrong                  exit 2
 ├── RunAborted              operator or guard ended the run, safe state reached         exit 3
-└── EquipmentError          equipment failed, safe state reached or loudly not          exit 4
+├── EquipmentError          equipment failed, safe state reached or loudly not          exit 4
+└── CentreError             the centre is not reached, refuses, or lacks a file          exit 4
 """
 
 from __future__ import annotations
@@ -37,5 +38,11 @@ class RunAborted(BenchError):  # noqa: N818 - an abort is an outcome, not an err
 
 class EquipmentError(BenchError):
     """Equipment failed; the text says whether the safe state was verified."""
+
+    exit_code = 4
+
+
+class CentreError(BenchError):
+    """The centre cannot be reached, refuses, or has lost or damaged a file; what is on this computer is unharmed."""
 
     exit_code = 4

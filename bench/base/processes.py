@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import getpass
 import os
+from pathlib import Path
 
 
 def process_alive(pid: int) -> bool:
@@ -15,6 +16,20 @@ def process_alive(pid: int) -> bool:
     except OSError:  # it is somebody else's
         return True
     return pid > 0
+
+
+def locked(file: Path) -> bool:
+    """Whether a process holds the lock of this file for itself; a file that cannot be opened has none."""
+    import fcntl  # POSIX alone has it, and this module is imported everywhere
+
+    try:
+        with file.open("rb") as opened:
+            fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 def user_name() -> str:

@@ -12,18 +12,18 @@ from collections.abc import Sequence
 import click
 
 from bench.base import __version__
-from bench.cli import analyse, deliver, measure, pages, stock
+from bench.cli import analyse, deliver, measure, pages, stock, sync
 
 SECTIONS: dict[str, Sequence[click.Command]] = {
     "Measure": (measure.run, measure.check, measure.doctor, measure.sim, measure.init),
     "Live runs": (measure.status, measure.hold, measure.pause, measure.resume, measure.abort),
     "Understand": (
-        analyse.report, analyse.compare, analyse.noise, analyse.diagnose, analyse.add, analyse.improve, analyse.effects,
-        analyse.import_, analyse.imu, analyse.replay, analyse.diff, analyse.mystery, analyse.reveal,
+        analyse.report, analyse.compare, analyse.noise, analyse.diagnose, analyse.decide, analyse.add, analyse.improve,
+        analyse.effects, analyse.import_, analyse.imu, analyse.replay, analyse.diff, analyse.mystery, analyse.reveal,
     ),
     "Deliver": (deliver.calibrate, deliver.export, deliver.flash, deliver.verify, deliver.certificate),
     "In a browser": (pages.ui,),
-    "Many units": (stock.fleet, stock.lot, stock.registry, stock.verify_archive),
+    "Many units": (stock.fleet, stock.lot, stock.registry, stock.verify_archive, sync.sync),
 }  # fmt: skip
 
 

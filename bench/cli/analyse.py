@@ -18,9 +18,11 @@ from bench.cli.options import (
     output_option,
     path_argument,
     path_option,
+    quiet_option,
     registers,
     run_argument,
     runs_argument,
+    station_option,
     unseen_options,
 )
 
@@ -151,6 +153,24 @@ def diagnose(check_runs: tuple[Path, ...], **options: Any) -> Result:
     from bench import commands
 
     return commands.diagnose(check=check_runs, **options)
+
+
+@click.command()
+@runs_argument
+@model_argument
+@unseen_options
+@station_option
+@click.option("--most", type=click.IntRange(1, 20), default=3, show_default=True, help="Further runs that it may make.")
+@effect_option
+@out_option
+@quiet_option
+@answers
+@registers(begin=True)
+def decide(check_runs: tuple[Path, ...], **options: Any) -> Result:
+    """Diagnose, run the profile that the diagnosis proposes, and diagnose all runs together, until it is decided."""
+    from bench import commands
+
+    return commands.decide(check=check_runs, **options)
 
 
 @click.command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import click
 
 from bench.cli import completion
 from bench.cli.options import (
+    UNIT,
     answers,
     limits_option,
     out_option,
@@ -138,7 +140,7 @@ def flash(unit: str, station: Path | None, out: Path, quiet: bool, **options: An
 
 @click.command()
 @path_argument("profile")
-@click.option("--unit", "serial", required=True, shell_complete=completion.units, help="Serial number.")
+@click.option("--unit", "serial", required=True, shell_complete=completion.units, help=UNIT)
 @station_option
 @limits_option
 @out_option
@@ -153,18 +155,22 @@ def verify(profile: Path, serial: str, station: Path | None, limits: Path | None
 
 
 @click.command()
-@click.option("--unit", "serial", required=True, shell_complete=completion.units, help="Serial number of the unit.")
+@click.option("--unit", "serial", required=True, shell_complete=completion.units, help=UNIT)
 @path_option("--plan", "plan", required=True, help="Plan file (YAML).")
 @station_option
 @path_option("--junit", help="Write JUnit XML here: steps and limits as test cases.")
 @click.option("--release", metavar="REASON", help="Continue a held job; who decided, and why.")
 @click.option("--new", "anew", is_flag=True, help="Begin a new job even if one by this plan exists.")
+@click.option("--operator", default="", help="Who works on it, for the record. Default: the user.")
 @out_option
 @quiet_option
 @answers
 @registers(begin=True)
-def calibrate(serial: str, plan: Path, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
+def calibrate(
+    serial: str, plan: Path, station: Path | None, out: Path, quiet: bool, operator: str, **options: Any
+) -> Result:
     """Calibrate a unit: check, run, fit, diagnose, flash, verify, certificate; continues an interrupted job."""
     from bench import commands
 
-    return commands.calibrate_unit(commands.Order.load(plan, station, serial, out, quiet), **options)
+    order = commands.Order.load(plan, station, serial, out, quiet)
+    return commands.calibrate_unit(replace(order, operator=operator), **options)

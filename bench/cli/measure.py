@@ -10,6 +10,7 @@ import click
 
 from bench.cli import completion
 from bench.cli.options import (
+    UNIT,
     answers,
     effect_option,
     limits_option,
@@ -36,16 +37,18 @@ if TYPE_CHECKING:
     "serials",
     multiple=True,
     shell_complete=completion.units,
-    help="Serial number; may be repeated. Default: all of the station.",
+    help=f"{UNIT} May be repeated. Default: all of the station.",
 )
 @model_option
 @limits_option
 @click.option("--production", is_flag=True, help="Refuse to start without valid equipment.")
 @path_option("--equipment", help="Equipment with due dates (YAML) [production: registry's]")
+@path_option("--lot", help="Run folder of a calibrated lot: `until` in PROFILE may end the run early.")
 @effect_option
 @out_option
 @quiet_option
 @click.option("--operator", default="", help="Who starts it, for the record. Default: the user.")
+@path_option("--junit", help="Write JUnit XML here: segments, verdict and limits as test cases.")
 @answers
 @registers(begin=True, pass_on=True)
 def run(profile: Path, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
@@ -163,6 +166,8 @@ def _ready(served: Served) -> None:
     click.echo(f"chamber  Modbus TCP 127.0.0.1:{port} ({map_})", err=True)
     for name, channel in served.can_ports.items():
         click.echo(f"bus      {name}: python-can interface=loopcan channel={channel}", err=True)
+    for name, line in served.lines.items():
+        click.echo(f"line     {name}: {line}", err=True)
     click.echo("ready; Ctrl-C ends it", err=True)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce, wraps
 from pathlib import Path
@@ -21,6 +22,52 @@ if TYPE_CHECKING:
 
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, nothing else.")
 C = TypeVar("C", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class AtCentre:
+    """A run of a centre, or all its runs, in place of a folder; fetched when the command begins."""
+
+    text: str
+    run: bool
+
+    def folder(self) -> Path:
+        """The folder on this computer."""
+        from bench.commands import archive_of_centre, run_of_centre
+
+        return run_of_centre(self.text) if self.run else archive_of_centre(self.text)
+
+
+class RunPath(click.Path):
+    """A run folder, or a run of a centre: CENTRE#ID, or the id with BENCH_CENTRE set."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """What stands there."""
+        at_centre = isinstance(value, str) and ("#" in value or _ID.fullmatch(value)) and not Path(value).exists()
+        return AtCentre(value, run=True) if at_centre else super().convert(value, param, ctx)
+
+
+class ArchivePath(click.Path):
+    """A folder of run folders, or a centre: its URL, or its folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """What stands there."""
+        at_centre = isinstance(value, str) and ("://" in value or (Path(value) / "centre.json").is_file())
+        return AtCentre(value, run=False) if at_centre else super().convert(value, param, ctx)
+
+
+_ID = re.compile(r"[0-9a-f]{12}/[^/]+/[^/]+")
+
+
+def fetched(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of options and arguments, with the folders of what is at a centre."""
+
+    def one(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(one(part) for part in value)
+        return value.folder() if isinstance(value, AtCentre) else value
+
+    return {name: one(value) for name, value in given.items()}
 
 
 def path_option(name: str, *more: str, help: str, **options: Any) -> Callable[[C], C]:
@@ -41,6 +88,7 @@ def together(*options: Callable[[C], C]) -> Callable[[C], C]:
 output_option = click.option(
     "--output", help="Which output of a unit with several: rate_x, rate_y or rate_z; default: the only one."
 )
+UNIT = "Serial number; NEW@KNOWN: a new unit in the slot of KNOWN."
 station_option = path_option("--station", help="Station file (YAML); default: the embedded simulator.")
 model_option = click.option(
     "--model",
@@ -50,11 +98,12 @@ model_option = click.option(
     help="Model file or name; may be repeated. Default: the three of the papers.",
 )
 model_argument = click.option("--model", required=True, shell_complete=completion.models, help="Model file or name.")
-run_argument = path_argument("run_folder", metavar="RUN")
-runs_argument = path_argument("runs", nargs=-1, required=True)
+RUN = RunPath(path_type=Path)
+run_argument = click.argument("run_folder", type=RUN, metavar="RUN")
+runs_argument = click.argument("runs", type=RUN, nargs=-1, required=True)
 unseen_options = together(
-    path_option("--check", "check_runs", multiple=True, help="Held-out run; repeatable."),
-    path_option("--static", help="Isothermal run of the same unit; shows its noise."),
+    click.option("--check", "check_runs", type=RUN, multiple=True, help="Held-out run; repeatable."),
+    click.option("--static", type=RUN, help="Isothermal run of the same unit; shows its noise."),
 )
 effect_option = click.option(
     "--effect",
@@ -69,6 +118,16 @@ registry_option = click.option(
     "--registry", "where", envvar="BENCH_REGISTRY", help="Registry: file, or postgresql://… [default: in --out]"
 )
 archive_options = together(out_option, registry_option)
+shelf_options = together(
+    click.option(
+        "--out",
+        type=ArchivePath(path_type=Path),
+        default=Path("reports"),
+        show_default=True,
+        help="Folder of the run folders, or a centre.",
+    ),
+    registry_option,
+)
 live_options = together(
     path_argument("run_folder", metavar="[RUN]", required=False),
     out_option,
@@ -129,7 +188,7 @@ def answers(command: Callable[..., Result | Registered]) -> Callable[..., None]:
 
                 for spec in own_effects:
                     load_effect(spec)
-            return command(*args, **kwargs)
+            return command(*args, **fetched(kwargs))
 
         answer(work, as_json)
 

@@ -10,13 +10,13 @@ from typing import Any
 import click
 
 from bench.base import InputError
-from bench.cli.options import archive_options, exits, path_option
+from bench.cli.options import exits, fetched, path_option, shelf_options
 
 
 @click.command()
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to bind to; any other needs --access.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8321, show_default=True, help="0: any free one.")
-@archive_options
+@shelf_options
 @path_option("--access", help="Access file (YAML): names, roles, hashes of tokens.")
 @click.option("--new-token", metavar="NAME", help="Print a new token for NAME once, store its hash in --access, end.")
 @click.option("--role", type=click.Choice(["viewer", "operator", "engineer"]), help="Role of --new-token.")
@@ -31,7 +31,7 @@ def ui(new_token: str | None, role: str | None, **options: Any) -> None:
         if new_token is not None:
             click.echo(_new_token(options["access"], new_token, role))
         else:
-            _serve(**options)
+            _serve(**fetched(options))
             click.echo("ended; runs that were started continue: `bench status`")
 
 

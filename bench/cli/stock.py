@@ -10,16 +10,19 @@ import click
 
 from bench.cli import completion
 from bench.cli.options import (
+    RUN,
     answer,
     answers,
     archive_options,
     effect_option,
+    fetched,
     json_option,
     model_argument,
     out_option,
     path_argument,
     path_option,
     runs_argument,
+    shelf_options,
 )
 
 if TYPE_CHECKING:
@@ -34,7 +37,7 @@ def registry() -> None:
 @registry.command("list")
 @click.option("--unit", shell_complete=completion.units, help="Only runs of this unit.")
 @click.option("--most", type=click.IntRange(1), default=50, show_default=True, help="Newest runs to list.")
-@archive_options
+@shelf_options
 @answers
 def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> Result:
     """List the runs, newest first, with the verdicts of their calibrations."""
@@ -45,7 +48,7 @@ def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> 
 
 @registry.command("show")
 @click.argument("name", metavar="UNIT|RUN")
-@archive_options
+@shelf_options
 @answers
 def registry_show(name: str, out: Path, where: str | None) -> Result:
     """Show all data of a unit or a run."""
@@ -95,7 +98,7 @@ def registry_operator(name: str, out: Path, where: str | None) -> Result:
 
 @registry.command("certificates")
 @click.option("--unit", shell_complete=completion.units, help="Only those of this unit.")
-@archive_options
+@shelf_options
 @answers
 def registry_certificates(unit: str | None, out: Path, where: str | None) -> Result:
     """List the certificates: in force, replaced or withdrawn."""
@@ -107,7 +110,7 @@ def registry_certificates(unit: str | None, out: Path, where: str | None) -> Res
 @registry.command("recall")
 @click.argument("equipment")
 @click.option("--since", type=click.DateTime(["%Y-%m-%d"]), help="Only runs from this day on. Default: all.")
-@archive_options
+@shelf_options
 @answers
 def registry_recall(equipment: str, since: datetime | None, out: Path, where: str | None) -> Result:
     """List runs, units and certificates that rest on EQUIPMENT, given by its name or serial number."""
@@ -166,15 +169,15 @@ profile_option = click.option("--profile", help="Only runs of this profile. Defa
 @path_option("--limits", help="Limits file (YAML): yield and Cpk are against it.")
 @path_option("--html", help="Write the page here.")
 @path_option("--csv", help="Write one line per unit and quantity here.")
-@archive_options
+@shelf_options
 @json_option
 @click.pass_context
-def fleet(context: click.Context, /, out: Path, as_json: bool, **options: Any) -> None:
+def fleet(context: click.Context, /, as_json: bool, **options: Any) -> None:
     """Statistics of many units: first-pass yield, Cpk, control charts, drift of stations and lots, outliers in lots."""
     if context.invoked_subcommand is None:
         from bench import commands
 
-        answer(lambda: commands.fleet(out, **options), as_json)
+        answer(lambda: commands.fleet(**fetched(options)), as_json)
 
 
 @fleet.command("refit")
@@ -191,7 +194,7 @@ def fleet(context: click.Context, /, out: Path, as_json: bool, **options: Any) -
 )
 @click.option("--workers", type=click.IntRange(1), help="Processes. Default: one per processor.")
 @click.option("--scheduler", metavar="tcp://…", help="A running Dask cluster. Default: a local one.")
-@archive_options
+@shelf_options
 @answers
 def fleet_refit(
     model: str, moments: Path | None, records: Path | None, out: Path, where: str | None, **work: Any
@@ -233,3 +236,29 @@ def lot_check(folder: Path, runs: tuple[Path, ...]) -> Result:
     from bench import commands
 
     return commands.check_lot(folder, runs)
+
+
+@lot.command("complete")
+@path_argument("folder", metavar="LOT_FOLDER")
+@click.argument("run", type=RUN, metavar="RUN")
+@out_option
+@answers
+def lot_complete(folder: Path, run: Path, out: Path) -> Result:
+    """Calibrate a unit whose RUN ended early: its rows, and the lot as the prior for what it did not run.
+
+    The calibration stands in a run folder of the unit; `bench export` and `bench flash --run` deliver it.
+    """
+    from bench import commands
+
+    return commands.complete_unit(folder, run, out)
+
+
+@lot.command("audits")
+@path_argument("folder", metavar="LOT_FOLDER")
+@out_option
+@answers
+def lot_audits(folder: Path, out: Path) -> Result:
+    """Tell what runs of the lot that ended early saved, and whether the audits bear their stated errors out."""
+    from bench import commands
+
+    return commands.audits(folder, out)

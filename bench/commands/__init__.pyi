@@ -53,6 +53,7 @@ from .analysis import report as report
 from .comparing import diff as diff
 from .comparing import replay_runs as replay_runs
 from .diagnosis import add as add
+from .deciding import decide as decide
 from .diagnosis import diagnose as diagnose
 from .diagnosis import effects as effects
 from .diagnosis import improve as improve
@@ -62,6 +63,7 @@ from .diagnosis import show_effect as show_effect
 from .results.analyse import WORST_FIRST as WORST_FIRST
 from .results.analyse import Compared as Compared
 from .results.analyse import ComparedSamples as ComparedSamples
+from .results.analyse import Decided as Decided
 from .results.analyse import Diagnosed as Diagnosed
 from .results.analyse import Differs as Differs
 from .results.analyse import EffectAdded as EffectAdded
@@ -85,6 +87,17 @@ from .results.analyse import UnitsReported as UnitsReported
 # Deliver
 from .calibration.command import calibrate_unit as calibrate_unit
 from .calibration.order import Order as Order
+from .calibration.job import JOB_MARK as JOB_MARK
+from .calibration.job import JobFile as JobFile
+from .calibration.job import at_work as at_work
+from .calibration.steps import STEP_NAMES as STEP_NAMES
+from .calibration.steps import check_order as check_order
+from .papers import PAPERS as PAPERS
+from .papers import Papers as Papers
+from .papers import own_paper as own_paper
+from .slots import seated as seated
+from .acquisition import station_file as station_file
+from .acquisition import station_of as station_of
 from .certifying import CertificateOptions as CertificateOptions
 from .certifying import certificate as certificate
 from .certifying import verify_certificate as verify_certificate
@@ -113,7 +126,9 @@ from .calibration.plan import Plan as Plan
 # Many units
 from .fleet import fleet as fleet
 from .lots import calibrate_lot as calibrate_lot
+from .lots import audits as audits
 from .lots import check_lot as check_lot
+from .lots import complete_unit as complete_unit
 from .refitting import RefitOptions as RefitOptions
 from .refitting import refit as refit
 from .registering import add_equipment as add_equipment
@@ -128,7 +143,9 @@ from .results.stock import EquipmentListed as EquipmentListed
 from .results.stock import Recalled as Recalled
 from .results.stock import FleetJudged as FleetJudged
 from .results.stock import LotCalibrated as LotCalibrated
+from .results.stock import LotAudited as LotAudited
 from .results.stock import LotChecked as LotChecked
+from .results.stock import LotCompleted as LotCompleted
 from .results.stock import Noted as Noted
 from .results.stock import Refitted as Refitted
 from .results.stock import RegisteredRuns as RegisteredRuns
@@ -136,3 +153,21 @@ from .results.stock import RegistryEntry as RegistryEntry
 from .results.stock import RegistryRebuilt as RegistryRebuilt
 from .results.stock import Scrubbed as Scrubbed
 from .scrubbing import verify_archive as verify_archive
+
+# Many benches
+from .results.centre import CentreListed as CentreListed
+from .results.centre import CentreScrubbed as CentreScrubbed
+from .results.centre import OutboxFound as OutboxFound
+from .results.centre import RawReleased as RawReleased
+from .results.centre import RunsFetched as RunsFetched
+from .results.centre import RunsRestored as RunsRestored
+from .results.centre import RunsSent as RunsSent
+from .syncing import archive_of_centre as archive_of_centre
+from .syncing import run_of_centre as run_of_centre
+from .syncing import sync_fetch as sync_fetch
+from .syncing import sync_list as sync_list
+from .syncing import sync_release as sync_release
+from .syncing import sync_restore as sync_restore
+from .syncing import sync_scrub as sync_scrub
+from .syncing import sync_send as sync_send
+from .syncing import sync_status as sync_status

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,11 +13,14 @@ from bench.base import Document, InputError, library, load_config, read_yaml, us
 from bench.commands.files import write
 from bench.commands.papers import Papers
 from bench.commands.results.measure import Checked, Copied, StationServed
+from bench.commands.slots import seated
 
 if TYPE_CHECKING:
     from bench.acquisition import Compensated, Job, Profile, RunResult, Served, StationSettings
     from bench.analysis import Limits
+    from bench.commands.ending_early import EndingEarly
     from bench.commands.results.analyse import Reported, UnitsReported
+    from drivers.sim.sender import Frames
 
 
 def station_file(source: Path | Document | None) -> Document:
@@ -54,12 +57,26 @@ class RunOptions:
     """
     operator: str = ""
     """Who starts it, if not the user of this process."""
+    junit: Path | None = None
+    """Where the outcome is written as JUnit XML."""
+    lot: Path | None = None
+    """Run folder of the lot that `until` in the profile rests on; None: the profile goes to its end."""
 
 
 def run_profile(
     profile_path: Path, station_path: Path | None, options: RunOptions, out: Path, quiet: bool
 ) -> Reported | UnitsReported:
     """`bench run`: check everything, run, capture, fit, report."""
+    if options.junit is None:
+        return _run(profile_path, station_path, options, out, quiet)
+    from bench.commands.run_junit import with_junit
+
+    return with_junit(lambda: _run(profile_path, station_path, options, out, quiet), profile_path.stem, options.junit)
+
+
+def _run(
+    profile_path: Path, station_path: Path | None, options: RunOptions, out: Path, quiet: bool
+) -> Reported | UnitsReported:
     from bench.analysis import load_model
     from bench.commands.analysis import DEFAULT_MODELS, model_file
     from bench.commands.several import report_on_units
@@ -67,8 +84,26 @@ def run_profile(
     chosen = [load_model(model) for model in options.models or DEFAULT_MODELS]
     limits, texts = _given(options, out)
     texts |= {model_file(i): model.to_yaml() for i, model in enumerate(chosen)}
-    task = Task(options.serials, texts, out, operator=options.operator)
-    return report_on_units(conduct(profile_path, station_path, task, quiet), chosen, limits)
+    station, serials = seated(station_file(station_path), options.serials)
+    task = Task(serials, texts, out, operator=options.operator)
+    job = job_of(profile_path, station, task)
+    early = None if options.lot is None else _ending_early(job, options.lot)
+    result = carry_out(job, quiet, early)
+    if early is not None:
+        early.write(result)
+    return report_on_units(result, chosen, limits)
+
+
+def _ending_early(job: Job, lot: Path) -> EndingEarly:
+    """What may end the run early; InputError where the profile does not say when."""
+    from bench.acquisition import stated
+    from bench.commands.ending_early import EndingEarly, audit_due
+
+    until = job.profile.until
+    if until is None:
+        raise InputError("--lot needs `until: {error_dph: …}` in the profile", job.profile.file)
+    audit = audit_due(job.out, lot, until.audit_every)
+    return EndingEarly(lot, until, stated(job.station.orientation, job.profile.orientation)[0], audit=audit)
 
 
 @dataclass(frozen=True)
@@ -80,6 +115,8 @@ class Task:
     out: Path
     compensation: Compensated = "off"
     operator: str = ""
+    senders: Mapping[str, Frames] = field(default_factory=dict)
+    """What makes the frames of simulated units, by serial number; the simulator makes those of others."""
 
 
 def conduct(profile: Path | Document, station: Path | Document | None, task: Task, quiet: bool) -> RunResult:
@@ -94,7 +131,11 @@ def job_of(profile: Path | Document, station: Path | Document | None, task: Task
     own = profile if isinstance(profile, Document) else read_yaml(profile)
     place = station_file(station)
     loaded, settings = load_profile(own), station_of(place).remembering(task.out)
-    refuse_errors([*check_profile(loaded, settings.limits()), *wire_findings(settings)])
+    if task.senders and not settings.simulated:
+        text = "its units are real, and send for themselves"
+        raise InputError(f"{text}; only units of a simulated station can be sent for", place.file)
+    settings.chosen(list(task.senders))
+    refuse_errors([*check_profile(loaded, settings.limits()), *wire_findings(settings, task.senders)])
     texts = Papers.of_station(settings).texts() | dict(task.texts)
     return Job(
         profile=loaded,
@@ -106,11 +147,12 @@ def job_of(profile: Path | Document, station: Path | Document | None, task: Task
         out=task.out,
         compensation=task.compensation,
         operator=task.operator or user_name(),
+        senders=task.senders,
     )
 
 
-def carry_out(job: Job, quiet: bool) -> RunResult:
-    """Run a job, with progress and keys in the terminal of this process."""
+def carry_out(job: Job, quiet: bool, early: EndingEarly | None = None) -> RunResult:
+    """Run a job, with progress and keys in the terminal of this process; `early` may end it."""
     from bench.acquisition import Desk, run_job
     from bench.commands.terminal.following import Following
     from bench.commands.terminal.keyboard import Keyboard
@@ -118,7 +160,9 @@ def carry_out(job: Job, quiet: bool) -> RunResult:
 
     desk = Desk()
     with Keyboard(desk) as keyboard, Progress(job.profile, quiet, lambda: keyboard.notice) as progress:
-        return run_job(job, Following(job.profile, desk, progress), desk)
+        if early is None:
+            return run_job(job, Following(job.profile, desk, progress), desk)
+        return run_job(job, Following(job.profile, desk, progress, early.heard), desk, early)
 
 
 def _given(options: RunOptions, out: Path) -> tuple[Limits | None, dict[str, str]]:
@@ -213,5 +257,5 @@ def sim(
         if write_station is not None:
             write(write_station, served.station_yaml())
         ready(served)
-        keep_running(served, speed, stopped)
+        keep_running(served.station.advance, speed, stopped)
         return StationServed(served.station.modbus_port, served.can_ports)

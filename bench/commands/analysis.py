@@ -17,7 +17,7 @@ from bench.commands.results.analyse import (
     Reported,
     UnitsReported,
 )
-from bench.record import MANIFEST, RunFolder, clear_partial, listed, of_output, open_run, rates_of, use
+from bench.record import LIVE, MANIFEST, RunFolder, clear_partial, listed, of_output, open_run, rates_of, use
 
 if TYPE_CHECKING:
     from bench.analysis import Limits, Model
@@ -103,7 +103,7 @@ def recover(path: Path) -> RunFolder:
     """
     folder = RunFolder(path)
     if path.is_dir() and not (path / MANIFEST).exists() and any(folder.journal.glob("*.gtbj")):
-        from bench.acquisition import LIVE, assemble, live_at
+        from bench.acquisition import assemble, live_at
 
         assemble(folder)
         live = live_at(path)

@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.acquisition import StationSettings, UnitSettings, open_alone
 from bench.base import Document, InputError, read_yaml
-from bench.commands.acquisition import Task, conduct, load_station, station_file, station_of
+from bench.commands.acquisition import Task, conduct, station_file, station_of
 from bench.commands.flash_record import (
     AlreadyThereError,
     Calibration,
@@ -23,6 +23,7 @@ from bench.commands.flash_record import flash as flash_unit
 from bench.commands.imu_certifying import is_imu
 from bench.commands.lots import refuse_unlike
 from bench.commands.results.deliver import Flashed, Verified
+from bench.commands.slots import seated
 from bench.deliver import read_either, to_words
 from bench.record import FlashRecord, LotRecord, RunFolder, faults, prove, slug
 
@@ -44,7 +45,8 @@ def flash(
     serial: str, station: Path | Document | None, options: FlashOptions, out: Path, quiet: bool = False
 ) -> Flashed:
     """`bench flash`: write a calibration into its unit, and verify that it is there."""
-    settings = load_station(station)
+    place, (serial,) = seated(station_file(station), [serial])
+    settings = station_of(place)
     unit = settings.chosen([serial])[0]
     calibration = _calibration(unit, options, out)
     earlier = out / slug(unit.serial) / "flash"
@@ -86,7 +88,7 @@ def verify(
     from bench.analysis import load_limits, refuse_same_profile
     from bench.analysis import verify as verify_run
 
-    station = station_file(station_path)
+    station, (serial,) = seated(station_file(station_path), [serial])
     settings = station_of(station)
     unit = settings.chosen([serial])[0]
     limits = None if limits_path is None else read_yaml(limits_path)

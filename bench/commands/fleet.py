@@ -9,7 +9,7 @@ from bench.commands.results.stock import FleetJudged
 
 
 def fleet(  # noqa: PLR0913 - options of one command, by keyword
-    root: Path,
+    out: Path,
     where: str | None,
     *,
     pattern: str | None,
@@ -24,7 +24,7 @@ def fleet(  # noqa: PLR0913 - options of one command, by keyword
     from bench.commands.registering import existing
 
     bounds = load_limits(limits) if limits else None
-    with existing(root, where) as registry:
+    with existing(out, where) as registry:
         units = fleet_of(registry, pattern, Selection(profile))
     found = statistics(units, bounds)
     for path, made in ((html, render), (csv, safe_csv)):

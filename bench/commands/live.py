@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.acquisition import (
-    LIVE,
     LiveRun,
     ask_run,
     ending_of,
@@ -17,7 +16,7 @@ from bench.acquisition import (
 )
 from bench.base import EquipmentError, InputError
 from bench.commands.results.live import REACHED, Aborted, Asked, LiveRuns, Recovered
-from bench.record import MANIFEST
+from bench.record import LIVE, MANIFEST
 
 if TYPE_CHECKING:
     from bench.commands.results.analyse import Reported, UnitsReported

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.base import FloatArray, InputError, __version__, finite
 from bench.commands.analysis import recovered, usual_means
-from bench.commands.results.stock import LotCalibrated, LotChecked
+from bench.commands.results.stock import LotAudited, LotCalibrated, LotChecked, LotCompleted
 from bench.record import (
     EVENTS,
     CalibrationRecord,
@@ -31,6 +31,7 @@ from bench.record import (
 if TYPE_CHECKING:
     from bench.analysis import Likeness, Lot
 
+OUTCOMES = ("stopped", "audit", "unlike", "whole")
 BETWEEN_S = 864_000.0
 """Between two runs in the record of a lot: effects with memory begin anew after ten days."""
 
@@ -49,6 +50,52 @@ def calibrate_lot(runs: Sequence[Path], lot: str, model: str, out: Path) -> LotC
     record = _record(found, lot, wanted.name, [path.name for path in runs])
     record.write(run.path)
     return LotCalibrated(run.path, record)
+
+
+def audits(folder: Path, out: Path) -> LotAudited:
+    """`bench lot audits`: what runs that ended early saved, and whether the audits bear their stated errors out."""
+    import scipy
+
+    from bench.commands.ending_early import records_of
+
+    found = list(records_of(out, folder))
+    if not found:
+        raise InputError(f"holds no run with `until` of the lot {folder.name}", out)
+    measured = [one for one in found if one.actual_dph is not None]
+    held = sum(one.low_dph <= (one.actual_dph or 0.0) <= one.high_dph for one in measured)
+    share = scipy.stats.binomtest(held, len(measured)).proportion_ci(0.95) if measured else None
+    saved = sum(max(one.whole_s - one.at_s, 0.0) for one in found if one.outcome == "stopped")
+    return LotAudited(
+        lot=folder.name,
+        outcomes={word: sum(one.outcome == word for one in found) for word in OUTCOMES},
+        saved=saved / sum(one.whole_s for one in found),
+        audits=len(measured),
+        held=held,
+        held_from=None if share is None else float(share.low),
+        held_to=None if share is None else float(share.high),
+        over=sum((one.actual_dph or 0.0) > one.limit_dph for one in measured),
+    )
+
+
+def complete_unit(folder: Path, run: Path, out: Path) -> LotCompleted:
+    """`bench lot complete`: the calibration of a unit by its run and its lot, as a run folder of the unit.
+
+    InputError where the run does not go through all temperatures of the lot, or the unit is unlike it.
+    """
+    from bench.analysis import completed
+    from bench.commands.ending_early import prior_of
+
+    prior, lot = prior_of(folder), LotRecord.read(folder).lot
+    own = usual_means(recovered([run]))[0]
+    seen, likeness = prior.expected(own).seen, prior.like(own)
+    if seen < 1.0:
+        raise InputError(f"the run was in {100 * seen:.0f} % of the temperatures of lot {lot}; all are needed", run)
+    if likeness is None or not likeness.like:
+        raise InputError(f"unit {own.unit} is unlike lot {lot}; give it the whole run and calibrate it by itself", run)
+    made = _folder([own], own.unit, [Manifest.read(run)], out)
+    found, content = completed(prior, lot, load(made.path, own.interval_s), made.manifest())
+    CalibrationRecord.model_validate(content).write(made.path)
+    return LotCompleted(made.path, lot, found.error_dph, found.low_dph, found.high_dph)
 
 
 def check_lot(folder: Path, runs: Sequence[Path]) -> LotChecked:

@@ -7,12 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.base import Document, InputError, library, nearest_or_all, read_yaml
+from bench.record import slug
+from drivers.registers import is_map_file
 
 if TYPE_CHECKING:
     from bench.acquisition import StationSettings
 
 LABORATORY, EQUIPMENT = "laboratory.yaml", "equipment.yaml"
 """As a run folder keeps them."""
+PAPERS = ("laboratory", "equipment")
+OWN = Path("profiles")
+"""The user's own files (`bench init`), in the folder in which the bench is started."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,7 @@ class Papers:
         """Those that a station names; InputError where one does not exist or is wrong."""
         from bench.deliver import load_instruments, load_laboratory
 
-        found = cls.of_files(*(_named(kind, getattr(station, kind)) for kind in ("laboratory", "equipment")))
+        found = cls.of_files(*(_named(kind, station) for kind in PAPERS))
         if found.laboratory is not None:
             load_laboratory(found.laboratory)
         if found.equipment is not None:
@@ -56,11 +61,27 @@ class Papers:
         return {name: document.text for name, document in known.items() if document is not None}
 
 
-def _named(kind: str, given: str | None) -> Path | None:
-    """A file, or the name of one of the user's own (`bench init`) or a shipped one."""
-    if given is None or Path(given).suffix in {".yaml", ".yml"}:
-        return None if given is None else Path(given)
-    folders = (Path("profiles") / kind, library() / kind)
+def own_paper(kind: str, station: StationSettings, own: Path = OWN) -> Path:
+    """The user's own file of a station, whether it exists or not: the one that the station names, or by its name."""
+    given = getattr(station, kind)
+    if given is not None and is_map_file(given):
+        return Path(given)
+    return own / kind / f"{given or _for(station)}.yaml"
+
+
+def _for(station: StationSettings) -> str:
+    """Name of the file of a station that names none; none that is shipped has it."""
+    return f"station_{slug(station.name)}"
+
+
+def _named(kind: str, station: StationSettings) -> Path | None:
+    """The user's own file of a station, or a shipped one of that name; None where it names none and there is none."""
+    own, given = own_paper(kind, station), getattr(station, kind)
+    if own.is_file() or (given is not None and is_map_file(given)):
+        return own
+    if given is None:
+        return None
+    folders = (OWN / kind, library() / kind)
     for folder in folders:
         if (folder / f"{given}.yaml").is_file():
             return folder / f"{given}.yaml"

@@ -173,7 +173,7 @@ def refuse_foreign(folder: Path) -> None:
         )
 
 
-def seen_in(root: Path) -> dict[str, tuple[int, str]]:
+def seen_in(root: Path) -> dict[str, tuple[int | None, str]]:
     """The runs that the ledger of an archive saw, by path: line, and hash of the manifest; none without a ledger."""
     from bench.archive import archive, is_archive
 

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.base import InputError, load_config, read_yaml
+from bench.base import Document, InputError, load_config, read_yaml
 from bench.commands.acquisition import carry_out, station_of
 from bench.commands.analysis import kept_models
 from bench.commands.several import report_on_units
@@ -20,18 +20,18 @@ QUIET_S = 3.0
 """A bench that runs writes its journals at least once a second."""
 
 
-def go_on(run: RunFolder, station_path: Path | None, quiet: bool) -> Reported | UnitsReported:
+def go_on(run: RunFolder, station: Path | None, quiet: bool) -> Reported | UnitsReported:
     """Append what is left of a recovered run as a new part, and analyse it."""
-    job, models = _rest(run, station_path), kept_models(run.path)
+    job, models = _rest(run, station), kept_models(run.path)
     return report_on_units(carry_out(job, quiet), models)
 
 
-def continued(run: RunFolder, station_path: Path | None, quiet: bool) -> RunResult:
+def continued(run: RunFolder, station: Path | Document | None, quiet: bool) -> RunResult:
     """Append what is left of a recovered run as a new part; InputError when there is nothing to go on with."""
-    return carry_out(_rest(run, station_path), quiet)
+    return carry_out(_rest(run, station), quiet)
 
 
-def _rest(run: RunFolder, station_path: Path | None) -> Job:
+def _rest(run: RunFolder, given: Path | Document | None) -> Job:
     """What is left to do; InputError when there is nothing to go on with."""
     from bench.acquisition import Job, StationSettings, check_profile, load_profile, plan, refuse_errors
 
@@ -39,9 +39,9 @@ def _rest(run: RunFolder, station_path: Path | None) -> Job:
         raise InputError("this run has no journals (it was imported): nothing to resume", run.path)
     use(run.path, "profile.yaml", "station.yaml")
     profile_file = read_yaml(run.path / "profile.yaml")
-    station_file = read_yaml(station_path or run.path / "station.yaml")
+    station_file = given if isinstance(given, Document) else read_yaml(given or run.path / "station.yaml")
     profile = load_profile(profile_file)
-    station = station_of(station_file) if station_path else load_config(station_file, StationSettings)
+    station = station_of(station_file) if given else load_config(station_file, StationSettings)
     refuse_errors(check_profile(profile, station.limits()))
     continuation = plan(run, profile, station)
     if not station.simulated:

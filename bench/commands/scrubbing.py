@@ -39,7 +39,8 @@ def _of_ledger(root: Path) -> Iterator[str]:
         for path, (line, digest) in ledger.seen().items():
             manifest = root / path / MANIFEST
             if not manifest.is_file():
-                yield f"{manifest}: is missing; line {line} of the ledger saw it with the SHA-256 {digest}"
+                where = f"line {line} of the ledger" if line else "the ledger"
+                yield f"{manifest}: is missing; {where} saw it with the SHA-256 {digest}"
             elif (now := sha256(manifest)) != digest:
                 yield f"{manifest}: has the SHA-256 {now}, the ledger saw {digest}"
     except (InputError, OSError) as error:

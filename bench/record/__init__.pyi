@@ -42,6 +42,7 @@ from .files import share_again as share_again
 from .files import staged as staged
 from .files import write_atomically as write_atomically
 from .folder import HASHED_PATTERNS as HASHED_PATTERNS
+from .folder import LIVE as LIVE
 from .folder import MANIFEST as MANIFEST
 from .folder import RunFolder as RunFolder
 from .folder import create_run as create_run
@@ -60,6 +61,9 @@ from .records.calibration import StoredModel as StoredModel
 from .records.calibration import StoredQuantity as StoredQuantity
 from .records.calibration import StoredResidual as StoredResidual
 from .records.catalogue import RECORDS as RECORDS
+from .records.centre import ElsewhereRecord as ElsewhereRecord
+from .records.centre import EntryRecord as EntryRecord
+from .records.centre import FileAt as FileAt
 from .records.certificate import CertificateRecord as CertificateRecord
 from .records.chain import ChainRecord as ChainRecord
 from .records.comparison import ComparedModel as ComparedModel
@@ -78,6 +82,7 @@ from .records.imu import ImuTriad as ImuTriad
 from .records.imu import ImuValue as ImuValue
 from .records.imu import ImuVerificationRecord as ImuVerificationRecord
 from .records.job import JobRecord as JobRecord
+from .records.job import StoredCase as StoredCase
 from .records.judged import Judged as Judged
 from .records.judged import JudgedQuantity as JudgedQuantity
 from .records.judged import LimitsRecord as LimitsRecord
@@ -99,6 +104,7 @@ from .records.manifest import UnitIdentity as UnitIdentity
 from .records.start import StartRecord as StartRecord
 from .records.stored import Record as Record
 from .records.stored import Stored as Stored
+from .records.until import UntilRecord as UntilRecord
 from .samples import Code as Code
 from .samples import SampleFile as SampleFile
 from .samples import channel_of as channel_of

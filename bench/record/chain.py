@@ -19,6 +19,7 @@ from types import MappingProxyType
 
 from bench.base import InputError, __version__
 from bench.record.files import sha256, write_atomically
+from bench.record.records.centre import ElsewhereRecord
 from bench.record.records.chain import ChainRecord, Link
 from bench.record.records.manifest import Manifest
 from bench.record.signing import keys_folder, public_key, sign, signed, trusted
@@ -150,21 +151,27 @@ def use(folder: Path, *names: str) -> None:
         if name in stamps and stamps[name] == _stamp(path):
             continue
         digest = _hashed(str(path), *_stamp(path)) if path.is_file() else None
+        if digest is None and (away := ElsewhereRecord.find(folder)) and name in away.files:
+            raise InputError(f"is not here but at {away.centre}; bring it with `bench sync restore {folder}`", path)
         if digest != wanted:
             raise InputError(_differs(digest, wanted, Manifest.FILE), path)
 
 
 def prove(folder: Path) -> None:
     """Refuse a folder of which one file is not proven; every file is read anew. InputError with the first fault."""
-    for fault in faults(folder):
+    for fault in faults(folder, whole=True):
         raise InputError(fault)
 
 
-def faults(folder: Path) -> Iterator[str]:
-    """Every fault of a folder, one line each, the gravest first; every file is read anew."""
+def faults(folder: Path, *, whole: bool = False) -> Iterator[str]:
+    """Every fault of a folder, one line each, the gravest first; every file is read anew.
+
+    That files are at a centre is a fault only where the folder must be `whole`.
+    """
     try:
         known = chain_of(folder)
         manifest = Manifest.find(folder)
+        away = ElsewhereRecord.find(folder)
     except InputError as error:
         yield str(error)
         return
@@ -172,7 +179,12 @@ def faults(folder: Path) -> Iterator[str]:
         yield f"{folder}: {_OLDER}; {SEAL}"
         return
     yield from _unsigned(folder, known)
-    yield from _unlike(folder, known, {} if manifest is None else manifest.files)
+    elsewhere = {} if away is None else {name: file.sha256 for name, file in away.files.items()}
+    for name, fault in _unlike(folder, known, {} if manifest is None else manifest.files):
+        if name not in elsewhere or (folder / name).exists():
+            yield fault
+        elif whole or elsewhere[name] not in _digests_of(known, manifest, name):
+            yield f"{folder / name}: is not here; bring it back with `bench sync restore {folder}`"
     theirs = (known.unit, known.run) if manifest is None else (manifest.unit, manifest.run)
     if theirs != (known.unit, known.run):
         yield f"{folder}/{CHAIN}: is of {known.unit} {known.run}, the manifest is of {' '.join(theirs)}"
@@ -195,7 +207,13 @@ def _unsigned(folder: Path, known: ChainRecord) -> Iterator[str]:
             yield f"{where}: is signed by the key {key[:16]}… of another bench; {todo}"
 
 
-def _unlike(folder: Path, known: ChainRecord, recorded: Mapping[str, str]) -> Iterator[str]:
+def _digests_of(known: ChainRecord, manifest: Manifest | None, name: str) -> tuple[str | None, ...]:
+    link = known.files.get(name)
+    return link.sha256 if link else (manifest.files.get(name) if manifest else None,)
+
+
+def _unlike(folder: Path, known: ChainRecord, recorded: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Names and faults of files that are not as they were written."""
     wanted = {name: (digest,) for name, digest in recorded.items()}
     lists = dict.fromkeys(wanted, Manifest.FILE) | dict.fromkeys(known.files, CHAIN)
     for name, digests in {**wanted, **{name: link.sha256 for name, link in known.files.items()}}.items():
@@ -203,10 +221,10 @@ def _unlike(folder: Path, known: ChainRecord, recorded: Mapping[str, str]) -> It
         try:
             digest = sha256(path) if path.is_file() else None
         except OSError as error:
-            yield f"{path}: cannot be read: {error.strerror}"
+            yield name, f"{path}: cannot be read: {error.strerror}"
             continue
         if digest not in digests:
-            yield f"{path}: {_differs(digest, digests[-1], lists[name])}"
+            yield name, f"{path}: {_differs(digest, digests[-1], lists[name])}"
 
 
 def _stale(folder: Path, known: ChainRecord) -> Iterator[str]:

@@ -21,6 +21,8 @@ from bench.record.files import sha256
 from bench.record.records.manifest import Manifest
 
 MANIFEST = Manifest.FILE
+LIVE = "live.json"
+"""Of a run that goes on: how it is reached."""
 HASHED_PATTERNS = ("*.parquet", "*.yaml", "*.jsonl", "journal/*", "journal-*/*")
 
 

@@ -1,5 +1,5 @@
 from .ground.settings import Settings as Settings
-from .live.starts import EXIT as EXIT
+from .live.outcomes import EXIT as EXIT
 from .people.people import add_person as add_person
 from .server.serving import Tls as Tls
 from .server.serving import serve as serve

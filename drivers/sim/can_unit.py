@@ -8,7 +8,7 @@ from typing import Any
 import can
 import numpy as np
 
-from drivers.can_record import FLAG_EXTENDED, FLAG_FAST, FLAG_FD, FrameArray, frame_type
+from drivers.can_record import CLASSICAL_BYTES, FLAG_EXTENDED, FLAG_FAST, FLAG_FD, FrameArray, frame_type
 from drivers.errors import ConfigError
 from drivers.frames import to_messages
 from drivers.layout import Layout
@@ -20,11 +20,11 @@ BOOT_UP, OPERATIONAL = 0, 5
 class CanUnit:
     """Unit `number` on an open python-can bus; sends the values of its channels sample by sample."""
 
-    def __init__(self, bus: can.BusABC, layout: Layout, number: int, serial: int, *, fd: bool = False) -> None:
-        """ConfigError for a layout with multiplexed messages."""
+    def __init__(self, bus: can.BusABC, layout: Layout, number: int, serial: int, *, room: int = 8) -> None:
+        """`room` is how many bytes its longest frame has. ConfigError for a layout with multiplexed messages."""
         if any(source.choice is not None for source in (layout.first, *layout.others)):
             raise ConfigError("a simulated unit sends no multiplexed messages")
-        self.bus, self.layout, self.number, self.serial, self._fd = bus, layout, number, serial, fd
+        self.bus, self.layout, self.number, self.serial, self._room = bus, layout, number, serial, room
         self.sample_s = layout.interval_ms * 1e-3
         """True time between two samples [s]."""
         self.counter, self._booted = 0, False
@@ -96,9 +96,9 @@ class CanUnit:
         data = message.pack(len(due), given)
         if "Crc8" in message.signals:
             data[:, message.length - 1] = message.crc(data, message.id + self.number)
-        frames = np.zeros(len(due), dtype=frame_type(64 if self._fd else 8))
+        frames = np.zeros(len(due), dtype=frame_type(self._room))
         frames["t_ns"] = np.rint(due * (self.sample_s * 1e9)).astype(np.int64)
         frames["id"], frames["len"] = message.id + self.number, message.length
-        frames["flags"] = FLAG_EXTENDED * message.extended | (FLAG_FD | FLAG_FAST) * self._fd
+        frames["flags"] = FLAG_EXTENDED * message.extended | (FLAG_FD | FLAG_FAST) * (self._room > CLASSICAL_BYTES)
         frames["data"][:, : message.length] = data[:, : message.length]
         return frames

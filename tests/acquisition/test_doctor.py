@@ -24,7 +24,7 @@ def live():
     """The servers of `bench sim`, running, and the station file that drives them as equipment."""
     done = threading.Event()
     with serve_station(load_station(None)) as served:
-        thread = threading.Thread(target=keep_running, args=(served, 1.0, done.is_set))
+        thread = threading.Thread(target=keep_running, args=(served.station.advance, 1.0, done.is_set))
         thread.start()
         try:
             yield served, served.station_file()

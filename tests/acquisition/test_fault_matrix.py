@@ -18,7 +18,7 @@ import pytest
 
 import bench.acquisition.run.runner
 import bench.acquisition.station.rate_table
-import bench.acquisition.station.station
+import bench.acquisition.station.stage
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.continuation import plan
@@ -80,9 +80,9 @@ class Lab:
     def __init__(self, path, monkeypatch, start):  # noqa: F811
         self.path, self.patch, self.start = path, monkeypatch, start
         self.world = []
-        original = bench.acquisition.station.station.simulate
+        original = bench.acquisition.station.stage.simulate
         monkeypatch.setattr(
-            bench.acquisition.station.station,
+            bench.acquisition.station.stage,
             "simulate",
             lambda *args: self.world.append(original(*args)) or self.world[-1],
         )
@@ -164,8 +164,8 @@ def four(lab, case):
 
 def fahrenheit(lab, case):
     look = lambda *args: lab.world[-1].chamber.set_value("temperature_unit", "fahrenheit") or lab.world[-1]  # noqa: E731
-    original = bench.acquisition.station.station.simulate
-    lab.patch.setattr(bench.acquisition.station.station, "simulate", lambda *args: original(*args) and look())
+    original = bench.acquisition.station.stage.simulate
+    lab.patch.setattr(bench.acquisition.station.stage, "simulate", lambda *args: original(*args) and look())
     return lab.run(lab.job(case))
 
 
@@ -250,7 +250,7 @@ def tear(run, at):
 
 def spoiled(kind, length_s, text):
     def run(lab, case):
-        before = bench.acquisition.station.station.simulate
+        before = bench.acquisition.station.stage.simulate
 
         def simulate(*args):
             world = before(*args)
@@ -259,7 +259,7 @@ def spoiled(kind, length_s, text):
                 unit.wire.bus = wire
             return world
 
-        lab.patch.setattr(bench.acquisition.station.station, "simulate", simulate)
+        lab.patch.setattr(bench.acquisition.station.stage, "simulate", simulate)
         return lab.run(lab.job(case, text))
 
     return run

@@ -104,6 +104,7 @@ def test_numbers_are_read_to_the_last_digit(tmp_path):
          "FILE:2: 'time' is '03/04/2026 10:00': the day or the month first?"),
         ("time,rate [grad/s],temperature\n0,1,20\n1,1,20\n", "FILE: 'grad/s' has two meanings: degree, or gon"),
         ("# x\ntime,rate,temperature\n0,1,20\n1,fault,20\n", "FILE:4: 'rate' is 'fault', not a number"),
+        ("time,rate,temperature\n0,١٢٣,20\n1,1,20\n", "FILE:2: 'rate' is '١٢٣', not a number"),
         ("time,rate,temperature\n0,1,20\n1,inf,20\n", "FILE:3: 'rate' is infinite"),
         ("time,rate,temperature\n0,1,20\n", "FILE: holds one row"),
         ("time,rate,temperature\n0,1,20\n5,1,20\n4,1,20\n", "FILE:4: time runs backwards: 'time' is 4 after 5"),

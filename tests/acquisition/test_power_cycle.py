@@ -216,7 +216,7 @@ def test_power_cycles_of_another_process_lose_nothing(tmp_path):
     """`bench sim` on one side, a real station on the other, in real time: only planned gaps."""
     over = threading.Event()
     with serve_station(acquisition.station()) as served:
-        thread = threading.Thread(target=keep_running, args=(served, 1.0, over.is_set))
+        thread = threading.Thread(target=keep_running, args=(served.station.advance, 1.0, over.is_set))
         thread.start()
         try:
             text = served.station_yaml()

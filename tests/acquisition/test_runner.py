@@ -17,7 +17,7 @@ import pytest
 
 import bench.acquisition.run.runner
 import bench.acquisition.station.simulation
-import bench.acquisition.station.station
+import bench.acquisition.station.stage
 from bench.acquisition.profile.guards import GuardSettings
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import run_job
@@ -236,9 +236,9 @@ def test_the_wrong_unit_is_refused_before_anything_moves(world, tmp_path):
         simulated.units[0].wire.serial = 6
         return simulated
 
-    simulate = bench.acquisition.station.station.simulate
+    simulate = bench.acquisition.station.stage.simulate
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bench.acquisition.station.station, "simulate", other)
+        patch.setattr(bench.acquisition.station.stage, "simulate", other)
         result = run_job(acquisition.job(tmp_path, settings=acquisition.station(units=units)))
     assert isinstance(result.error, InputError)
     assert "6 answers as number 0, the station file says identity 5" in str(result.error)

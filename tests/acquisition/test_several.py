@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import bench.acquisition.station.stage
 import bench.acquisition.station.station
 import bench.commands.several
 from bench.acquisition.recording.assemble import assemble
@@ -46,9 +47,9 @@ def dying(tmp_path_factory):
     """A run of four units, the second of which falls silent in mid-ramp, at 20 s; not to be changed."""
     with pytest.MonkeyPatch.context() as patch:
         opened = []
-        original = bench.acquisition.station.station.simulate
+        original = bench.acquisition.station.stage.simulate
         patch.setattr(
-            bench.acquisition.station.station, "simulate", lambda *args: opened.append(original(*args)) or opened[-1]
+            bench.acquisition.station.stage, "simulate", lambda *args: opened.append(original(*args)) or opened[-1]
         )
         return run_job(job(tmp_path_factory.mktemp("dying")), at(20, lambda station: opened[0].units.pop(1)))
 

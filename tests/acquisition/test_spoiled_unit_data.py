@@ -12,7 +12,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-import bench.acquisition.station.station as opening
+import bench.acquisition.station.stage as opening
 from bench.acquisition.run.runner import run_job
 from benchmarks.spoiled_unit_data import AT_S, KINDS, LENGTHS_S, Case, Outcome, campaign, cases, read, run_case
 from tests.support import acquisition

@@ -412,7 +412,7 @@ def test_a_table_of_another_process_is_turned_and_halted_from_outside():
     """`bench sim` on one side, a real station on the other; the watchdog's way to stop it."""
     over = threading.Event()
     with serve_station(station()) as served:
-        thread = threading.Thread(target=keep_running, args=(served, 1.0, over.is_set))
+        thread = threading.Thread(target=keep_running, args=(served.station.advance, 1.0, over.is_set))
         thread.start()
         try:
             text = served.station_yaml()

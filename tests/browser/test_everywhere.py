@@ -43,6 +43,8 @@ PLACES = [
     Place("verdict", "/verdict/{ended}", "h1"),
     Place("workbench", "/workbench", "[role=option]"),
     Place("workbench-run", "/workbench?run={mystery}", ".wb-verdict"),
+    Place("calibrations", "/calibrations", "h1"),
+    Place("laboratory", "/laboratory?station=simulated", "#equipment"),
     Place("units", "/units", "table a"),
     Place("unit", "/units/{unit}", ".main-svg"),
     Place("fleet", "/fleet", ".main-svg"),

@@ -42,6 +42,28 @@ def test_from_serial_number_to_verdict(bench, visitors):
     page.get_by_label("Serial number").wait_for()
 
 
+MOST_BYTES = 60_000
+
+
+@pytest.mark.parametrize("locale", ["en-GB", "uk", "zh"])
+def test_the_start_page_is_small_and_brings_no_library_of_charts(site, visitors, locale):
+    page = visitors.come(site[0], locale=locale)
+    sizes = {}
+    page.on("requestfinished", lambda request: sizes.update({request.url: request.sizes()["responseBodySize"]}))
+    page.goto("/")
+    page.locator("#serial").wait_for()
+    page.wait_for_load_state("networkidle")
+    static = {url.rpartition("/static/")[2]: size for url, size in sizes.items() if "/api/" not in url}
+    assert 10_000 < sum(static.values()) <= MOST_BYTES, static
+    assert len([name for name in static if name.startswith("words/")]) == 1
+    code = "".join(page.request.get(url).text() for url in sizes if url.endswith(".js"))
+    assert "uplot" not in code.lower().replace("uplot.min.css", "")
+    assert "plotly_relayout" not in code
+    held = [page.request.get(url).headers["cache-control"] for url in sizes if "chunk-" in url or "start-" in url]
+    assert held
+    assert all("immutable" in one for one in held)
+
+
 def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(bench, visitors):
     folder = bench.out / "SIM-0001" / "20261121T060000Z_ramp"
     folder.mkdir(parents=True)
@@ -181,6 +203,25 @@ def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors)
     assert page.get_by_role("button", name="Abort …").is_enabled()
 
 
+def test_nothing_is_under_the_actions_of_a_small_screen(bench, visitors):
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+    page = visitors.come(bench.site.address, size={"width": 1366, "height": 768})
+    page.goto(f"/live/{run}")
+    page.get_by_role("progressbar").wait_for()
+    picture(page, "live-small")
+    widths = page.locator(".segment-bar i").evaluate_all(
+        "(cells) => cells.map((cell) => cell.getBoundingClientRect().width)"
+    )
+    lasts = bench.get(f"/live/{run}")["segments_s"]
+    longest = lasts.index(max(lasts))
+    assert widths[longest] == max(widths)
+    assert widths[longest] / widths[1] == pytest.approx(lasts[longest] / lasts[1], rel=0.05)
+    shown, actions = (page.locator(place).bounding_box() for place in (".live-body", ".actions"))
+    assert shown["height"] > 250
+    assert shown["y"] + shown["height"] <= actions["y"] + 1
+    assert actions["y"] + actions["height"] <= 769
+
+
 def test_two_browsers_see_the_same(bench, visitors):
     run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
     one, other = visitors.come(bench.site.address), visitors.come(bench.site.address, size=TABLET, locale="uk")
@@ -191,6 +232,7 @@ def test_two_browsers_see_the_same(bench, visitors):
         page.get_by_role("progressbar").wait_for()
     one.get_by_role("button", name="Hold now").click()
     one.get_by_role("button", name="Resume").wait_for()
+    one.wait_for_function("document.title.startsWith('Holding · ')")
     other.get_by_role("button", name="Продовжити").wait_for()
     assert same(drawn(one, run), until(lambda: (found := drawn(other, run)) and found[0] and found))
     other.get_by_role("button", name="Продовжити").click()

@@ -20,7 +20,7 @@ from bench.commands import (
     UnitsReported,
 )
 from bench.commands.calibration.job import JobFile
-from bench.commands.calibration.steps import NAMES
+from bench.commands.calibration.steps import STEP_NAMES
 from benchmarks import imu_data
 from drivers.sim.truth.imu.drawn import drawn
 from tests.support.run_folders import make_run, ramp_run
@@ -65,6 +65,13 @@ KEYS = {
     "registry rebuild --out ROOT --check": REGISTRY,
     "registry list --out ROOT": "registry runs",
     "registry show U-1 --out ROOT": "unit runs",
+    "sync send --centre ROOT/../centre --out ROOT": "centre sent there files bytes damaged unfinished",
+    "sync status --centre ROOT/../centre --out ROOT": """centre waiting there damaged unfinished reached asked
+        cause""",
+    "sync list --centre ROOT/../centre": "centre folders",
+    "sync fetch --centre ROOT/../centre --out ROOT/../here": "centre archive folders there kept damaged",
+    "sync scrub --centre ROOT/../centre": "centre entries files bytes faults set_aside",
+    "sync release --centre ROOT/../centre --older-than 9 --out ROOT": "centre folders bytes refused",
     "registry lot L U-1 --out ROOT": "ledger kind lot units",
     "registry operator Ada --out ROOT": "ledger kind name",
     "registry equipment add c s --kind chamber --out ROOT": "ledger kind name serial type calibrated_on due_on",
@@ -145,7 +152,7 @@ def test_results_of_equipment_and_live_runs_have_their_keys(tmp_path):
     (unit,) = rendering.content(units)["units"]
     assert set(unit) == {"unit", "run", "verdict", "sentence", "rms_dph", "error"}
     job = JobFile.create(tmp_path, "U", "plan", f"{date.today()}")
-    assert set(rendering.content(Calibrated(job, NAMES))) == {
+    assert set(rendering.content(Calibrated(job, STEP_NAMES))) == {
         "unit", "plan", "state", "verdict", "sentence", "releases", "job", "run", "verification", "certificate",
         "steps",
     }  # fmt: skip

@@ -21,8 +21,8 @@ from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.junit import junit
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.plan import Policy
-from bench.commands.calibration.recording import MARK
-from bench.commands.calibration.steps import NAMES, STEPS, AgainError
+from bench.commands.calibration.recording import JOB_MARK
+from bench.commands.calibration.steps import STEP_NAMES, STEPS, AgainError
 from bench.record import DiagnosisRecord, JobRecord
 from tests.support.dcc import faults, read_back
 
@@ -223,7 +223,7 @@ def test_the_shipped_plans_are_whole(path, tmp_path):
     station = PROFILES / "stations" / "rate_table.yaml" if path.stem == "rate_table" else None
     order = Order.load(path, station, "SIM-0001", tmp_path)
     order.refuse_same()
-    assert set(NAMES) == {step.name for step in STEPS}
+    assert set(STEP_NAMES) == {step.name for step in STEPS}
 
 
 def bench(*arguments):
@@ -316,7 +316,7 @@ def test_a_run_that_was_killed_in_the_middle_goes_on_or_is_repeated(tmp_path, po
     environment = {**os.environ, "PYTHONPATH": root}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 9, done.stderr
-    (cut,) = (path.parent for path in out.glob(f"*/*/{MARK}"))
+    (cut,) = (path.parent for path in out.glob(f"*/*/{JOB_MARK}"))
     order = Order.load(plan, None, "SIM-0001", out, quiet=True)
     job = calibrate(order, steps=STEPS[:3])
     assert job.step("run")["state"] == "done", job.content

@@ -466,12 +466,12 @@ def production_run(out, monkeypatch, *equipment):
     """Output of `bench run --production` with equipment in the registry; the texts for its run folder."""
     kept = {}
 
-    def conduct(profile, station, task, quiet):
+    def job_of(profile, station, task):
         kept.update(task.texts)
         raise InputError("the run itself is of no interest here")
 
     monkeypatch.delenv("BENCH_REGISTRY", raising=False)
-    monkeypatch.setattr("bench.commands.acquisition.conduct", conduct)
+    monkeypatch.setattr("bench.commands.acquisition.job_of", job_of)
     out.mkdir()
     for name, *days in equipment:
         add = ["registry", "equipment", "add", name, "S-1", "--kind", "sensor", *days, "--out", str(out)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import can
@@ -9,13 +10,16 @@ import numpy as np
 import pytest
 
 from drivers.canbus import BusSettings, InProcessCapture, open_bus
+from drivers.errors import ConfigError
 from drivers.gyro import GyroBlock, GyroDecoder
 from drivers.journal import FLAG_ERROR, JournalWriter, Kind, read_blocks
 from drivers.sim.can_gyro import CanGyro
 from drivers.sim.faults.bus import FaultyBus
 from drivers.sim.faults.named import ON_BUS
+from drivers.sim.faults.units import Layout
 
 NUMBER, SERIAL = 2, 77
+FAMILY = Path(__file__).parents[2] / "drivers" / "gyros" / "vibratory.dbc"
 
 
 class Bench:
@@ -260,3 +264,11 @@ def test_a_heartbeat_with_a_flipped_bit_is_not_believed_and_one_that_comes_again
     say(SERIAL + 1, 0, 2)
     assert bench.decoder.identity.serial == SERIAL + 1
     assert bench.decoder.conflict is not None
+
+
+@pytest.mark.parametrize("name", ["SampleCounter", "Serial"])
+def test_a_dbc_without_what_faults_forge_is_refused_by_name(tmp_path, name):
+    own = tmp_path / "own.dbc"
+    own.write_text(FAMILY.read_text().replace(name, "Other"))
+    with pytest.raises(ConfigError, match=f"own.dbc: no message has '{name}'"):
+        Layout(own, 0)

@@ -229,7 +229,19 @@ def test_a_fault_that_does_not_exist_here_is_refused(upstream):
         for name in ("echo", "nonsense"):
             with pytest.raises(ValueError, match="must be one of"):
                 proxy.inject(name)
-    assert set(RAISES) | {"split", "stuck"} == set(ON_MODBUS)
+    assert set(RAISES) | {"split", "stuck", "ignore"} == set(ON_MODBUS)
+
+
+@pytest.mark.parametrize("front", FRONTS)
+def test_a_write_that_is_confirmed_and_not_executed_shows_when_it_is_read_back(upstream, device, front: Front):
+    device.set_values("f4t", SP.address, WORDS_MINUS_40)
+    with served(upstream, front) as (proxy, link):
+        proxy.inject("ignore")
+        link.write(SP, 25.0)
+        assert link.read(SP) == -40.5
+        proxy.clear()
+        link.write(SP, 25.0)
+        assert link.read(SP) == 25.0
 
 
 def test_minimalmodbus_reads_our_serial_line(upstream, device):

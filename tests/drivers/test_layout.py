@@ -296,3 +296,14 @@ def test_all_that_is_wrong_with_a_mapping_is_said_at_once(dbc):
     ):
         assert part in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_what_every_frame_of_a_multiplexed_message_carries_is_taken_once_a_sample(tmp_path):
+    (tmp_path / "axes.dbc").write_text(
+        'VERSION ""\nNS_ :\nBS_:\nBU_: BENCH\nBO_ 768 AXES: 8 GYRO\n SG_ Which M : 0|8@1+ (1,0) [0|2] "" BENCH\n'
+        ' SG_ X m0 : 8|16@1- (1,0) [0|0] "deg/s" BENCH\n SG_ Y m1 : 8|16@1- (1,0) [0|0] "deg/s" BENCH\n'
+        ' SG_ T : 24|16@1- (1,0) [0|0] "degC" BENCH\n'
+    )
+    layout = layout_of(tmp_path / "axes.dbc", {"rate_x": "X", "rate_y": "Y", "temperature": "T", "cycle_ms": 10})
+    assert layout.first.channels.keys() == {"rate_x", "temperature"}
+    assert [source.channels.keys() for source in layout.others] == [{"rate_y"}]

@@ -1,4 +1,4 @@
-"""A project folder for the page's tests: a plan of seconds, limits that it can meet, and a station that is slow."""
+"""A project folder for the page's tests: plans of seconds, limits that they can meet, and a station that is slow."""
 
 import time
 from contextlib import contextmanager
@@ -30,6 +30,58 @@ limits:
   - {quantity: residual_rms_dph, unit: deg/h, upper: 0.5, marginal: 0.1, reason: a quarter of the raw bias}
   - {quantity: samples_lost, unit: "1", upper: 0, reason: every sample counts}
 """
+BRIEF = """
+name: brief
+description: From 15 to 35 degC and back, for a few seconds on the simulator.
+start: {temperature_degc: 25}
+settle: {dwell_min: 1, slope_degc_per_min: 0.5}
+segments:
+  - {kind: ramp, to_degc: 35, rate_degc_per_min: 2}
+  - {kind: soak, duration_min: 18}
+  - {kind: ramp, to_degc: 15, rate_degc_per_min: 1.5}
+  - {kind: soak, duration_min: 12}
+  - {kind: ramp, to_degc: 25, rate_degc_per_min: 1.5}
+"""
+BRIEF_CHECK = """
+name: brief_check
+description: The same range at other rates.
+start: {temperature_degc: 25}
+settle: {dwell_min: 1, slope_degc_per_min: 0.5}
+segments:
+  - {kind: ramp, to_degc: 17, rate_degc_per_min: 1}
+  - {kind: soak, duration_min: 10}
+  - {kind: ramp, to_degc: 33, rate_degc_per_min: 1.2}
+  - {kind: soak, duration_min: 8}
+  - {kind: ramp, to_degc: 25, rate_degc_per_min: 1}
+"""
+BRIEF_PLAN = """
+name: brief
+description: The whole way in seconds on the simulator.
+profile: ../brief.yaml
+verification: ../brief_check.yaml
+models: [polynomial]
+limits: ../limits/brief.yaml
+policy: {marginal: ship, missing_effect: ship, unknown_effect: ship, undecided: ship, tie: ship, undiagnosed: ship}
+"""
+BRIEF_LIMITS = """
+name: brief
+description: What the brief calibration can tell.
+limits:
+  - {quantity: residual_rms_dph, unit: deg/h, upper: 2.0, marginal: 0.1, reason: well below the raw bias}
+  - {quantity: samples_lost, unit: "1", upper: 0, reason: every sample counts}
+"""
+BARE = """
+name: bare
+simulated: true
+seed: 5
+ambient_degc: 23
+chamber: {map: watlow_f4t, lowest_degc: -42, highest_degc: 95, heating_degc_per_min: 5, cooling_degc_per_min: 3}
+buses:
+  can0: {interface: blocks, channel: bare}
+units:
+  - {serial: BARE-1, bus: can0, number: 0, identity: 1}
+"""
+"""Without laboratory and equipment."""
 UNHURRIED = """
 name: unhurried
 simulated: true
@@ -47,7 +99,16 @@ LONG, SLOW_UNIT = "ramp_-40_85", "GX-0007"
 
 def made(root):
     """The project folder `root`."""
-    files = {"short.yaml": SHORT, "limits/short.yaml": LIMITS, "stations/unhurried.yaml": UNHURRIED}
+    files = {
+        "short.yaml": SHORT,
+        "limits/short.yaml": LIMITS,
+        "stations/unhurried.yaml": UNHURRIED,
+        "brief.yaml": BRIEF,
+        "brief_check.yaml": BRIEF_CHECK,
+        "plans/brief.yaml": BRIEF_PLAN,
+        "limits/brief.yaml": BRIEF_LIMITS,
+        "stations/bare.yaml": BARE,
+    }
     for name, text in files.items():
         path = root / "profiles" / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -50,11 +50,11 @@ class Visitors:
 
 
 class Visitor:
-    def __init__(self, chromium, address, *, size=DESKTOP, locale="en-GB", scheme="light"):
+    def __init__(self, chromium, address, *, size=DESKTOP, locale="en-GB", scheme="light", touch=False):
         self._origin, self._said, self.forgives = urlsplit(address)[:2], [], None
         self.context = chromium.new_context(
             base_url=address, viewport=size, locale=locale, color_scheme=scheme, reduced_motion="reduce",
-            timezone_id="Europe/Kyiv",
+            timezone_id="Europe/Kyiv", has_touch=touch,
         )  # fmt: skip
         self.context.set_default_timeout(PATIENCE_MS)
         self.context.add_init_script(_POLICY)

@@ -206,7 +206,15 @@ def test_an_analysis_that_dies_is_told_with_why_and_what_to_do(desk, folder, rec
 )
 def test_a_run_without_report_is_not_analysed_whatever_server_tells_it(folder, out, start, words, monkeypatch):
     (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
-    about = {"start": "s", "who": {"name": "Olena"}, "verdicts": []}
+    about = {
+        "start": "s",
+        "who": {"name": "Olena"},
+        "verdicts": [],
+        "plan": "p",
+        "station": "s",
+        "units": [],
+        "digest": "",
+    }
     with served(Settings(out=out)) as client:
         monkeypatch.setattr(Starts, "of_run", lambda self, run: {**about, **start} if start else None)
         end = client.get("/api/v1/live/G-1/run").json()["ended"]

@@ -111,8 +111,8 @@ def _short(text: str) -> str:
 
 
 def number(text: str) -> float | None:
-    """The number that a text is, if it is one."""
+    """The number that a text is, if it is one: of ASCII digits, as tables are read."""
     try:
-        return float(text) if "_" not in text else None
+        return float(text) if "_" not in text and text.isascii() else None
     except ValueError:
         return None

@@ -23,6 +23,17 @@ from bench.base import STRICT, Document, FloatArray, load_config, parse_yaml, re
 __all__ = ["Profile", "SettleRule", "from_document", "load_profile", "profile_from_text"]
 
 
+class Until(BaseModel):
+    """When a run may end before the profile does: `bench run --lot` looks every ten minutes."""
+
+    model_config = STRICT
+
+    error_dph: Annotated[float, Field(gt=0, le=1e6)]
+    """Largest error of the calibration [deg/h RMS] over the lot's whole run, upper end of the 95 % interval."""
+    audit_every: Annotated[int, Field(ge=0, le=1000)] = 10
+    """Every so many runs of the lot one goes the whole way all the same, to check what is stated; 0: none."""
+
+
 class Profile(BaseModel):
     """A temperature profile: what the chamber and the rate table do, in order."""
 
@@ -41,6 +52,8 @@ class Profile(BaseModel):
     """Interlocks of this profile, beside the station's."""
     orientation: OrientationSettings | None = None
     """How the sensitive axis lies, where it differs from what the station says."""
+    until: Until | None = None
+    """When it may end earlier; without a lot (`bench run --lot`) it goes to its end."""
     segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
     """What to do, in order."""
 

@@ -26,10 +26,11 @@ from typing import Any, Literal, Protocol, get_args
 
 from bench.acquisition.profile.guards import Guards, Light
 from bench.acquisition.recording.trace import Trace
-from bench.acquisition.run.remote import HOST, LIVE, LiveFile, read_line
+from bench.acquisition.run.remote import HOST, LiveFile, read_line
 from bench.acquisition.run.sequencer import TICK_S
 from bench.acquisition.run.status import Status
 from bench.acquisition.station.station import LiveUnit, Station
+from bench.record import LIVE
 from drivers.canbus import CaptureHealth
 
 Action = Literal["hold", "pause", "resume", "abort"]

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bench.base import EquipmentError, InputError, user_name
+from bench.record import LIVE
 from drivers.journal import Kind, read_blocks
 
-LIVE = "live.json"
 HOST = "127.0.0.1"
 LIMIT_BYTES = 1 << 16
 """Longest line; requests are a hundredth of it, answers of many units a tenth."""

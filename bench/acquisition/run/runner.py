@@ -11,7 +11,7 @@ import shutil
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,7 @@ from bench.base import BenchError, EquipmentError, InputError, package_versions
 from bench.record import Begun, Companion, GyroKind, RunFolder, create_run
 from drivers.errors import DriverError
 from drivers.sim.power_ons import PowerOns
+from drivers.sim.sender import Frames
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -63,6 +64,8 @@ class Job:
     """How to go on with a run whose bench was killed; none: a new run."""
     operator: str = ""
     """Who started it, for events and manifest; empty: who this process runs for."""
+    senders: Mapping[str, Frames] = field(default_factory=dict)
+    """What makes the frames of simulated units, by serial number; the simulator makes those of others."""
 
     def legs(self) -> tuple[Leg, ...]:
         """What is to be run."""
@@ -149,7 +152,7 @@ def _occasion(job: Job) -> Occasion:
     except OSError as error:
         text = f"cannot keep how often its unit was powered: {error.strerror}; nothing was moved"
         raise InputError(text, settings.eeproms) from None
-    return Occasion(job.profile.name, power_ons=power_ons, switches_power=switches)
+    return Occasion(job.profile.name, power_ons=power_ons, switches_power=switches, senders=job.senders)
 
 
 def _open_recorder(job: Job, station: Station, occasion: Occasion) -> Recorder:

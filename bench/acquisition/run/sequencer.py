@@ -302,8 +302,10 @@ class Sequencer:
         decision = self._wiring.decider.decide(status)
         if isinstance(decision, Stop):
             self.decision = decision
-            self._recorder.event("decision", str(decision), who=decision.who, reason=decision.reason)
+            self._recorder.event("decision", str(decision), who=decision.who, reason=decision.reason, **decision.facts)
             raise _EndedEarly(str(decision))
+        if decision.text:
+            self._recorder.event("decision", decision.text, **decision.facts)
 
     def _guard(self) -> None:
         """Evaluate the guards; RunAborted when one of them ends the run."""

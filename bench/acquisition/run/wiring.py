@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 from bench.acquisition.profile.guards import Signal
 from bench.acquisition.profile.legs import Leg
@@ -20,7 +20,10 @@ from bench.acquisition.station.turning import Turning
 
 @dataclass(frozen=True)
 class Continue:
-    """The run goes on."""
+    """The run goes on; `text` and its figures become an event where there is one."""
+
+    text: str = ""
+    facts: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,8 @@ class Stop:
     reason: str
     who: str
     """Who decided it, for the events: the name of an analysis or of a program."""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    """The figures that it was decided by."""
 
     def __str__(self) -> str:
         return f"ended early by {self.who}: {self.reason}"

@@ -269,24 +269,24 @@ def listen(bus: Bus, clock: Clock, listen_s: float) -> FrameArray:
     """All frames of a bus within `listen_s` [s]; LinkError where it cannot be opened or read."""
     opened = open_bus(bus.to_driver())
     try:
-        return to_frames(list(_heard(opened.recv, clock, listen_s)))
+        return to_frames(list(_heard(opened.recv, clock, listen_s, max(FD_BYTES, bus.room))))
     except Exception as error:  # each interface has errors of its own
         raise LinkError(f"{bus.interface} {bus.channel}: {error}") from error
     finally:
         opened.shutdown()
 
 
-def _heard(recv: Callable[[float], Any], clock: Clock, listen_s: float) -> Iterator[bytes]:
+def _heard(recv: Callable[[float], Any], clock: Clock, listen_s: float, room: int) -> Iterator[bytes]:
     """Records of the frames that arrive within `listen_s`, and of what is still under way then."""
     recv(_PIECE_S)  # an interface that was just opened gets a moment
     end_s = clock.now() + listen_s
     while clock.now() < end_s:
         clock.sleep_until(min(clock.now() + _PIECE_S, end_s))
-        yield from _drain(recv, clock, 0.0)
-    yield from _drain(recv, clock, _DRAIN_S)
+        yield from _drain(recv, clock, 0.0, room)
+    yield from _drain(recv, clock, _DRAIN_S, room)
 
 
-def _drain(recv: Callable[[float], Any], clock: Clock, wait_s: float) -> Iterator[bytes]:
+def _drain(recv: Callable[[float], Any], clock: Clock, wait_s: float, room: int) -> Iterator[bytes]:
     until_s = clock.now() + _DRAIN_S  # a live bus never falls silent; a simulated one stands still meanwhile
     while clock.now() < until_s and (message := recv(wait_s)) is not None:
-        yield to_record(message, round(clock.now() * 1e9), 0, FD_BYTES)
+        yield to_record(message, round(clock.now() * 1e9), 0, room)

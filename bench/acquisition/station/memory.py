@@ -33,6 +33,9 @@ HEARD_S = 3.0
 @contextmanager
 def open_store(bus: Bus, clock: Clock, unit: UnitSettings) -> Iterator[CoefficientStore]:
     """The memory of a unit, over a connection to its bus of its own."""
+    if bus.framing is not None:
+        text = f"unit {unit.serial} is on a line of packets, {bus.channel}; only units on CAN can be flashed"
+        raise EquipmentError(text)
     wire = open_bus(bus.to_driver())
     try:
         line = UnitLine(wire, clock, layout_of(unit.dbc, unit.mapping), unit.number)

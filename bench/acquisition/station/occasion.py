@@ -9,6 +9,7 @@ from pathlib import Path
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.record import slug
+from drivers.sim.sender import Frames
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,8 @@ class Occasion:
 
     switches_power: bool = False
     """Whether the supply of the units is needed."""
+    senders: Mapping[str, Frames] = field(default_factory=dict)
+    """What makes the frames of simulated units in the place of the simulator, by serial number."""
 
     @property
     def noise(self) -> str:

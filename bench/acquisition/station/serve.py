@@ -6,9 +6,10 @@ It runs on wall time, or `speed` times as fast. A station file that names these 
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+import socket
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import yaml
@@ -20,6 +21,7 @@ from bench.acquisition.station.simulation import simulate
 from bench.base import EquipmentError
 from drivers.clock import Clock, WallClock
 from drivers.sim.loopcan import Broker
+from drivers.sim.ptys import PtyPair
 from drivers.sim.station import SimulatedStation
 
 STEP_S = 0.02
@@ -33,6 +35,8 @@ class Served:
     settings: StationSettings
     station: SimulatedStation
     can_ports: dict[str, int]
+    lines: Mapping[str, str] = field(default_factory=dict)
+    """Channels of the lines that carry packets: the path of a pty, or udp://127.0.0.1:PORT."""
 
     def station_file(self) -> dict[str, Any]:
         """A station file that drives these servers as if they were real."""
@@ -42,7 +46,7 @@ class Served:
         content["chamber"]["connection"] = {"url": f"tcp://127.0.0.1:{self.station.modbus_port}"}
         content["buses"] = {
             name: {"interface": "loopcan", "channel": str(port)} for name, port in self.can_ports.items()
-        }
+        } | {name: content["buses"][name] | {"channel": channel} for name, channel in self.lines.items()}
         if self.station.supply is not None:
             content["supply"] = {"port": f"socket://127.0.0.1:{self.station.supply.port}"}
         content.get("rate_table", {}).pop("simulation", None)
@@ -60,26 +64,44 @@ def serve_station(settings: StationSettings, modbus_port: int = 0, can_port: int
     """Open the servers; `can_port` is the first bus's, further buses get free ports. EquipmentError: port taken."""
     with ExitStack() as stack:
         ports: dict[str, int] = {}
-        for name in settings.buses:
+        lines: dict[str, str] = {}
+        buses: dict[str, Bus] = {}
+        for name, bus in settings.buses.items():
+            if bus.framing is not None:
+                buses[name], lines[name] = _line(bus, stack)
+                continue
             try:
                 broker = stack.enter_context(closing(Broker(port=can_port if not ports else 0)))
             except OSError as error:
                 raise EquipmentError(f"cannot serve bus {name} on 127.0.0.1:{can_port}: {error.strerror}") from None
             ports[name] = broker.port
-        buses = {name: Bus(interface="loopcan", channel=str(port)) for name, port in ports.items()}
+        buses |= {name: Bus(interface="loopcan", channel=str(port)) for name, port in ports.items()}
         simulated = simulate(
             settings, settings.units, buses, stack, Occasion(switches_power=True), modbus_port=modbus_port
         )
         stack.enter_context(closing(simulated))
-        yield Served(settings, simulated, ports)
+        yield Served(settings, simulated, ports, lines)
 
 
-def keep_running(served: Served, speed: float, stopped: Callable[[], bool], clock: Clock | None = None) -> None:
-    """Let simulated time pass at `speed` times wall time until `stopped`."""
+def _line(bus: Bus, stack: ExitStack) -> tuple[Bus, str]:
+    """A line that carries packets: the simulator's end, and the channel of the other one."""
+    if bus.channel.startswith("udp:"):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+            found.bind(("127.0.0.1", 0))
+            where = f"127.0.0.1:{found.getsockname()[1]}"
+        return bus.model_copy(update={"channel": f"udp-to://{where}", "options": {}}), f"udp://{where}"
+    pair = stack.enter_context(closing(PtyPair()))
+    return bus.model_copy(update={"channel": pair.left, "options": {}}), pair.right
+
+
+def keep_running(
+    advance: Callable[[float, float], object], speed: float, stopped: Callable[[], bool], clock: Clock | None = None
+) -> None:
+    """Let simulated time pass at `speed` times wall time until `stopped`; `advance` has its two ends [s]."""
     clock = clock or WallClock()
     step = 0
     while not stopped():
-        served.station.advance(step * STEP_S, (step + 1) * STEP_S)
+        advance(step * STEP_S, (step + 1) * STEP_S)
         step += 1
         clock.sleep_until(step * STEP_S / speed)
 

@@ -28,6 +28,7 @@ from drivers.sim.power_ons import PowerOns
 from drivers.sim.resonator import PowerOn, Resonator, default_unit
 from drivers.sim.resonator import UnitSettings as GyroPhysics
 from drivers.sim.scpi_supply import ScpiSupply
+from drivers.sim.sender import Sender
 from drivers.sim.station import Physics, SimulatedStation, SimulatedUnit
 
 
@@ -49,9 +50,15 @@ def simulate(
         if unit.bus not in wires:
             wires[unit.bus] = open_bus(buses[unit.bus].to_driver())
             stack.callback(wires[unit.bus].shutdown)
+        if unit.serial in occasion.senders:
+            interval_s = layout_of(unit.dbc, unit.mapping).interval_ms * 1e-3
+            own = Sender(wires[unit.bus], occasion.senders[unit.serial], interval_s, room=buses[unit.bus].room)
+            simulated.append(SimulatedUnit(own, own))
+            continue
         if unit.signals is not None or not is_family(unit.gyro):
-            fd = buses[unit.bus].fd
-            simulated.append(_several_axes(settings, unit, (wires[unit.bus], fd), (seed, lasting), occasion))
+            simulated.append(
+                _several_axes(settings, unit, (wires[unit.bus], buses[unit.bus].room), (seed, lasting), occasion)
+            )
             continue
         physics = default_unit() if unit.simulation is None else GyroPhysics.parse(unit.simulation)
         wire = CanGyro(wires[unit.bus], unit.number, _identity(unit), layout=unit.gyro)
@@ -71,7 +78,7 @@ def simulate(
 def _several_axes(
     settings: StationSettings,
     unit: UnitSettings,
-    bus: tuple[can.BusABC, bool],
+    bus: tuple[can.BusABC, int],
     seeds: tuple[int, int],
     occasion: Occasion,
 ) -> SimulatedUnit:
@@ -79,7 +86,7 @@ def _several_axes(
     layout = layout_of(unit.dbc, unit.mapping)
     number, place = occasion.power_ons.get(unit.serial, 1), settings.units.index(unit)
     power = PowerOn(number, occasion.start_s, seeds[1] + 1000 * place)
-    wire = CanUnit(bus[0], layout, unit.number, _identity(unit), fd=bus[1])
+    wire = CanUnit(bus[0], layout, unit.number, _identity(unit), room=bus[1])
     if occasion.start_s > 0.0:
         wire.go_on(round(occasion.start_s / wire.sample_s))
     seed, truth = seeds[0] + 1000 * place, unit.simulation or {}

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
@@ -15,18 +14,17 @@ import can
 
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.station.claim import claimed
-from bench.acquisition.station.fault_injection import TIMEOUT_S, FaultInjection
+from bench.acquisition.station.fault_injection import FaultInjection
 from bench.acquisition.station.fixture import Fixture
 from bench.acquisition.station.links import Link
 from bench.acquisition.station.occasion import Occasion
 from bench.acquisition.station.powering import UnitPower, open_power
 from bench.acquisition.station.rate_table import open_table
 from bench.acquisition.station.records import Records
-from bench.acquisition.station.settings.bus import LOCAL_INTERFACES, Bus
-from bench.acquisition.station.settings.chamber import Connection
+from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
-from bench.acquisition.station.simulation import simulate
+from bench.acquisition.station.stage import open_stage
 from bench.acquisition.station.turning import Turntable
 from bench.acquisition.station.unit import LiveUnit, Trouble
 from bench.base import EquipmentError, FloatArray
@@ -252,6 +250,7 @@ def open_station(
     """
     occasion = occasion or Occasion()
     registers = load_map(settings.chamber.map)
+    buses: Mapping[str, Bus]
     injection: FaultInjection | None = None
     simulation: SimulatedStation | None = None
     claim: int | None = None
@@ -259,17 +258,10 @@ def open_station(
     with ExitStack() as stack:
         clock: Clock
         if settings.simulated:
+            stage = stack.enter_context(open_stage(settings, units, occasion, records))
             clock = SimClock(start_s=occasion.start_s)
-            buses = _private_buses(settings)
-            simulation = stack.enter_context(closing(simulate(settings, units, buses, stack, occasion)))
-            connection = Connection(url=f"tcp://127.0.0.1:{simulation.modbus_port}")
-            if settings.faults:
-                injection = FaultInjection(settings, units, simulation, registers, stack, records)
-                clock.attach(injection.advance)
-                if injection.proxy is not None:
-                    connection = Connection(url=injection.proxy.url, timeout_s=TIMEOUT_S)
-            else:
-                clock.attach(simulation.advance)
+            clock.attach(stage.advance)
+            buses, connection, injection, simulation = stage.buses, stage.connection, stage.injection, stage.station
         else:
             clock, buses = WallClock(occasion.start_s), settings.buses
             assert settings.chamber.connection is not None  # checked with the file
@@ -294,7 +286,7 @@ def _local_buses(
     """Buses of the units that live inside this process; `stack` closes them."""
     found: dict[str, can.BusABC] = {}
     for name, unit in {unit.bus: unit for unit in units}.items():
-        if buses[name].interface in LOCAL_INTERFACES:
+        if buses[name].local:
             bus = open_bus(buses[name].to_driver())
             stack.callback(bus.shutdown)
             if injection is not None and name in injection.where:
@@ -318,15 +310,3 @@ def _power(
         supply = supply.model_copy(update={"port": f"socket://127.0.0.1:{simulation.supply.port}"})
     clock, records = equipment
     return open_power(supply, clock, stack, records)
-
-
-def _private_buses(settings: StationSettings) -> dict[str, Bus]:
-    """The same buses under names that no other station in this process uses."""
-    suffix = uuid.uuid4().hex[:8]
-    options = {"virtual": {"preserve_timestamps": True}, "blocks": {}}
-    return {
-        name: bus.model_copy(
-            update={"channel": f"{bus.channel}-{suffix}", "options": options[bus.interface] | bus.options}
-        )
-        for name, bus in settings.buses.items()
-    }

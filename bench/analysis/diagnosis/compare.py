@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from bench.analysis.diagnosis.crew import shared, usual_workers
 from bench.analysis.diagnosis.pieces import BLOCKS, pieces_of
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
@@ -175,18 +177,27 @@ def compare(
     refuse_corrected(checks)
     if not lot:
         refuse_mixed((*records, *checks))
-    scores, refused = [], []
     with one_blas_thread():
-        for model in models:
-            try:
-                scores.append(_score(model, records, checks, floor_dph))
-            except InputError as error:
-                if strict:
-                    raise
-                refused.append((model.name, str(error)))
+        tasks = [partial(_scored, model, records, checks, floor_dph) for model in models]
+        answers = shared(tasks, usual_workers())
+    scores = [answer for answer in answers if isinstance(answer, Score)]
+    failed = [(model.name, e) for model, e in zip(models, answers, strict=True) if isinstance(e, InputError)]
+    if failed and strict:
+        raise failed[0][1]
+    refused = [(name, str(error)) for name, error in failed]
     names = tuple(tuple(record.name for record in group) for group in (records, checks))
     interval_s = records[0].interval_s if records else np.nan
     return Comparison(names[0], names[1], floor_dph, interval_s, tuple(scores), tuple(refused))
+
+
+def _scored(
+    model: Model, records: tuple[Dataset, ...], checks: tuple[Dataset, ...], floor_dph: float
+) -> Score | InputError:
+    """The score, or why there is none."""
+    try:
+        return _score(model, records, checks, floor_dph)
+    except InputError as error:
+        return error
 
 
 def _score(model: Model, records: tuple[Dataset, ...], checks: tuple[Dataset, ...], floor_dph: float) -> Score:

@@ -15,7 +15,7 @@ from bench.analysis.diagnosis.proof import prove
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
-from bench.analysis.noise.likelihood import NoiseLattice, Surface
+from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
 from bench.analysis.thresholds import FURTHER_EVIDENCE, TIE
 from bench.base import FloatArray
 from bench.record import Dataset
@@ -62,20 +62,24 @@ class Describer:
     lattice: NoiseLattice
     check: Sequence[Dataset]
     seed: int = 0
+    workers: int = 1
 
     def describe(self, layout: Layout, explained: Explanation) -> Description:
         """Formulas beside the model alone, or beside the effects that were found where a misfit is left."""
         steps = explained.steps
-        plain = FormulaSearch(layout, self.lattice, self.seed, explained.first.point)
+        plain = self._search(layout, explained.first.point)
         found = plain.answer.found
         named = _joint(explained, layout) if steps else 0.0
         if found and (not steps or found[0].evidence > named + TIE):
             listed = self._listed(plain, layout)
             return Description((*self._two(layout, plain), *listed)[:_MOST], bool(steps))
         if steps and (explained.left or explained.drifts):
-            beside = FormulaSearch(explained.layout, self.lattice, self.seed)
+            beside = self._search(explained.layout)
             return Description(self._listed(beside, explained.layout, tuple(step.name for step in steps)))
         return Description()
+
+    def _search(self, layout: Layout, best: Point | None = None) -> FormulaSearch:
+        return FormulaSearch(layout, self.lattice, self.seed, best, self.workers)
 
     def _listed(
         self, search: FormulaSearch, layout: Layout, beside: tuple[str, ...] = ()
@@ -98,7 +102,7 @@ class Describer:
         left = examine(longer.problem, layout.probes(), self.lattice, surface.descend(first.point))
         if not any(finding.name != "noise" for finding in left.alarms):
             return ()
-        second = next(iter(FormulaSearch(longer, self.lattice, self.seed).answer.found), None)
+        second = next(iter(self._search(longer).answer.found), None)
         if second is None or second.evidence <= FURTHER_EVIDENCE:
             return ()
         return (self._described(layout, (first, second), (), ()),)

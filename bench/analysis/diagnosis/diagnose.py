@@ -170,7 +170,7 @@ class _Case:
             static="" if self.static is None else self.static.name,
         )
         formulas, instead = self._formulas(
-            explained, improved, Describer(self.lattice, check, seed), proved=bool(decision.proved)
+            explained, improved, Describer(self.lattice, check, seed, workers), proved=bool(decision.proved)
         )
         if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
             proved = False if answer.found else formulas[0].proof.proved

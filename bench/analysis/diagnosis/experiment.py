@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Diagnosis
+from bench.analysis.diagnosis.crew import shared, usual_workers
 from bench.analysis.diagnosis.discrimination import Discrimination
 from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.plan import (
@@ -45,6 +47,11 @@ _MOST_RUNS = 3
 _CLOSELY = 4  # profiles of the library that are tried repeated and at every noise
 
 
+Use = Literal["run", "check", "static", "by_hand"]
+"""What the proposed run is to the next diagnosis: one more run, a check run, or the isothermal run; "by_hand": one more
+run, in which somebody has to move what the chamber does not."""
+
+
 @dataclass(frozen=True)
 class Proposal:
     """A run to do next. `predicted_*` are the expected gaps D of the pair that is hardest to tell apart, NaN where
@@ -64,6 +71,7 @@ class Proposal:
     """Probability that they do after three of it."""
     decides: bool = True
     """False where no profile within the limits can tell."""
+    use: Use = "run"
 
     @property
     def probability_before(self) -> float:
@@ -86,7 +94,7 @@ class Proposal:
         }
         known = {key: finite(value) for key, value in numbers.items()}
         return {"profile": profile, "separates": list(self.separates), "why": self.why,
-                "duration_min": self.duration_min, "decides": self.decides, **known}  # fmt: skip
+                "duration_min": self.duration_min, "decides": self.decides, "use": self.use, **known}  # fmt: skip
 
 
 def next_experiment(
@@ -132,20 +140,20 @@ def _telling(diagnosis: Diagnosis, limits: ChamberLimits, static: Dataset | None
     if word == "undecided" and names:
         what = f"whether {' and '.join(names)} {'is' if len(names) == 1 else 'are'} missing"
         why = f"it shows on data that no fit has seen {what}: give it as --check"
-        return _proposal(minor_loops(limits), limits, tuple(names), why, (np.nan, np.nan))
+        return _proposal(minor_loops(limits), limits, tuple(names), why, use="check")
     if word == "undecided" and static is None:
         why = (
             "an isothermal run shows the unit's own slow noise: given as --static, what the run drifts beyond it has a "
             "cause"
         )
-        return _proposal(isothermal_plan(limits), limits, ("a slow cause", "noise"), why, (np.nan, np.nan))
+        return _proposal(isothermal_plan(limits), limits, ("a slow cause", "noise"), why, use="static")
     if word in {"undecided", "unknown_effect"}:
         why = (
             "reversals and rests at many temperatures: what repeats with temperature, its rate or its history has a "
             "thermal cause; what does not repeat follows time or something that is not recorded"
         )
         separates = ("a slow cause", "noise") if word == "undecided" else ("a thermal cause", "another cause")
-        return _proposal(minor_loops(limits), limits, separates, why, (np.nan, np.nan))
+        return _proposal(minor_loops(limits), limits, separates, why)
     return None
 
 
@@ -165,7 +173,7 @@ def propose(
     channels = sorted({c for rival in rivals for c in rival.effect.needs if c not in _PREDICTABLE})
     if channels:
         plan, why = exciting(limits, channels, names)
-        return _proposal(plan, limits, names, why, (np.nan, np.nan))
+        return _proposal(plan, limits, names, why, use="by_hand")
     return _designed(layout, rivals, noise, limits)
 
 
@@ -173,9 +181,11 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits
     rated = Discrimination(layout, rivals, noise)
     before = rated.expected(None)
     library = plans(limits)
-    rough = sorted(library, key=lambda plan: -rated.expected(plan, roughly=True).probability)
-    longer = [again for plan in rough[:_CLOSELY] for again in repetitions(plan, limits)]
-    scored = [(rated.expected(plan), plan) for plan in longer]
+    workers = usual_workers()
+    roughly = shared([partial(rated.expected, plan, roughly=True) for plan in library], workers)
+    order = np.argsort([-one.probability for one in roughly], kind="stable")
+    longer = [again for i in order[:_CLOSELY] for again in repetitions(library[i], limits)]
+    scored = list(zip(shared([partial(rated.expected, plan) for plan in longer], workers), longer, strict=True))
     most = max(after.probability for after, _ in scored)
     enough = [pair for pair in scored if pair[0].probability >= min(_ENOUGH, most)]
     after, plan = min(enough, key=lambda pair: pair[1].duration_s)
@@ -204,7 +214,12 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits
 
 
 def _proposal(
-    plan: Plan, limits: ChamberLimits, names: tuple[str, ...], why: str, predicted: tuple[float, float]
+    plan: Plan,
+    limits: ChamberLimits,
+    names: tuple[str, ...],
+    why: str,
+    predicted: tuple[float, float] = (np.nan, np.nan),
+    use: Use = "run",
 ) -> Proposal:
     text = plan.to_yaml(limits, f"Tells apart: {', '.join(names)}. {why}.")
-    return Proposal(names, why, *predicted, plan.duration_s / 60.0, plan.name, text)
+    return Proposal(names, why, *predicted, plan.duration_s / 60.0, plan.name, text, use=use)

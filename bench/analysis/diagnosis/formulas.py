@@ -106,9 +106,11 @@ class Formulas:
 class FormulaSearch:
     """One search beside one layout."""
 
-    def __init__(self, layout: Layout, lattice: NoiseLattice, seed: int = 0, best: Point | None = None) -> None:
+    def __init__(
+        self, layout: Layout, lattice: NoiseLattice, seed: int = 0, best: Point | None = None, workers: int = 1
+    ) -> None:
         """`lattice` and the noise point `best` of the layout may be those of an earlier evidence beside it."""
-        self._layout, self._lattice, self._seed = layout, lattice, seed
+        self._layout, self._lattice, self._seed, self._workers = layout, lattice, seed, workers
         self.grammar = Grammar(layout.seen, layout.rows.masks)
         self._values: dict[tuple[str, Theta], FloatArray] = {}
         self._surface = Surface.of(layout.problem.records(), lattice, restricted=True)
@@ -131,7 +133,7 @@ class FormulaSearch:
         price = np.repeat([self._price(size) for size in sizes], sizes)
         library = Library(self._layout.problem, candidates)
         points = self._points()
-        scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still())
+        scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still(), self._workers)
         paid = library.paid(candidates) + price[scan.which]
         rough = scan.base[0] - scan.values[:, 0] - paid
         threshold = self._chance(library, points, paid)
@@ -221,7 +223,7 @@ class FormulaSearch:
         near = sorted(self._surface.region(self._best, 8.0, step=_DECADE), key=self._surface.height)[:8]
         run, *statics = drawn(self._surface, near, np.random.default_rng(self._seed), _NULLS)
         some = list(dict.fromkeys([*near[:3], *points[:4]]))
-        scan = library.scan(self._lattice, some, mean[:, None] + run, statics)
+        scan = library.scan(self._lattice, some, mean[:, None] + run, statics, self._workers)
         best = (scan.base - scan.values - paid[:, None]).max(axis=0)
         return max(0.0, float(np.quantile(best, 1.0 - WRONGLY_NAMED)))
 

@@ -263,7 +263,11 @@ def _crossing(rise: Callable[[float], float], best: float, end: float) -> float:
 
 
 def _minima(grid: Sequence[Start]) -> list[Start]:
-    """Grid points lower than both neighbours, lowest first; with several parameters all points, lowest first."""
+    """Grid points lower than both neighbours, lowest first; with several parameters all points, lowest first.
+
+    A point without a height, where a run was too short for it, is as high as none.
+    """
+    grid = [start if np.isfinite(start.height) else replace(start, height=np.inf) for start in grid]
     ordered = sorted(grid, key=lambda start: start.height)
     if not grid or len(grid[0].theta) != 1:
         return ordered

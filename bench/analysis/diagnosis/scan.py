@@ -22,6 +22,8 @@ from bench.base import FloatArray, IntArray
 DEPENDENT = 1e-9
 """A column with less than this share of its variance outside the base counts as part of the base."""
 
+_MANY = 20  # responses
+
 _ADDS, _SHIFTS, _REPLACES = "adds", "shifts", "replaces"
 """What the columns of an entry do with the base: stand beside it, change its curve as they are, or replace it."""
 
@@ -29,7 +31,7 @@ _ADDS, _SHIFTS, _REPLACES = "adds", "shifts", "replaces"
 @dataclass(frozen=True)
 class Scan:
     """Lowest -2 ln L (restricted, see `evidence`) over the noise points: of the base (m,), of every entry (entries, m),
-    and at which point.
+    and at which point that is for the first response (entries,).
     """
 
     entries: tuple[tuple[int, Theta], ...]
@@ -48,7 +50,7 @@ class Scan:
     def starts(self, index: int, points: Sequence[Point]) -> tuple[Start, ...]:
         """Where refinement of one candidate may begin: its grid for the first response; `points` are those scanned."""
         own = np.flatnonzero(self.which == index)
-        return tuple(Start(self.entries[i][1], points[self.where[i, 0]], float(self.values[i, 0])) for i in own)
+        return tuple(Start(self.entries[i][1], points[self.where[i]], float(self.values[i, 0])) for i in own)
 
 
 class Library:
@@ -93,9 +95,8 @@ class Library:
         ]
         best, *others = shared(tasks, workers)
         for number, other in enumerate(others, start=1):
-            better = other.values < best.values
-            where = np.where(better, other.where + number * size, best.where)
-            values = np.where(better, other.values, best.values)
+            where = np.where(other.values[:, 0] < best.values[:, 0], other.where + number * size, best.where)
+            values = np.minimum(best.values, other.values)
             base, excited = np.minimum(best.base, other.base), np.maximum(best.excited, other.excited)
             best = replace(best, excited=excited, base=base, values=values, where=where)
         return best
@@ -104,7 +105,7 @@ class Library:
         """Best over some of the points."""
         base = np.full(run.shape[1], np.inf)
         values = np.full((len(self.entries), run.shape[1]), np.inf)
-        where = np.zeros(values.shape, dtype=np.int64)
+        where = np.zeros(len(self.entries), dtype=np.int64)
         excited = np.zeros(len(self.entries))
         white, white_base = self._run(lattice.white()[0], run[:, :0], excited)[2:]
         for number, ways in enumerate(lattice.at(points)):
@@ -119,10 +120,12 @@ class Library:
             total -= rank
             base = np.minimum(base, total * np.log((rss0 + still) / total) + log_det + volume)
             further = volumes - white + np.where(self.replaces, white_base[0], volume)
-            here = total * np.log((rss + still) / total) + log_det + further[:, None]
-            better = here < values
-            values[better] = here[better]
-            where[better] = number
+            rss += still
+            np.log(rss, out=rss)
+            rss *= total
+            rss += (further + log_det - total * np.log(total))[:, None]
+            where[rss[:, 0] < values[:, 0]] = number
+            np.minimum(values, rss, out=values)
         return Scan(self.entries, self.widths, excited, base, values, where)
 
     def _run(
@@ -151,7 +154,7 @@ class Library:
                 share = norm / np.maximum(before, 1e-300)
                 norm[share < DEPENDENT] = 0.0
                 excited[which] = np.maximum(excited[which], share)
-                gain, volumes[which] = _single(norm, columns.T @ residual)
+                gain, volumes[which] = _single(norm, _products(columns, residual))
                 rss[which] = np.maximum(rss0 - gain, 1e-300)
                 continue
             columns = outside(q, columns)
@@ -196,6 +199,15 @@ def _single(norm: FloatArray, product: FloatArray) -> tuple[FloatArray, FloatArr
     """The same for single columns, from their square sums (groups,) and products with the responses (groups, m)."""
     volume = np.log(norm, where=norm > 0.0, out=np.zeros_like(norm))
     return np.asarray(product**2 / np.where(norm > 0.0, norm, np.inf)[:, None]), volume
+
+
+def _products(columns: FloatArray, responses: FloatArray) -> FloatArray:
+    """Inner products (groups, m). Of many simulated responses in single precision, which halves the work and leaves
+    what chance reaches known to 1e-3.
+    """
+    if responses.shape[1] < _MANY:
+        return columns.T @ responses
+    return np.asarray(columns.T.astype(np.float32) @ responses.astype(np.float32), dtype=np.float64)
 
 
 def _left(basis: FloatArray, response: FloatArray) -> FloatArray:

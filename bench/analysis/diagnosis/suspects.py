@@ -29,6 +29,7 @@ from bench.record import Dataset
 _APART_S = 30 * 86400.0
 _SETTLES_S = 900.0  # of an isothermal run's first part: warm-up and gradients that the thermometer does not see
 _POINTS_OF_TWO = 14  # grid points of each parameter of a change point with a width
+_POINTS_OF_PLACE = 64  # of a place in temperature: about two degrees apart, what happens there is wider
 _CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate")
 
 
@@ -70,7 +71,10 @@ class Layout:
 
     def candidate(self, effect: Effect, name: str) -> Candidate:
         """The effect as a candidate; InputError where the rows do not allow it."""
-        moving = any(p.change_point for p in effect.parameters)
+        places = [p.unit for p in effect.parameters if p.change_point]
+        points = _POINTS_OF_PLACE if "degC" in places else None
+        if places and len(effect.parameters) > 1:
+            points = _POINTS_OF_TWO
         moved = _Moved(self, effect) if effect.moves_abscissa else None
         return Candidate(
             name=name,
@@ -78,8 +82,8 @@ class Layout:
             effect=effect.name,
             kind="abscissa" if effect.moves_abscissa else "term",
             parameters=effect.parameters,
-            change_point=moving,
-            points=_POINTS_OF_TWO if moving and len(effect.parameters) > 1 else None,
+            change_point=bool(places),
+            points=points,
             rarity=effect.rarity,
             shift=moved.shift if moved else None,
         )

@@ -29,7 +29,7 @@ class Collected:
 
 def collect(registry: Registry, ledger: Ledger, path: Path, selection: Selection | None = None) -> Collected:
     """Bring the file up to date: rows of unchanged runs stay, rows of new or changed runs are computed."""
-    own = [run for run in runs(registry) if run["archive"] == ledger.id]
+    own = runs(registry, archive=ledger.id)
     chosen, left_out = (selection or Selection()).of(own)
     wanted: dict[str, tuple[str, str, str]] = {}
     for run in chosen:

@@ -16,13 +16,16 @@ from bench.base import InputError
 Found = list[dict[str, Any]]
 
 
-def runs(registry: Registry, unit: str | None = None, most: int | None = None) -> Found:
-    """Runs with the verdicts of their calibrations, the one that was seen last first; each once."""
+def runs(registry: Registry, unit: str | None = None, most: int | None = None, archive: str | None = None) -> Found:
+    """Runs with the verdicts of their calibrations, the one that was seen last first; each once.
+
+    Of one `archive` all that it holds, others may hold them, too.
+    """
     run, calibration = TABLES["runs"], TABLES["calibrations"]
     chosen = (
         select(run, calibration.c.verdict, calibration.c.model, calibration.c.judged)
         .join_from(run, calibration, isouter=True)
-        .where(once())
+        .where(once() if archive is None else run.c.archive == archive)
         .order_by(run.c.seen.desc().nulls_last(), run.c.created.desc(), run.c.id)
         .limit(most)
     )

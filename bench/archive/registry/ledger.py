@@ -64,19 +64,27 @@ class Ledger:
         if _entry(known, self.path, 0).get("manifest") != manifest_sha256:
             self.append(_run(path, manifest_sha256))
 
-    def saw_all(self, runs: Sequence[tuple[str, str]]) -> None:
-        """Note runs, each a path and the hash of its manifest, that the ledger does not know at all."""
-        known = self.seen()
-        if news := [_run(path, digest) for path, digest in runs if path not in known]:
-            self.append(*news)
+    def saw_all(self, runs: Sequence[tuple[str, str]], origins: Mapping[str, str] | None = None) -> None:
+        """Note runs, each a path and the hash of its manifest, that the ledger does not know with this manifest.
 
-    def seen(self) -> dict[str, tuple[int, str]]:
-        """Runs by path: the number of the line in which each was first seen, and the last hash of its manifest."""
-        found: dict[str, tuple[int, str]] = {}
+        `origins`: of runs from other archives, their ids there, by path.
+        """
+        known, origins = self.seen(), origins or {}
+        news = [_run(path, digest) for path, digest in runs if known.get(path, (0, ""))[1] != digest]
+        if news:
+            self.append(*({**new, "origin": origins[new["run"]]} if new["run"] in origins else new for new in news))
+
+    def seen(self) -> dict[str, tuple[int | None, str]]:
+        """Runs by path: the number of the line in which each was first seen, and the last hash of its manifest.
+
+        Runs of other archives have no number: this ledger saw them when they were fetched, not when they were made.
+        """
+        found: dict[str, tuple[int | None, str]] = {}
         for number, entry in enumerate(self.entries(), 2):
             if entry.get("kind") == "run":
                 path = str(entry.get("run"))
-                found[path] = found.get(path, (number, ""))[0], str(entry.get("manifest"))
+                first = None if "origin" in entry else number
+                found[path] = found.get(path, (first, ""))[0], str(entry.get("manifest"))
         return found
 
     def renewed(self) -> Ledger:

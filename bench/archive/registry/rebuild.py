@@ -38,8 +38,10 @@ def rebuild(registry: Registry, ledger: Ledger, *, only_compare: bool = False, m
     wanted, unreadable = of_archive(ledger)
     if not only_compare:
         runs = sorted(wanted["runs"].values(), key=lambda row: (str(row["created"]), str(row["path"])))
-        if any(row["seen"] is None for row in runs):
-            ledger.saw_all([(str(row["path"]), str(row["manifest_sha256"])) for row in runs])
+        known = ledger.seen()
+        news = [(str(row["path"]), str(row["manifest_sha256"])) for row in runs if row["path"] not in known]
+        if news:
+            ledger.saw_all(news)
             wanted, unreadable = of_archive(ledger)
     with registry.reading() if only_compare else registry.writing() as connection:
         if not only_compare and not moved:

@@ -101,7 +101,7 @@ def place_of(folder: RunFolder, ledger: Ledger) -> str:
     return folder.path.resolve().relative_to(ledger.root.resolve()).as_posix()
 
 
-def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int, str]] | None = None) -> Rows:
+def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | None, str]] | None = None) -> Rows:
     """The rows of one run folder; InputError where its manifest cannot be read. `seen` saves a look at the ledger."""
     rows = empty()
     manifest = folder.manifest()

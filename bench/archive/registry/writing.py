@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, cast
 
 from sqlalchemy import Connection, Insert, delete, select
@@ -11,7 +11,19 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from bench.archive.registry.ledger import Entry, Ledger
 from bench.archive.registry.opening import Registry
-from bench.archive.registry.rows import OF_RUNS, PRIMARY, Key, Row, Rows, empty, of_run, place_of, update_by
+from bench.archive.registry.rows import (
+    OF_RUNS,
+    PRIMARY,
+    Key,
+    Row,
+    Rows,
+    empty,
+    of_ledger,
+    of_run,
+    place_of,
+    update,
+    update_by,
+)
 from bench.archive.registry.tables import IN_ORDER
 from bench.base import InputError
 from bench.record import MANIFEST, RunFolder, sha256
@@ -30,6 +42,22 @@ def register(registry: Registry, folder: RunFolder, ledger: Ledger) -> None:
     with registry.writing() as connection:
         refuse_copy(connection, registry, ledger)
         write_runs(connection, rows)
+
+
+def register_all(registry: Registry, folders: Iterable[RunFolder], ledger: Ledger) -> list[str]:
+    """Write the rows of run folders that the ledger saw, and what people entered; a line for each that is damaged."""
+    told, rows, seen, damaged = of_ledger(ledger), empty(), ledger.seen(), list[str]()
+    for folder in folders:
+        try:
+            update(rows, of_run(folder, ledger, seen))
+        except (InputError, OSError) as error:
+            damaged.append(str(error))
+    with registry.writing() as connection:
+        refuse_copy(connection, registry, ledger)
+        for name in ("archives", *TOLD, *SHARED):
+            upsert(connection, name, list(told[name].values()))
+        write_runs(connection, rows)
+    return damaged
 
 
 def tell(registry: Registry, ledger: Ledger, entry: Entry) -> None:

@@ -15,6 +15,7 @@ from bench.cli.rendering.printing import bound, content, lines, number, table, u
 from bench.commands import (
     Compared,
     ComparedSamples,
+    Decided,
     Diagnosed,
     Differs,
     EffectAdded,
@@ -265,6 +266,28 @@ def _(result: Diagnosed) -> Iterator[str | Table]:
 @content.register(Diagnosed)
 def _(result: Diagnosed) -> dict[str, Any]:
     return result.diagnosis.to_json()
+
+
+@lines.register(Decided)
+def _(result: Decided) -> Iterator[str | Table]:
+    for turn, one in enumerate(result.rounds, start=1):
+        yield f"run {turn}: {one.profile}" + (f" -> {one.run}" if one.run else ", not made")
+        yield f"  {one.why}"
+    if result.rounds:
+        yield ""
+    yield from lines(Diagnosed(result.diagnosis))
+    yield ""
+    yield result.reason
+
+
+@content.register(Decided)
+def _(result: Decided) -> dict[str, Any]:
+    rounds = [
+        {"profile": str(one.profile), "use": one.use, "why": one.why, "run": None if one.run is None else str(one.run)}
+        for one in result.rounds
+    ]
+    return {"decided": result.decided, "reason": result.reason, "rounds": rounds,
+            "diagnosis": result.diagnosis.to_json()}  # fmt: skip
 
 
 def _next(diagnosis: Diagnosis) -> Iterator[str]:

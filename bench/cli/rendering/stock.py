@@ -15,8 +15,10 @@ from bench.commands import (
     CertificatesListed,
     EquipmentListed,
     FleetJudged,
+    LotAudited,
     LotCalibrated,
     LotChecked,
+    LotCompleted,
     Noted,
     Recalled,
     Refitted,
@@ -263,3 +265,22 @@ def _(result: LotChecked) -> Iterator[str | Table]:
 def _(result: LotChecked) -> dict[str, Any]:
     units = [{"unit": unit, "like": one.like, **asdict(one)} for unit, one in result.units.items()]
     return {"run": str(result.run), "lot": result.lot, "units": units}
+
+
+@lines.register(LotCompleted)
+def _(result: LotCompleted) -> Iterator[str]:
+    error, low, high = (number(value) for value in (result.error_dph, result.low_dph, result.high_dph))
+    yield f"{error} deg/h RMS expected over the whole run of lot {result.lot} (95 %: {low} to {high})"
+    yield f"run     {result.run}"
+
+
+@lines.register(LotAudited)
+def _(result: LotAudited) -> Iterator[str]:
+    yield ", ".join(f"{count} {word}" for word, count in result.outcomes.items())
+    yield f"{100 * result.saved:.1f} % of the time of whole runs was saved"
+    if result.held_from is None or result.held_to is None:
+        yield "no audit yet: nothing shows whether the stated errors hold"
+        return
+    share = f"95 %: {100 * result.held_from:.0f} to {100 * result.held_to:.0f} %"
+    yield f"{result.held} of {result.audits} audits lie in their stated 95 % interval ({share})"
+    yield f"{result.over} audits are above the limit"

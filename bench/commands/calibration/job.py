@@ -10,12 +10,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.base import InputError, __version__, read_yaml
+from bench.base import InputError, __version__, locked, read_yaml
 from bench.record import CHAIN, MANIFEST, JobRecord, RunFolder, new_folder, slug
 
 JOB = JobRecord.FILE
-MARK = "job.yaml"
+JOB_MARK = "job.yaml"
 """In the folder of a run: the job and the step that it was made for."""
+_LOCK = ".lock"
 HELD, FAILED, RUNNING, ENDED = "held", "failed", "running", "ended"
 
 
@@ -81,7 +82,7 @@ class JobFile:
 
     def runs(self) -> list[Path]:
         """Every run with a manifest that was made for it, also those that were begun anew, the oldest first."""
-        marks = sorted(self.folder.parent.glob(f"*/{MARK}"))
+        marks = sorted(self.folder.parent.glob(f"*/{JOB_MARK}"))
         mine = [path.parent for path in marks if read_yaml(path).content.get("job") == self.folder.name]
         return [run for run in mine if (run / MANIFEST).is_file()]
 
@@ -92,7 +93,7 @@ class JobFile:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Keep a second bench from this job; the lock goes with the process, however that ends."""
-        with (self.folder / ".lock").open("w") as file:
+        with (self.folder / _LOCK).open("w") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
@@ -179,6 +180,11 @@ class JobFile:
         self.content |= {"state": state, "verdict": verdict, "sentence": sentence, "exit_code": exit_code}
         self.content["ended"] = _now()
         self.save()
+
+
+def at_work(folder: Path) -> bool:
+    """Whether a bench works on the job in a folder."""
+    return locked(folder / _LOCK)
 
 
 def _begun(folder: Path) -> JobRecord | None:

@@ -12,6 +12,7 @@ from bench.base import Document, InputError, load_config, read_yaml
 from bench.commands.acquisition import station_file
 from bench.commands.calibration.plan import Plan
 from bench.commands.papers import Papers
+from bench.commands.slots import seated
 
 
 @dataclass(frozen=True)
@@ -26,13 +27,23 @@ class Order:
     serial: str
     out: Path
     quiet: bool = False
+    operator: str = ""
+    """Who works on it, if not the user of this process."""
 
     @classmethod
-    def load(cls, path: Path, station: Path | None, serial: str, out: Path, quiet: bool = False) -> Order:
-        """Read the plan; InputError where it, or a file that it names, is wrong or missing."""
+    def load(cls, path: Path, station: Path | None, unit: str, out: Path, quiet: bool = False) -> Order:
+        """Read the plan; InputError where it, or a file that it names, is wrong or missing.
+
+        `unit` is a unit of the station, or a new one in the slot of one (`NEW@KNOWN`).
+        """
         own = read_yaml(path)
-        order = cls(load_config(own, Plan), path, station, {path: own}, serial, out, quiet)
-        return replace(order, documents={path: own} | {file: read_yaml(file) for file in order.files() if file != path})
+        order = cls(load_config(own, Plan), path, station, {path: own}, unit, out, quiet)
+        known = {file: read_yaml(file) for file in order.files() if file != path}
+        place, (serial,) = seated(known[station] if station else station_file(None), [unit])
+        if serial != unit:
+            station = station or Path(place.file)
+            known[station] = place
+        return replace(order, documents={path: own} | known, station=station, serial=serial)
 
     def file(self, name: str) -> Path:
         """A file that the plan names."""
@@ -41,6 +52,11 @@ class Order:
     def document(self, name: str) -> Document:
         """A file that the plan names, as it was read."""
         return self.documents[self.file(name)]
+
+    def profiles(self) -> list[str]:
+        """The profiles that the plan names, in the order in which they are run."""
+        plan = self.plan
+        return [name for name in (plan.static, plan.profile, plan.verification) if name]
 
     def papers(self) -> Papers:
         """Laboratory and equipment that the plan names."""

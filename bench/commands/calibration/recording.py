@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bench.base import InputError, dump
 from bench.commands.acquisition import Task, conduct
 from bench.commands.analysis import recover
-from bench.commands.calibration.job import MARK, JobFile
+from bench.commands.calibration.job import JOB_MARK, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.resuming import continued
 from bench.record import MANIFEST, RunFolder, slug
@@ -33,7 +33,7 @@ def recorded(
         return run, len(run.parts()) > 1
     if found is not None:
         job.renew(step)
-    task = Task([order.serial], {**texts, MARK: _mark(job, step)}, order.out, compensation)
+    task = Task([order.serial], {**texts, JOB_MARK: _mark(job, step)}, order.out, compensation, order.operator)
     return _whole(conduct(order.document(profile), order.station_file(), task, order.quiet)), False
 
 
@@ -44,7 +44,7 @@ def _mark(job: JobFile, step: str) -> str:
 def find(order: Order, mark: str) -> Path | None:
     """The run folder that holds this mark."""
     unit = order.out / slug(order.serial)
-    found = [path.parent for path in unit.glob(f"*/{MARK}") if path.read_text(encoding="utf-8") == mark]
+    found = [path.parent for path in unit.glob(f"*/{JOB_MARK}") if path.read_text(encoding="utf-8") == mark]
     return max(found, key=lambda folder: folder.name, default=None)
 
 
@@ -58,7 +58,7 @@ def _taken_up(order: Order, folder: Path) -> RunFolder | None:
         run = recover(folder)
         if run.manifest().state == "done":
             return run
-        return _whole(continued(run, order.station, order.quiet))
+        return _whole(continued(run, None if order.station is None else order.station_file(), order.quiet))
     except InputError as error:
         # Killed before anything was recorded, or after the last segment: there is nothing to go on with.
         if _NOTHING_LEFT in str(error) or "no readable journal" in str(error) or "start the run anew" in str(error):

@@ -65,40 +65,46 @@ class Check:
 
     def do(self, order: Order, job: JobFile) -> Done:
         """See the protocol."""
-        plan = order.plan
-        order.refuse_same()
-        load_limits(order.document(plan.limits))
-        for model in plan.models:
-            order.load_model(model)
-        station = acquisition.station_of(order.station_file())
-        unit = station.chosen([order.serial])[0]
-        if unit.identity is None and not any(map(str.isdigit, order.serial)):
-            raise InputError(f"unit '{order.serial}' has no number for its image; give its `identity`", order.station)
-        warnings = self._papers(order, station)
-        late: list[str] = []
-        for name in filter(None, (plan.static, plan.profile, plan.verification)):
-            checked = acquisition.check_on(load_profile(order.document(name)), station)
-            late += [segment.name for segment in checked.late]
-            warnings += [f"{name}: {finding.text}" for finding in checked.findings if finding.level == "warning"]
-        if late:
-            raise InputError(f"segments of the profiles would fail on this station: {', '.join(late)}", order.path)
+        warnings = check_order(order)
         cases = [Case("warnings", text="; ".join(warnings))]
         return Done(f"plan, station and equipment agree, {len(warnings)} warnings", {"warnings": warnings}, cases)
 
-    @staticmethod
-    def _papers(order: Order, station: StationSettings) -> list[str]:
-        """Refuse now what would make the certificate impossible after a day of measurement."""
-        papers = order.papers().over(Papers.of_station(station))
-        if order.plan.certificate:
-            from bench.deliver import require_typst
 
-            require_typst()
-            for lack in lacking(papers.laboratory, papers.equipment, order.path):
-                raise lack.error()
-        if papers.equipment is None:
-            return ["no equipment in the plan: the results are not metrologically traceable"]
-        refuse_overdue(load_instruments(papers.equipment), datetime.now(UTC).date(), papers.equipment.file)
-        return []
+def check_order(order: Order) -> list[str]:
+    """Warnings about a plan for a unit on a station; InputError where it cannot be carried out."""
+    plan = order.plan
+    order.refuse_same()
+    load_limits(order.document(plan.limits))
+    for model in plan.models:
+        order.load_model(model)
+    station = acquisition.station_of(order.station_file())
+    unit = station.chosen([order.serial])[0]
+    if unit.identity is None and not any(map(str.isdigit, order.serial)):
+        raise InputError(f"unit '{order.serial}' has no number for its image; give its `identity`", order.station)
+    warnings = _papers(order, station)
+    late: list[str] = []
+    for name in order.profiles():
+        checked = acquisition.check_on(load_profile(order.document(name)), station)
+        late += [segment.name for segment in checked.late]
+        warnings += [f"{name}: {finding.text}" for finding in checked.findings if finding.level == "warning"]
+    if late:
+        raise InputError(f"segments of the profiles would fail on this station: {', '.join(late)}", order.path)
+    return warnings
+
+
+def _papers(order: Order, station: StationSettings) -> list[str]:
+    """Refuse now what would make the certificate impossible after a day of measurement."""
+    papers = order.papers().over(Papers.of_station(station))
+    if order.plan.certificate:
+        from bench.deliver import require_typst
+
+        require_typst()
+        for lack in lacking(papers.laboratory, papers.equipment, order.path):
+            raise lack.error()
+    if papers.equipment is None:
+        return ["no equipment in the plan: the results are not metrologically traceable"]
+    refuse_overdue(load_instruments(papers.equipment), datetime.now(UTC).date(), papers.equipment.file)
+    return []
 
 
 @dataclass(frozen=True)
@@ -304,4 +310,4 @@ class Certify:
 
 STEPS: tuple[Step, ...] = (Check(), Static(), Run(), Fit(), Diagnose(), Flash(), Verify(), Certify())
 """Of a single gyro."""
-NAMES = tuple(step.name for step in STEPS)
+STEP_NAMES = tuple(step.name for step in STEPS)

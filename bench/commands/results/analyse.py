@@ -189,6 +189,36 @@ class Diagnosed(Result):
 
 
 @dataclass(frozen=True)
+class Round:
+    """One proposed run of a decision; `run` is None where it was not made, and `why` says why."""
+
+    profile: Path
+    use: str
+    why: str
+    run: Path | None = None
+
+
+@dataclass(frozen=True)
+class Decided(Result):
+    """A diagnosis repeated with the runs that it proposed; `reason` says why it ended."""
+
+    diagnosis: Diagnosis
+    decided: bool
+    reason: str
+    rounds: tuple[Round, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """1 where it is not decided."""
+        return 0 if self.decided else 1
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """Those that were made."""
+        return tuple(one.run for one in self.rounds if one.run is not None)
+
+
+@dataclass(frozen=True)
 class Improved(Result):
     """A model improved step by step; `out` is the file that it was written to."""
 

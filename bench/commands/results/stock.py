@@ -153,6 +153,40 @@ class LotCalibrated(Result):
 
 
 @dataclass(frozen=True)
+class LotCompleted(Result):
+    """A run folder with the calibration of a unit by its run and its lot, and the error expected of it [deg/h RMS]."""
+
+    run: Path
+    lot: str
+    error_dph: float
+    low_dph: float
+    high_dph: float
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """The unit's."""
+        return (self.run,)
+
+
+@dataclass(frozen=True)
+class LotAudited(Result):
+    """How the runs of a lot with `until` ended, and what the audits among them showed."""
+
+    lot: str
+    outcomes: Mapping[str, int]
+    saved: float
+    """Share of the time of whole runs that all these runs together saved."""
+    audits: int
+    held: int
+    """Audits whose error lies in the stated 95 % interval …"""
+    held_from: float | None
+    """… and the 95 % interval of that share (Clopper, Pearson)."""
+    held_to: float | None
+    over: int
+    """Audits whose error is above the limit."""
+
+
+@dataclass(frozen=True)
 class LotChecked(Result):
     """Which units are like a lot."""
 

@@ -20,10 +20,17 @@ class Following:
     Not on a rate table: what it turns is no bias, and its readings come later than the samples.
     """
 
-    def __init__(self, profile: Profile, desk: Desk, onlooker: Callable[[Station, Status], None]) -> None:
+    def __init__(
+        self,
+        profile: Profile,
+        desk: Desk,
+        onlooker: Callable[[Station, Status], None],
+        heard: Callable[[str, float, float, float], None] = lambda *_: None,
+    ) -> None:
+        """`heard` is told serial number, time, temperature and rate of every unit at every tick."""
         setpoints = profile.setpoint(np.linspace(0.0, profile.duration_s, 4096))
         self._range = float(np.min(setpoints)), float(np.max(setpoints))
-        self._onlooker = onlooker
+        self._onlooker, self._heard = onlooker, heard
         self._units: dict[str, SoFar] = {}
         desk.notes = self.notes
 
@@ -33,7 +40,9 @@ class Following:
             for unit in station.units:
                 if unit.temperature is not None:
                     so_far = self._units.setdefault(unit.serial, SoFar(*self._range))
-                    so_far.add(status.t_s, unit.temperature.value, unit.level.take())
+                    mean = status.t_s, unit.temperature.value, unit.level.take()
+                    so_far.add(*mean)
+                    self._heard(unit.serial, *mean)
         self._onlooker(station, status)
 
     def notes(self) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Fit, Source, source_of
-from bench.base import CHANNELS, DPH_PER_DPS, InputError, IntArray
+from bench.base import DPH_PER_DPS, InputError, IntArray
 from bench.deliver.export.building import deliver
 from bench.deliver.export.delivery import INPUTS, Delivery
 from bench.deliver.export.exact import correction
@@ -99,8 +99,8 @@ def id_of(content: Sequence[Any]) -> int:
 
 
 def counts_of(dataset: Dataset) -> dict[int, IntArray]:
-    """Channels of a record in the counts of the unit."""
-    own = [name for name in INPUTS if name in CHANNELS and name in dataset.channels]
+    """Channels of a record in the counts of the unit; those without any value are none."""
+    own = [name for name in INPUTS if name in dataset.channels and np.any(np.isfinite(dataset.channels[name]))]
     return {INPUTS[name].id: to_counts(name, dataset.channel(name)) for name in own}
 
 

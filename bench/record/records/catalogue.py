@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bench.record.records.calibration import CalibrationRecord
+from bench.record.records.centre import ElsewhereRecord, EntryRecord
 from bench.record.records.certificate import CertificateRecord
 from bench.record.records.chain import ChainRecord
 from bench.record.records.comparison import ComparisonRecord
@@ -15,6 +16,7 @@ from bench.record.records.lot import LotRecord
 from bench.record.records.manifest import Manifest
 from bench.record.records.start import StartRecord
 from bench.record.records.stored import Record
+from bench.record.records.until import UntilRecord
 
 RECORDS: tuple[type[Record], ...] = (
     ChainRecord,
@@ -31,5 +33,8 @@ RECORDS: tuple[type[Record], ...] = (
     ImuRecord,
     ImuVerificationRecord,
     StartRecord,
+    UntilRecord,
+    EntryRecord,
+    ElsewhereRecord,
 )
 """In the order in which a unit's work makes them."""

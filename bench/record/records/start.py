@@ -1,4 +1,4 @@
-"""start.json of the page's server: a run that was started from the page."""
+"""start.json of the page's server: a run, or a calibration, that was started from the page."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ class StartRecord(Record):
 
     start: str
     """Name of the start."""
+    digest: str = ""
+    """Of a calibration: that of its job; empty for a run."""
     plan: str = ""
     station: str | None = None
     equipment: tuple[str, ...] = ()
@@ -30,5 +32,7 @@ class StartRecord(Record):
     started: str
     runs: tuple[str, ...] = ()
     """Ids of the runs that its process made."""
+    waiting: tuple[str, ...] = ()
+    """Arguments of `bench`, while it waits for its equipment."""
     pid: int | None = None
     """Null until the process is there."""

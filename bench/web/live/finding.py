@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from bench.acquisition import LIVE, LiveRun, live_among
+from bench.acquisition import LiveRun, live_among
+from bench.record import LIVE
 
 YOUNG_S = 10.0
 """A unit's folder that changed this recently is searched, as a run may go live a moment later [s]."""

@@ -46,6 +46,8 @@ class End(BaseModel):
 
     run: str
     runs: list[str]
+    job: str | None = None
+    """The calibration that it was made for."""
     state: str
     """done, aborted or failed."""
     cause: str
@@ -112,6 +114,14 @@ class GuardLight(BaseModel):
     value: Number
 
 
+class Again(BaseModel):
+    """What a run was started with, so that it can be started again."""
+
+    plan: str
+    station: str | None
+    units: list[str]
+
+
 class Run(BaseModel):
     """A live run or an ended one; unknown values are missing or null."""
 
@@ -125,7 +135,13 @@ class Run(BaseModel):
     start: str | None
     """The start that made it, if the page started it."""
     who: dict[str, str] | None
+    job: str | None = None
+    """The calibration that it is made for."""
+    again: Again | None = None
+    """What was started, if the page started it."""
     nominal_s: float
+    segments_s: list[float] = []
+    """Nominal duration of each segment [s]."""
     curve: list[tuple[float, float]]
     condition: Literal["live", "silent", "gone", "ended"]
     detail: str = ""

@@ -1,19 +1,20 @@
-"""`/starts`: runs that the page starts, each in a separate process."""
+"""`/starts`: runs and calibrations that the page starts, each in a separate process, or waiting for its equipment."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Request
 from fastapi import Path as Part
 from pydantic import BaseModel, ConfigDict, Field
 
+from bench.commands import seated, station_file, station_of
 from bench.web.ground.settings import Here
 from bench.web.live.live import watcher_of
 from bench.web.live.picture import UnitVerdict
 from bench.web.live.starts import InUse, Order, Starts
-from bench.web.live.subject import in_use
-from bench.web.people.access import Operator
+from bench.web.people.access import Operator, Who
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
 from bench.web.plans.checking import Intended, Name
@@ -26,6 +27,10 @@ class Wanted(Intended):
 
     models: list[Name] = Field(default=[], max_length=8)
     limits: Name | None = None
+    operator: str = Field(default="", max_length=80)
+    """Who works at the bench, where nobody has to sign in."""
+    queue: bool = False
+    """Wait until the station is free."""
 
 
 class Start(BaseModel):
@@ -34,7 +39,9 @@ class Start(BaseModel):
     model_config = ConfigDict(extra="ignore")
 
     start: str
-    state: Literal["starting", "running", "ended", "refused"]
+    state: Literal["waiting", "starting", "running", "ended", "refused"]
+    digest: str = ""
+    """Of a calibration; empty for a run."""
     plan: str
     station: str
     units: list[str]
@@ -59,7 +66,8 @@ class Starting(BaseModel):
     starts: list[Start]
 
 
-def _starts(request: Request) -> Starts:
+def starts_of(request: Request) -> Starts:
+    """Those of this server."""
     starts: Starts = request.app.state.starts
     return starts
 
@@ -70,8 +78,10 @@ def begin(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
     known = Catalog(here.project, here.own)
     profile = named(known.plans(), wanted.plan, "plan")
     station = named(known.stations(), wanted.station, "station")
-    settings = catalog.station(station)
-    settings.chosen(wanted.units)
+    place, serials = seated(station_file(station), wanted.units)
+    settings = station_of(place)
+    settings.chosen(serials)
+    who = named_by(who, wanted.operator, request)
     order = Order(
         plan=wanted.plan,
         station=wanted.station,
@@ -83,27 +93,51 @@ def begin(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
         limits=named(known.limits(), wanted.limits, "limits") if wanted.limits else None,
         who={"name": who.name, "role": who.role, "address": who.address},
         operator=str(who),
+        queue=wanted.queue,
     )
-    used: dict[str, str] = {}
-    for watched in watcher_of(request).runs:
-        if watched.condition != "gone":
-            used |= in_use(watched.live)
+    return begun(order, request)
+
+
+def begun(order: Order, request: Request) -> Start:
+    """Start it; HTTPException 409 where another run uses its equipment."""
     try:
-        return Start(**_starts(request).begin(order, used))
+        return Start(**starts_of(request).begin(order, watcher_of(request).in_use()))
     except InUse as error:
         raise HTTPException(409, str(error)) from None
+
+
+def named_by(who: Who, operator: str, request: Request) -> Who:
+    """The user, by the name that was typed where nobody signs in; HTTPException 400 where somebody has."""
+    name = " ".join(operator.split())
+    if not name:
+        return who
+    if not request.app.state.access.open:
+        raise HTTPException(400, "operator: whoever signed in is the operator; leave it out")
+    if not name.isprintable():
+        raise HTTPException(400, "operator: must be visible characters")
+    return replace(who, name=name)
 
 
 @router.get("/starts")
 def starts(request: Request) -> Starting:
     """All starts that are kept."""
-    return Starting(starts=[Start(**told) for told in _starts(request).listed()])
+    return Starting(starts=[Start(**told) for told in starts_of(request).listed()])
 
 
 @router.get("/starts/{start}")
 def start(start: Annotated[str, Part(min_length=1, max_length=100)], request: Request) -> Start:
     """A start with its outcome."""
-    told: dict[str, Any] | None = _starts(request).find(start)
+    told: dict[str, Any] | None = starts_of(request).find(start)
     if not told:
         raise HTTPException(404, f"no start {start!r}, or not any more; GET /api/v1/starts lists them")
     return Start(**told)
+
+
+@router.delete("/starts/{start}", status_code=204)
+def give_up(start: Annotated[str, Part(min_length=1, max_length=100)], request: Request, who: Operator) -> None:
+    """Take a start that waits out of the queue; 409 for one that does not wait."""
+    starts = starts_of(request)
+    if not starts.find(start):
+        raise HTTPException(404, f"no start {start!r}, or not any more; GET /api/v1/starts lists them")
+    if not starts.give_up(start):
+        raise HTTPException(409, f"start {start} does not wait any more; abort its run instead")

@@ -1,38 +1,34 @@
-"""Runs that the page started: detached processes, which a server finds again through their files after a restart.
+"""Runs and calibrations that the page started: detached processes.
 
-The folder `<out>/.web/starts/<start>/` of a start holds the request and its user (`start.json`), the output of the
-process (`stdout`, `stderr`), a lock that the process holds while it lives, and its exit code.
+A server finds them again through their files after a restart. What waits for its equipment has no process yet. The
+folder `<out>/.web/starts/<start>/` of a start holds the request and its user (`start.json`), the output of the process
+(`stdout`, `stderr`), a lock that the process holds while it lives, and its exit code.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
-import json
 import os
 import secrets
 import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from bench.acquisition import LIVE
-from bench.base import EquipmentError, InputError
-from bench.record import MANIFEST, StartRecord
-from bench.web.live.story import state_of
+from bench.base import EquipmentError, InputError, locked
+from bench.record import LIVE, StartRecord
+from bench.web.live.outcomes import LOCK, outcome, waits
 
-EXIT = "exit_code"
-"""The exit code of the process, in the folder of its start."""
 KEPT = 200
 """Number of starts that are kept; the oldest are removed, their runs stay."""
-_SAID_BYTES = 1 << 20
 
-State = Literal["starting", "running", "ended", "refused"]
+State = Literal["waiting", "starting", "running", "ended", "refused"]
 
 
 class _Detached(subprocess.Popen[bytes]):
@@ -48,15 +44,25 @@ class InUse(Exception):  # noqa: N818 - a state, not an error
 
 @dataclass(frozen=True)
 class Order:
-    """A run to start: files, units, models, limits, user."""
+    """A run or a calibration to start: files, units, models, limits, user."""
 
     plan: str
     station: str
-    profile_file: Path
     station_file: Path
     equipment: frozenset[str]
     """Equipment that no other run may use meanwhile."""
+    profile_file: Path | None = None
+    """Of a run."""
+    plan_file: Path | None = None
+    """Of a calibration, with the digest of its job."""
+    digest: str = ""
+    release: str = ""
+    """Why a held calibration goes on."""
+    anew: bool = False
+    queue: bool = False
+    """Wait until nothing else uses the equipment."""
     units: Sequence[str] = ()
+    """Units of the station, or new ones in their slots (`NEW@KNOWN`)."""
     models: Sequence[str] = ()
     limits: Path | None = None
     who: Mapping[str, str] = field(default_factory=dict)
@@ -68,7 +74,11 @@ class Order:
         more = [("--unit", unit) for unit in self.units] + [("--model", model) for model in self.models]
         more += [("--limits", str(self.limits))] if self.limits else []
         more += [("--station", str(self.station_file)), ("--out", str(out)), ("--operator", self.operator)]
-        return ["run", "--quiet", "--json", *(word for pair in more for word in pair), "--", str(self.profile_file)]
+        more += [("--plan", str(self.plan_file))] if self.plan_file else []
+        more += [("--release", self.release)] if self.release else []
+        words = [word for pair in more for word in pair] + ["--new"] * self.anew
+        return ["calibrate" if self.plan_file else "run", "--quiet", "--json", *words,
+                *(["--", str(self.profile_file)] if self.profile_file else [])]  # fmt: skip
 
 
 class Starts:
@@ -80,18 +90,22 @@ class Starts:
         self._lock = threading.RLock()
         self._children: list[_Detached] = []
         self._ended: dict[str, dict[str, Any]] = {}
+        self._waiting = {folder.name for folder in self._folders()}
+        """What may wait for its equipment; at first all that there is."""
 
     def begin(self, order: Order, in_use: Mapping[str, str]) -> dict[str, Any]:
         """Start a run; InUse where another one uses its equipment. `in_use`: equipment of live runs, with texts."""
         with self._lock:
             in_use = {**in_use, **self._in_use()}
-            if taken := sorted(order.equipment & in_use.keys()):
+            taken = sorted(order.equipment & in_use.keys())
+            if taken and not order.queue:
                 text = f"{taken[0]} is in use: {in_use[taken[0]]}; wait for its end, or abort it first"
                 raise InUse(text)
             self._forget()
             folder = self._new_folder()
             about = StartRecord(
                 start=folder.name,
+                digest=order.digest,
                 plan=order.plan,
                 station=order.station,
                 equipment=tuple(sorted(order.equipment)),
@@ -101,16 +115,47 @@ class Starts:
                 who=dict(order.who),
                 started=datetime.now(UTC).isoformat(timespec="milliseconds"),
                 runs=(),
+                waiting=tuple(order.arguments(self._out)),
                 pid=None,
             )
             try:
                 about.write(folder)  # written first, so that every process has a record
-                pid = self._spawn(folder, order.arguments(self._out))
+                self._waiting.add(folder.name)
+                if not taken:
+                    self._go(folder, about)
             except OSError as error:
                 shutil.rmtree(folder, ignore_errors=True)
                 raise EquipmentError(f"the run cannot be started: {error.strerror or error}") from error
-            self._write(folder, about.model_copy(update={"pid": pid}))
             return self._told(folder)
+
+    def _go(self, folder: Path, about: StartRecord) -> None:
+        pid = self._spawn(folder, list(about.waiting))
+        self._write(folder, about.model_copy(update={"pid": pid, "waiting": ()}))
+
+    def take_up(self, in_use: Mapping[str, str]) -> None:
+        """Start what waits for equipment that is free now, the oldest first."""
+        with self._lock:
+            waiting = {name: about for name in sorted(self._waiting) if (about := self._waits(name))}
+            self._waiting = {*waiting}
+            if not waiting:
+                return
+            taken = {*in_use, *self._in_use()}
+            for name, about in waiting.items():
+                if not taken & {*about.equipment}:
+                    self._go(self._folder / name, about)
+                taken |= {*about.equipment}  # whoever came first is first
+
+    def _waits(self, name: str) -> StartRecord | None:
+        about = _about(self._folder / name)
+        return about if about is not None and waits(self._folder / name, about) else None
+
+    def give_up(self, start: str) -> bool:
+        """Remove a start that waits; False where it does not wait, or not any more."""
+        with self._lock:
+            found = start in {folder.name for folder in self._folders()} and self._waits(start) is not None
+            if found:
+                shutil.rmtree(self._folder / start, ignore_errors=True)
+            return found
 
     def _write(self, folder: Path, about: StartRecord) -> None:
         """Write the record; on a full disk the link from the start to its run is lost, but the run goes on."""
@@ -118,7 +163,7 @@ class Starts:
             about.write(folder)
 
     def _new_folder(self) -> Path:
-        name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(4)}"
+        name = f"{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}-{secrets.token_hex(4)}"  # sorts by time
         folder = self._folder / name
         folder.mkdir(parents=True)
         return folder
@@ -127,7 +172,7 @@ class Starts:
         """Start a process in its own session, so that neither the server's end nor its terminal ends it."""
         environment = {name: value for name, value in os.environ.items() if name != "BENCH_TOKEN"}
         with (
-            (folder / "lock").open("wb") as lock,
+            (folder / LOCK).open("wb") as lock,
             (folder / "stdout").open("wb") as stdout,
             (folder / "stderr").open("wb") as stderr,
         ):
@@ -168,6 +213,11 @@ class Starts:
         with self._lock:
             return [told for folder in self._folders() if (told := self._told(folder))]
 
+    def of_job(self, unit: str, digest: str) -> dict[str, Any] | None:
+        """The newest start of a calibration of this unit."""
+        mine = (told for told in self.listed() if told["digest"] == digest)
+        return next((told for told in mine if [serial_of(one) for one in told["units"]] == [unit]), None)
+
     def of_run(self, run: str) -> dict[str, Any] | None:
         """The newest start that made this run."""
         return next((told for told in self.listed() if run in told["runs"]), None)
@@ -179,7 +229,7 @@ class Starts:
 
     def _forget(self) -> None:
         for folder in self._folders()[KEPT - 1 :]:
-            if not _alive(folder):
+            if not _alive(folder) and not self._waits(folder.name):
                 shutil.rmtree(folder, ignore_errors=True)
                 self._ended.pop(folder.name, None)
 
@@ -187,7 +237,8 @@ class Starts:
         """Equipment of starts whose run has not ended; a run that is only being analysed uses none."""
         found: dict[str, str] = {}
         for told in self.listed():
-            over = told["runs"] and not any((self._out / run / LIVE).exists() for run in told["runs"])
+            live = any((self._out / run / LIVE).exists() for run in told["runs"])
+            over = told["runs"] and not live and not told["digest"]  # a calibration has further runs
             if told["state"] in {"starting", "running"} and not over:
                 who, at = told["who"].get("name", "somebody"), told["started"][11:16]
                 text = f"{who} started {told['plan']} there at {at} UTC"
@@ -201,10 +252,15 @@ class Starts:
         if about is None:
             return {}
         alive = _alive(folder)  # before the files, so that nothing the process wrote is missed
-        told = {**_facts(about), **_outcome(folder, about, alive, self._out)}
+        told = {**_facts(about), **outcome(folder, about, alive, self._out)}
         if told["state"] in {"ended", "refused"}:
             self._ended[folder.name] = told
         return told
+
+
+def serial_of(unit: str) -> str:
+    """Serial number of a unit, which may be a new one in a slot (`NEW@KNOWN`)."""
+    return unit.rpartition("@")[0] or unit
 
 
 def _about(folder: Path) -> StartRecord | None:
@@ -216,85 +272,9 @@ def _about(folder: Path) -> StartRecord | None:
 
 def _facts(about: StartRecord) -> dict[str, Any]:
     """As the page's API tells it."""
-    return about.model_dump(mode="json", exclude={"format"})
+    return about.model_dump(mode="json", exclude={"format", "waiting"})
 
 
 def _alive(folder: Path) -> bool:
     """Whether the process of a start lives, which then holds the lock."""
-    try:
-        with (folder / "lock").open("rb") as lock:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
-    return False
-
-
-def _outcome(folder: Path, about: StartRecord, alive: bool, out: Path) -> dict[str, Any]:
-    """State, exit code, verdict and message of a start."""
-    nothing: dict[str, Any] = {"exit_code": None, "verdict": None, "sentence": "", "message": "", "verdicts": []}
-    if alive:
-        return {**nothing, "state": "running" if about.runs else "starting"}
-    code = _exit_code(folder)
-    said = _said(folder)
-    content = _answer(folder)
-    runs = _runs(content, out) or list(about.runs)
-    if code is None:
-        again = _again(out / runs[0]) if runs else "start it again"
-        return {**nothing, "state": "ended", "runs": runs, "message": f"something ended its process; {again}"}
-    if code == 2 and not runs:
-        return {**nothing, "state": "refused", "exit_code": code, "message": said}
-    return {
-        "state": "ended",
-        "runs": runs,
-        "exit_code": code,
-        "verdict": content.get("verdict"),
-        "sentence": str(content.get("sentence", "")),
-        "message": str(content.get("error", "")) or ("" if content else said),
-        "verdicts": [state_of(unit) for unit in content.get("units", [content] if content else [])],
-    }
-
-
-def _again(run: Path) -> str:
-    """Advice for a run whose process was killed, during the run or its analysis."""
-    if (run / MANIFEST).is_file():
-        return f"`bench report {run}` analyses it"
-    return f"`bench resume {run}` goes on with it"
-
-
-def _exit_code(folder: Path) -> int | None:
-    try:
-        return int((folder / EXIT).read_text())
-    except (OSError, ValueError):
-        return None
-
-
-def _said(folder: Path) -> str:
-    """Last message of `bench`, as one line."""
-    with contextlib.suppress(OSError):
-        lines = (folder / "stderr").read_bytes()[-_SAID_BYTES:].decode("utf-8", "replace").splitlines()
-        first = next((i for i, line in enumerate(lines) if line.startswith("bench: ")), max(len(lines) - 1, 0))
-        return "; ".join(line.removeprefix("bench: ").strip() for line in lines[first:] if line.strip())[:2000]
-    return ""
-
-
-def _answer(folder: Path) -> dict[str, Any]:
-    """The object that `bench run --json` printed; empty without one."""
-    try:
-        content = json.loads((folder / "stdout").read_bytes())
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}
-
-
-def _runs(content: Mapping[str, Any], out: Path) -> list[str]:
-    """Ids of the runs in an answer."""
-    return list(_ids((unit.get("run") for unit in content.get("units", [content])), out))
-
-
-def _ids(paths: Iterable[str | None], out: Path) -> Iterator[str]:
-    for path in paths:
-        if path:
-            with contextlib.suppress(ValueError):
-                yield Path(path).resolve().relative_to(out).as_posix()
+    return locked(folder / LOCK)

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.acquisition import LiveRun, StationSettings, load_profile
-from bench.base import BenchError
+from bench.base import BenchError, read_yaml
+from bench.commands import JOB_MARK
 from bench.web.live.finding import ids
 from bench.web.plans import catalog
 from drivers.errors import DriverError
@@ -27,13 +28,29 @@ def describe(live: LiveRun, start: dict[str, Any] | None) -> dict[str, Any]:
         "started": live.file.start,
         "start": start["start"] if start else None,
         "who": start["who"] if start else None,
+        "job": job_of(live.path),
+        "again": {key: start[key] for key in ("plan", "station", "units")} if start and not start["digest"] else None,
         "nominal_s": 0.0,
+        "segments_s": [],
         "curve": [],
     }
     with contextlib.suppress(BenchError, OSError):
         profile = load_profile(live.path / "profile.yaml")
-        about |= {"profile": profile.name, "nominal_s": profile.duration_s, "curve": catalog.curve(profile)}
+        legs_s = [round(leg.nominal_s, 1) for leg in profile.legs()]
+        about |= {"profile": profile.name, "nominal_s": profile.duration_s, "segments_s": legs_s}
+        about["curve"] = catalog.curve(profile)
     return about
+
+
+def job_of(folder: Path) -> str | None:
+    """Id of the calibration that a run was made for."""
+    mark = folder / JOB_MARK
+    if not mark.is_file():
+        return None
+    with contextlib.suppress(BenchError, AttributeError):
+        job = read_yaml(mark).content.get("job")
+        return f"{folder.parent.name}/{job}" if isinstance(job, str) else None
+    return None
 
 
 def station_of(folder: Path) -> StationSettings | None:

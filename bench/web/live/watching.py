@@ -14,13 +14,14 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.acquisition import ANSWER_S, LIVE, LiveRun, ask_run
+from bench.acquisition import ANSWER_S, LiveRun, ask_run
 from bench.base import EquipmentError, InputError, process_alive
+from bench.record import LIVE
 from bench.web.live import story
 from bench.web.live.finding import Finder, ids
 from bench.web.live.mirror import Mirror
 from bench.web.live.starts import Starts
-from bench.web.live.subject import describe
+from bench.web.live.subject import describe, in_use
 
 PERIOD_S = 0.2
 """Shortest time between two questions to a run."""
@@ -124,6 +125,18 @@ class Watcher:
         """The live runs, oldest first."""
         return list(self._watched.values())
 
+    def in_use(self) -> dict[str, str]:
+        """The equipment of the live runs, with texts."""
+        used: dict[str, str] = {}
+        for watched in self.runs:
+            if watched.condition != "gone":
+                used |= in_use(watched.live)
+        return used
+
+    def of_job(self, job: str) -> Watched | None:
+        """The live run of a calibration."""
+        return next((watched for watched in self.runs if watched.about["job"] == job), None)
+
     def find(self, run: str) -> Watched | None:
         """The live run with this id."""
         return next((watched for watched in self.runs if run in watched.runs), None)
@@ -157,6 +170,7 @@ class Watcher:
             except Exception:  # known runs are asked all the same
                 _log.exception("looking for live runs")
             self._starts.reap()
+            self._starts.take_up(self.in_use())
             ends += self._verdicts(now_s)
         for token, watched in list(self._watched.items()):
             if now_s >= watched.next_s:
@@ -244,7 +258,7 @@ def _analysed(end: Mapping[str, Any]) -> list[bool]:
 
 
 def _head(watched: Watched) -> dict[str, Any]:
-    return {key: watched.about[key] for key in ("run", "runs", "unit", "profile", "station", "start", "who")}
+    return {key: watched.about[key] for key in ("run", "runs", "unit", "profile", "station", "start", "who", "job")}
 
 
 def _gone(run: LiveRun, why: str) -> str:

@@ -1,47 +1,74 @@
 // The page: its bar, and the current page below it.
-import { html, render, useEffect, useErrorBoundary } from "./lib/preact.js";
+import { html, render, useEffect, useErrorBoundary, useState } from "./lib/preact.js";
 import { Bar } from "./lib/bar.js";
 import { get } from "./lib/api.js";
-import { Trouble } from "./lib/parts.js";
+import { live } from "./lib/live.js";
+import { Busy, Trouble } from "./lib/parts.js";
 import { here, match, navigate, takeLinks } from "./lib/router.js";
 import { session, useStore } from "./lib/store.js";
 import { language, speak, t } from "./lib/words.js";
-import Fleet from "./pages/fleet.js";
-import Import from "./pages/import.js";
-import Live from "./pages/live.js";
-import Login from "./pages/login.js";
-import Start from "./pages/start.js";
-import Unit from "./pages/unit.js";
-import Units from "./pages/units.js";
-import Verdict from "./pages/verdict.js";
-import Workbench from "./pages/workbench/main.js";
+import { stateWord } from "./pages/live/words.js";
 
 export { live, traces } from "./lib/live.js"; // what the page knows, for tests and measurements
 
-// Address, component that gets {params, query}, key of the title.
+const PAGES = {
+  calibrations: () => import("./pages/calibrations.js"),
+  fleet: () => import("./pages/fleet.js"),
+  import: () => import("./pages/import.js"),
+  laboratory: () => import("./pages/laboratory.js"),
+  live: () => import("./pages/live.js"),
+  login: () => import("./pages/login.js"),
+  start: () => import("./pages/start.js"),
+  unit: () => import("./pages/unit.js"),
+  units: () => import("./pages/units.js"),
+  verdict: () => import("./pages/verdict.js"),
+  workbench: () => import("./pages/workbench/main.js"),
+};
+/** Components of the pages that were fetched; each gets {params, query}. */
+const fetched = {};
+
+// Address, page, key of the title.
 const ROUTES = [
-  ["/", Start, "nav.start"],
-  ["/start", Start, "nav.start"],
-  ["/live", Live, "nav.live"],
-  ["/live/:unit/:run", Live, "nav.live"],
-  ["/verdict/:unit/:run", Verdict, "verdict.title"],
-  ["/workbench", Workbench, "nav.workbench"],
-  ["/workbench/*", Workbench, "nav.workbench"],
-  ["/units", Units, "nav.units"],
-  ["/units/:serial", Unit, "nav.units"],
-  ["/fleet", Fleet, "nav.fleet"],
-  ["/import", Import, "nav.import"],
-  ["/login", Login, "login.title"],
+  ["/", "start", "nav.start"],
+  ["/start", "start", "nav.start"],
+  ["/live", "live", "nav.live"],
+  ["/live/:unit/:run", "live", "nav.live"],
+  ["/verdict/:unit/:run", "verdict", "verdict.title"],
+  ["/workbench", "workbench", "nav.workbench"],
+  ["/workbench/*", "workbench", "nav.workbench"],
+  ["/units", "units", "nav.units"],
+  ["/units/:serial", "unit", "nav.units"],
+  ["/fleet", "fleet", "nav.fleet"],
+  ["/calibrations", "calibrations", "nav.calibrations"],
+  ["/calibrations/*", "calibrations", "nav.calibrations"],
+  ["/laboratory", "laboratory", "papers.title"],
+  ["/import", "import", "nav.import"],
+  ["/login", "login", "login.title"],
 ];
+
+/** States of the live runs, for the title of the browser's tab. */
+const statesOf = ({ runs }) => [...new Set(runs.map(stateWord))].join(", ");
 
 function Place({ route, place }) {
   const [broken, mend] = useErrorBoundary((error) => console.error(error));
-  const Page = route.page;
+  const [missing, setMissing] = useState(/** @type {{page?: string, error?: Error}} */ ({}));
+  const [, redraw] = useState("");
+  const Page = fetched[route.page];
   useEffect(() => {
-    document.title = `${t(route.title)} · ${t("brand")}`;
+    if (Page) return;
+    PAGES[route.page]().then(({ default: page }) => {
+      fetched[route.page] = page;
+      redraw(route.page);
+    }, (error) => setMissing({ page: route.page, error }));
+  }, [route.page]);
+  const doing = useStore(live, statesOf);
+  useEffect(() => {
+    document.title = [doing, t(route.title), t("brand")].filter(Boolean).join(" · ");
   });
   useEffect(() => mend(), [place.path]);
   if (broken) return html`<div class="page"><${Trouble} error=${broken} retry=${mend} /></div>`;
+  // A page that cannot be fetched may be that of an older server: the newest one is fetched whole.
+  if (!Page) return html`<div class="page">${missing.page === route.page ? html`<${Trouble} error=${missing.error} retry=${() => location.reload()} />` : html`<${Busy} />`}</div>`;
   return html`<${Page} params=${route.params} query=${place.query} />`;
 }
 

@@ -2,10 +2,13 @@
 import { createHash } from "node:crypto";
 import { existsSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import path from "node:path";
+import { gzipSync } from "node:zlib";
 
 const PAGE = import.meta.dirname;
 const ROOT = path.join(PAGE, "../../..");
 const STATIC = path.join(PAGE, "../static");
+/** What is also kept packed, for browsers that take it so. */
+const PACKED = /\.(js|css|json|svg)$/;
 const STAMP = path.join(STATIC, "sources.sha256");
 
 const lock = path.join(ROOT, "package-lock.json");
@@ -55,6 +58,8 @@ async function build() {
     minify: true,
     logLevel: "warning",
   });
+  for (const file of readdirSync(STATIC, { recursive: true, encoding: "utf8" }).filter((name) => PACKED.test(name)))
+    writeFileSync(path.join(STATIC, `${file}.gz`), gzipSync(readFileSync(path.join(STATIC, file)), { level: 9 }));
   writeFileSync(path.join(STATIC, "LICENSES.txt"), licences());
   writeFileSync(STAMP, fingerprint());
 }

@@ -15,8 +15,9 @@ from typing import Any, TypeVar
 from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile
 from bench.analysis import effect_names, load_limits, model_files
 from bench.base import BenchError, InputError, library, load_config, nearest
+from bench.commands import JobFile, Order, check_on, check_order, load_station, seated, station_file, station_of
 from bench.commands import Plan as CalibrationPlan
-from bench.commands import check_on, load_station
+from bench.record import slug
 
 MOST_CORNERS = 256
 """Greatest number of corners of a curve; longer ones are thinned."""
@@ -44,6 +45,10 @@ class Catalog:
         """Limits files by id."""
         return _listing(library() / "limits", self.project / "profiles" / "limits")
 
+    def calibrations(self) -> dict[str, Path]:
+        """Plan files of calibrations by id."""
+        return _listing(library() / "plans", self.project / "profiles" / "plans")
+
     def belonging(self) -> dict[str, dict[str, Any]]:
         """Limits and models of the calibration plans, by the profiles that they calibrate and verify with.
 
@@ -51,7 +56,7 @@ class Catalog:
         """
         found: dict[str, dict[str, Any]] = {}
         limits = self.limits()
-        for file in _listing(library() / "plans", self.project / "profiles" / "plans").values():
+        for file in self.calibrations().values():
             with contextlib.suppress(BenchError):
                 known = load_config(file, CalibrationPlan)
                 name = Path(known.limits).stem
@@ -134,6 +139,23 @@ def curve(profile: Profile) -> list[tuple[float, float]]:
     return [kept[round(i * step)] for i in range(MOST_CORNERS)]
 
 
+def calibration(path: Path) -> dict[str, Any]:
+    """The plan of a calibration in short; raises what reading it, or its profiles, raises."""
+    known = load_config(path, CalibrationPlan)
+    names = [name for name in (known.static, known.profile, known.verification) if name]
+    profiles = [load_profile(path.parent / name) for name in names]
+    legs = [leg for profile in profiles for leg in profile.legs()]
+    return {
+        "title": known.name.replace("_", " "),
+        "summary": " ".join(known.description.split()),
+        "nominal_s": sum(profile.duration_s for profile in profiles),
+        "curve": curve(load_profile(path.parent / known.profile)),
+        "kind": "imu" if known.imu else "rate" if any(leg.turn_dps for leg in legs) else "temperature",
+        "attitudes": len({leg.attitude for leg in legs if leg.attitude}),
+        "certificate": known.certificate,
+    }
+
+
 def station(path: Path) -> StationSettings:
     """A station; InputError, DriverError or OSError when it cannot be read."""
     return load_station(path)
@@ -147,8 +169,9 @@ def equipment(settings: StationSettings) -> frozenset[str]:
 
 def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """`bench check` of files `plan` and `station`, in a computing process; `ok` where nothing prevents the run."""
-    profile, settings = load_profile(Path(wanted["plan"])), station(Path(wanted["station"]))
-    units = settings.chosen(wanted["units"])
+    place, serials = seated(station_file(Path(wanted["station"])), wanted["units"])
+    profile, settings = load_profile(Path(wanted["plan"])), station_of(place)
+    units = settings.chosen(serials)
     drawn = {"profile": profile.name, "station": settings.name, "curve": curve(profile)}
     drawn["units"] = [unit.serial for unit in units]
     findings = check_profile(profile, settings.limits())
@@ -157,6 +180,26 @@ def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
         return {**drawn, "ok": False, "duration_s": None, "segments": [], "findings": _told(findings)}
     checked = check_on(profile, settings)
     return {**checked.to_json(), **drawn, "ok": not checked.late, "findings": _told(checked.findings)}
+
+
+def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """The check that a calibration begins with, in a computing process; `begun` is the job that it would go on with."""
+    order = Order.load(Path(wanted["plan"]), Path(wanted["station"]), wanted["unit"], Path(wanted["out"]))
+    profiles = [load_profile(order.document(name)) for name in order.profiles()]
+    job = JobFile.newest(order.out / slug(order.serial), order.digest())
+    told = {
+        "units": [order.serial],
+        "duration_s": sum(profile.duration_s for profile in profiles),
+        "curve": curve(load_profile(order.document(order.plan.profile))),
+        "segments": [],
+        "begun": None if job is None else {"job": f"{job.folder.parent.name}/{job.folder.name}", "state": job.state},
+    }
+    try:
+        warnings = check_order(order)
+    except BenchError as error:
+        found = [{"level": "error", "text": text, "line": None} for text in str(error).splitlines()]
+        return {**told, "ok": False, "findings": found}
+    return {**told, "ok": True, "findings": [{"level": "warning", "text": text, "line": None} for text in warnings]}
 
 
 def _told(findings: Iterable[Finding]) -> list[dict[str, Any]]:

@@ -7,10 +7,10 @@ from typing import Annotated
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
+from bench.commands import seated, station_file, station_of
 from bench.web.ground.settings import Here
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.people.access import Operator
-from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
 
 router = APIRouter(tags=["starting"])
@@ -32,6 +32,7 @@ def check(intended: Intended, request: Request, here: Here, who: Operator) -> As
     known = Catalog(here.project, here.own)
     plan = named(known.plans(), intended.plan, "plan")
     station = named(known.stations(), intended.station, "station")
-    catalog.station(station).chosen(intended.units)
+    place, serials = seated(station_file(station), intended.units)
+    station_of(place).chosen(serials)
     wanted = {"plan": str(plan), "station": str(station), "units": intended.units}
     return submit(request, "check", "bench.web.plans.catalog:rehearsed", wanted)

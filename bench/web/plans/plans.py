@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from fastapi import APIRouter
 from pydantic import BaseModel
@@ -38,6 +38,30 @@ class Plan(BaseModel):
     problem: str = ""
 
 
+class CalibrationPlan(BaseModel):
+    """The plan of a calibration, from the shelf to the certificate; `problem` says what is wrong with it."""
+
+    id: str
+    title: str
+    summary: str = ""
+    nominal_s: float = 0.0
+    """Of all its runs."""
+    curve: list[tuple[float, float]] = []
+    """Nominal set point of the calibration run: [s], [degC]."""
+    kind: str = "temperature"
+    """`rate`: needs a station with a rate table; `imu`: is for inertial units."""
+    attitudes: int = 0
+    """Number of attitudes that the fixture is turned to."""
+    certificate: bool = True
+    problem: str = ""
+
+
+class CalibrationPlans(BaseModel):
+    """All plans of calibrations of the library and of the project."""
+
+    plans: list[CalibrationPlan]
+
+
 class Plans(BaseModel):
     """All profiles of the library and of the project."""
 
@@ -51,6 +75,8 @@ class StationInShort(BaseModel):
     title: str
     simulated: bool = False
     rate_table: bool = False
+    fixture: Literal["asked", "simulated"] | None = None
+    """Who turns its fixture: people, or nobody on a simulated station; null without one."""
     units: list[str] = []
     problem: str = ""
 
@@ -91,6 +117,13 @@ def plans(here: Here) -> Plans:
     return Plans(plans=[_plan(id_, path, belonging.get(id_, {})) for id_, path in known.plans().items()])
 
 
+@router.get("/calibration-plans")
+def calibration_plans(here: Here) -> CalibrationPlans:
+    """All plans of calibrations."""
+    found = Catalog(here.project, here.own).calibrations()
+    return CalibrationPlans(plans=[_calibration(id_, path) for id_, path in found.items()])
+
+
 @router.get("/stations")
 def stations(here: Here) -> Stations:
     """All stations."""
@@ -112,6 +145,13 @@ def _plan(id_: str, path: Path, belonging: Mapping[str, Any]) -> Plan:
     )
 
 
+def _calibration(id_: str, path: Path) -> CalibrationPlan:
+    return row(
+        lambda: CalibrationPlan(id=id_, **_read(path, catalog.calibration)),
+        lambda problem: CalibrationPlan(id=id_, title=id_, problem=problem),
+    )
+
+
 def _station(id_: str, path: Path) -> StationInShort:
     def made() -> StationInShort:
         settings = _read(path, catalog.station)
@@ -120,6 +160,7 @@ def _station(id_: str, path: Path) -> StationInShort:
             title=settings.name,
             simulated=settings.simulated,
             rate_table=settings.rate_table is not None,
+            fixture=settings.fixture and settings.fixture.operator,
             units=[unit.serial for unit in settings.units],
         )
 

@@ -12,10 +12,10 @@ from bench.web.ground.problems import RESPONSES, add_problems
 from bench.web.ground.settings import Settings
 from bench.web.imports import imports
 from bench.web.jobs import jobs
-from bench.web.live import live, starting
+from bench.web.live import calibrating, live, starting
 from bench.web.people import session
 from bench.web.people.access import Access, at_least
-from bench.web.plans import checking, plans
+from bench.web.plans import checking, papers, plans
 from bench.web.server.gate import API, Gate
 from bench.web.server.pages import add_pages
 from bench.web.shelf import fleet, runs, units
@@ -27,7 +27,9 @@ OPEN = (session.router,)
 GUARDED = (
     plans.router,
     checking.router,
+    papers.router,
     starting.router,
+    calibrating.router,
     live.router,
     runs.router,
     jobs.router,

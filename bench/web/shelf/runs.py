@@ -15,8 +15,7 @@ from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
-from bench.acquisition import LIVE
-from bench.record import CalibrationRecord, ComparisonRecord, DiagnosisRecord, LimitsRecord, Manifest, RunFolder
+from bench.record import LIVE, CalibrationRecord, ComparisonRecord, DiagnosisRecord, LimitsRecord, Manifest, RunFolder
 from bench.web.ground.policy import REPORT
 from bench.web.live import story
 from bench.web.shelf.indexing import Index, RunEntry, index_of, ordered

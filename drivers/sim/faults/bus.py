@@ -16,7 +16,7 @@ from typing import Any
 import can
 import numpy as np
 
-from drivers.frames import NO_FRAMES, to_frames, to_messages, to_record
+from drivers.frames import NO_FRAMES, joined, to_frames, to_messages, to_record
 from drivers.journal import FLAG_ERROR, FRAME, FrameArray
 from drivers.sim.faults.named import ON_BUS
 from drivers.sim.faults.units import Layout
@@ -123,7 +123,7 @@ class FaultyBus(can.BusABC):
             frames = spoil(fault, frames)
         if self._released and len(frames):
             now_ns = frames["t_ns"][0]
-            frames = np.concatenate([*(_stamped(part, now_ns) for part in self._released), frames])
+            frames = joined([*(_stamped(part, now_ns) for part in self._released), frames])
             self._released.clear()
         return frames
 
@@ -164,13 +164,13 @@ class FaultyBus(can.BusABC):
         stays = place < len(frames)  # a last frame that is overtaken waits for the next block
         order = np.argsort(place[stays], kind="stable")
         kept = frames[stays][order]
-        out = np.concatenate((kept[:1], fault.held, kept[1:]))
-        fault.held = frames[~stays] if len(kept) else np.concatenate((fault.held, frames))
+        out = joined((kept[:1], fault.held, kept[1:]))
+        fault.held = frames[~stays] if len(kept) else joined((fault.held, frames))
         out["t_ns"] = np.maximum.accumulate(out["t_ns"])  # stamped when it arrives
         return out if len(kept) else frames[:0]
 
     def _burst(self, fault: Fault, frames: FrameArray) -> FrameArray:
-        held = np.concatenate((fault.held, frames))
+        held = joined((fault.held, frames))
         if not len(held):
             return held
         if fault.until_ns is None:

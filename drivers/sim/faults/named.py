@@ -21,6 +21,7 @@ ON_MODBUS = {
     "delay": "the answer arrives `seconds` later",
     "drop": "the device executes the request; its answer is lost",
     "silence": "the request never reaches the device",
+    "ignore": "the device confirms a write and does not execute it",
     "truncate": "only half of the answer arrives",
     "garble": "one bit flips: wrong CRC on RTU, wrong protocol id on TCP",
     "transaction": "TCP: the answer carries another transaction id",

@@ -26,6 +26,8 @@ Write = Callable[[bytes], Awaitable[None]]
 
 _ONLY = {"transaction": ("tcp",), "echo": ("rtu+tcp", "rtu"), "close": ("tcp", "rtu+tcp"), "refuse": ("tcp", "rtu+tcp")}
 _PIECES_S = 0.02
+_WRITES = (5, 6, 15, 16)
+"""Function codes whose answer repeats the first five bytes of the request."""
 
 
 @dataclass(frozen=True)
@@ -176,6 +178,10 @@ class ModbusProxy:
         """Forward one request and answer it, with a fault if one was drawn; False: hang up."""
         fault = self._strikes()
         if fault.name == "silence":
+            return True
+        if fault.name == "ignore" and request.pdu[0] in _WRITES:
+            answer = replace(request, pdu=request.pdu[:5])
+            await write(answer.mbap() if self.front == "tcp" else answer.rtu())
             return True
         behind.write(replace(request, transaction=1).mbap())
         answer = replace(await _read_mbap(source), transaction=request.transaction)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from drivers.errors import ConfigError
 from drivers.journal import FrameArray
 from drivers.wire import Message, Signal, load_dbc
 
@@ -18,13 +19,18 @@ BOOT_UP = 0
 
 
 class Layout:
-    """Reads and forges frames of unit `number` of a gyro family."""
+    """Reads and forges frames of unit `number` of a gyro family; ConfigError where its DBC lacks what that needs."""
 
     def __init__(self, dbc: str | Path, number: int) -> None:
         messages = load_dbc(dbc).values()
         self._messages = {message.id + number: message for message in messages}
-        self._rate_id = next(id_ for id_, m in self._messages.items() if "SampleCounter" in m.signals)
-        self._heartbeat_id = next(id_ for id_, m in self._messages.items() if "Serial" in m.signals)
+        carriers = {name: id_ for id_, message in self._messages.items() for name in message.signals}
+        for name in ("SampleCounter", "Serial"):
+            if name not in carriers:
+                raise ConfigError(
+                    f"DBC {dbc}: no message has '{name}', which rehearsed faults of a unit need; leave these faults out"
+                )
+        self._rate_id, self._heartbeat_id = carriers["SampleCounter"], carriers["Serial"]
         heartbeat = self._messages[self._heartbeat_id]
         self._heartbeat = heartbeat.pack(1, dict.fromkeys(heartbeat.signals, 0))
 

@@ -17,10 +17,10 @@ class Bits(BaseModel):
     model_config = STRICT
 
     id: Annotated[int, Field(ge=0, le=0x1FFFFFFF)]
-    """CAN identifier of unit number 0."""
+    """CAN identifier of unit number 0; of a packet its number, 0 without `id_at`."""
     extended: bool | None = None
     """29-bit identifier; left out: above 0x7FF."""
-    start: Annotated[int, Field(ge=0, le=511)]
+    start: Annotated[int, Field(ge=0, le=1983)]
     """First bit as in a DBC: the least significant one, or with `order: big` the most significant one."""
     length: Annotated[int, Field(ge=1, le=64)]
     """Bits."""
@@ -41,8 +41,8 @@ class Bits(BaseModel):
     """Highest value that is a measurement, with `low`."""
     cycle_ms: Annotated[float, Field(gt=0)] | None = None
     """Time from one frame to the next."""
-    bytes: Annotated[int, Field(ge=1, le=64)] | None = None
-    """Length of the frame; left out: as long as its signals need."""
+    bytes: Annotated[int, Field(ge=1, le=248)] | None = None
+    """Length of the frame or packet; left out: as long as its signals need."""
 
     @model_validator(mode="after")
     def _possible(self) -> Bits:

@@ -94,7 +94,7 @@ class StationSettings(BaseModel):
             text += f" silent for up to {MOST_TIMEOUTS} times its timeout_s, {chamber.connection.timeout_s:g}; raise it"
             raise PlacedError(text, ("watchdog", "silent_s"))
         for name, bus in self.buses.items():
-            if self.simulated != (bus.interface in LOCAL_INTERFACES):
+            if bus.framing is None and self.simulated != (bus.interface in LOCAL_INTERFACES):
                 local = " or ".join(LOCAL_INTERFACES)
                 text = f"a simulated station runs on {local}, a real one never does; this one is on {bus.interface!r}"
                 raise PlacedError(text, ("buses", name, "interface"))

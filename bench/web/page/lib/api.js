@@ -45,6 +45,7 @@ export function query(values) {
 
 export const get = (path, options) => send("GET", path, options);
 export const post = (path, body = {}, options = {}) => send("POST", path, { ...options, body });
+export const put = (path, body = {}, options = {}) => send("PUT", path, { ...options, body });
 export const remove = (path, options) => send("DELETE", path, options);
 /** Send a form with files (imports). */
 export const upload = (path, form, options) => send("POST", path, { ...options, form });

@@ -9,6 +9,7 @@ import { LANGUAGES, language, speak, t } from "./words.js";
 const PAGES = [
   ["/", "nav.start", "operator"],
   ["/live", "nav.live", "viewer"],
+  ["/calibrations", "nav.calibrations", "viewer"],
   ["/workbench", "nav.workbench", "viewer"],
   ["/units", "nav.units", "viewer"],
   ["/fleet", "nav.fleet", "viewer"],

@@ -8,7 +8,6 @@ const chosen = remembered("language", null);
 /** The language in use; set when its catalogue is loaded. */
 export const language = store("en");
 let words = {};
-let english = {};
 
 const preferred = () => {
   const known = [chosen.get(), ...navigator.languages.map((name) => name.slice(0, 2).toLowerCase())];
@@ -21,20 +20,17 @@ const catalogue = async (name) => (await fetch(`/static/words/${name}.json`)).js
 export async function speak(name) {
   if (name) chosen.set(name);
   const next = name ?? preferred();
-  [english, words] = await Promise.all([
-    Object.keys(english).length ? english : catalogue("en"),
-    catalogue(next),
-  ]);
+  words = await catalogue(next); // each has all keys
   document.documentElement.lang = next === "zh" ? "zh-Hans" : next;
   language.set(next);
 }
 
 /**
- * The words of a key with `{name}` replaced by `values.name`; untranslated keys are English, else the key.
+ * The words of a key with `{name}` replaced by `values.name`; the key where there are none.
  * An entry may be an object of plural forms (one, few, many, other), chosen by `values.n`.
  */
 export function t(key, values = {}) {
-  let text = words[key] ?? english[key] ?? key;
+  let text = words[key] ?? key;
   if (typeof text === "object") text = text[new Intl.PluralRules(language.get()).select(values.n)] ?? text.other;
   return text.replace(/\{(\w+)\}/g, (whole, name) => {
     const value = values[name];
@@ -43,7 +39,7 @@ export function t(key, values = {}) {
 }
 
 /** Whether the catalogue has this key. */
-export const known = (key) => key in words || key in english;
+export const known = (key) => key in words;
 
 /** The words of a key, or a default. */
 export const or = (key, otherwise) => (known(key) ? t(key) : otherwise);

@@ -20,7 +20,7 @@ export default function Live({ params }) {
   useEffect(() => run && setShown(run.run), [run?.run]);
   const ended = Object.values(now.ended).find((end) => (id ? isRun(end, id) : end.run === shown));
   useEffect(() => {
-    if (ended && !run) navigate(`/verdict/${shown && !id ? shown : id}`, { replace: true });
+    if (ended && !run) navigate(ended.job ? `/calibrations/${ended.job}` : `/verdict/${shown && !id ? shown : id}`, { replace: true });
   }, [ended?.run, !run]);
   if (run) return html`<${RunView} key=${run.run} run=${run} />`;
   if (id) return html`<${Missing} key=${id} id=${id} params=${params} />`;
@@ -40,7 +40,7 @@ function Missing({ id, params }) {
     let timer = 0;
     const look = () => get(url`/live/${params.unit}/${params.run}`).then(
       (seen) => {
-        if (seen.condition === "ended") navigate(`/verdict/${id}`, { replace: true });
+        if (seen.condition === "ended") navigate(seen.job ? `/calibrations/${seen.job}` : `/verdict/${id}`, { replace: true });
         else timer = setTimeout(look, 1000);
       },
       (problem) => {

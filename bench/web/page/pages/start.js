@@ -4,25 +4,28 @@ import { get } from "../lib/api.js";
 import { useLive } from "../lib/live.js";
 import { Busy, Shape, Trouble } from "../lib/parts.js";
 import { may, remembered, store, useStore } from "../lib/store.js";
+import { inSlot, serialOf, slotOf } from "../lib/units.js";
 import { t } from "../lib/words.js";
 import { PlanQuestion, planTitle } from "./start/plan.js";
 import { Ready } from "./start/ready.js";
 import { UnitQuestion } from "./start/unit.js";
 
-const NOTHING = { units: [], station: null, plan: null };
+const NOTHING = { units: [], station: null, plan: null, calibration: null };
 /** The answers so far; kept while the operator views another page. */
 const order = store(NOTHING);
 /** Station of the last start in this browser. */
 const lastStation = remembered("station", null);
 
-const question = ({ units, station, plan }) => (!units.length || !station ? "unit" : !plan ? "plan" : "ready");
+const question = ({ units, station, plan, calibration }) => (!units.length || !station ? "unit" : !plan && !calibration ? "plan" : "ready");
 
 /** Plans and stations, read once when the page opens. */
 function useChoices() {
   const [choices, setChoices] = useState(/** @type {any} */ ({}));
   const load = () => {
-    Promise.all([get("/plans"), get("/stations"), get("/limits").catch(() => ({ limits: [] }))]).then(
-      ([{ plans }, { stations }, { limits }]) => setChoices({ plans, stations, limits }),
+    Promise.all([get("/plans"), get("/calibration-plans"), get("/stations"), get("/limits").catch(() => ({ limits: [] }))]).then(
+      ([{ plans }, { plans: calibrations }, { stations }, { limits }]) => setChoices({
+        plans, stations, limits, calibrations: calibrations.map((plan) => ({ ...plan, calibration: true, models: [], limits: "" })),
+      }),
       (error) => setChoices({ error }),
     );
   };
@@ -30,15 +33,16 @@ function useChoices() {
   return { ...choices, load };
 }
 
-/** The answers in the address, if they exist: `/start?unit=…&station=…&plan=…`. */
-function asked({ unit, station, plan }, { plans, stations }) {
+/** The answers in the address, if they exist: `/start?unit=…&station=…&plan=…` or `…&calibration=…`. */
+function asked({ unit, station, plan, calibration }, { plans, calibrations, stations }) {
   const units = unit ? unit.split(",") : [];
-  const there = stations.filter((one) => units.length && units.every((serial) => one.units.includes(serial)));
+  const there = stations.filter((one) => units.length && units.every((each) => one.units.includes(slotOf(each))));
   const place = there.find((one) => one.id === station) ?? (there.length === 1 ? there[0] : null);
   return {
     units: place ? units : [],
     station: place?.id ?? null,
     plan: plans.some((one) => one.id === plan) ? plan : null,
+    calibration: calibrations.some((one) => one.id === calibration) ? calibration : null,
   };
 }
 
@@ -48,7 +52,7 @@ export default function Start({ query }) {
   const heading = useRef(null);
   const step = question(now);
   useEffect(() => {
-    if (choices.plans && (query.unit || query.plan)) order.set(asked(query, choices));
+    if (choices.plans && (query.unit || query.plan || query.calibration)) order.set(asked(query, choices));
   }, [choices.plans]);
   useEffect(() => heading.current?.focus(), [step]);
   if (!may("operator")) return html`<div class="page"><div class="notice warn"><p>${t("start.not_allowed")}</p></div></div>`;
@@ -56,14 +60,14 @@ export default function Start({ query }) {
   if (!choices.plans) return html`<div class="page"><${Busy} /></div>`;
   const answer = (more) => order.set({ ...now, ...more });
   const station = choices.stations.find((one) => one.id === now.station);
-  const plan = choices.plans.find((one) => one.id === now.plan);
+  const plan = now.calibration ? choices.calibrations.find((one) => one.id === now.calibration) : choices.plans.find((one) => one.id === now.plan);
   return html`<div class="start">
     <${Steps} now=${now} step=${step} station=${station} plan=${plan} answer=${answer} />
     <section class="question" aria-labelledby="question">
       <${Already} />
       <h1 id="question" tabindex="-1" ref=${heading}>${t(`start.${step}.question`)}</h1>
       ${step === "unit" && html`<${UnitQuestion} stations=${choices.stations} last=${lastStation.get()} answer=${answer} />`}
-      ${step === "plan" && html`<${PlanQuestion} plans=${choices.plans} station=${station} answer=${answer} />`}
+      ${step === "plan" && html`<${PlanQuestion} plans=${choices.plans} calibrations=${choices.calibrations} station=${station} answer=${answer} />`}
       ${step === "ready" && html`<${Ready} order=${now} plan=${plan} station=${station} limits=${choices.limits}
         begun=${() => {
           lastStation.set(now.station);
@@ -76,8 +80,8 @@ export default function Start({ query }) {
 /** The questions and the answers; each answer can be changed. */
 function Steps({ now, step, station, plan, answer }) {
   const steps = [
-    ["unit", now.units.join(", "), () => answer({ units: [], station: null })],
-    ["plan", plan && planTitle(plan), () => answer({ plan: null })],
+    ["unit", now.units.map(serialOf).join(", "), () => answer({ units: [], station: null })],
+    ["plan", plan && planTitle(plan), () => answer({ plan: null, calibration: null })],
     ["ready", "", null],
   ];
   const at = steps.findIndex(([name]) => name === step);
@@ -96,17 +100,21 @@ function Steps({ now, step, station, plan, answer }) {
   </ol>`;
 }
 
-/** Other units of the station, for the same run. */
+/** The other slots of the station, for the same run: with the unit of the station file, or a new one. */
 function Neighbours({ now, station, answer }) {
   if (station.units.length < 2) return null;
-  const turn = (serial) => answer({
-    units: station.units.filter((one) => (one === serial ? !now.units.includes(serial) || now.units.length === 1 : now.units.includes(one))),
-  });
+  const of = (slot) => now.units.find((unit) => slotOf(unit) === slot);
+  const put = (slot, unit) => {
+    const units = station.units.map((one) => (one === slot ? unit : of(one))).filter(Boolean);
+    if (units.length) answer({ units });
+  };
   const all = now.units.length === station.units.length;
-  return html`<fieldset class="neighbours"><legend>${t("start.together")}</legend>
-    ${station.units.map((serial) => html`<label key=${serial} class="tick">
-      <input type="checkbox" checked=${now.units.includes(serial)} disabled=${now.units.length === 1 && now.units[0] === serial} onChange=${() => turn(serial)} /> ${serial}</label>`)}
-    ${!all && html`<button type="button" class="narrow" onClick=${() => answer({ units: station.units })}>${t("start.all_units", { n: station.units.length })}</button>`}
+  return html`<fieldset class="neighbours"><legend>${t(now.calibration ? "start.one_by_one" : "start.together")}</legend>
+    ${station.units.map((slot) => html`<div key=${slot} class="tick">
+      <input type="checkbox" aria-label=${slot} checked=${Boolean(of(slot))} disabled=${now.units.length === 1 && of(slot)} onChange=${() => put(slot, of(slot) ? null : slot)} />
+      <input type="text" class="mono" aria-label=${t("start.serial_in", { slot })} value=${serialOf(of(slot) ?? slot)} maxlength="64" autocomplete="off" spellcheck="false"
+        onChange=${(event) => put(slot, inSlot(event.target.value, slot))} /></div>`)}
+    ${!all && html`<button type="button" class="narrow" onClick=${() => answer({ units: station.units.map((slot) => of(slot) ?? slot) })}>${t("start.all_units", { n: station.units.length })}</button>`}
   </fieldset>`;
 }
 

@@ -63,7 +63,7 @@ export default function Verdict({ params }) {
       ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
       ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail" lang="en">${units[0].sentence}</p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end, answer))}</p></section>
-      <${Ways} units=${units} />
+      <${Ways} units=${units} run=${run} />
     </div>
   </article>`;
 }
@@ -156,11 +156,20 @@ function Fault({ end }) {
   </div>`;
 }
 
-function Ways({ units }) {
+/** The start page with the same answers as for this run. */
+function repeat(run) {
+  const { plan, station, units } = run.again ?? { plan: run.profile, station: run.station, units: run.runs.map((each) => each.split("/")[0]) };
+  return `/start?${new URLSearchParams({ unit: units.join(","), station, plan })}`;
+}
+
+function Ways({ units, run }) {
   const one = units[0];
   const written = one.analysed && one.run;
   return html`<div class="verdict-ways">
     ${may("operator") && html`<a class="button primary" href="/">${t("verdict.next_unit")}</a>`}
+    ${may("operator") && run?.runs && !run.job && html`<a class="button" href=${repeat(run)}>${t("verdict.repeat")}</a>`}
+    ${run?.job && html`<a class="button" href=${`/calibrations/${run.job}`}>${t("live.of_calibration")}</a>`}
+    <button type="button" onClick=${() => window.print()}>${t("verdict.print")}</button>
     ${written && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
     ${written && units.length === 1 && html`<a class="button" href=${workbench(one)}>${t("verdict.workbench")}</a>`}
     ${units.length === 1 && html`<a class="button" href=${`/units/${encodeURIComponent(one.unit)}`}>${t("verdict.unit")}</a>`}

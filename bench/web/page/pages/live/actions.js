@@ -56,7 +56,7 @@ function Sure({ run, close, abort }) {
   useEffect(() => keep.current.focus(), []);
   return html`<${Dialog} label=${t("abort.question")} onClose=${close}>
     <h2>${t("abort.question")}</h2>
-    <p>${t("abort.consequence")}</p>
+    <p>${t(run.job ? "abort.consequence_job" : "abort.consequence")}</p>
     ${run.units?.length > 1 && html`<p><strong>${t("abort.all", { n: run.units.length })}</strong></p>`}
     <div class="dialog-row">
       <button type="button" ref=${keep} onClick=${close}>${t("abort.keep")}</button>

@@ -18,7 +18,7 @@ export function RunView({ run }) {
     <${Headline} run=${run} />
     <${Segments} run=${run} />
     <${Troubles} run=${run} />
-    <div class="live-body">
+    <div class="live-body" tabindex="0" role="region" aria-label=${t("live.curves")}>
       <div class="live-charts">
         <${Temperatures} run=${run} trace=${trace} height=${units.length > 1 ? 200 : 260} />
         <div class=${units.length > 1 ? "outputs many" : "outputs"}>
@@ -50,7 +50,7 @@ export function Headline({ run, link = false }) {
   return html`<header class=${`headline tone-${toneOf(run)}`}>
     <span class="headline-state"><${Shape} tone=${toneOf(run)} /><b>${stateWord(run)}</b></span>
     <div class="headline-what">${link ? html`<h2><a href=${`/live/${run.run}`}>${title}</a></h2>` : html`<h1>${title}</h1>`}
-      <span class="soft">${planName(run)}${run.simulated ? ` · ${t("start.simulated")}` : ""}${run.who?.name ? ` · ${t("live.by", { who: run.who.name })}` : ""}</span></div>
+      <span class="soft">${planName(run)}${run.simulated ? ` · ${t("start.simulated")}` : ""}${run.who?.name ? ` · ${t("live.by", { who: run.who.name })}` : ""}${run.job && !link ? html` · <a href=${`/calibrations/${run.job}`}>${t("live.of_calibration")}</a>` : ""}</span></div>
     <div class="headline-time"><span class="soft">${t("live.left")}</span><b class="figures">${duration(run.left_s)}</b>
       <span class="soft">${[lateText(run.late_s), ends(run)].filter(Boolean).join(" · ")}</span></div>
   </header>`;
@@ -67,11 +67,15 @@ export function Segments({ run }) {
   const over = segment.left_s <= 0 && run.state !== "ending";
   const done = Math.min(1, Math.max(0, run.t_s / (run.t_s + run.left_s || 1)));
   const cells = segment.of <= MOST_CELLS ? segment.of : 1;
+  // In proportion to time, but none so narrow that it cannot be seen. A run that was resumed has other segments.
+  const lengths = run.segments_s?.length === cells && cells > 1 ? run.segments_s : null;
+  const least = lengths ? lengths.reduce((sum, s) => sum + s, 0) / 150 : 1;
+  const grow = (index) => (lengths ? Math.max(lengths[index], least) : 1);
   const filled = (index) => (cells === 1 ? done : index < segment.index ? 1 : index > segment.index ? 0 : share);
   return html`<section class="segments" aria-label=${t("live.segments")}>
     <div class="segment-bar" role="progressbar" aria-valuemin="0" aria-valuemax="100" aria-valuenow=${Math.round(done * 100)} aria-label=${t("live.progress")}
       aria-valuetext=${t("live.progress_text", { percent: String(Math.round(done * 100)), left: duration(run.left_s) })}>
-      ${Array.from({ length: cells }, (_, index) => html`<i key=${index} class=${index === segment.index ? "now" : ""}>
+      ${Array.from({ length: cells }, (_, index) => html`<i key=${index} class=${index === segment.index ? "now" : ""} ref=${(element) => element?.style.setProperty("flex-grow", String(grow(index)))}>
         <span ref=${(element) => element?.style.setProperty("transform", `scaleX(${filled(index).toFixed(4)})`)}></span></i>`)}
     </div>
     <p class="segment-words"><span><b>${t("live.segment", { index: segment.index + 1, of: segment.of })}</b> ${segmentText(segment)}</span>
@@ -79,7 +83,7 @@ export function Segments({ run }) {
   </section>`;
 }
 
-function Troubles({ run }) {
+export function Troubles({ run }) {
   const gone = isOld(run) && run.condition !== "ended";
   return html`<div aria-live="assertive">
     ${gone && html`<div class="notice bad"><p><strong>${t(`live.${run.condition}`)}</strong> <span lang="en">${run.detail}</span></p></div>`}

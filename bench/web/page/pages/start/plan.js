@@ -4,8 +4,8 @@ import { Curve, range } from "../../lib/curve.js";
 import { degrees, duration, number, or, t } from "../../lib/words.js";
 
 /** A shipped plan has a name in every language; others show their file's name. */
-export const planTitle = (plan) => or(`plan.${plan.id}`, plan.title);
-const planPurpose = (plan) => or(`plan.${plan.id}.for`, plan.summary);
+export const planTitle = (plan) => or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}`, plan.title);
+const planPurpose = (plan) => or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}.for`, plan.summary);
 
 const MOST = 24;
 
@@ -14,19 +14,26 @@ const fits = (plan, words) => {
   return words.toLowerCase().split(/\s+/).every((word) => text.includes(word));
 };
 
-export function PlanQuestion({ plans, station, answer }) {
+const can = (station, plan) => !plan.problem && (plan.kind === "temperature" || (plan.kind === "imu" ? station.fixture : station.rate_table));
+
+/** Whole calibrations first, then single runs. */
+export function PlanQuestion({ plans, calibrations, station, answer }) {
   const [words, setWords] = useState("");
-  const possible = plans.filter((plan) => !plan.problem && (plan.kind !== "rate" || station.rate_table));
+  const possible = plans.filter((plan) => can(station, plan));
   const shown = possible.filter((plan) => fits(plan, words));
-  const broken = plans.filter((plan) => plan.problem);
+  const whole = calibrations.filter((plan) => can(station, plan) && fits(plan, words));
+  const broken = [...calibrations, ...plans].filter((plan) => plan.problem);
   return html`
     ${possible.length > 9 && html`<p><label class="unseen" for="plan-filter">${t("plan.filter")}</label>
       <input id="plan-filter" class="filter" type="search" placeholder=${t("plan.filter")} value=${words} onInput=${(event) => setWords(event.target.value)} /></p>`}
+    ${whole.length > 0 && html`<h2>${t("plan.whole")}</h2>
+      <div class="plans">${whole.map((plan) => html`<${PlanCard} key=${plan.id} plan=${plan} choose=${() => answer({ calibration: plan.id, plan: null })} />`)}</div>
+      <h2>${t("plan.single")}</h2>`}
     <div class="plans">
-      ${shown.slice(0, MOST).map((plan) => html`<${PlanCard} key=${plan.id} plan=${plan} choose=${() => answer({ plan: plan.id })} />`)}
+      ${shown.slice(0, MOST).map((plan) => html`<${PlanCard} key=${plan.id} plan=${plan} choose=${() => answer({ plan: plan.id, calibration: null })} />`)}
     </div>
     ${shown.length > MOST && html`<p class="soft">${t("plan.more", { n: shown.length - MOST })}</p>`}
-    ${!shown.length && html`<p class="soft">${t("plan.none")}</p>`}
+    ${!shown.length && !whole.length && html`<p class="soft">${t("plan.none")}</p>`}
     ${broken.length > 0 && html`<details><summary>${t("plan.broken", { n: broken.length })}</summary>
       <ul>${broken.map((plan) => html`<li key=${plan.id} lang="en"><code>${plan.id}</code>: ${plan.problem}</li>`)}</ul></details>`}`;
 }

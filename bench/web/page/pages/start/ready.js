@@ -1,11 +1,15 @@
 // Confirmation: findings of the check, what will happen, and START.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
-import { ApiError, compute, get, post, url } from "../../lib/api.js";
+import { ApiError, get, post, url } from "../../lib/api.js";
 import { Curve, range } from "../../lib/curve.js";
 import { Busy, Lamp, Shape, Trouble } from "../../lib/parts.js";
 import { navigate } from "../../lib/router.js";
 import { remembered } from "../../lib/store.js";
+import { serialOf } from "../../lib/units.js";
 import { degrees, duration, language, number, or, t } from "../../lib/words.js";
+import { Begun, ByHand, beginAll } from "./calibration.js";
+import { useCheck } from "./check.js";
+import { OperatorField, operatorOf } from "./operator.js";
 import { planTitle } from "./plan.js";
 
 const TONES = { error: "bad", warning: "warn", info: "idle" };
@@ -17,26 +21,10 @@ const PATIENCE_MS = 120000;
 const lastLimits = remembered("limits_of", {});
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-function useCheck(order) {
-  const [check, setCheck] = useState(/** @type {{key?: string, result?: any, error?: Error}} */ ({}));
-  const key = JSON.stringify([order.plan, order.station, order.units]);
-  const [round, again] = useState(0);
-  useEffect(() => {
-    const leaving = new AbortController();
-    setCheck({});
-    compute("/checks", { plan: order.plan, station: order.station, units: order.units }, { signal: leaving.signal }).then(
-      (result) => setCheck({ key, result }),
-      (error) => error.name !== "AbortError" && setCheck({ key, error }),
-    );
-    return () => leaving.abort();
-  }, [key, round]);
-  const { result, error } = check.key === key ? check : {};
-  return { result, error, again: () => again(round + 1) };
-}
-
-/** Start the run and wait until it has a folder; its id. Throws the message of the bench when it refuses. */
-async function begin(order, models, limits) {
-  const { start } = await post("/starts", { ...order, models, ...(limits ? { limits } : {}) });
+/** Start the run and wait until it has a folder; its id, null where it waits for the station. Throws the message of the bench when it refuses. */
+async function begin({ plan, station, units }, more) {
+  const { start, state } = await post("/starts", { plan, station, units, ...more });
+  if (state === "waiting") return null;
   const until = Date.now() + PATIENCE_MS;
   while (Date.now() < until) {
     const seen = await get(url`/starts/${start}`);
@@ -50,20 +38,23 @@ async function begin(order, models, limits) {
 
 export function Ready({ order, plan, station, limits, begun }) {
   const { result, error, again } = useCheck(order);
+  const calibrating = Boolean(plan.calibration);
   const [starting, setStarting] = useState(false);
   const [refused, setRefused] = useState(null);
   const [within, setWithin] = useState(() => {
     const chosen = lastLimits.get()[plan.id] ?? plan.limits;
     return limits.some(({ id }) => id === chosen) ? chosen : "";
   });
-  const start = async () => {
+  const start = async (queue = false) => {
     setStarting(true);
     setRefused(null);
     try {
-      lastLimits.set((now) => ({ ...now, [plan.id]: within }));
-      const run = await begin(order, plan.models, within);
+      const more = { ...operatorOf(), queue };
+      if (!calibrating) lastLimits.set((now) => ({ ...now, [plan.id]: within }));
+      const way = calibrating ? await beginAll(order, result.begun, more)
+        : await begin(order, { ...more, models: plan.models, ...(within ? { limits: within } : {}) }).then((run) => run && `/live/${run}`);
       begun();
-      navigate(`/live/${run}`);
+      navigate(way ?? "/calibrations");
     } catch (problem) {
       setRefused(problem);
       setStarting(false);
@@ -77,14 +68,17 @@ export function Ready({ order, plan, station, limits, begun }) {
     </div>
     <div class="ready-go">
       <${Checked} result=${result} error=${error} again=${again} />
-      ${limits.length > 0 && html`<div class="field"><label for="limits">${t("ready.limits")}</label>
+      ${calibrating && html`<${Begun} begun=${result?.begun} /><${ByHand} plan=${plan} station=${station} failed=${result && !result.ok} />`}
+      ${!calibrating && limits.length > 0 && html`<div class="field"><label for="limits">${t("ready.limits")}</label>
         <select id="limits" value=${within} onChange=${(event) => setWithin(event.target.value)}>
           <option value="">${t("ready.no_limits")}</option>
           ${limits.map((one) => html`<option key=${one.id} value=${one.id}>${or(`limits.${one.id}`, one.title ?? one.id)}</option>`)}
         </select>
         ${plan.models.length > 0 && html`<p class="soft small">${t("ready.models", { models: plan.models.join(", ") })}</p>`}</div>`}
+      <${OperatorField} />
       <${Trouble} error=${refused} />
-      <${StartButton} ready=${ready} starting=${starting} start=${start} />
+      ${refused?.status === 409 && html`<p><button type="button" onClick=${() => start(true)}>${t("ready.queue")}</button></p>`}
+      <${StartButton} ready=${ready} starting=${starting} start=${() => start()} />
     </div>
   </div>`;
 }
@@ -107,7 +101,7 @@ function Facts({ plan, result, station, units }) {
   const time_s = result?.duration_s ?? plan.nominal_s;
   const ends = new Intl.DateTimeFormat(language.get(), { weekday: "short", hour: "2-digit", minute: "2-digit" }).format(Date.now() + time_s * 1000);
   return html`<dl class="ready-facts">
-    <div><dt>${t("ready.unit", { n: units.length })}</dt><dd class="mono">${units.length > 2 ? t("start.all_units", { n: units.length }) : units.join(", ")}</dd></div>
+    <div><dt>${t("ready.unit", { n: units.length })}</dt><dd class="mono">${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(serialOf).join(", ")}</dd></div>
     <div><dt>${t("ready.plan")}</dt><dd>${planTitle(plan)}</dd></div>
     <div><dt>${t("ready.takes")}</dt><dd class="figures">${duration(time_s)}</dd><dd class="more">${station.simulated ? t("ready.simulated") : t("ready.ends", { time: ends })}</dd></div>
     <div><dt>${t("ready.range")}</dt><dd class="figures">${low === high ? degrees(low, 0) : `${number(low, 0)} … ${degrees(high, 0)}`}</dd></div>
@@ -127,7 +121,7 @@ function Checked({ result, error, again }) {
   const tone = !result.ok ? "bad" : serious.length ? "warn" : "good";
   return html`<div class=${`checked notice ${tone}`} role="status">
     <p class="checked-word"><${Lamp} tone=${tone}>${t(`ready.${tone}`, { n: serious.length })}<//></p>
-    <${Findings} findings=${serious} />
+    ${result.ok && serious.length > 1 ? html`<details><summary>${t("ready.warnings", { n: serious.length })}</summary><${Findings} findings=${serious} /></details>` : html`<${Findings} findings=${serious} />`}
     ${notes.length > 0 && html`<details><summary>${t("ready.notes", { n: notes.length })}</summary><${Findings} findings=${notes} /></details>`}
   </div>`;
 }

@@ -1,6 +1,7 @@
 // Choice of the unit: typed, scanned (a scanner types and sends Enter) or chosen from those of the stations.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { Trouble } from "../../lib/parts.js";
+import { inSlot } from "../../lib/units.js";
 import { t } from "../../lib/words.js";
 
 const same = (one, other) => one.trim().toLowerCase() === other.trim().toLowerCase();
@@ -25,9 +26,9 @@ export function UnitQuestion({ stations, last, answer }) {
   };
   if (asked) return html`<${WhichStation} places=${asked} last=${last} answer=${answer} back=${() => setAsked(null)} />`;
   return html`<${SerialField} take=${take} />
-    <div aria-live="assertive">${wrong && html`<div class="notice bad"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}</div>
-    <h2>${t("start.or_choose")}</h2>
-    <div class="stations">
+    <div aria-live="assertive">${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}</div>
+    ${wrong ? html`<${Slots} stations=${sound} last=${last} serial=${wrong} answer=${answer} />` : html`<h2>${t("start.or_choose")}</h2>`}
+    <div class="stations" hidden=${Boolean(wrong)}>
       ${sound.map((station) => html`<section key=${station.id} class="station" aria-label=${station.title}>
         <h3>${station.title}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
         <div class="row">
@@ -37,6 +38,16 @@ export function UnitQuestion({ stations, last, answer }) {
       </section>`)}
     </div>
     ${stations.filter((station) => station.problem).map((station) => html`<${Trouble} key=${station.id} error=${`${station.id}: ${station.problem}`} />`)}`;
+}
+
+/** The slots for a new unit, those of the station that was used last first. */
+function Slots({ stations, last, serial, answer }) {
+  const sorted = [...stations].sort((one, other) => Number(other.id === last) - Number(one.id === last));
+  return html`<h2>${t("start.slots", { serial })}</h2>
+    <div class="stations">${sorted.map((station) => html`<section key=${station.id} class="station" aria-label=${station.title}>
+      <h3>${station.title}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
+      <div class="row">${station.units.map((slot) => html`<button type="button" key=${slot} class="mono" onClick=${() => answer({ units: [inSlot(serial, slot)], station: station.id })}>${t("start.slot", { slot })}</button>`)}</div>
+    </section>`)}</div>`;
 }
 
 /** A big field that has the focus, and takes it again when typing (or a scan) starts elsewhere. */

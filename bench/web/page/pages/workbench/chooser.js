@@ -39,7 +39,7 @@ function Row({ row, index, active, count, taken, onChoose }) {
     <span class="wb-row-unit">${taken ? "✓ " : ""}${row.unit}</span>
     <span class="wb-row-name">${row.profile ?? runName(row.run)}</span>
     <span class="wb-row-day">${row.start ? moment(row.start) : ""}</span>
-    <span class="wb-row-state">${or(`units.word.${row.verdict}`, row.verdict || row.state)}</span>
+    <span class="wb-row-state">${row.verdict ? or(`units.word.${row.verdict}`, row.verdict) : or(`units.state.${row.state}`, row.state)}</span>
     <span class="wb-row-error">${ratio === null ? "" : t("workbench.chooser.ratio", { ratio: number(ratio, 2) })}</span>
   </div>`;
 }

@@ -1,0 +1,65 @@
+"""`bench decide`: diagnose, make the run that is proposed, and diagnose all together, until it is decided."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench.analysis import Diagnosis
+from bench.commands.acquisition import Task, conduct
+from bench.commands.diagnosis import diagnose
+from bench.commands.results.analyse import Decided, Round
+from bench.record import RunFolder
+
+
+def decide(  # noqa: PLR0913, PLR0917 - options of one command
+    runs: Sequence[Path],
+    check: Sequence[Path],
+    static: Path | None,
+    model: str,
+    station: Path | None,
+    most: int,
+    out: Path,
+    quiet: bool,
+) -> Decided:
+    """Diagnose and run what is proposed, at most `most` times.
+
+    Raises InputError: runs that cannot be diagnosed, a profile that the station cannot run; ends with the error of a
+    run that was not completed.
+    """
+    known = {"run": list(runs), "check": list(check), "static": [] if static is None else [static]}
+    serial = RunFolder(runs[0]).manifest().unit
+    rounds: list[Round] = []
+    while True:
+        plan = runs[0] / f"decide_{len(rounds) + 1}.yaml"
+        found = diagnose(known["run"], known["check"], next(iter(known["static"]), None), model, plan).diagnosis
+        proposed = found.next_experiment
+        if proposed is None:
+            return Decided(found, True, _settled(found, rounds), tuple(rounds))
+        use, why = str(proposed["use"]), str(proposed["why"])
+        reason = _no_more(use, bool(proposed["decides"]), len(rounds), most)
+        if reason:
+            return Decided(found, False, reason, (*rounds, Round(plan, use, why)))
+        result = conduct(plan, station, Task((serial,), {}, out), quiet)
+        if result.error is not None:
+            raise result.error
+        rounds.append(Round(plan, use, why, result.run.path))
+        known[use].append(result.run.path)
+
+
+def _settled(found: Diagnosis, rounds: Sequence[Round]) -> str:
+    how = f"with {len(rounds)} further run{'s' * (len(rounds) != 1)}" if rounds else "by the runs given"
+    return f"decided {how}: nothing is left that another profile would tell apart ({found.verdict})"
+
+
+def _no_more(use: str, decides: bool, made: int, most: int) -> str:
+    """Why the proposed run is not made; empty where it is."""
+    if not decides:
+        return "not decided: no profile within the limits of the chamber would tell these causes apart"
+    if use == "by_hand":
+        return (
+            "not decided: the proposed run needs somebody who moves what the chamber does not; run it, and diagnose all"
+        )
+    if made >= most:
+        return f"not decided after {made} further run{'s' * (made != 1)}; --most allows no more"
+    return ""

@@ -1,0 +1,199 @@
+"""`until` of a profile: a run ends when the lot's units and its own rows promise a calibration that is good enough."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.base import InputError
+from bench.record import (
+    EARTH,
+    CalibrationRecord,
+    Dataset,
+    LotRecord,
+    Manifest,
+    Orientation,
+    UntilRecord,
+    earth_rate,
+    load,
+)
+
+if TYPE_CHECKING:
+    from bench.acquisition import Continue, RunResult, Status, Stop, Until
+    from bench.analysis import Expected, Likeness, Prior
+
+WHO = "the lot's prior"
+LOOK_S = 600.0
+ROW_S = 30.0
+
+
+def prior_of(folder: Path) -> Prior:
+    """The units of a lot, from its run folder, as the prior of a further one."""
+    from bench.analysis import Prior, model_from
+
+    record, stored = LotRecord.read(folder), CalibrationRecord.read(folder)
+    if stored.calibration is None:
+        raise InputError("holds no calibration of a lot; make it with `bench lot calibrate`", folder)
+    model = model_from(stored.calibration.model.description())
+    whole = load(folder, stored.averaging_s)
+    runs = [_unit(whole, segment.index, segment.name) for segment in whole.segments]
+    try:
+        return Prior.of(model, runs)
+    except InputError as error:
+        raise InputError(f"lot {record.lot}: {error}", folder) from None
+
+
+def _unit(whole: Dataset, index: int, name: str) -> Dataset:
+    unit, _, run = name.partition(": ")
+    own = whole.select(whole.segment == index)
+    return replace(own, name=run, unit=unit, segments=(), finer=None)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What one look at one unit found."""
+
+    at_s: float
+    expected: Expected
+    likeness: Likeness | None
+
+    def told(self) -> dict[str, Any]:
+        """Its figures."""
+        found = self.expected
+        figures = {"error_dph": found.error_dph, "low_dph": found.low_dph, "high_dph": found.high_dph}
+        figures |= {"seen": found.seen, "at_s": self.at_s}
+        if self.likeness is not None:
+            figures |= {"level": self.likeness.level, "shape": self.likeness.shape}
+        return {key: round(value, 4) for key, value in figures.items()}
+
+
+class _Unit:
+    """Rows of one unit so far, means over half a minute; one thread adds, another one may ask."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[float, float, float]] = []
+        self._open: list[tuple[float, float, float]] = []
+        self._lock = threading.Lock()
+
+    def add(self, t_s: float, temperature_degc: float, rate_dph: float) -> None:
+        if not (np.isfinite(temperature_degc) and np.isfinite(rate_dph)):
+            return
+        with self._lock:
+            if self._open and t_s - self._open[0][0] >= ROW_S:
+                self._rows.append(tuple(np.mean(self._open, axis=0).tolist()))
+                self._open.clear()
+            self._open.append((t_s, temperature_degc, rate_dph))
+
+    def record(self, serial: str, orientation: Orientation | None) -> Dataset | None:
+        with self._lock:
+            rows = list(self._rows)
+        if len(rows) < 2:
+            return None
+        time, temperature, rate = np.array(rows).T
+        channels = {"temperature": temperature, "rate": rate}
+        if orientation is not None:
+            channels[EARTH] = earth_rate(orientation, time)
+        segment = np.zeros(time.size, dtype=np.int64)
+        return Dataset(serial, time, channels, segment, interval_s=ROW_S, unit=serial)
+
+
+class EndingEarly:
+    """Answers "go on, or stop?" for all units of a run: it ends when each is good enough, and like its lot."""
+
+    def __init__(self, lot: Path, until: Until, orientation: Orientation | None, *, audit: bool) -> None:
+        """An `audit` goes on, and tells in the end what the others would have."""
+        self._lot, self._until, self._orientation, self._audit = lot, until, orientation, audit
+        self._prior = prior_of(lot)
+        self._units: dict[str, _Unit] = {}
+        self._good: dict[str, _Look] = {}
+        """The first look at which a unit was good enough."""
+        self._last: dict[str, _Look] = {}
+        self._unlike: set[str] = set()
+        self._next_s: float | None = None
+
+    def heard(self, serial: str, t_s: float, temperature_degc: float, rate_dph: float) -> None:
+        """Take in a tick of a unit."""
+        self._units.setdefault(serial, _Unit()).add(t_s, temperature_degc, rate_dph)
+
+    def decide(self, status: Status) -> Continue | Stop:
+        """Look at every unit every ten minutes."""
+        from bench.acquisition import Continue, Stop
+
+        if self._next_s is None:
+            self._next_s = status.t_s + LOOK_S
+        if status.t_s < self._next_s or status.holding:
+            return Continue()
+        self._next_s = status.t_s + LOOK_S
+        for serial, unit in self._units.items():
+            record = unit.record(serial, self._orientation)
+            if record is not None:
+                self._look(serial, record)
+        if not self._last:
+            return Continue()
+        facts = {"units": {serial: look.told() for serial, look in self._last.items()}, "limit_dph": self._limit}
+        worst = max(look.expected.high_dph for look in self._last.values())
+        text = f"error expected up to {worst:.3g} deg/h, limit {self._limit:g}"
+        if self._unlike:
+            return Continue(f"goes the whole way: {', '.join(sorted(self._unlike))} unlike the lot; {text}", facts)
+        if set(self._good) != set(self._units):
+            return Continue(f"goes on: {text}", facts)
+        if self._audit:
+            return Continue(f"goes on as an audit; {text}", facts)
+        return Stop(text, WHO, facts)
+
+    @property
+    def _limit(self) -> float:
+        return self._until.error_dph
+
+    def _look(self, serial: str, record: Dataset) -> None:
+        expected = self._prior.expected(record)
+        good = expected.seen >= 1.0 and expected.high_dph <= self._limit
+        asked = good and serial not in self._unlike and serial not in self._good
+        likeness = self._prior.like(record) if asked else None
+        self._last[serial] = look = _Look(float(record.time[-1] - record.time[0]), expected, likeness)
+        if likeness is not None and likeness.like:
+            self._good[serial] = look
+        elif likeness is not None:
+            self._unlike.add(serial)
+
+    def write(self, result: RunResult) -> None:
+        """Leave until.json in the run folder of every unit that was looked at."""
+        for unit in result.units:
+            if unit.serial in self._last and (unit.run.path / Manifest.FILE).is_file():
+                self._record(unit.serial, unit.run.path).write(unit.run.path)
+
+    def _record(self, serial: str, folder: Path) -> UntilRecord:
+        look = self._good.get(serial, self._last[serial])
+        ended = Manifest.read(folder).state == "done"
+        outcome = "unlike" if serial in self._unlike else "whole"
+        actual = None
+        if serial in self._good and not self._unlike:
+            outcome = "audit" if self._audit else "stopped" if set(self._good) == set(self._units) else "whole"
+        if outcome == "audit" and ended:
+            actual = self._prior.error(load(folder, ROW_S), look.expected.amplitudes)
+        told: Mapping[str, float] = look.told()
+        return UntilRecord(
+            lot=self._lot.name, limit_dph=self._limit, outcome=outcome, whole_s=self._prior.duration_s, **told,
+            **({} if actual is None else {"actual_dph": actual}),
+        )  # fmt: skip
+
+
+def audit_due(out: Path, lot: Path, every: int) -> bool:
+    """Whether so many runs of this lot ended early since the last one that went the whole way as an audit."""
+    since = 0
+    for record in records_of(out, lot):
+        since = 0 if record.outcome == "audit" else since + (record.outcome == "stopped")
+    return every > 0 and since >= every - 1
+
+
+def records_of(out: Path, lot: Path) -> Iterator[UntilRecord]:
+    """How the runs of a lot with `until` ended, in the order of their times."""
+    for file in sorted(out.glob(f"*/*/{UntilRecord.FILE}"), key=lambda path: path.parent.name):
+        record = UntilRecord.read(file.parent)
+        if record.lot == lot.name:
+            yield record

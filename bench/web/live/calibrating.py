@@ -1,0 +1,273 @@
+"""`/calibrations`: a unit from the shelf to its certificate, by the same jobs as `bench calibrate`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, HTTPException, Request
+from fastapi import Path as Part
+from fastapi.responses import FileResponse
+from pydantic import BaseModel, Field
+
+from bench.base import InputError
+from bench.commands import STEP_NAMES, JobFile, at_work, station_of
+from bench.commands import Order as Calibration
+from bench.record import JobRecord, StoredCase, slug
+from bench.web.ground.settings import Here, Settings
+from bench.web.jobs.jobs import Asked, submit
+from bench.web.live.finding import folder_of
+from bench.web.live.live import watcher_of
+from bench.web.live.starting import Start, begun, named_by, starts_of
+from bench.web.live.starts import Order, serial_of
+from bench.web.live.story import sound
+from bench.web.people.access import Operator, Who
+from bench.web.plans import catalog
+from bench.web.plans.catalog import Catalog, named
+from bench.web.plans.checking import Name
+
+router = APIRouter(tags=["calibrating"])
+Id = Annotated[str, Part(min_length=1, max_length=200)]
+
+GOING = ("waiting", "starting", "running")
+
+
+class Intended(BaseModel):
+    """The calibration: plan and station by name, and a unit of the station or a new one in a slot (`NEW@KNOWN`)."""
+
+    plan: Name
+    station: Name = "simulated"
+    unit: Name
+
+
+class Wanted(Intended):
+    """A calibration to begin, or to go on with where this very plan was begun for this unit."""
+
+    anew: bool = False
+    """Begin again although there is one."""
+    operator: str = Field(default="", max_length=80)
+    """Who works at the bench, where nobody has to sign in."""
+    queue: bool = False
+    """Wait until the station is free."""
+
+
+class Further(BaseModel):
+    """How a calibration goes on; a held one needs a reason."""
+
+    release: str = Field(default="", max_length=500)
+    operator: str = Field(default="", max_length=80)
+    queue: bool = False
+
+
+class StepNow(BaseModel):
+    """A step; `sentence` is what it found, or why it failed."""
+
+    name: str
+    state: Literal["open", "begun", "done", "failed", "void"]
+    began: str = ""
+    ended: str | None = None
+    sentence: str = ""
+    verdict: str | None = None
+    cases: list[StoredCase] = []
+    run: str | None = None
+    """Id of the run that it made."""
+
+
+class Job(BaseModel):
+    """A calibration as it stands."""
+
+    job: str
+    unit: str
+    plan: str
+    state: Literal["waiting", "running", "interrupted", "held", "failed", "ended"]
+    """`interrupted`: its process is gone."""
+    verdict: str | None
+    sentence: str
+    exit_code: int | None
+    created: str
+    steps: list[StepNow]
+    live: str | None
+    """Id of its run that is live now."""
+    start: Start | None
+    """The newest start; null where its record is gone."""
+    certificate: str | None
+    """Number of its certificate."""
+    releases: list[str]
+
+
+class Calibrations(BaseModel):
+    """Calibrations that the page started, newest first, and all that waits for its station, first what is next."""
+
+    waiting: list[Start]
+    jobs: list[Job]
+
+
+@router.post("/calibrations", status_code=202)
+def calibrate(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
+    """Begin a calibration, or go on with it; 400 where the plan is wrong, 409 where another run uses the station."""
+    order = _order(wanted, here, named_by(who, wanted.operator, request))
+    return begun(replace(order, anew=wanted.anew, queue=wanted.queue), request)
+
+
+@router.post("/calibrations/checks", status_code=202)
+def check(intended: Intended, request: Request, here: Here, who: Operator) -> Asked:
+    """Request the check that every calibration begins with."""
+    files = _files(intended, here)
+    wanted = {"plan": str(files[0]), "station": str(files[1]), "unit": intended.unit, "out": str(here.out)}
+    return submit(request, "check", "bench.web.plans.catalog:ordered", wanted)
+
+
+@router.get("/calibrations")
+def calibrations(request: Request, here: Here) -> Calibrations:
+    """Calibrations that the page started."""
+    listed = starts_of(request).listed()
+    found = {(start["digest"], start["units"][0]): start for start in reversed(listed) if start["digest"]}
+    jobs = [job for start in reversed(found.values()) if (job := _job_of(start, here)) is not None]
+    return Calibrations(
+        waiting=[Start(**start) for start in reversed(listed) if start["state"] == "waiting"],
+        jobs=[_told(folder, request) for folder in jobs if sound(JobRecord, folder) is not None],
+    )
+
+
+@router.get("/starts/{start}/calibration")
+def of_start(start: Id, request: Request, here: Here) -> Job | None:
+    """The calibration that a start began or went on with; null while it has no folder, 400 where it was refused."""
+    known = starts_of(request).find(start)
+    if not known or not known["digest"]:
+        raise HTTPException(404, f"no start of a calibration {start!r}; GET /api/v1/calibrations lists them")
+    if known["state"] == "refused":
+        raise HTTPException(400, known["message"])
+    folder, going = _job_of(known, here), known["state"] in GOING
+    if folder is None and not going:
+        raise HTTPException(400, known["message"] or "the calibration ended before it began: start it again")
+    if folder is None or (going and JobRecord.read(folder).state == "ended"):  # that was the one before
+        return None
+    return _told(folder, request)
+
+
+@router.get("/calibrations/{unit}/{job}")
+def one(unit: Id, job: Id, request: Request, here: Here) -> Job:
+    """One calibration."""
+    return _told(_folder(unit, job, here), request)
+
+
+@router.post("/calibrations/{unit}/{job}/continue", status_code=202)
+def go_on(unit: Id, job: Id, further: Further, request: Request, here: Here, who: Operator) -> Start:
+    """Go on with a calibration that was interrupted, failed or is held; 409 where it cannot go on."""
+    folder = _folder(unit, job, here)
+    now, record = _told(folder, request), JobRecord.read(folder)
+    if now.state in {"waiting", "running", "ended"}:
+        raise HTTPException(409, f"the calibration is {now.state}: there is nothing to go on with")
+    if now.start is None:
+        raise HTTPException(409, f"who started it is not known any more: `bench calibrate --unit {now.unit}` goes on")
+    if (now.state == "held") != bool(further.release.strip()):
+        raise HTTPException(400, "release: a held calibration, and no other, needs a reason to go on")
+    who = named_by(who, further.operator, request)
+    start = now.start
+    order = _order(Intended(plan=start.plan, station=start.station, unit=start.units[0]), here, who)
+    if order.digest != record.digest:
+        raise HTTPException(409, "plan, station or one of their files has changed since: begin a new calibration")
+    reason = f"{who.name}: {' '.join(further.release.split())}" if further.release else ""
+    return begun(replace(order, release=reason, queue=further.queue), request)
+
+
+@router.get("/calibrations/{unit}/{job}/certificate", response_class=FileResponse,
+            responses={200: {"content": {"application/pdf": {}}}})  # fmt: skip
+def certificate(unit: Id, job: Id, here: Here) -> FileResponse:
+    """The certificate of a calibration, to be shown and printed."""
+    path = _folder(unit, job, here) / "certificate.pdf"
+    if not path.is_file() or path.is_symlink():
+        raise HTTPException(404, "this calibration has no certificate yet")
+    policy = {"Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; object-src 'self'"}
+    return FileResponse(path, media_type="application/pdf", filename=f"{unit}_certificate.pdf",
+                        content_disposition_type="inline", headers=policy)  # fmt: skip
+
+
+def _files(intended: Intended, here: Settings) -> tuple[Path, Path]:
+    known = Catalog(here.project, here.own)
+    plan = named(known.calibrations(), intended.plan, "plan of a calibration")
+    return plan, named(known.stations(), intended.station, "station")
+
+
+def _order(intended: Intended, here: Settings, who: Who) -> Order:
+    """What the process gets; InputError where a file is wrong, or the unit is not the station's."""
+    plan, station = _files(intended, here)
+    order = Calibration.load(plan, station, intended.unit, here.out)
+    settings = station_of(order.station_file())
+    settings.chosen([order.serial])
+    return Order(
+        plan=intended.plan,
+        station=intended.station,
+        station_file=station,
+        equipment=catalog.equipment(settings),
+        plan_file=plan,
+        digest=order.digest(),
+        units=[intended.unit],
+        who={"name": who.name, "role": who.role, "address": who.address},
+        operator=str(who),
+    )
+
+
+def _folder(unit: str, job: str, here: Settings) -> Path:
+    folder = folder_of(here.out, unit, job)
+    if folder is None or not (folder / JobRecord.FILE).is_file():
+        raise HTTPException(404, f"no calibration {unit}/{job}; GET /api/v1/calibrations lists them")
+    return folder
+
+
+def _job_of(start: dict[str, Any], here: Settings) -> Path | None:
+    """Folder of the newest job of a start; None while there is none."""
+    try:
+        found = JobFile.newest(here.out / slug(serial_of(start["units"][0])), start["digest"])
+    except InputError:  # the job file is damaged: the process says so
+        return None
+    return None if found is None else found.folder
+
+
+def _told(folder: Path, request: Request) -> Job:
+    record, id_ = JobRecord.read(folder), f"{folder.parent.name}/{folder.name}"
+    start = starts_of(request).of_job(record.unit, record.digest)
+    live = watcher_of(request).of_job(id_)
+    facts = record.steps["certificate"].facts if "certificate" in record.steps else {}
+    printed = (folder / "certificate.pdf").is_file()
+    return Job(
+        job=id_,
+        unit=record.unit,
+        plan=record.plan,
+        state=_state(folder, record, start),
+        verdict=record.verdict,
+        sentence=record.sentence,
+        exit_code=record.exit_code,
+        created=record.created,
+        steps=[_step(name, record, folder) for name in STEP_NAMES],
+        live=None if live is None else live.runs[0],
+        start=Start(**start) if start else None,
+        certificate=str(facts["number"]) if printed and facts.get("number") else None,
+        releases=[f"{entry.reason} ({entry.held})" for entry in record.releases],
+    )
+
+
+def _state(folder: Path, record: JobRecord, start: dict[str, Any] | None) -> Any:
+    if at_work(folder):
+        return "running"
+    if start and start["state"] in GOING:
+        return "waiting" if start["state"] == "waiting" else "running"
+    return "interrupted" if record.state == "running" else record.state
+
+
+def _step(name: str, record: JobRecord, folder: Path) -> StepNow:
+    known = record.steps.get(name)
+    if known is None:
+        return StepNow(name=name, state="open")
+    run = known.facts.get("run")
+    return StepNow(
+        name=name,
+        state=known.state,
+        began=known.began,
+        ended=known.ended,
+        sentence=known.sentence,
+        verdict=known.verdict,
+        cases=list(known.cases),
+        run=f"{folder.parent.name}/{run}" if run else None,
+    )

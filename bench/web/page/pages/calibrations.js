@@ -1,0 +1,49 @@
+// Calibrations that were started from the page: what waits, what goes on, what is done; or one of them in full.
+import { html, useEffect, useState } from "../lib/preact.js";
+import { get, remove, url } from "../lib/api.js";
+import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { may } from "../lib/store.js";
+import { serialOf } from "../lib/units.js";
+import { moment, t } from "../lib/words.js";
+import { CalibrationView } from "./calibrations/view.js";
+
+import { planTitle } from "./start/plan.js";
+import { planOf, stateWord, toneOf } from "./calibrations/words.js";
+
+const LOOK_MS = 2000;
+
+export default function Calibrations({ params }) {
+  if (params.rest) return html`<${CalibrationView} key=${params.rest} id=${params.rest} />`;
+  return html`<${List} />`;
+}
+
+function List() {
+  const [seen, setSeen] = useState(/** @type {{listed?: any, error?: Error}} */ ({}));
+  const [round, setRound] = useState(0);
+  useEffect(() => {
+    let timer = 0;
+    let left = false;
+    const look = () => get("/calibrations").then((listed) => !left && setSeen({ listed }), (error) => !left && setSeen((now) => ({ ...now, error })))
+      .finally(() => (timer = left ? 0 : window.setTimeout(look, LOOK_MS)));
+    look();
+    return () => {
+      left = true;
+      clearTimeout(timer);
+    };
+  }, [round]);
+  const { listed, error } = seen;
+  if (!listed) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
+  const giveUp = (start) => remove(url`/starts/${start}`).catch((problem) => setSeen((now) => ({ ...now, error: problem }))).then(() => setRound(round + 1));
+  return html`<div class="page stack"><h1>${t("nav.calibrations")}</h1>
+    <${Trouble} error=${error} />
+    ${listed.waiting.length > 0 && html`<section aria-labelledby="queue"><h2 id="queue">${t("job.queue")}</h2>
+      <ol>${listed.waiting.map((start) => html`<li key=${start.start} class="row"><b class="mono">${start.units.map(serialOf).join(", ")}</b> ${start.digest ? planOf(start.plan) : planTitle({ id: start.plan, title: start.plan })} <span class="soft">${start.station} · ${start.who.name}</span>
+        ${may("operator") && html`<button type="button" class="narrow" onClick=${() => giveUp(start.start)}>${t("job.give_up")}<span class="unseen"> ${start.units.map(serialOf).join(", ")}</span></button>`}</li>`)}</ol></section>`}
+    ${listed.jobs.length > 0 ? html`<div class="scroll" tabindex="0" role="region" aria-label=${t("nav.calibrations")}><table class="job-list">
+      <thead><tr>${["unit", "plan", "state", "begun", "certificate"].map((key) => html`<th key=${key} scope="col">${t(`job.head.${key}`)}</th>`)}</tr></thead>
+      <tbody>${listed.jobs.map((job) => html`<tr key=${job.job}><th scope="row"><a class="mono" href=${`/calibrations/${job.job}`}>${job.unit}</a></th><td>${planOf(job.plan)}</td>
+        <td><${Lamp} tone=${toneOf(job)}>${stateWord(job)}<//></td><td>${moment(job.created)}</td><td class="mono">${job.certificate ?? "–"}</td></tr>`)}</tbody></table></div>`
+      : html`<p class="soft">${t("job.none")}</p>`}
+    ${may("operator") && html`<p><a class="button primary" href="/">${t("job.start_one")}</a></p>`}
+  </div>`;
+}

@@ -1,0 +1,142 @@
+// One calibration: its steps with their states, the run that is live now, what a person has to decide, and its end.
+import { html, useEffect, useRef, useState } from "../../lib/preact.js";
+import { get, post } from "../../lib/api.js";
+import { traces, useLive } from "../../lib/live.js";
+import { Busy, Lamp, Shape, Trouble, Unknown } from "../../lib/parts.js";
+import { may } from "../../lib/store.js";
+import { Trace } from "../../lib/trace.js";
+import { duration, moment, t } from "../../lib/words.js";
+import { Actions } from "../live/actions.js";
+import { Temperatures } from "../live/charts.js";
+import { Headline, Segments, Troubles } from "../live/run.js";
+import { operatorOf, OperatorField } from "../start/operator.js";
+import { passedOver, planOf, stateWord, stepTone, stepWord, toneOf } from "./words.js";
+
+const LOOK_MS = 1000;
+const EMPTY = new Trace();
+
+/** The calibration as it stands, asked for again while it is shown. */
+function useJob(id) {
+  const [seen, setSeen] = useState(/** @type {{job?: any, error?: any}} */ ({}));
+  useEffect(() => {
+    let timer = 0;
+    let left = false;
+    const look = () => get(`/calibrations/${id}`).then((job) => !left && setSeen({ job }), (error) => !left && setSeen((now) => ({ ...now, error })))
+      .finally(() => (timer = left ? 0 : window.setTimeout(look, LOOK_MS)));
+    look();
+    return () => {
+      left = true;
+      clearTimeout(timer);
+    };
+  }, [id]);
+  return seen;
+}
+
+export function CalibrationView({ id }) {
+  const { job, error } = useJob(id);
+  const run = useLive((now) => now.runs.find((one) => one.run === job?.live));
+  const heading = useRef(null);
+  const ended = job && ["ended", "held", "failed", "interrupted"].includes(job.state);
+  useEffect(() => {
+    if (ended) heading.current?.focus({ preventScroll: true });
+  }, [job?.state]);
+  if (!job && error?.status === 404) return html`<div class="page"><${Unknown} what=${t("job.unknown", { job: id })} way="/calibrations" words=${t("nav.calibrations")} /></div>`;
+  if (!job) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
+  return html`<article class="job">
+    <header class=${`headline tone-${toneOf(job)}`}>
+      <span class="headline-state"><${Shape} tone=${toneOf(job)} /><b>${stateWord(job)}</b></span>
+      <div class="headline-what"><h1 tabindex="-1" ref=${heading}>${job.unit}</h1>
+        <span class="soft">${planOf(job.plan)}${job.start ? ` · ${t("live.by", { who: job.start.who.name })}` : ""} · ${moment(job.created)}</span></div>
+    </header>
+    <${Trouble} error=${error} />
+    <div class="job-body">
+      <ol class="job-steps" aria-label=${t("job.steps")}>
+        ${job.steps.map((step, index) => html`<${Step} key=${step.name} step=${step} index=${index} job=${job} />`)}
+        <li class=${job.certificate ? "now" : ""}><span class=${`tone-${job.certificate ? "link" : "idle"}`}><${Shape} tone=${job.certificate ? "link" : "idle"} /></span>
+          <div><h2>${t("step.print")}</h2>${job.certificate ? html`<p class="mono">${job.certificate}</p>` : html`<p class="soft">${t("step.open")}</p>`}</div></li>
+      </ol>
+      <div class="job-now">
+        <${Ending} job=${job} />
+        ${run && html`<section class="panel several-run" aria-label=${t("nav.live")}><${Headline} run=${run} link /><${Segments} run=${run} /><${Troubles} run=${run} />
+          <${Temperatures} run=${run} trace=${traces.get(run.run) ?? EMPTY} height=${200} /></section>`}
+        ${!run && job.state === "running" && html`<${Busy}>${t("job.works")}<//>`}
+        ${job.releases.length > 0 && html`<section><h2>${t("job.releases")}</h2><ul lang="en">${job.releases.map((text) => html`<li key=${text}>${text}</li>`)}</ul></section>`}
+      </div>
+    </div>
+    ${run && html`<${Actions} run=${run} />`}
+  </article>`;
+}
+
+const took = ({ began, ended }) => (began && ended ? duration((Date.parse(ended) - Date.parse(began)) / 1000) : "");
+
+function Step({ step, index, job }) {
+  const tone = stepTone(step, job);
+  const ready = step.run && step.state === "done";
+  return html`<li class=${step.state === "begun" ? "now" : ""} aria-current=${step.state === "begun" ? "step" : undefined}>
+    <span class=${`tone-${tone}`}>${step.state === "open" ? html`<span class="mark">${index + 1}</span>` : step.state === "begun" && job.state === "running" ? html`<span class="spinner"></span>` : html`<${Shape} tone=${tone} />`}</span>
+    <div><h2>${t(`step.name.${step.name}`)} <small class="soft">${stepWord(step, job)}${took(step) && !passedOver(step) && ` · ${took(step)}`}</small></h2>
+      ${step.sentence && !passedOver(step) && html`<p class="small" lang="en">${step.sentence}</p>`}
+      ${ready && html`<p class="small"><a href=${`/workbench?run=${encodeURIComponent(step.run)}`}>${t("verdict.workbench")}</a></p>`}
+    </div></li>`;
+}
+
+/** What the calibration waits for, or how it ended, and the ways on. */
+function Ending({ job }) {
+  if (job.state === "ended") return html`<${Ended} job=${job} />`;
+  if (job.state === "held") return html`<${Held} job=${job} />`;
+  if (job.state === "failed" || job.state === "interrupted") return html`<${Stopped} job=${job} />`;
+  return job.state === "waiting" && html`<p role="status">${t("job.waits")}</p>`;
+}
+
+function Ended({ job }) {
+  const again = job.start && `/start?unit=${encodeURIComponent(job.start.units.join(","))}&station=${encodeURIComponent(job.start.station)}&calibration=${encodeURIComponent(job.start.plan)}`;
+  return html`<section class=${`notice ${toneOf(job)}`} role="status"><p class="job-word"><${Lamp} tone=${toneOf(job)}>${stateWord(job)}<//></p>
+    <p>${t(job.certificate ? "job.passed" : "job.ended")}</p><p class="small" lang="en">${job.sentence}</p></section>
+  <div class="verdict-ways">
+    ${job.certificate && html`<a class="button primary" href=${`/api/v1/calibrations/${job.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}
+    ${may("operator") && html`<a class="button" href="/">${t("verdict.next_unit")}</a>`}
+    ${may("operator") && again && html`<a class="button" href=${again}>${t("verdict.repeat")}</a>`}
+    <a class="button" href=${`/units/${encodeURIComponent(job.unit)}`}>${t("verdict.unit")}</a>
+  </div>`;
+}
+
+/** Ask the server to go on; its error stays in sight. */
+function useGoOn(job) {
+  const [now, setNow] = useState(/** @type {{busy?: boolean, error?: Error}} */ ({}));
+  const go = async (more) => {
+    setNow({ busy: true });
+    try {
+      await post(`/calibrations/${job.job}/continue`, { ...operatorOf(), ...more });
+      setNow({});
+    } catch (error) {
+      setNow({ error });
+    }
+  };
+  return { ...now, go };
+}
+
+function Held({ job }) {
+  const { busy, error, go } = useGoOn(job);
+  const [reason, setReason] = useState("");
+  const submit = (event) => {
+    event.preventDefault();
+    if (reason.trim()) go({ release: reason });
+  };
+  return html`<section class="notice warn" role="status"><p><strong>${t("job.held")}</strong></p><p lang="en">${job.sentence}</p></section>
+    ${may("operator") && html`<form class="stack" onSubmit=${submit}><${OperatorField} />
+      <div class="field"><label for="reason">${t("job.reason")}</label><textarea id="reason" rows="3" maxlength="500" value=${reason} onInput=${(event) => setReason(event.target.value)}></textarea></div>
+      <${Trouble} error=${error} />
+      <button type="submit" class="go" disabled=${busy || !reason.trim()}>${t("job.release")}</button></form>`}`;
+}
+
+function Stopped({ job }) {
+  const { busy, error, go } = useGoOn(job);
+  const papers = job.exit_code === 2 && job.start && job.steps.some(({ name, state }) => name === "check" && state === "failed");
+  return html`<section class="notice bad" role="status"><p><strong>${t(job.state === "failed" ? `job.failed.${job.exit_code}` : "job.interrupted")}</strong></p>
+      <p lang="en">${job.sentence || job.start?.message}</p></section>
+    <${Trouble} error=${error} />
+    ${may("operator") && html`<div class="verdict-ways">
+      ${job.start && html`<button type="button" class="go" disabled=${busy} onClick=${() => go({})}>${t("job.go_on")}</button>`}
+      ${papers && html`<a class="button" href=${`/laboratory?station=${encodeURIComponent(job.start.station)}`}>${t("papers.title")}</a>`}
+      <a class="button" href="/">${t("verdict.next_unit")}</a></div>`}`;
+}

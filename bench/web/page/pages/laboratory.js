@@ -1,0 +1,103 @@
+// Laboratory and reference equipment of a station, as forms that are filled in once.
+import { html, useEffect, useState } from "../lib/preact.js";
+import { get, put, url } from "../lib/api.js";
+import { Busy, Trouble } from "../lib/parts.js";
+import { remember } from "../lib/router.js";
+import { may } from "../lib/store.js";
+import { t } from "../lib/words.js";
+
+// Path of each field in the file; `!` must be filled in.
+const LABORATORY = [
+  ["laboratory.name", "text", true], ["laboratory.address", "text"], ["laboratory.country", "text"], ["place", "text"],
+  ["authorised_by.name", "text", true], ["authorised_by.function", "text"],
+  ["customer.name", "text"], ["customer.address", "text"], ["item.model", "text"], ["item.condition", "text"],
+];
+const INSTRUMENT = [
+  ["name", "text", true], ["model", "text"], ["serial", "text", true], ["certificate", "text"], ["calibrated", "date"], ["due", "date", true],
+  ["uncertainty.0.value", "number"], ["uncertainty.0.unit", "unit"],
+];
+const UNITS = ["", "degC", "ppm", "deg"];
+
+const at = (content, path) => path.split(".").reduce((value, key) => value?.[key], content) ?? "";
+
+/**
+ * The same with another value at a path; numbers in it are places in lists.
+ * @param {any} content
+ * @param {string[]} path
+ */
+function changed(content, path, value) {
+  const [key, ...rest] = path;
+  const copy = Array.isArray(content) ? [...content] : { ...content };
+  copy[key] = rest.length ? changed(copy[key] ?? (/^\d+$/.test(rest[0]) ? [] : {}), rest, value) : value;
+  return copy;
+}
+
+export default function Laboratory({ query }) {
+  const [stations, setStations] = useState(/** @type {any} */ (null));
+  const [station, setStation] = useState(query.station ?? "");
+  const [seen, setSeen] = useState(/** @type {{papers?: any, error?: Error}} */ ({}));
+  useEffect(() => {
+    get("/stations").then(({ stations: all }) => setStations(all.filter(({ problem }) => !problem)), (error) => setSeen({ error }));
+  }, []);
+  const chosen = station || stations?.[0]?.id;
+  useEffect(() => {
+    if (!chosen) return;
+    setSeen({});
+    get(url`/stations/${chosen}/papers`).then((papers) => setSeen({ papers }), (error) => setSeen({ error }));
+    remember({ station: chosen });
+  }, [chosen]);
+  if (!stations) return html`<div class="page">${seen.error ? html`<${Trouble} error=${seen.error} />` : html`<${Busy} />`}</div>`;
+  return html`<div class="page stack papers"><h1>${t("papers.title")}</h1><p class="soft">${t("papers.what")}</p>
+    <div class="field"><label for="station">${t("papers.station")}</label>
+      <select id="station" value=${chosen} onChange=${(event) => setStation(event.target.value)}>${stations.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === chosen}>${title}</option>`)}</select></div>
+    <${Trouble} error=${seen.error} />
+    ${seen.papers && html`<${Form} key=${`laboratory ${chosen}`} kind="laboratory" station=${chosen} paper=${seen.papers.laboratory} empty=${{}} Fields=${LaboratoryFields} />
+      <${Form} key=${`equipment ${chosen}`} kind="equipment" station=${chosen} paper=${seen.papers.equipment} empty=${{ equipment: [{}] }} Fields=${Instruments} />`}
+  </div>`;
+}
+
+function Form({ kind, station, paper, empty, Fields }) {
+  const [content, setContent] = useState(paper.content ?? empty);
+  const [state, setState] = useState(/** @type {{saved?: string, error?: any, busy?: boolean}} */ ({}));
+  const save = async (event) => {
+    event.preventDefault();
+    setState({ busy: true });
+    try {
+      setState({ saved: (await put(url`/stations/${station}/papers/${kind}`, { content })).file });
+    } catch (error) {
+      setState({ error });
+    }
+  };
+  const change = (path, value) => {
+    setContent((now) => changed(now, path.split("."), value));
+    setState({});
+  };
+  return html`<form class="panel stack" aria-labelledby=${kind} onSubmit=${save}><h2 id=${kind}>${t(`papers.${kind}`)}</h2>
+    <p class="small soft">${paper.content || paper.problem ? t("papers.file", { file: paper.file }) : t("papers.no_file")}</p>
+    <${Trouble} error=${paper.problem || null} />
+    <${Fields} content=${content} change=${change} setContent=${setContent} />
+    <${Trouble} error=${state.error} />
+    <div class="row">${may("engineer") ? html`<button type="submit" class="primary" disabled=${state.busy}>${t("papers.save")}<span class="unseen"> ${t(`papers.${kind}`)}</span></button>` : html`<p>${t("papers.engineers")}</p>`}
+      <span role="status">${state.saved && t("papers.saved")}</span></div>
+  </form>`;
+}
+
+function Field({ id, label, type, required, value, change }) {
+  const number = (text) => (text === "" ? "" : Number(text));
+  return html`<div class="field"><label for=${id}>${label}${required && html`<span class="soft" aria-hidden="true"> *</span>`}</label>
+    ${type === "unit" ? html`<select id=${id} value=${value} onChange=${(event) => change(event.target.value)}>${UNITS.map((unit) => html`<option key=${unit} value=${unit} selected=${unit === value}>${unit || "–"}</option>`)}</select>`
+      : html`<input id=${id} type=${type} step="any" required=${required} value=${value} onInput=${(event) => change(type === "number" ? number(event.target.value) : event.target.value)} />`}</div>`;
+}
+
+const LaboratoryFields = ({ content, change }) => html`<div class="papers-fields">
+  ${LABORATORY.map(([path, type, required]) => html`<${Field} key=${path} id=${path} type=${type} required=${required} label=${t(`papers.field.${path}`)} value=${at(content, path)} change=${(value) => change(path, value)} />`)}</div>`;
+
+function Instruments({ content, change, setContent }) {
+  const tools = content.equipment ?? [];
+  return html`${tools.map((tool, index) => html`<fieldset key=${index}><legend>${t("papers.instrument", { n: index + 1 })}</legend>
+      <div class="papers-fields">${INSTRUMENT.map(([path, type, required]) => html`<${Field} key=${path} id=${`tool${index}.${path}`} type=${type} required=${required}
+        label=${t(`papers.tool.${path}`)} value=${at(tool, path)} change=${(value) => change(`equipment.${index}.${path}`, value)} />`)}</div>
+      ${tools.length > 1 && html`<button type="button" class="narrow" onClick=${() => setContent({ ...content, equipment: tools.filter((_, other) => other !== index) })}>${t("papers.remove")}<span class="unseen"> ${tool.name ?? ""}</span></button>`}
+    </fieldset>`)}
+    <p><button type="button" class="narrow" onClick=${() => setContent({ ...content, equipment: [...tools, {}] })}>${t("papers.add")}</button></p>`;
+}

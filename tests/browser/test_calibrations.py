@@ -1,0 +1,130 @@
+"""A new gyro from the start page to its certificate in a real browser, without any file edited by hand."""
+
+import json
+import re
+
+import pytest
+
+from tests.browser.test_operator import press_tab_to
+from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
+from tests.support.visiting import PATIENCE_MS, TABLET, picture
+
+
+@pytest.fixture
+def bench(tmp_path, project):
+    with bench_over(tmp_path / "out", project) as bench:
+        yield bench
+
+
+def fill_in_papers(page):
+    """What certificates name, on the page's forms."""
+    for label, text in (("Laboratory", "Laboratory of tests"), ("Who signs", "Olha Koval")):
+        page.locator("#laboratory ~ .papers-fields").get_by_label(label).fill(text)
+    page.get_by_role("button", name="Save Laboratory").click()
+    page.get_by_text("Saved.").wait_for()
+    for label, text in (("Instrument (", "chamber sensor"), ("Serial number", "P-1"), ("Valid until", "2999-12-31"),
+                        ("Uncertainty", "0.1")):  # fmt: skip
+        page.locator("fieldset").get_by_label(label).fill(text)
+    page.locator("fieldset").get_by_label("Unit of it").select_option("degC")
+    page.get_by_role("button", name="Save Reference equipment").click()
+    page.get_by_text("Saved.").nth(1).wait_for()
+
+
+def enter(page, target):
+    """Go to `target` by keyboard and press it."""
+    target.wait_for()
+    press_tab_to(page, target)
+    page.keyboard.press("Enter")
+
+
+def choose_by_keyboard(page):
+    """From a serial number that no station has to the confirmation."""
+    page.goto("/")
+    page.get_by_label("Serial number").wait_for()
+    page.keyboard.type("GX-0815")
+    page.keyboard.press("Enter")
+    slot = page.get_by_role("button", name="Slot of BARE-1")
+    slot.wait_for()
+    picture(page, "new-unit")
+    enter(page, slot)
+    plan = page.get_by_role("button", name=re.compile("^brief.*The whole way"))
+    plan.wait_for()
+    picture(page, "plans-calibrations")
+    enter(page, plan)
+
+
+@pytest.mark.slow
+def test_a_new_gyro_goes_to_its_certificate_by_keyboard(bench, visitors):
+    page = visitors.come(bench.site.address)
+    choose_by_keyboard(page)
+    page.get_by_text("no laboratory and no signatory").wait_for()
+    picture(page, "ready-calibration-refused")
+    enter(page, page.get_by_role("link", name="Laboratory and equipment"))
+    page.get_by_role("heading", name="Reference equipment").wait_for()
+    fill_in_papers(page)
+    picture(page, "laboratory", full_page=True)
+    home = page.get_by_role("link", name="Start", exact=True)
+    home.focus()
+    page.keyboard.press("Enter")
+    operator = page.get_by_label("Operator")
+    operator.wait_for()
+    press_tab_to(page, operator)
+    page.keyboard.type("Olena")
+    page.locator("button.giant:enabled").wait_for()
+    picture(page, "ready-calibration")
+    enter(page, page.locator("button.giant"))
+    page.wait_for_url("**/calibrations/GX-0815/*")
+    page.get_by_role("heading", name="Calibration run").wait_for()
+    page.get_by_role("progressbar").wait_for()
+    picture(page, "calibration")
+    printed = page.get_by_role("link", name="Print the certificate")
+    printed.wait_for(timeout=2 * PATIENCE_MS)
+    picture(page, "calibration-done")
+    press_tab_to(page, printed)
+    pdf = page.request.get(bench.site.address + printed.get_attribute("href"))
+    assert (pdf.headers["content-disposition"].partition(";")[0], pdf.body()[:5]) == ("inline", b"%PDF-")
+    job = page.url.partition("/calibrations/")[2]
+    told = json.loads((bench.out / job / "job.json").read_text())
+    assert (told["unit"], told["verdict"]) == ("GX-0815", "PASS")
+    run = bench.out / "GX-0815" / told["steps"]["run"]["facts"]["run"]
+    assert json.loads((run / "manifest.json").read_text())["operator"].startswith("Olena ")
+
+
+@pytest.mark.slow
+def test_by_touch_a_calibration_is_aborted_and_goes_on(bench, visitors):
+    page = visitors.come(bench.site.address, size=TABLET, touch=True)
+    page.goto("/")
+    page.get_by_label("Serial number").fill("GX-0816")
+    page.get_by_role("button", name="Next").tap()
+    page.get_by_role("button", name=re.compile("^Slot of SIM-0001")).first.tap()
+    page.get_by_role("button", name=re.compile("^brief.*The whole way")).tap()
+    page.locator("button.giant:enabled").tap()
+    page.wait_for_url("**/calibrations/GX-0816/*")
+    page.get_by_role("button", name="Abort …").tap()
+    page.get_by_role("button", name="Abort the run").tap()
+    page.get_by_text("It can go on from there").wait_for()
+    picture(page, "calibration-aborted-tablet")
+    page.get_by_role("button", name="Go on").tap()
+    page.get_by_role("progressbar").wait_for()
+    page.get_by_role("button", name="Abort …").tap()
+    page.get_by_role("button", name="Abort the run").tap()
+    page.get_by_text("It can go on from there").wait_for()
+    page.goto("/calibrations")
+    page.get_by_role("link", name="GX-0816").wait_for()
+    picture(page, "calibrations-tablet")
+
+
+@pytest.mark.slow
+def test_what_waits_for_a_station_is_listed_and_taken_out(bench, visitors):
+    bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+    page = visitors.come(bench.site.address)
+    visitors.of(page).forgives = re.compile("status of 409")
+    page.goto(f"/start?unit={SLOW_UNIT}&station=unhurried&plan=short")
+    page.get_by_role("button", name="START").click()
+    page.get_by_text("is in use").wait_for()
+    page.get_by_role("button", name="Start when the station is free").click()
+    page.wait_for_url("**/calibrations")
+    page.get_by_role("heading", name="Waiting for their station").wait_for()
+    picture(page, "queue")
+    page.get_by_role("button", name=f"Remove {SLOW_UNIT}").click()
+    page.get_by_role("heading", name="Waiting for their station").wait_for(state="detached")

@@ -1,0 +1,82 @@
+"""`bench decide`: the bench makes the runs that its diagnosis proposes, until the cause is known."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from bench.cli import main
+from tests.support.run_folders import make_run, ramp_run
+
+STATION = """
+name: loop
+simulated: true
+seed: 1
+ambient_degc: 23
+chamber:
+  map: watlow_f4t
+  lowest_degc: -42
+  highest_degc: 95
+  heating_degc_per_min: 5
+  cooling_degc_per_min: [[-40, 0.5], [-30, 1.5], [0, 2.3], [23, 3.0], [85, 5.0]]
+buses:
+  can0: {interface: blocks, channel: bench}
+units:
+  - serial: U-1
+    bus: can0
+    number: 0
+    identity: 1
+    simulation:
+      truth:
+        - {mechanism: static_bias, coefficients_dph: [-6.5, 8.0, -1.6, 0.7], reference_degc: 25}
+        - {mechanism: preisach, amplitude_dph: 3.5}
+      noise: {angle_random_walk: 0.008, bias_instability: 0.02, rate_random_walk: 0.008}
+"""
+PROFILE = """
+name: one_rate
+start: {temperature_degc: 25}
+settle: {dwell_min: 2, slope_degc_per_min: 0.2}
+segments:
+  - {kind: ramp, to_degc: 50, rate_degc_per_min: 0.8}
+  - {kind: soak, duration_min: 10}
+  - {kind: ramp, to_degc: 10, rate_degc_per_min: 0.8}
+  - {kind: ramp, to_degc: 25, rate_degc_per_min: 0.8}
+"""
+
+
+def bench(*words: object) -> tuple[int, str, str]:
+    result = CliRunner().invoke(main, list(map(str, words)))
+    return result.exit_code, result.stdout, result.stderr
+
+
+@pytest.mark.slow
+def test_a_tie_is_decided_by_the_runs_that_the_bench_makes_itself(tmp_path: Path) -> None:
+    station, profile, out = tmp_path / "station.yaml", tmp_path / "one_rate.yaml", tmp_path / "reports"
+    station.write_text(STATION)
+    profile.write_text(PROFILE)
+    common = ("--station", station, "--out", out, "--quiet")
+    assert bench("run", profile, *common, "--model", "polynomial")[0] in {0, 1}
+    (first,) = (out / "U-1").iterdir()
+    tied = json.loads((first / "diagnosis.json").read_text())
+    assert tied["next_experiment"]["use"] == "run"
+
+    code, text, _ = bench("decide", first, "--model", "polynomial", *common, "--json")
+
+    answer = json.loads(text)
+    assert set(answer) == {"decided", "reason", "rounds", "diagnosis", "registry"}
+    (made,) = [one for one in answer["rounds"] if one["run"]]
+    assert (code, answer["decided"]) == (0, True)
+    assert Path(made["run"]).parent == out / "U-1"
+    assert answer["diagnosis"]["runs"] == [first.name, Path(made["run"]).name]
+    assert [s["effect"] for s in answer["diagnosis"]["suspects"] if s["found"]] == ["hysteresis"]
+    assert answer["diagnosis"]["next_experiment"] is None
+
+
+def test_what_the_runs_decide_already_needs_no_station(tmp_path: Path) -> None:
+    run = make_run(tmp_path / "reports" / "U-1" / "r1", **ramp_run(), unit="U-1", run="r1")
+    code, text, error = bench("decide", run, "--model", "polynomial", "--station", tmp_path / "none.yaml", "--json")
+    answer = json.loads(text)
+    open_ = answer["diagnosis"]["next_experiment"] if code != 2 else None
+    assert open_ is None, error
+    assert (code, answer["decided"], answer["rounds"]) == (0, True, [])

@@ -1,0 +1,200 @@
+"""Calibrations in the page's API: the jobs of `bench calibrate`, new units in slots, a queue, forms for the papers."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from bench.base import library, read_yaml
+from bench.commands import Order
+from bench.commands.calibration.calibrate import calibrate
+from bench.commands.calibration.job import Done
+from bench.record import StartRecord
+from bench.web.ground.settings import Settings
+from bench.web.people import people
+from tests.commands.test_calibrate import Fake
+from tests.commands.test_live import until
+from tests.support import bench_project
+from tests.support.web_client import served
+from tests.web.test_starting import LONG, kill
+
+
+@pytest.fixture
+def settings(tmp_path, monkeypatch):
+    project = bench_project.made(tmp_path / "project")
+    (project / "profiles" / "long.yaml").write_text(LONG)
+    monkeypatch.chdir(project)
+    made = Settings(out=tmp_path / "reports", project=project)
+    yield made
+    for start in made.own.glob("starts/*/start.json"):
+        if pid := json.loads(start.read_text()).get("pid"):
+            kill(pid)
+
+
+def at(job):
+    return {step["name"]: step["state"] for step in job["steps"]}
+
+
+def job_of(client, start):
+    return until(lambda: client.get(f"/api/v1/starts/{start}/calibration").raise_for_status().json())
+
+
+def begin(client, **wanted):
+    answer = client.post("/api/v1/calibrations", json={"plan": "brief", **wanted})
+    assert answer.status_code == 202, answer.text
+    return answer.json()
+
+
+LABORATORY = {"laboratory": {"name": "Lab", "address": ""}, "authorised_by": {"name": "Olha"}, "item": {"model": " "}}
+EQUIPMENT = {
+    "equipment": [{"name": "chamber sensor", "serial": "P1", "due": "2999-12-31",
+                   "uncertainty": [{"value": 0.1, "unit": "degC"}]}]
+}  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_new_unit_stops_at_missing_papers_goes_on_survives_a_restart_and_is_aborted(settings):
+    with served(settings) as client:
+        start = begin(client, station="bare", unit="GX-0815@BARE-1", operator="Olena")
+        assert (start["who"]["name"], start["units"]) == ("Olena", ["GX-0815@BARE-1"])
+        id_ = job_of(client, start["start"])["job"]
+        stopped = until(lambda: (now := client.get(f"/api/v1/calibrations/{id_}").json())["state"] == "failed" and now)
+        assert (stopped["exit_code"], at(stopped)["check"]) == (2, "failed")
+        assert "no laboratory and no signatory" in stopped["sentence"]
+        for kind, content in (("laboratory", LABORATORY), ("equipment", EQUIPMENT)):
+            answer = client.put(f"/api/v1/stations/bare/papers/{kind}", json={"content": content})
+            assert answer.status_code == 200, answer.text
+        assert client.post(f"/api/v1/calibrations/{id_}/continue", json={"operator": "Olena"}).status_code == 202
+        until(lambda: at(client.get(f"/api/v1/calibrations/{id_}").json())["run"] == "begun")
+    with served(settings) as client:  # another server: the job goes on, and is found again
+        told = client.get(f"/api/v1/calibrations/{id_}").json()
+        assert told["state"] == "running"
+        (listed,) = client.get("/api/v1/calibrations").json()["jobs"]
+        assert (listed["job"], listed["unit"]) == (id_, "GX-0815")
+        run = until(lambda: client.get(f"/api/v1/calibrations/{id_}").json()["live"])
+        live = until(lambda: (now := client.get(f"/api/v1/live/{run}").json())["condition"] == "live" and now)
+        assert (live["job"], live["who"]["name"]) == (id_, "Olena")
+        until(lambda: client.post(f"/api/v1/live/{run}/abort?wait_s=30", json={}).json().get("safe"))
+        aborted = until(lambda: (now := client.get(f"/api/v1/calibrations/{id_}").json())["state"] == "failed" and now)
+        assert (aborted["exit_code"], at(aborted)["run"]) == (3, "failed")
+        assert client.get(f"/api/v1/calibrations/{id_}/certificate").status_code == 404
+    manifest = json.loads((settings.out / run / "manifest.json").read_text())
+    assert (manifest["unit"], manifest["state"], manifest["operator"].split(" ")[0]) == ("GX-0815", "aborted", "Olena")
+    assert read_yaml(settings.project / "profiles" / "laboratory" / "station_bare.yaml").content["laboratory"] == {
+        "name": "Lab"
+    }
+
+
+@pytest.mark.slow
+def test_a_calibration_waits_for_its_station_and_may_be_taken_out_of_the_queue(settings):
+    with served(settings) as client:
+        run = client.post("/api/v1/starts", json={"plan": "long", "units": ["SIM-0001"]}).json()["start"]
+        running = until(lambda: (now := client.get(f"/api/v1/starts/{run}").json())["state"] == "running" and now)
+        refused = client.post("/api/v1/calibrations", json={"plan": "brief", "unit": "SIM-0001"})
+        assert (refused.status_code, "station simulated is in use" in refused.json()["detail"]) == (409, True)
+        first, second = (begin(client, unit=unit, queue=True) for unit in ("SIM-0001", "GX-2@SIM-0001"))
+        assert first["state"] == second["state"] == "waiting"
+    with served(settings) as client:  # the queue outlives the server
+        waiting = [one["start"] for one in client.get("/api/v1/calibrations").json()["waiting"]]
+        assert waiting == [first["start"], second["start"]]
+        assert client.delete(f"/api/v1/starts/{second['start']}").status_code == 204
+        assert client.delete(f"/api/v1/starts/{second['start']}").status_code == 404
+        until(lambda: client.post(f"/api/v1/live/{running['runs'][0]}/abort?wait_s=30", json={}).json().get("done"))
+        assert job_of(client, first["start"])["unit"] == "SIM-0001"
+        late = client.delete(f"/api/v1/starts/{first['start']}")
+        assert (late.status_code, "abort its run" in late.json()["detail"]) == (409, True)
+
+
+def held(settings):
+    """The id of a held calibration that the page started."""
+    station = library() / "stations" / "simulated.yaml"
+    plan = settings.project / "profiles" / "plans" / "brief.yaml"
+    order = Order.load(plan, station, "SIM-0001", settings.out, quiet=True)
+    job = calibrate(order, steps=[Fake("check"), Fake("static", Done("doubt", hold="an unknown effect"))])
+    about = StartRecord(
+        start="20261123T000000Z-0", digest=order.digest(), plan="brief", station="simulated", units=("SIM-0001",),
+        who={"name": "Ivan", "role": "operator", "address": "127.0.0.1"}, started="2026-11-23T00:00:00.000+00:00",
+    )  # fmt: skip
+    folder = settings.own / "starts" / about.start
+    folder.mkdir(parents=True)
+    about.write(folder)
+    (folder / "exit_code").write_text("1\n")
+    return f"SIM-0001/{job.folder.name}"
+
+
+def test_a_held_calibration_goes_on_only_with_a_reason_which_stands_in_it_with_the_name(settings):
+    id_ = held(settings)
+    with served(settings) as client:
+        told = client.get(f"/api/v1/calibrations/{id_}").json()
+        assert (told["state"], told["sentence"], told["exit_code"]) == ("held", "static: an unknown effect", 1)
+        bare = client.post(f"/api/v1/calibrations/{id_}/continue", json={})
+        assert (bare.status_code, "needs a reason" in bare.json()["detail"]) == (400, True)
+        further = {"release": "seen  before", "operator": "Olena"}
+        assert client.post(f"/api/v1/calibrations/{id_}/continue", json=further).status_code == 202
+        released = until(lambda: client.get(f"/api/v1/calibrations/{id_}").json()["releases"])
+    assert released == ["Olena: seen before (static: an unknown effect)"]
+
+
+def test_a_calibration_whose_plan_was_changed_does_not_go_on(settings):
+    id_ = held(settings)
+    limits = settings.project / "profiles" / "limits" / "brief.yaml"
+    limits.write_text(limits.read_text().replace("2.0", "3.0"))
+    with served(settings) as client:
+        answer = client.post(f"/api/v1/calibrations/{id_}/continue", json={"release": "x"})
+    assert (answer.status_code, "has changed since: begin a new calibration" in answer.json()["detail"]) == (409, True)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "said"),
+    [
+        ({"plan": "breif"}, "did you mean 'brief'?"),
+        ({"station": "nowhere"}, "no station 'nowhere'"),
+        ({"unit": "GX-1"}, "unit 'GX-1' is not in station 'simulated'"),
+        ({"unit": "GX-1@SIM-0009"}, "no slot 'SIM-0009' for unit 'GX-1'"),
+        ({"unit": "GX@SIM-0001"}, "has no digits"),
+        ({"unit": "../x1@SIM-0001", "operator": "a\u0007b"}, "operator: must be visible characters"),
+    ],
+)
+def test_a_calibration_that_cannot_be_is_refused_before_anything_starts(settings, wanted, said):
+    with served(settings) as client:
+        answer = client.post("/api/v1/calibrations", json={"plan": "brief", "unit": "SIM-0001", **wanted})
+        assert (answer.status_code, said in answer.json()["detail"]) == (400, True), answer.text
+        assert client.get("/api/v1/starts").json() == {"starts": []}
+
+
+def test_where_people_sign_in_nobody_gives_another_name(settings):
+    token = people.add_person(settings.project / "access.yaml", "Ivan", "operator")
+    with served(replace(settings, access=settings.project / "access.yaml")) as client:
+        client.headers["Authorization"] = f"Bearer {token}"
+        wanted = {"plan": "brief", "unit": "SIM-0001", "operator": "Olena"}
+        assert "signed in" in client.post("/api/v1/calibrations", json=wanted).json()["detail"]
+        paper = client.put("/api/v1/stations/bare/papers/laboratory", json={"content": LABORATORY})
+        assert paper.status_code == 403
+
+
+def test_a_form_that_is_wrong_is_refused_with_its_field_and_leaves_the_file(settings):
+    with served(settings) as client:
+        put = "/api/v1/stations/bare/papers"
+        assert client.put(f"{put}/equipment", json={"content": EQUIPMENT}).status_code == 200
+        file = settings.project / "profiles" / "equipment" / "station_bare.yaml"
+        before = file.read_text()
+        for content, said in (
+            ({"equipment": [{"name": "x", "serial": "1", "due": "soon"}]}, "equipment[0].due"),
+            ({"equipment": []}, "missing key 'equipment'"),
+            ({"equipment": [{"name": "x"}]}, "missing key 'serial'"),
+        ):
+            answer = client.put(f"{put}/equipment", json={"content": content})
+            assert (answer.status_code, said in answer.json()["detail"]) == (400, True), answer.text
+        told = client.get(put).json()
+        assert client.get("/api/v1/stations/simulated/papers").json()["laboratory"]["content"]["laboratory"]["name"]
+    assert file.read_text() == before
+    assert (told["laboratory"]["content"], told["equipment"]["content"]) == (None, EQUIPMENT)
+
+
+def test_a_form_never_writes_outside_the_project(settings, tmp_path):
+    file = settings.project / "profiles" / "stations" / "bare.yaml"
+    file.write_text(file.read_text() + f"laboratory: {tmp_path / 'elsewhere.yaml'}\n")
+    with served(settings) as client:
+        answer = client.put("/api/v1/stations/bare/papers/laboratory", json={"content": LABORATORY})
+    assert (answer.status_code, "edit it there" in answer.json()["detail"]) == (409, True)
+    assert not (tmp_path / "elsewhere.yaml").exists()
