@@ -97,6 +97,14 @@ def test_a_live_run_is_seen_with_its_profile_its_guards_and_its_trace(desk, fold
     json.dumps(told, allow_nan=False)
 
 
+def test_a_run_that_was_live_before_the_server_is_known_from_its_first_answer(desk, folder, watcher):
+    with live(desk, folder):
+        watcher.start()
+        known = [(told["run"], told["state"]) for told in (watched.told() for watched in watcher.runs)]
+        watcher.close()
+    assert known == [("G-1/run", "running")]
+
+
 def test_a_run_is_asked_five_times_a_second_at_most(desk, folder, watcher, monkeypatch):
     asked = []
     ask = remote.ask_run

@@ -112,7 +112,8 @@ class Watcher:
         """Whether a browser looks."""
 
     def start(self) -> None:
-        """Start to watch."""
+        """Find the live runs and ask each, so that no answer denies one that was live before the server; then watch."""
+        self.turn(time.monotonic())
         self._thread.start()
 
     def close(self) -> None:
