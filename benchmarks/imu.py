@@ -3,7 +3,7 @@
     python -m benchmarks.imu --units 60 --seed 1 --out imu.jsonl
 
 Each unit is calibrated by a tumble and the rate table at five temperatures and ramps between (`imu_data.calibration`).
-Counted are: the parameters that lie within their U, at three temperatures; the scatter of the corrected outputs in
+Counted are: the parameters that lie within their U, at three temperatures, also of a plan of an hour; the scatter of the corrected outputs in
 another run, of other attitudes, rates and ramps, over that of the truth's own inverse; of units that have something
 hidden in one axis, how often axis and family are named and nothing else; of units whose outputs, fixture or place are
 not as stated, how often that is named. Results are appended to the file
@@ -24,7 +24,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from bench.analysis.imu.diagnosis import Diagnosis, diagnose_imu
-from bench.analysis.imu.fitting import fit_imu
+from bench.analysis.imu.fitting import ImuFit, fit_imu
 from bench.analysis.imu.triad import Curve, TriadModel
 from bench.base.channels import FloatArray
 from benchmarks import campaigns, imu_data
@@ -34,7 +34,8 @@ TEMPERATURES = (-35.0, 25.0, 80.0)
 HELD = (0.92, 0.98)
 """Share of the parameters within U = 2 u, of every kind."""
 WORST_RATIO = 1.15
-KINDS = ("parameters", "hidden", "around")
+SHORT_TEMPERATURES = (21.0, 32.0, 44.0)
+KINDS = ("parameters", "short", "hidden", "around")
 HIDDEN = ("thermal_lag", "hysteresis", "g_sensitivity", "")
 STRENGTH: dict[str, dict[str, Any]] = {
     "thermal_lag": {"lag_s": 30.0}, "hysteresis": {"loop": 10.0}, "": {},
@@ -70,6 +71,8 @@ def run_case(case: Case, seed: int) -> Result:
     own = 1000 * seed + case.number
     if case.kind == "parameters":
         return parameters(own)
+    if case.kind == "short":
+        return {"errors": errors(own, imu_data.short(own), SHORT_TEMPERATURES)[1]}
     return hidden(case.number, own) if case.kind == "hidden" else around(case.number, own)
 
 
@@ -121,27 +124,36 @@ def _told(found: Diagnosis) -> Result:
 
 def parameters(seed: int) -> Result:
     """Of every kind of parameter the errors in units of U; of every axis the scatter in the other run."""
-    settings, home = drawn(seed), imu_data.at_home()
-    data = imu_data.record(settings, home, seed, imu_data.calibration(seed))
-    fit = fit_imu(*data)
-    errors: dict[str, list[float]] = {}
+    fit, found = errors(seed, imu_data.calibration(seed), TEMPERATURES)
+    unseen = imu_data.record(drawn(seed), imu_data.at_home(), seed + 500_000, imu_data.check(seed))
+    return {"errors": found, "scatter": imu_data.scatters(drawn(seed), fit, unseen)}
+
+
+def errors(
+    seed: int, plan: Sequence[imu_data.Move], temperatures: Sequence[float]
+) -> tuple[ImuFit, dict[str, list[float]]]:
+    """The fit of a unit by a plan, and of every kind of parameter the errors at the temperatures, in units of U."""
+    settings = drawn(seed)
+    fit = fit_imu(*imu_data.record(settings, imu_data.at_home(), seed, plan))
+    found: dict[str, list[float]] = {}
     for triad in fit.triads:
-        for degc in TEMPERATURES:
+        for degc in temperatures:
             true = dict(imu_data.truth(settings, triad.kind, degc))
-            for found in triad.estimates([degc]):
-                error = (found.value - true[found.name]) / found.U
-                errors.setdefault(f"{triad.kind} {found.kind}", []).append(round(error, 4))
-    unseen = imu_data.record(settings, home, seed + 500_000, imu_data.check(seed))
-    return {"errors": errors, "scatter": imu_data.scatters(settings, fit, unseen)}
+            for one in triad.estimates([degc]):
+                error = (one.value - true[one.name]) / one.U
+                found.setdefault(f"{triad.kind} {one.kind}", []).append(round(error, 4))
+    return fit, found
 
 
 def table(results: Sequence[tuple[Case, Result]]) -> list[dict[str, Any]]:
     """One row for each bar."""
-    mine = [found for case, found in results if case.kind == "parameters"]
     rows = []
-    for kind in mine[0]["errors"] if mine else ():
-        errors = np.array([error for found in mine for error in found["errors"][kind]])
-        rows.append(_share(f"{kind} within U", int(np.sum(np.abs(errors) <= 1.0)), errors.size, len(mine)))
+    for which, words in (("short", "an hour's plan: "), ("parameters", "")):
+        mine = [found for case, found in results if case.kind == which]
+        for kind in mine[0]["errors"] if mine else ():
+            all_errors = np.array([error for found in mine for error in found["errors"][kind]])
+            held = int(np.sum(np.abs(all_errors) <= 1.0))
+            rows.append(_share(f"{words}{kind} within U", held, all_errors.size, len(mine)))
     for triad in ("gyro", "accelerometer") if mine else ():
         squares = np.mean([np.square(found["scatter"][triad]) for found in mine], axis=(0, 1))
         ratio = float(np.sqrt(squares[0] / squares[1]))

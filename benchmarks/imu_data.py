@@ -70,6 +70,17 @@ def calibration(seed: int, soaks: Sequence[float] = SOAKS_DEGC, degc_per_min: fl
     return [*plan, *_ramp(here, 25.0, degc_per_min, tumble(24), rng)]
 
 
+def short(seed: int) -> list[Move]:
+    """An hour and a quarter, as `profiles/imu_quick.yaml`: table at three temperatures, tumbles throughout two ramps."""
+    rng = np.random.default_rng([seed, 31])
+
+    def table(rate: float, degc: float) -> list[Move]:
+        return [Move(face, sign * rate, degc) for face in faces() for sign in (1.0, -1.0)]
+
+    up, down = _ramp(15.0, 45.0, 1.25, tumble(24), rng), _ramp(45.0, 25.0, 1.6, tumble(12), rng)
+    return [*table(60.0, 15.0), *up, *table(90.0, 45.0), *down, *table(60.0, 25.0)]
+
+
 def check(seed: int) -> list[Move]:
     """Other attitudes, other rates and another ramp."""
     rng = np.random.default_rng([seed, 23])

@@ -23,6 +23,7 @@ from bench.analysis.imu.curves import (
     abscissa,
     extra_columns,
 )
+from bench.analysis.imu.marginal import marginal_covariance
 from bench.analysis.imu.scatter import ATTITUDES, Gls, Scatter, components, estimate, gls
 from bench.analysis.imu.triad import Term, Triad, TriadModel, terms
 from bench.base import FloatArray, InputError
@@ -89,13 +90,26 @@ def fit_imu(
     holds for the gyros: these see it at the few visits on the turning table only.
     """
     given = effects or {}
-    first = fit_triad(accelerometer, model, given.get("accelerometer", {}), reference)
-    exact = {
-        name: float(np.mean([axis.scatter.variances[name] for axis in first.axes]))
-        for name in first.axes[0].scatter.variances if name in ATTITUDES
-    }  # fmt: skip
+    model = model or TriadModel()
+    with one_blas_thread():
+        own = dict.fromkeys(range(3), ()) | dict(given.get("accelerometer", {}))
+        first = [_prepared(accelerometer, i, model, tuple(own[i])).scatter.variances for i in range(3)]
+    exact = {name: float(np.mean([found[name] for found in first])) for name in first[0] if name in ATTITUDES}
     second = fit_triad(accelerometer, model, given.get("accelerometer", {}), reference, exact)
     return ImuFit(fit_triad(gyro, model, given.get("gyro", {}), reference, exact), second)
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """One axis whose nonlinear parameters and variances are found, and whose amplitudes are not."""
+
+    terms: tuple[Term, ...]
+    effects: Effects
+    theta: Theta
+    columns: FloatArray
+    target: FloatArray
+    parts: Mapping[str, FloatArray]
+    scatter: Scatter
 
 
 def fit_axis(
@@ -108,8 +122,29 @@ def fit_axis(
 ) -> AxisFit:
     """Fit one axis: nonlinear parameters and variances in turn, then the amplitudes; `known` variances stay.
 
-    `first`: the scatter to search the nonlinear parameters with, once; left out, they are searched twice.
+    `first`: the scatter to search the nonlinear parameters with, once; left out, they are searched twice, and the
+    covariance holds that the variances are uncertain.
     """
+    own = _prepared(data, axis, model, effects, known, first)
+    solution = gls(own.columns, own.target, own.scatter)
+    slopes = _slopes(data, axis, own.terms, own.effects, own.theta, solution.beta)
+    columns = np.hstack([own.columns, slopes])
+    if first is None:
+        beta = np.concatenate([solution.beta, np.zeros(slopes.shape[1])])
+        covariance = marginal_covariance(columns, own.target, own.parts, known or {}, beta)
+    else:
+        covariance = gls(columns, own.target, own.scatter).covariance
+    return AxisFit(own.terms, tuple(own.effects), own.theta, solution.beta, covariance, own.scatter, solution)
+
+
+def _prepared(
+    data: Triad,
+    axis: int,
+    model: TriadModel,
+    effects: Effects,
+    known: Mapping[str, float] | None = None,
+    first: Scatter | None = None,
+) -> _Prepared:
     own = tuple(terms(model, data.kind, axis, span(data, axis)))
     effects = tuple(effect.suited([data.record(axis)]) for effect in effects)
     theta: Theta = {effect.name: {p.name: p.start for p in effect.parameters} for effect in effects}
@@ -127,10 +162,7 @@ def fit_axis(
         theta = search(data, axis, own, effects, theta, scatter)
         columns = design(data, axis, own, effects, theta)
         scatter = estimate(columns, target, parts, known)
-    solution = gls(columns, target, scatter)
-    slopes = _slopes(data, axis, own, effects, theta, solution.beta)
-    full = gls(np.hstack([columns, slopes]), target, scatter).covariance if slopes.size else solution.covariance
-    return AxisFit(own, tuple(effects), theta, solution.beta, full, scatter, solution)
+    return _Prepared(own, effects, theta, columns, target, parts, scatter)
 
 
 def span(data: Triad, axis: int) -> tuple[float, float]:

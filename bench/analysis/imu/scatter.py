@@ -9,7 +9,7 @@ Components (1992).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,30 +91,37 @@ def gls(columns: FloatArray, y: FloatArray, scatter: Scatter) -> Gls:
 def estimate(
     columns: FloatArray, y: FloatArray, parts: Mapping[str, FloatArray], known: Mapping[str, float] | None = None
 ) -> Scatter:
-    """Variances of the components by restricted maximum likelihood beside columns (n, p); `known` ones stay."""
-    known = {name: variance for name, variance in (known or {}).items() if name in parts}
-    fixed = sum((variance * parts[name] for name, variance in known.items()), np.zeros((len(y), len(y))))
-    parts = {name: part for name, part in parts.items() if name not in known}
-    basis = _orthonormal(columns)
-    left = y - basis @ (basis.T @ y)
-    level = float(left @ left) / max(1, len(y) - basis.shape[1])
-    level = level if level > 0.0 else 1e-30
-    kernels = list(parts.values())
-    units = np.array([level / max(float(np.mean(np.diag(kernel))), 1e-300) for kernel in kernels])
-    likelihood = _Restricted(kernels, fixed, units, basis, y)
+    """Variances of the components by restricted maximum likelihood beside columns (n, p); `known` ones stay.
+
+    A weak pull keeps shares that are zero from going to minus infinity.
+    """
+    likelihood = Likelihood(columns, y, parts, known or {})
+
+    def value(shares: FloatArray) -> float:
+        return likelihood.value(shares) + 0.5 * _PULL * float(np.sum((shares - _START) ** 2))
+
+    def slope(shares: FloatArray) -> FloatArray:
+        return np.asarray(likelihood.slope(shares) + _PULL * (shares - _START))
+
+    def curvature(shares: FloatArray) -> FloatArray:
+        return likelihood.curvature(shares) + _PULL * np.eye(len(shares))
+
+    best = minimized(value, slope, curvature, likelihood.size)
+    return likelihood.scatter(best, -value(best))
+
+
+def minimized(
+    value: Callable[[FloatArray], float],
+    slope: Callable[[FloatArray], FloatArray],
+    curvature: Callable[[FloatArray], FloatArray],
+    size: int,
+) -> FloatArray:
+    """Logarithms (size,) of shares at which a function is least, from its derivatives."""
     best = minimize(
-        likelihood.value, np.full(len(kernels), _START), jac=likelihood.slope, hess=likelihood.curvature,
-        method="trust-exact", options={"gtol": 0.02, "maxiter": 40, "initial_trust_radius": 2.0},
+        value, np.full(size, _START), jac=slope, hess=curvature, method="trust-exact",
+        options={"gtol": 0.02, "maxiter": 40, "initial_trust_radius": 2.0},
     )  # fmt: skip
-    weights = np.exp(best.x) * units
-    root = cholesky(_sum(weights, kernels, fixed), lower=True, check_finite=False)
-    return Scatter({**dict(zip(parts, weights.tolist(), strict=True)), **known}, root, -float(best.fun))
-
-
-def _sum(weights: FloatArray, kernels: list[FloatArray], total: FloatArray) -> FloatArray:
-    for weight, kernel in zip(weights, kernels, strict=True):
-        total = total + weight * kernel
-    return total
+    return np.asarray(best.x)
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:
@@ -123,50 +130,82 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
     return np.asarray(u[:, s > 1e-10 * s[0]])
 
 
-class _Restricted:
-    """Negative restricted log-likelihood over the logarithms of the variances' shares.
+class Likelihood:
+    """Negative restricted log-likelihood over the logarithms (k,) of the unknown variances' shares.
 
     The second derivative is the average of observed and expected information (A. R. Gilmour, R. Thompson, B. R. Cullis,
-    Biometrics 51 (1995) 1440). A weak pull keeps shares that are zero from going to minus infinity.
+    Biometrics 51 (1995) 1440).
     """
 
     def __init__(
-        self, kernels: list[FloatArray], fixed: FloatArray, units: FloatArray, basis: FloatArray, y: FloatArray
+        self, columns: FloatArray, y: FloatArray, parts: Mapping[str, FloatArray], known: Mapping[str, float]
     ) -> None:
-        self._kernels, self._fixed, self._units, self._basis, self._y = kernels, fixed, units, basis, y
+        """Of data y (n,) beside columns (n, p).
+
+        `parts` are unit covariances (n, n), `known` the variances that stay.
+        """
+        self._known = {name: variance for name, variance in known.items() if name in parts}
+        self._fixed = sum((v * parts[name] for name, v in self._known.items()), np.zeros((len(y), len(y))))
+        self._kernels = {name: part for name, part in parts.items() if name not in self._known}
+        self._basis, self._y = _orthonormal(columns), y
+        left = y - self._basis @ (self._basis.T @ y)
+        level = float(left @ left) / max(1, len(y) - self._basis.shape[1]) or 1e-30
+        self._units = np.array([level / max(float(np.mean(np.diag(k))), 1e-300) for k in self._kernels.values()])
         self._at: FloatArray | None = None
-        self._found: tuple[float, FloatArray, FloatArray] = 0.0, np.empty(0), np.empty((0, 0))
+        self._found = np.empty(0), np.empty((0, 0))
+
+    @property
+    def size(self) -> int:
+        """Number of unknown variances."""
+        return len(self._kernels)
 
     def value(self, shares: FloatArray) -> float:
         """The function."""
-        return self._evaluated(shares)[0]
+        root = self._root(self._weights(shares))
+        basis = solve_triangular(root, self._basis, lower=True, check_finite=False)
+        y = solve_triangular(root, self._y, lower=True, check_finite=False)
+        inner = cholesky(basis.T @ basis, lower=True, check_finite=False)
+        along = solve_triangular(inner, basis.T @ y, lower=True, check_finite=False)
+        return float(np.sum(np.log(np.diag(root))) + np.sum(np.log(np.diag(inner))) + 0.5 * (y @ y - along @ along))
 
     def slope(self, shares: FloatArray) -> FloatArray:
-        """Its first derivative."""
-        return self._evaluated(shares)[1]
+        """Its first derivative (k,)."""
+        return self._evaluated(shares)[0]
 
     def curvature(self, shares: FloatArray) -> FloatArray:
-        """Its second derivative, about."""
-        return self._evaluated(shares)[2]
+        """Its second derivative (k, k), about."""
+        return self._evaluated(shares)[1]
 
-    def _evaluated(self, shares: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+    def scatter(self, shares: FloatArray, log_likelihood: float = np.nan) -> Scatter:
+        """The variances and their covariance."""
+        weights = self._weights(shares)
+        own = dict(zip(self._kernels, weights.tolist(), strict=True))
+        return Scatter({**own, **self._known}, self._root(weights), log_likelihood)
+
+    def _weights(self, shares: FloatArray) -> FloatArray:
+        return np.asarray(np.exp(np.clip(shares, _LEAST, _MOST)) * self._units)
+
+    def _root(self, weights: FloatArray) -> FloatArray:
+        total = self._fixed.copy()
+        for weight, kernel in zip(weights, self._kernels.values(), strict=True):
+            total += weight * kernel
+        return np.asarray(cholesky(total, lower=True, check_finite=False, overwrite_a=True))
+
+    def _evaluated(self, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
         if self._at is None or not np.array_equal(self._at, shares):
-            self._at, self._found = shares.copy(), self._evaluate(np.clip(shares, _LEAST, _MOST))
-        value, slope, curvature = self._found
-        off = shares - _START
-        return value + 0.5 * _PULL * float(off @ off), slope + _PULL * off, curvature + _PULL * np.eye(len(off))
+            self._at, self._found = shares.copy(), self._evaluate(self._weights(shares))
+        return self._found
 
-    def _evaluate(self, shares: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        weights, basis, y = np.exp(shares) * self._units, self._basis, self._y
-        root = cholesky(_sum(weights, self._kernels, self._fixed), lower=True, check_finite=False)
+    def _evaluate(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        basis, y = self._basis, self._y
+        root = self._root(weights)
         inverse = dpotri(root, lower=1)[0]
         inverse = np.tril(inverse) + np.tril(inverse, -1).T
         spread = inverse @ basis
         inner = cholesky(basis.T @ spread, lower=True, check_finite=False)
         projected = inverse - spread @ cho_solve((inner, True), spread.T, check_finite=False)
         pulled = projected @ y
-        value = float(np.sum(np.log(np.diag(root))) + np.sum(np.log(np.diag(inner))) + 0.5 * y @ pulled)
-        seen = np.stack([w * (k @ pulled) for w, k in zip(weights, self._kernels, strict=True)], axis=1)
-        traces = [w * float(np.vdot(projected, k)) for w, k in zip(weights, self._kernels, strict=True)]
-        slope = 0.5 * (np.array(traces) - pulled @ seen)
-        return value, slope, 0.5 * seen.T @ projected @ seen + np.diag(np.maximum(slope, 0.0))
+        kernels = list(zip(weights, self._kernels.values(), strict=True))
+        seen = np.stack([w * (k @ pulled) for w, k in kernels], axis=1)
+        slope = 0.5 * (np.array([w * float(np.vdot(projected, k)) for w, k in kernels]) - pulled @ seen)
+        return slope, 0.5 * seen.T @ projected @ seen + np.diag(np.maximum(slope, 0.0))
