@@ -3,11 +3,11 @@
     python -m benchmarks.imu --units 60 --seed 1 --out imu.jsonl
 
 Each unit is calibrated by a tumble and the rate table at five temperatures and ramps between (`imu_data.calibration`).
-Counted are: the parameters that lie within their U, at three temperatures, also of a plan of an hour; the scatter of the corrected outputs in
-another run, of other attitudes, rates and ramps, over that of the truth's own inverse; of units that have something
-hidden in one axis, how often axis and family are named and nothing else; of units whose outputs, fixture or place are
-not as stated, how often that is named. Results are appended to the file
-as they come; what stands there already is not run again. Prints one JSON object; exit code 1 where a bar is missed.
+Counted are: the parameters that lie within their U, at three temperatures, also of a plan of an hour; the scatter of
+the corrected outputs in another run, of other attitudes, rates and ramps, over that of the truth's own inverse; of
+units that have something hidden in one axis, how often axis and family are named and nothing else; of units whose
+outputs, fixture or place are not as stated, how often that is named. Results are appended to the file as they come;
+what stands there already is not run again. Prints one JSON object; exit code 1 where a bar is missed.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def calibration(seed: int, soaks: Sequence[float] = SOAKS_DEGC, degc_per_min: fl
 
 
 def short(seed: int) -> list[Move]:
-    """An hour and a quarter, as `profiles/imu_quick.yaml`: table at three temperatures, tumbles throughout two ramps."""
+    """About an hour, as `profiles/imu_quick.yaml`: table at three temperatures, tumbles throughout two ramps."""
     rng = np.random.default_rng([seed, 31])
 
     def table(rate: float, degc: float) -> list[Move]:

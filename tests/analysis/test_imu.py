@@ -19,7 +19,7 @@ from bench.analysis.imu.multiposition import fit_gravity
 from bench.analysis.imu.triad import Curve, TriadModel
 from bench.base import InputError
 from bench.record.attitudes import TUMBLES, Attitude, tumble
-from benchmarks import imu_data
+from benchmarks import imu, imu_data
 from drivers.sim.truth.imu.drawn import drawn
 from drivers.sim.truth.imu.elements import AccelerometerSettings
 from drivers.sim.truth.imu.mounting import Stand
@@ -104,6 +104,14 @@ def test_the_parameters_of_a_unit_lie_within_their_uncertainty():
                 total += 1
     assert total == 108  # 3 temperatures of 21 + 15 parameters
     assert outside <= 14  # 5 % and chance; a factor of two in U would make 34
+
+
+def test_the_uncertainty_of_a_bias_holds_that_an_hour_says_little_of_slow_noise():
+    """Taken as exact, the estimated variances gave 1.8 and 1.5."""
+    found = [imu.errors(seed, imu_data.short(seed), imu.SHORT_TEMPERATURES)[1] for seed in range(1000, 1006)]
+    for kind in ("gyro bias", "accelerometer bias"):
+        errors = np.array([error for one in found for error in one[kind]])
+        assert 2.0 * np.sqrt(np.mean(errors**2)) < 1.25, kind  # errors over standard uncertainties
 
 
 def independent(gyro, root, degc):
