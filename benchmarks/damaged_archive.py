@@ -14,7 +14,8 @@ from bench.analysis.judging.limits import load_limits
 from bench.analysis.judging.verification import verify
 from bench.base.yaml12 import parse_yaml
 from bench.commands.acquisition import load_station
-from bench.commands.flash_record import flash, from_run
+from bench.commands.flash_source import from_run
+from bench.commands.flash_unit import flash
 from bench.commands.registering import add_equipment, register
 from bench.deliver.report.html import write_report
 from bench.record import RunFolder, put

@@ -3,7 +3,8 @@
 `program` checks the serial number, archives the old image, writes to the bank that is not in force, reads it back word
 by word, compares the CRC that the unit computes, turns the switch, resets the unit, waits for a heartbeat with the new
 set and reads again. Until the switch is turned, the unit keeps its old calibration, whatever fails; the switch is
-turned only to an image that the unit has checked.
+turned only to an image that the unit has checked. `restore` goes back to the image in the other bank in the same way,
+and writes none.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ LIMITS_S = {
     "heartbeat": BOOT_S + BEAT_S,
     "read again": TRANSFER_S,
 }
-"""The steps of `program`, and how long each may take [s]."""
+"""The steps of `program` (`restore` writes and reads back none), and how long each may take [s]."""
 
 
 class CoefficientStore(ABC):
@@ -151,6 +152,40 @@ def program(
         store.put_image(done.bank, image)
     with steps("read back"):
         _compare(image, store.read(done.bank))
+    _put_in_force(store, done, image, steps)
+    return done
+
+
+def restore(
+    store: CoefficientStore,
+    archive: Callable[[Programmed, bytes], None],
+    onlooker: Callable[[str], None] = lambda step: None,
+) -> Programmed:
+    """Put the image in the bank that is not in force back in force.
+
+    `archive` gets what is in force and the image in the other bank (empty bytes where there is none) before the switch
+    is turned; an exception from it ends the procedure. Errors are those of `program`.
+    """
+    done = Programmed(0)
+    steps = _Steps(store.line, done, onlooker)
+    with steps("serial number"):
+        done.serial, heartbeat = store.number(Memory.SERIAL), store.heartbeat()
+        if heartbeat.serial != done.serial:
+            text = f"serial number in its memory is {done.serial}, in its heartbeat it is {heartbeat.serial}"
+            raise IdentityError(text)
+    with steps("archive"):
+        done.old_bank, done.old_set = store.active(), heartbeat.coefficient_set
+        done.old = store.read(done.old_bank) if done.old_bank else b""
+        done.bank = 2 if done.old_bank == 1 else 1
+        previous = store.read(done.bank) if done.old_bank else b""
+        steps.left = f"the unit is unchanged ({_calibration(done)})"
+        archive(done, previous)
+    _put_in_force(store, done, previous, steps)
+    return done
+
+
+def _put_in_force(store: CoefficientStore, done: Programmed, image: bytes, steps: _Steps) -> None:
+    """Turn the switch to an image that is in `done.bank`, after the unit's CRC over it, and read it again."""
     with steps("CRC"):
         done.crc = store.crc(done.bank)
         if done.crc != zlib.crc32(image[:-4]):
@@ -166,9 +201,8 @@ def program(
         done.new_set = _started(store, done, boots)
     with steps("read again"):
         if (active := store.active()) != done.bank:
-            raise ReadBackError(f"bank {active} is in force, bank {done.bank} was written")
+            raise ReadBackError(f"bank {active} is in force, the switch was turned to bank {done.bank}")
         _compare(image, store.read(done.bank))
-    return done
 
 
 def _started(store: CoefficientStore, done: Programmed, boots: int) -> int:

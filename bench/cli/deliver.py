@@ -127,6 +127,10 @@ def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Re
 @click.option("--model", help="Model to fit instead of the calibration that the run's report chose.")
 @path_option("--check", help="With a lot's calibration as --run: a run of UNIT, which shows that it is like the lot.")
 @click.option("--older", is_flag=True, help="Write a calibration that is older than the one in the unit.")
+@click.option(
+    "--previous", is_flag=True,
+    help="Instead: put the calibration that the unit's other bank holds back in force; nothing is written.",
+)  # fmt: skip
 @station_option
 @out_option
 @quiet_option

@@ -10,16 +10,10 @@ from typing import Any
 from bench.acquisition import StationSettings, UnitSettings, open_alone
 from bench.base import Document, InputError, read_yaml
 from bench.commands.acquisition import Task, conduct, station_file, station_of
-from bench.commands.flash_record import (
-    AlreadyThereError,
-    Calibration,
-    from_file,
-    from_imu,
-    from_run,
-    newest_record,
-    newest_run,
-)
-from bench.commands.flash_record import flash as flash_unit
+from bench.commands.flash_record import newest_record
+from bench.commands.flash_source import Calibration, from_file, from_imu, from_run, newest_run
+from bench.commands.flash_unit import AlreadyThereError, flash_previous
+from bench.commands.flash_unit import flash as flash_unit
 from bench.commands.imu_certifying import is_imu
 from bench.commands.lots import refuse_unlike
 from bench.commands.results.deliver import Flashed, Verified
@@ -39,16 +33,23 @@ class FlashOptions:
     older: bool = False
     check: Path | None = None
     """Run of the unit, which shows that it is like the lot whose calibration it gets."""
+    previous: bool = False
+    """Go back to the calibration that the unit's other bank holds."""
 
 
 def flash(
     serial: str, station: Path | Document | None, options: FlashOptions, out: Path, quiet: bool = False
 ) -> Flashed:
-    """`bench flash`: write a calibration into its unit, and verify that it is there."""
+    """`bench flash`: write a calibration into its unit, or put the previous one back, and verify that it is there."""
+    if options.previous and options != FlashOptions(previous=True):
+        raise InputError(
+            "--previous goes back to what the unit's other bank holds: leave out --run, --image, --form, --model, "
+            "--check and --older"
+        )
     place, (serial,) = seated(station_file(station), [serial])
     settings = station_of(place)
     unit = settings.chosen([serial])[0]
-    calibration = _calibration(unit, options, out)
+    calibration = None if options.previous else _calibration(unit, options, out)
     earlier = out / slug(unit.serial) / "flash"
     for fault in faults(earlier) if earlier.is_dir() else ():  # flashing does not rest on them, verifying does
         print(f"bench: warning: {fault}", file=sys.stderr)
@@ -58,10 +59,11 @@ def flash(
             print(f"{step} …", file=sys.stderr, flush=True)
 
     try:
-        record = flash_unit(settings, unit, calibration, out, older=options.older, onlooker=tell)
-        return Flashed(record.content())
-    except AlreadyThereError:
-        return Flashed({"unit": serial, "state": "already there", "calibration_id": calibration.image.label})
+        if calibration is None:
+            return Flashed(flash_previous(settings, unit, out, tell).content())
+        return Flashed(flash_unit(settings, unit, calibration, out, older=options.older, onlooker=tell).content())
+    except AlreadyThereError as found:
+        return Flashed({"unit": serial, "state": "already there", "calibration_id": found.label})
 
 
 def _calibration(unit: UnitSettings, options: FlashOptions, out: Path) -> Calibration:

@@ -69,6 +69,7 @@ from .records.chain import ChainRecord as ChainRecord
 from .records.comparison import ComparedModel as ComparedModel
 from .records.comparison import ComparisonRecord as ComparisonRecord
 from .records.diagnosis import DiagnosisRecord as DiagnosisRecord
+from .records.flash import FlashAction as FlashAction
 from .records.flash import FlashRecord as FlashRecord
 from .records.flash import StoredImage as StoredImage
 from .records.imu import ImuAxis as ImuAxis

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.memory import open_alone
@@ -17,20 +19,16 @@ from bench.analysis.judging.change import Figures
 from bench.analysis.judging.limits import Verdict
 from bench.analysis.judging.verification import refuse_same_profile, verify
 from bench.base import EquipmentError, InputError, read_yaml
-from bench.commands.flash_record import (
-    AlreadyThereError,
-    Calibration,
-    flash,
-    from_file,
-    from_run,
-    newest_record,
-    newest_run,
-    objection,
-)
+from bench.cli import main
+from bench.commands.flash_record import newest_record, records
+from bench.commands.flash_source import Calibration, from_file, from_run, newest_run
+from bench.commands.flash_unit import AlreadyThereError, flash, flash_previous, objection
 from bench.deliver.export.image import read
 from bench.deliver.export.words import to_words
+from bench.record import FlashRecord
 from bench.record.dataset import load
-from drivers.errors import IdentityError, RefusedError
+from drivers.coefficients import program
+from drivers.errors import IdentityError, LinkError, RefusedError
 from drivers.flash_objects import Memory
 from tests.support import acquisition, flash_bench
 from tests.support.run_folders import keep
@@ -90,7 +88,7 @@ def test_a_flash_that_was_killed_before_its_record_is_recorded_when_it_is_given_
         raise Killed
 
     with monkeypatch.context() as patched:
-        patched.setattr("bench.commands.flash_record._outcome", killed)  # the unit is written, its record is not
+        patched.setattr("bench.commands.flash_record.Attempt.end", killed)  # the unit is written, its record is not
         with pytest.raises(Killed):
             flash(settings, settings.units[0], calibration(), tmp_path)
     assert newest_record(tmp_path, "SIM-0001") is None
@@ -262,3 +260,137 @@ def test_figures_say_what_they_are(short_run):
     assert figures.rms_dph**2 == pytest.approx(figures.mean_dph**2 + figures.scatter_dph**2)
     assert figures.span_dph <= 2 * figures.peak_dph
     assert figures.interval_s == 10.0
+
+
+def banks(settings, out):
+    """The bank in force, and what both hold."""
+    with open_alone(settings.remembering(out), settings.units[0]) as store:
+        return store.active(), store.read(1), store.read(2)
+
+
+@pytest.mark.parametrize("way", [{}, {"transfer": "expedited"}, {"protocol": "uds"}])
+def test_a_unit_goes_back_to_the_calibration_before_and_on_again(tmp_path, way):
+    settings = station(flash=way)
+    unit = settings.units[0]
+    old, new = calibration(), calibration(0.02, id_=2)
+    first = flash(settings, unit, old, tmp_path)
+    flash(settings, unit, new, tmp_path)
+    steps = []
+    back = flash_previous(settings, unit, tmp_path, steps.append)
+    assert steps == ["serial number", "archive", "CRC", "switch", "reset", "heartbeat", "read again"]
+    assert banks(settings, tmp_path) == (1, old.content, new.content)
+    assert (back.action, back.state, back.bank, back.old_bank, back.coefficient_set) == ("previous", "done", 1, 2, 3)
+    assert (back.calibration_id, back.new.sha256, back.crc) == (old.image.label, first.new.sha256, first.crc)
+    assert back.read_back == "all words equal, after the reset"
+    folder = tmp_path / "SIM-0001" / "flash"
+    assert (folder / back.old.file).read_bytes() == new.content
+    assert (folder / back.new.file).read_bytes() == old.content
+    assert newest_record(tmp_path, "SIM-0001").content() == back.content()
+    assert flash_previous(settings, unit, tmp_path).calibration_id == new.image.label
+    assert banks(settings, tmp_path) == (2, old.content, new.content)
+
+
+def test_the_run_of_the_calibration_before_says_that_it_is_in_force_again(tmp_path, short_run):
+    settings = station()
+    run = tmp_path / "SIM-0001" / short_run.path.name
+    shutil.copytree(short_run.path, run)
+    flash(settings, settings.units[0], replace(calibration(), run=run, model="spline"), tmp_path)
+    flash(settings, settings.units[0], calibration(0.02, id_=2), tmp_path)
+    back = flash_previous(settings, settings.units[0], tmp_path)
+    assert (back.run, back.model) == (str(run), "spline")
+    assert FlashRecord.read(run).coefficient_set == 3
+
+
+def test_a_unit_without_a_calibration_before_is_left_as_it_is(flashed, tmp_path):
+    settings = station()
+    with pytest.raises(InputError, match=r"^unit SIM-0001 has no calibration in force, so it has no previous one$"):
+        flash_previous(settings, settings.units[0], tmp_path)
+    empty = r"^unit SIM-0001 has no previous calibration: bank 2 is empty; the calibration in bank 1 stays in force$"
+    with pytest.raises(InputError, match=empty):
+        flash_previous(settings, settings.units[0], flashed)
+    assert banks(settings, flashed)[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("left", "why"),
+    [
+        (calibration(0.03, id_=3).content[:-4] + b"torn", "bank 2 holds no whole calibration"),
+        (calibration(serial=2).content, "in bank 2 is of serial number 2, this unit is 1"),
+    ],
+)
+def test_what_is_no_calibration_of_the_unit_is_not_put_in_force(tmp_path, left, why):
+    settings = station()
+    flash(settings, settings.units[0], calibration(), tmp_path)
+    with open_alone(settings.remembering(tmp_path), settings.units[0]) as store:
+        store.put_image(2, left)
+    with pytest.raises(InputError, match=f"{why}.*; the calibration in bank 1 stays in force$"):
+        flash_previous(settings, settings.units[0], tmp_path)
+    assert banks(settings, tmp_path)[:2] == (1, calibration().content)
+    assert [record.state for record in records(tmp_path / "SIM-0001" / "flash")] == ["done"]
+
+
+def test_a_calibration_that_was_written_and_never_in_force_is_no_previous_one(tmp_path, monkeypatch):
+    settings = station()
+    flash(settings, settings.units[0], calibration(), tmp_path)
+
+    def deaf(self):
+        raise RefusedError("not now", 1)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("drivers.coefficients.CoefficientStore.switch", deaf)
+        with pytest.raises(RefusedError, match="step 'switch' failed"):
+            flash(settings, settings.units[0], calibration(0.02, id_=2), tmp_path)
+    with pytest.raises(InputError, match=r"in bank 2 was written at .* and never put in force; the calibration in"):
+        flash_previous(settings, settings.units[0], tmp_path)
+
+
+def test_a_calibration_that_has_expired_is_not_put_back(tmp_path):
+    settings = station()
+    expired = flash_bench.image(serial=1, valid_until=1_750_000_000)
+    with open_alone(settings.remembering(tmp_path), settings.units[0]) as store:
+        program(store, expired)
+    flash(settings, settings.units[0], calibration(0.02, id_=2), tmp_path)
+    with pytest.raises(
+        InputError, match=r"^not put back: the calibration was valid until 2025-06-15.*calibrate again$"
+    ):
+        flash_previous(settings, settings.units[0], tmp_path)
+    assert banks(settings, tmp_path)[:2] == (2, expired)
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt, LinkError("cable")])
+def test_a_unit_that_went_back_before_the_end_was_recorded_is_not_turned_once_more(tmp_path, monkeypatch, end):
+    """The switch is a toggle: the same command again must complete the record, not undo what it did."""
+    settings = station()
+    old = calibration()
+    flash(settings, settings.units[0], old, tmp_path)
+    flash(settings, settings.units[0], calibration(0.02, id_=2), tmp_path)
+
+    def ended(*_):
+        raise end
+
+    with monkeypatch.context() as patched:
+        patched.setattr("drivers.coefficients._started", ended)
+        with pytest.raises((KeyboardInterrupt, LinkError)):
+            flash_previous(settings, settings.units[0], tmp_path)
+    with pytest.raises(AlreadyThereError):
+        flash_previous(settings, settings.units[0], tmp_path)
+    record = newest_record(tmp_path, "SIM-0001")
+    assert (record.action, record.state, record.error, record.bank) == ("previous", "done", None, 1)
+    assert banks(settings, tmp_path)[:2] == (1, old.content)
+
+
+def test_the_command_that_goes_back(tmp_path):
+    def bench(*words):
+        return CliRunner().invoke(main, ["flash", "SIM-0001", "--quiet", "--out", str(tmp_path), *words])
+
+    for number in (1, 2):
+        path = tmp_path / f"{number}.bin"
+        path.write_bytes(calibration(0.01 * number, id_=number).content)
+        assert bench("--image", str(path)).exit_code == 0
+    mixed = bench("--previous", "--older")
+    assert (mixed.exit_code, mixed.stderr.count("\n")) == (2, 1)
+    assert "leave out --run, --image, --form, --model, --check and --older" in mixed.stderr
+    done = bench("--previous")
+    assert done.exit_code == 0, done.output
+    assert "back in force in bank 1, before: " in done.stdout
+    assert "coefficient set 3" in done.stdout

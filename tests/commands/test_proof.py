@@ -12,7 +12,8 @@ from click.testing import CliRunner
 from bench.archive.registry.ledger import archive
 from bench.base.errors import InputError
 from bench.cli import main
-from bench.commands.flash_record import newest_run, objection
+from bench.commands.flash_source import newest_run
+from bench.commands.flash_unit import objection
 from bench.commands.registering import register
 from bench.deliver.export.image import read
 from bench.deliver.export.words import to_words

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from bench.base import InputError
 from bench.cli import main
-from bench.commands.flash_record import from_file, from_imu
+from bench.commands.flash_source import from_file, from_imu
 from bench.deliver.export.imu_image import compensate, image_of, words_of
 from bench.deliver.export.words import crc, to_bytes
 from bench.record import FlashRecord, ImuFinding

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from drivers import coefficients, flash_objects
-from drivers.coefficients import program
+from drivers.coefficients import program, restore
 from drivers.errors import IdentityError, LimitError, LinkError, ReadBackError, RefusedError
 from drivers.flash_objects import Memory
 from drivers.sim.eeprom import Eeprom, PowerLostError
@@ -103,6 +103,27 @@ def test_a_flash_after_a_killed_one_succeeds(calibrated):
     world.close()
     assert done.old == OLD
     assert in_force(calibrated) == NEW
+
+
+@pytest.mark.parametrize("protocol", ["canopen", "uds"])
+def test_a_bench_killed_while_a_unit_goes_back_leaves_one_of_the_two_calibrations(calibrated, protocol):
+    world = World(calibrated, protocol)
+    flashed(world, NEW)
+    world.close()
+    start, left, ended = calibrated.read_bytes(), [], False
+    while not ended:
+        calibrated.write_bytes(start)
+        world = World(calibrated, protocol)
+        try:
+            with world.store(lambda bus: Counting(bus, 3 * len(left))) as store:
+                ended = restore(store, lambda done, previous: None).bank == 1
+        except KilledError:
+            world.clock.sleep_until(world.clock.now() + 0.1)
+        world.close()
+        left.append(in_force(calibrated))
+    turned = left.index(OLD)
+    assert 0 < turned < len(left) - 1
+    assert left == [NEW] * turned + [OLD] * (len(left) - turned)
 
 
 SCRIPT = """

@@ -27,11 +27,11 @@ from drivers.wire import load_dbc
 SERIAL = 7
 
 
-def delivery(shift_dps: float = 0.0, terms: int = 4, created: int = 1_700_000_000) -> Delivery:
+def delivery(shift_dps: float = 0.0, terms: int = 4, created: int = 1_700_000_000, **more) -> Delivery:
     """A polynomial over temperature."""
     coefficients = np.concatenate([[0.001 + shift_dps], 1e-4 / np.arange(1, terms)])
     block = Block(Shape.SERIES, 0, 0, terms - 1, coefficients)
-    return Delivery("polynomial", (channel_signal("temperature", -55.0, 125.0),), (block,), created=created)
+    return Delivery("polynomial", (channel_signal("temperature", -55.0, 125.0),), (block,), created=created, **more)
 
 
 def image(serial: int = SERIAL, id_: int = 1, form: str = "split_fixed", **wishes) -> bytes:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from bench.record.records.stored import Record, Stored
+
+FlashAction = Literal["written", "previous"]
 
 
 class StoredImage(Stored):
@@ -21,7 +23,7 @@ class StoredImage(Stored):
 
 
 class FlashRecord(Record):
-    """One attempt to write a calibration into a unit."""
+    """One attempt to change which calibration is in force in a unit."""
 
     FILE: ClassVar[str] = "flash.json"
     TITLE: ClassVar[str] = "flash"
@@ -37,13 +39,15 @@ class FlashRecord(Record):
     protocol: str | None = None
     run: str | None = None
     """Run folder of the calibration; null for an image from a file."""
+    action: FlashAction = "written"
+    """written, or previous: the image that the other bank held was put back in force."""
     model: str | None = None
     form: str | None = None
     calibration_id: str | None = None
     software: str | None = None
     old: StoredImage | None = None
     state: str
-    """begun (the unit is being written, or the bench was killed), done or failed."""
+    """begun (the unit is being changed, or the bench was killed), done or failed."""
     error: str | None = None
     new: StoredImage | None = None
     bank: int | None = None
