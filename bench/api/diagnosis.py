@@ -144,11 +144,13 @@ class Diagnosis:
         return [f"note: {note}" for note in (self.answer.noise_finding, *self.answer.notes) if note]
 
 
-def diagnose(runs: Runs, model: ModelLike, *, check: Runs = (), static: Run | None = None) -> Diagnosis:
+def diagnose(
+    runs: Runs, model: ModelLike, *, check: Runs = (), static: Run | None = None, sisters: Runs = ()
+) -> Diagnosis:
     """Where a model fails on runs of one unit, which physical effect is missing, and which experiment would tell.
 
     `check` are runs that no fit sees and that prove what was found; `static` is a run at constant temperature that
-    tells the noise. It takes some seconds.
+    tells the noise, `sisters` are such runs of units like this one. It takes some seconds.
 
     Raises InputError: no run, an unknown model, or a model that cannot be fitted.
     """
@@ -163,6 +165,7 @@ def diagnose(runs: Runs, model: ModelLike, *, check: Runs = (), static: Run | No
         fitted_model(model),
         check=[run.dataset for run in checks],
         static=None if static is None else static.dataset,
+        sisters=[run.dataset for run in several(sisters)],
         floor_dph=floor.floor_dph,
     )
     return Diagnosis(answer, chosen, checks, static, floor)

@@ -87,11 +87,13 @@ class Run:
 
         return compare(self, models, check=check, static=static)
 
-    def diagnose(self, model: ModelLike, *, check: Runs = (), static: Run | None = None) -> Diagnosis:
+    def diagnose(
+        self, model: ModelLike, *, check: Runs = (), static: Run | None = None, sisters: Runs = ()
+    ) -> Diagnosis:
         """Where a model fails and which physical effect it lacks, see `bench.diagnose`."""
         from bench.api.diagnosis import diagnose
 
-        return diagnose(self, model, check=check, static=static)
+        return diagnose(self, model, check=check, static=static, sisters=sisters)
 
     def to_dataframe(self, interval_s: float | None = None) -> pd.DataFrame:
         """Channels, `bias` [deg/h] and `segment` as columns, one row a mean over `interval_s` [s] (default: the run's).

@@ -22,6 +22,7 @@ from bench.cli.options import (
     registers,
     run_argument,
     runs_argument,
+    sister_option,
     station_option,
     unseen_options,
 )
@@ -139,6 +140,7 @@ def import_(out: Path, preview: bool, **options: Any) -> Result:
 @runs_argument
 @model_argument
 @unseen_options
+@sister_option
 @path_option("--plan", help="Write the profile that separates look-alikes here.")
 @click.option(
     "--surface",

@@ -105,6 +105,10 @@ unseen_options = together(
     click.option("--check", "check_runs", type=RUN, multiple=True, help="Held-out run; repeatable."),
     click.option("--static", type=RUN, help="Isothermal run of the same unit; shows its noise."),
 )
+sister_option = click.option(
+    "--sister", "sisters", type=RUN, multiple=True,
+    help="Isothermal run of a unit like this one, repeatable: with --static, they show how the noise drifts.",
+)  # fmt: skip
 effect_option = click.option(
     "--effect",
     "own_effects",

@@ -48,6 +48,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - options of one command
     plan: Path | None,
     surface: str | None = None,
     output: str | None = None,
+    sisters: Sequence[Path] = (),
 ) -> Diagnosed:
     """`bench diagnose`: where the model fails, which effect is missing, which experiment would tell."""
     from bench.analysis import diagnose as find
@@ -55,7 +56,10 @@ def diagnose(  # noqa: PLR0913, PLR0917 - options of one command
 
     channels = tuple(surface.replace(" ", "").split(",")) if surface else ()
     datasets, checks, isothermal, floor_dph = _data(runs, check, static, output)
-    found = find(datasets, load_model(model), check=checks, static=isothermal, floor_dph=floor_dph, surface=channels)
+    found = find(
+        datasets, load_model(model), check=checks, static=isothermal,
+        sisters=usual_means(recovered(sisters)) if sisters else (), floor_dph=floor_dph, surface=channels,
+    )  # fmt: skip
     proposal = next_experiment(found, datasets, static=isothermal)
     if proposal is not None:
         profile = plan or runs[0] / "next.yaml"

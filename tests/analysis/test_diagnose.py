@@ -17,7 +17,7 @@ from bench.analysis.effects.model import Model
 from bench.base.errors import InputError
 from bench.cli.rendering import lines
 from bench.commands.results.analyse import Diagnosed
-from tests.support.hidden_runs import HiddenUnit, hidden_run
+from tests.support.hidden_runs import NOISE, HiddenUnit, hidden_run
 
 SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
 LAG = {"mechanism": "thermal_lag", "tau_s": 200.0}
@@ -125,6 +125,31 @@ def test_a_cause_that_no_channel_records_needs_the_isothermal_run_to_be_seen(sti
     assert with_static.verdict == "unknown_effect"
     assert "no channel records" in with_static.noise_finding
     assert any("--static" in note for note in without.notes)
+
+
+@pytest.mark.slow
+def test_runs_of_sister_units_tell_a_slow_cause_from_the_noise(still):
+    """One isothermal run leaves open how the noise drifts: ageing as large as the noise hides in it."""
+    run = HiddenUnit(({"mechanism": "aging"},)).at_strength(1.0).run("two_rates", seed=6)
+    sisters = [hidden_run(profile="static", seed=2000 + number) for number in range(4)]
+    wanted = [effects.make("aging"), effects.make("temperature_rate")]
+    alone, more = (diagnose([run], SPLINE, static=still, sisters=s, candidates=wanted) for s in ((), sisters))
+    assert not alone.found
+    assert [suspect.effect for suspect in more.found] == ["aging"]
+    assert more.to_json()["sisters"] == [sister.name for sister in sisters]
+
+
+def test_a_sister_that_scatters_otherwise_is_left_out(still):
+    noisy = replace(HiddenUnit(), noise={name: 2.0 * value for name, value in NOISE.items()})
+    sister = noisy.run("static", seed=7)
+    answer = diagnose([hidden_run(profile="short", seed=4)], SPLINE, static=still, sisters=[sister], candidates=FEW)
+    assert "was left out: it scatters otherwise" in answer.notes[0]
+    assert "white noise 1.9" in answer.notes[0]
+
+
+def test_sisters_are_compared_with_the_units_own_isothermal_run(still):
+    with pytest.raises(InputError, match="--static"):
+        diagnose([hidden_run(profile="short", seed=4)], SPLINE, sisters=[still], candidates=FEW)
 
 
 def test_a_slow_cause_that_soaks_do_not_have_is_not_called_noise():

@@ -186,6 +186,7 @@ class Diagnosis:
     unexplained_residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     next_experiment: Mapping[str, Any] | None = None
     static: str = ""
+    sisters: tuple[str, ...] = ()
     """Name of the isothermal run that tells the noise; empty without."""
     formulas: tuple[DescribedFormula, ...] = ()
     """What the catalogue does not hold, best first."""
@@ -218,6 +219,7 @@ class Diagnosis:
             "runs": list(self.runs),
             "check": list(self.check),
             "static": self.static or None,
+            "sisters": list(self.sisters),
             "model": self.model.name,
             "floor_dph": finite(self.floor_dph),
             "rms_dph": finite(self.rms_dph),

@@ -25,6 +25,7 @@ from bench.analysis.diagnosis.places import places, steps_places
 from bench.analysis.diagnosis.probes import despike
 from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
+from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
 from bench.analysis.diagnosis.surface import RATE_OF_TEMPERATURE, ResidualSurface, channels_of, residual_surface
 from bench.analysis.diagnosis.suspects import Layout, Offer, catalogued, isothermal, offer, resolved
@@ -37,7 +38,7 @@ from bench.analysis.fit.fitting import Fit, fit_model
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
-from bench.analysis.noise.likelihood import NoiseLattice
+from bench.analysis.noise.likelihood import NoiseLattice, Record
 from bench.analysis.thresholds import EXPLAINED_RATIO
 from bench.base import FloatArray, InputError
 from bench.record import Dataset, refuse_mixed
@@ -54,6 +55,7 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     *,
     check: Sequence[Dataset] = (),
     static: Dataset | None = None,
+    sisters: Sequence[Dataset] = (),
     candidates: Sequence[Effect] | None = None,
     floor_dph: float | None = None,
     surface: Sequence[str] = (),
@@ -62,15 +64,18 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
 ) -> Diagnosis:
     """Diagnose a model on runs of one unit; `candidates` replace the effects of the catalogue that the model lacks.
 
-    `check` are runs that no fit sees; `static` is a run at constant temperature that tells the noise. `floor_dph` is
+    `check` are runs that no fit sees; `static` is a run at constant temperature that tells the noise, `sisters`
+    are such runs of units like this one, and tell how it drifts. `floor_dph` is
     the noise floor of these means, read from finer rows (NaN: not known); None reads it from these rows. `surface` are
     two channels over which what is left is shown in cells. `workers` processes share the work, by default those of
     `crew.usual_workers`; the answer is the same for any number.
-    Raises InputError: no run, runs of several units, or the model cannot be fitted.
+    Raises InputError: no run, runs of several units, sisters without `static`, or the model cannot be fitted.
     """
+    if sisters and static is None:
+        raise InputError("isothermal runs of sister units are compared with one of the unit itself; name it (--static)")
     refuse_mixed((*runs, *check, *([] if static is None else [static])))
     with one_blas_thread():
-        case = _Case.of(tuple(runs), model, static, candidates, floor_dph)
+        case = _Case.of(tuple(runs), model, static, candidates, floor_dph, sisters)
         if surface:
             channels_of(case.layout, surface)
         answer = case.diagnosis(tuple(check), seed, usual_workers() if workers is None else workers)
@@ -88,6 +93,7 @@ class _Case:
     noise: str
     notes: tuple[str, ...]
     static: Dataset | None = None
+    sisters: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -97,6 +103,7 @@ class _Case:
         static: Dataset | None,
         wanted: Sequence[Effect] | None,
         floor_dph: float | None,
+        sisters: Sequence[Dataset] = (),
     ) -> _Case:
         notes = []
         if model.rows != "all":
@@ -114,7 +121,10 @@ class _Case:
                 "without an isothermal run (--static) slow changes that no channel records look like the unit's own "
                 "noise"
             )
-        statics = () if static is None else (isothermal(static, runs[0].interval_s),)
+        statics: tuple[Record, ...] = () if static is None else (isothermal(static, runs[0].interval_s),)
+        if sisters:
+            others, left_out = sister_records(statics[0], sisters, runs[0].interval_s)
+            statics, notes = (*statics, *others), [*notes, *left_out]
         rows = fit_rows(fit.model, runs, kept)
         layout = Layout(rows, np.array(list(fit.theta.values())), statics)
         layout, offered = offer(layout, catalogued(fit.model, runs) if wanted is None else wanted)
@@ -124,7 +134,8 @@ class _Case:
         if steps := layout.resolution.words():
             notes.append(f"{steps}: no effect smaller than that is named")
             noise = f"{noise}; {steps}" if noise else steps
-        return cls(fit, layout, offered, floor, noise, tuple(notes), static)
+        names = tuple(sister.name for sister in sisters)
+        return cls(fit, layout, offered, floor, noise, tuple(notes), static, names)
 
     @cached_property
     def lattice(self) -> NoiseLattice:
@@ -168,6 +179,7 @@ class _Case:
             residuals=base.residuals,
             unexplained_residuals=improved.residuals,
             static="" if self.static is None else self.static.name,
+            sisters=self.sisters,
         )
         formulas, instead = self._formulas(
             explained, improved, Describer(self.lattice, check, seed, workers), proved=bool(decision.proved)

@@ -23,6 +23,8 @@ from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
 from bench.base import BoolArray, FloatArray
 
 _LEVEL = 0.01  # of all probes together; slow noise of other kinds (telegraph) reaches it about three times as often
+UNLIKE_FREEDOM = 3
+"""White noise, flicker and walk."""
 _DEPENDENT = 1e-4  # of a column's length outside the model, whitened: less is the model's own
 
 
@@ -134,21 +136,38 @@ def periodogram(whitened: FloatArray, q: FloatArray, way: Whitener, time_s: Floa
 
 
 def noise_test(problem: Problem, lattice: NoiseLattice, point: Point) -> Finding:
-    """Test whether the run has the noise of the isothermal records: likelihood ratio, chi-squared with three."""
-    together = Surface.of(problem.records(), lattice, restricted=True)
-    together.visit([point])
-    joint = together.height(together.descend(point))
+    """Test whether the run has the noise of the isothermal records."""
+    statistic, ratio = unlike(problem.records()[:1], problem.statics, lattice, point)
+    note = f"white noise of the run is {ratio:.2f} times that of the isothermal run"
+    p = chi2_tail(statistic, UNLIKE_FREEDOM)
+    return Finding("noise", p, statistic, UNLIKE_FREEDOM, np.zeros(len(problem.y)), note=note)
+
+
+def unlike(
+    one: Sequence[Record], other: Sequence[Record], lattice: NoiseLattice, start: Point | None = None
+) -> tuple[float, float]:
+    """Likelihood ratio of two noises against one, chi-squared with UNLIKE_FREEDOM, and the ratio of the white noises.
+
+    `lattice` is of all records in this order; the search begins at `start`, or looks everywhere.
+    """
+
+    def lowest(records: Sequence[Record], own: NoiseLattice) -> tuple[Surface, Point]:
+        surface = Surface.of(records, own, restricted=True)
+        if start is None:
+            return surface, surface.search()
+        surface.visit([start])
+        return surface, surface.descend(start)
+
+    records = (*one, *other)
+    together, best = lowest(records, lattice)
+    joint, at = together.height(best), best if start is None else start
     alone, sizes = [], []
-    for records, offset in ((problem.records()[:1], 0), (problem.statics, 1)):
-        surface = Surface.of(records, lattice.part(offset, len(records)), restricted=True)
-        surface.visit([point])
-        best = surface.descend(point)
+    for part, offset in ((one, 0), (other, len(one))):
+        surface, best = lowest(part, lattice.part(offset, len(part)))
         alone.append(surface.height(best))
         sizes.append(surface.known[best][1])
-    statistic = max(0.0, joint - sum(alone)) / _heaviness(problem.records(), lattice, point)
-    ratio = float(np.sqrt(sizes[0] / sizes[1]))
-    note = f"white noise of the run is {ratio:.2f} times that of the isothermal run"
-    return Finding("noise", chi2_tail(statistic, 3), statistic, 3, np.zeros(len(problem.y)), note=note)
+    statistic = max(0.0, joint - sum(alone)) / _heaviness(records, lattice, at)
+    return statistic, float(np.sqrt(sizes[0] / sizes[1]))
 
 
 def _heaviness(records: Sequence[Record], lattice: NoiseLattice, point: Point) -> float:

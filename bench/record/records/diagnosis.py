@@ -58,6 +58,8 @@ class DiagnosisRecord(Record):
     runs: tuple[str, ...] = ()
     check: tuple[str, ...] = ()
     static: str | None = None
+    sisters: tuple[str, ...] = ()
+    """Isothermal runs of units like this one."""
     model: str = ""
     floor_dph: float | None = None
     rms_dph: float | None = None
@@ -82,4 +84,4 @@ class DiagnosisRecord(Record):
 
     def everything(self) -> set[str]:
         """Names of all runs behind it."""
-        return {*self.runs, *self.check, *filter(None, [self.static])}
+        return {*self.runs, *self.check, *self.sisters, *filter(None, [self.static])}
