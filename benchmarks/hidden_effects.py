@@ -32,7 +32,7 @@ THERMAL = ("thermal_lag", "temperature_rate", "preisach", "bouc_wen")
 WEAK = 0.7
 """Strength of effects for a second run: found after one ramp at one rate, and often tied."""
 KINDS = ("single", "clean", "pair", "second")
-PARTS = ("outside", "clean_colours", "traps", "pairs", "weak_ties")
+PARTS = ("outside", "clean_colours", "traps", "pairs", "weak_ties", "sister_noise")
 """Campaigns with commands of their own, whose results in the cache become parts of the page."""
 
 

@@ -2,8 +2,8 @@
 
     python -m benchmarks.sister_noise --seeds 24 --out sister_noise.jsonl
 
-The sisters' coefficients of noise scatter by ten per cent (1 sigma) about those of the unit. Results are appended to the
-file as they come; what stands there already is not run again. Prints one JSON object.
+The noise coefficients of the sisters scatter by ten per cent (1 sigma) about those of the unit. Results are appended to
+the file as they come; what stands there already is not run again. Prints one JSON object.
 """
 
 from __future__ import annotations
