@@ -9,25 +9,22 @@ and writes none.
 
 from __future__ import annotations
 
-import struct
 import zlib
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 
 from drivers import flash_objects
-from drivers.errors import DriverError, IdentityError, LimitError, LinkError, ReadBackError, RefusedError
+from drivers.errors import DriverError, IdentityError, LimitError, ReadBackError
 from drivers.flash_objects import BANK_BYTES, SIGNATURE, Memory
 from drivers.identity import Identity
 from drivers.unit_line import UnitLine
+from drivers.unit_memory import LEAST_BYTES, Held, Onlooker, Programmed, UnitMemory, compare, named, serial_of
 
 BOOT_S = 10.0
 """Longest time from a reset to the first heartbeat [s]."""
 BEAT_S = 3.0
 """Longest time between two heartbeats [s]."""
-_SERIAL_AT = 16
-_LEAST_BYTES = 100
 TRANSFER_S = 60.0
 
 LIMITS_S = {
@@ -44,7 +41,7 @@ LIMITS_S = {
 """The steps of `program` (`restore` writes and reads back none), and how long each may take [s]."""
 
 
-class CoefficientStore(ABC):
+class CoefficientStore(UnitMemory):
     """The calibration memory of one unit. All methods raise DriverError subclasses."""
 
     def __init__(self, line: UnitLine) -> None:
@@ -83,7 +80,7 @@ class CoefficientStore(ABC):
     def read(self, bank: int) -> bytes:
         """Image in a bank; empty for an empty bank."""
         image = self.get(flash_objects.bank(bank))
-        return image if len(image) >= _LEAST_BYTES else b""
+        return image if len(image) >= LEAST_BYTES else b""
 
     def crc(self, bank: int) -> int:
         """CRC-32 that the unit computes over the image in a bank."""
@@ -92,6 +89,11 @@ class CoefficientStore(ABC):
     def switch(self) -> None:
         """Put the other bank in force from the next reset on; RefusedError when the unit does not accept its image."""
         self.set(Memory.SWITCH, SIGNATURE.to_bytes(4, "little"))
+
+    def held(self) -> Held:
+        """What is in force."""
+        bank = self.active()
+        return Held(self.read(bank) if bank else b"", bank, self.number(Memory.SET))
 
     def compensate(self, on: bool) -> None:
         """Correct the rate, or send it raw until the next reset; read back."""
@@ -106,82 +108,63 @@ class CoefficientStore(ABC):
         assert self.line.identity is not None
         return self.line.identity
 
-
-@dataclass
-class Programmed:
-    """Result of `program`."""
-
-    serial: int
-    bank: int = 0
-    old_bank: int = 0
-    old: bytes = b""
-    old_set: int = 0
-    new_set: int = 0
-    crc: int = 0
-    took_s: dict[str, float] = field(default_factory=dict)
-
-
-def program(
-    store: CoefficientStore,
-    image: bytes,
-    archive: Callable[[bytes], None] = lambda old: None,
-    onlooker: Callable[[str], None] = lambda step: None,
-) -> Programmed:
-    """Write an image to its unit, and put it in force.
-
-    `archive` gets the old image (empty bytes when there is none) before anything is written; an exception from it ends
-    the procedure. DriverError, one line, names the step that failed and the resulting state of the unit.
-    """
-    if len(image) % 4 or not _LEAST_BYTES <= len(image) <= BANK_BYTES:
-        raise LimitError(f"image of {len(image)} bytes, a bank takes whole words, {_LEAST_BYTES} to {BANK_BYTES} bytes")
-    done = Programmed(struct.unpack_from("<I", image, _SERIAL_AT)[0])
-    steps = _Steps(store.line, done, onlooker)
-    with steps("serial number"):
-        in_memory = store.number(Memory.SERIAL)
-        heartbeat = store.heartbeat()
-        for origin, serial in (("its memory", in_memory), ("its heartbeat", heartbeat.serial)):
-            if serial != done.serial:
-                raise IdentityError(f"serial number in {origin} is {serial}, the image is for {done.serial}")
-    with steps("archive"):
-        done.old_bank, done.old_set = store.active(), heartbeat.coefficient_set
-        done.old = store.read(done.old_bank) if done.old_bank else b""
-        steps.left = f"the unit is unchanged ({_calibration(done)})"
-        archive(done.old)
-    done.bank = 2 if done.old_bank == 1 else 1
-    with steps("write"):
-        store.put_image(done.bank, image)
-    with steps("read back"):
-        _compare(image, store.read(done.bank))
-    _put_in_force(store, done, image, steps)
-    return done
-
-
-def restore(
-    store: CoefficientStore,
-    archive: Callable[[Programmed, bytes], None],
-    onlooker: Callable[[str], None] = lambda step: None,
-) -> Programmed:
-    """Put the image in the bank that is not in force back in force.
-
-    `archive` gets what is in force and the image in the other bank (empty bytes where there is none) before the switch
-    is turned; an exception from it ends the procedure. Errors are those of `program`.
-    """
-    done = Programmed(0)
-    steps = _Steps(store.line, done, onlooker)
-    with steps("serial number"):
-        done.serial, heartbeat = store.number(Memory.SERIAL), store.heartbeat()
-        if heartbeat.serial != done.serial:
-            text = f"serial number in its memory is {done.serial}, in its heartbeat it is {heartbeat.serial}"
-            raise IdentityError(text)
-    with steps("archive"):
-        done.old_bank, done.old_set = store.active(), heartbeat.coefficient_set
-        done.old = store.read(done.old_bank) if done.old_bank else b""
+    def program(
+        self,
+        image: bytes,
+        archive: Callable[[bytes], None] = lambda old: None,
+        onlooker: Onlooker = lambda step: None,
+    ) -> Programmed:
+        """See UnitMemory."""
+        if len(image) % 4 or not LEAST_BYTES <= len(image) <= BANK_BYTES:
+            text = f"a bank takes whole words, {LEAST_BYTES} to {BANK_BYTES} bytes"
+            raise LimitError(f"image of {len(image)} bytes, {text}")
+        done = Programmed(serial_of(image))
+        steps = _Steps(self.line, done, onlooker)
+        with steps("serial number"):
+            in_memory = self.number(Memory.SERIAL)
+            heartbeat = self.heartbeat()
+            for origin, serial in (("its memory", in_memory), ("its heartbeat", heartbeat.serial)):
+                if serial != done.serial:
+                    raise IdentityError(f"serial number in {origin} is {serial}, the image is for {done.serial}")
+        with steps("archive"):
+            done.old_bank, done.old_set = self.active(), heartbeat.coefficient_set or 0
+            done.old = self.read(done.old_bank) if done.old_bank else b""
+            steps.left = f"the unit is unchanged ({_calibration(done)})"
+            archive(done.old)
         done.bank = 2 if done.old_bank == 1 else 1
-        previous = store.read(done.bank) if done.old_bank else b""
-        steps.left = f"the unit is unchanged ({_calibration(done)})"
-        archive(done, previous)
-    _put_in_force(store, done, previous, steps)
-    return done
+        with steps("write"):
+            self.put_image(done.bank, image)
+        with steps("read back"):
+            compare(image, self.read(done.bank))
+        _put_in_force(self, done, image, steps)
+        return done
+
+    def restore(
+        self,
+        archive: Callable[[Programmed, bytes], None],
+        onlooker: Onlooker = lambda step: None,
+    ) -> Programmed:
+        """Put the image in the bank that is not in force back in force.
+
+        `archive` gets what is in force and the image in the other bank (empty bytes where there is none) before the
+        switch is turned; an exception from it ends the procedure. Errors are those of `program`.
+        """
+        done = Programmed(0)
+        steps = _Steps(self.line, done, onlooker)
+        with steps("serial number"):
+            done.serial, heartbeat = self.number(Memory.SERIAL), self.heartbeat()
+            if heartbeat.serial != done.serial:
+                text = f"serial number in its memory is {done.serial}, in its heartbeat it is {heartbeat.serial}"
+                raise IdentityError(text)
+        with steps("archive"):
+            done.old_bank, done.old_set = self.active(), heartbeat.coefficient_set or 0
+            done.old = self.read(done.old_bank) if done.old_bank else b""
+            done.bank = 2 if done.old_bank == 1 else 1
+            previous = self.read(done.bank) if done.old_bank else b""
+            steps.left = f"the unit is unchanged ({_calibration(done)})"
+            archive(done, previous)
+        _put_in_force(self, done, previous, steps)
+        return done
 
 
 def _put_in_force(store: CoefficientStore, done: Programmed, image: bytes, steps: _Steps) -> None:
@@ -202,7 +185,7 @@ def _put_in_force(store: CoefficientStore, done: Programmed, image: bytes, steps
     with steps("read again"):
         if (active := store.active()) != done.bank:
             raise ReadBackError(f"bank {active} is in force, the switch was turned to bank {done.bank}")
-        _compare(image, store.read(done.bank))
+        compare(image, store.read(done.bank))
 
 
 def _started(store: CoefficientStore, done: Programmed, boots: int) -> int:
@@ -212,19 +195,10 @@ def _started(store: CoefficientStore, done: Programmed, boots: int) -> int:
     heartbeat = store.heartbeat()
     if heartbeat.serial != done.serial:
         raise IdentityError(f"serial number is {heartbeat.serial} after the reset, before it was {done.serial}")
-    if heartbeat.coefficient_set in {0, done.old_set}:
-        raise ReadBackError(f"coefficient set is {heartbeat.coefficient_set} after the switch, expected a new one")
-    return heartbeat.coefficient_set
-
-
-def _compare(written: bytes, read: bytes) -> None:
-    """Compare word by word; ReadBackError names the first difference."""
-    if len(read) != len(written):
-        raise ReadBackError(f"{len(read) // 4} words read back, {len(written) // 4} were written")
-    pairs = zip(struct.iter_unpack("<I", written), struct.iter_unpack("<I", read), strict=True)
-    for number, ((one,), (other,)) in enumerate(pairs):
-        if one != other:
-            raise ReadBackError(f"word {number} reads back 0x{other:08X}, 0x{one:08X} was written")
+    number = heartbeat.coefficient_set or 0
+    if number in {0, done.old_set}:
+        raise ReadBackError(f"coefficient set is {number} after the switch, expected a new one")
+    return number
 
 
 def _calibration(done: Programmed) -> str:
@@ -234,7 +208,7 @@ def _calibration(done: Programmed) -> str:
 class _Steps:
     """Time limits, and errors that name the step and the resulting state of the unit."""
 
-    def __init__(self, line: UnitLine, done: Programmed, onlooker: Callable[[str], None]) -> None:
+    def __init__(self, line: UnitLine, done: Programmed, onlooker: Onlooker) -> None:
         self.left = "nothing was written"
         self._line, self._done, self._onlooker = line, done, onlooker
 
@@ -246,14 +220,7 @@ class _Steps:
         try:
             yield
         except DriverError as error:
-            raise _named(error, f"step '{name}' failed: {error}; {self.left}") from error
+            raise named(error, f"step '{name}' failed: {error}; {self.left}") from error
         finally:
             self._line.deadline_s = None
             self._done.took_s[name] = round(self._line.clock.now() - started_s, 3)
-
-
-def _named(error: DriverError, text: str) -> DriverError:
-    if isinstance(error, RefusedError):
-        return RefusedError(text, error.code)
-    kinds = (IdentityError, ReadBackError, LinkError, LimitError)
-    return next((kind(text) for kind in kinds if isinstance(error, kind)), DriverError(text))

@@ -240,8 +240,9 @@ class GyroDecoder:
             sure = self.identity is None or claim == self._claim  # … until it is repeated
             self._claim = claim
             if sure:
-                serial, firmware, coefficient_set = claim
-                self.identity = Identity(serial, firmware, coefficient_set, int(raw.get("state", absent)[-1]))
+                serial, firmware, number = claim
+                told = number if "coefficient_set" in raw else None
+                self.identity = Identity(serial, firmware, told, int(raw.get("state", absent)[-1]))
         boot: IntArray = at[raw["state"] == BOOT_UP] if "state" in raw else at[:0]
         self._unchanged = payload if one and sure and not len(boot) else b""
         return boot

@@ -18,7 +18,8 @@ class Identity:
 
     serial: int
     firmware: int
-    coefficient_set: int
+    coefficient_set: int | None
+    """None where the heartbeat does not tell."""
     state: int
 
 

@@ -19,9 +19,8 @@ from bench.base import InputError, __version__, user_name
 from bench.commands.flash_source import Calibration
 from bench.deliver import Image, ImuImage, read_either, to_words
 from bench.record import FlashAction, FlashRecord, StoredImage, chain_of, put, slug
-from drivers.coefficients import CoefficientStore, Programmed
 from drivers.errors import DriverError
-from drivers.flash_objects import Memory
+from drivers.unit_memory import Programmed, UnitMemory
 
 
 class Attempt:
@@ -92,17 +91,17 @@ class Attempt:
         self._record.write(self.folder, f"{self._stem}.json")
 
 
-def complete(store: CoefficientStore, folder: Path, content: bytes) -> None:
+def complete(store: UnitMemory, folder: Path, content: bytes) -> None:
     """Complete the record of an attempt that put this image in force, and that could not see or record its end."""
     attempt = unfinished(folder, content)
     if attempt is None or attempt.new is None:
         return
     path = folder / attempt.new.file.replace("_new.bin", ".json")
+    inside = store.held()
     record = attempt.model_copy(update={
         "state": "done",
         "error": None,
-        "bank": store.active(),
-        "coefficient_set": store.number(Memory.SET),
+        **({} if inside.bank is None else {"bank": inside.bank, "coefficient_set": inside.number}),
         "read_back": "all words equal, read after an interruption",
         "record": str(path),
     })  # fmt: skip
@@ -146,6 +145,8 @@ def located(record: FlashRecord, out: Path) -> str | None:
 
 
 def _outcome(done: Programmed) -> dict[str, Any]:
+    if not done.bank:  # a memory without banks, behind a command
+        return {"read_back": "all words equal, after the write and again", "steps_s": done.took_s}
     again = "after the reset" if "write" not in done.took_s else "after the write and again after the reset"
     return {
         "bank": done.bank,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from bench.commands.flash_record import Attempt, complete, date, digest, held, l
 from bench.commands.flash_source import Calibration
 from bench.deliver import Image, ImuImage
 from bench.record import FlashRecord, slug
-from drivers.coefficients import Programmed, program, restore
+from drivers.coefficients import CoefficientStore
+from drivers.unit_memory import Programmed
 
 
 class AlreadyThereError(Exception):
@@ -64,7 +66,7 @@ def flash(
 
     with attempt.recorded(), open_alone(settings.remembering(out), unit) as store:
         try:
-            done = program(store, calibration.content, archive, onlooker)
+            done = store.program(calibration.content, archive, onlooker)
         except AlreadyThereError as found:
             complete(store, attempt.folder, found.content)
             raise
@@ -92,8 +94,14 @@ def flash_previous(
         attempt.begin(done.old)
 
     with attempt.recorded(), open_alone(settings.remembering(out), unit) as store:
+        if not isinstance(store, CoefficientStore):
+            kept = f"{attempt.folder}{os.sep}*_old.bin"
+            raise InputError(
+                f"unit {unit.serial} is flashed by a command, which knows no banks; write an image that was kept at a "
+                f"flash: `bench flash {unit.serial} --older --image FILE`, FILE one of {kept}"
+            )
         try:
-            done = restore(store, archive, onlooker)
+            done = store.restore(archive, onlooker)
         except AlreadyThereError as found:
             complete(store, attempt.folder, found.content)
             raise

@@ -112,10 +112,10 @@ def verify(
 
 
 def in_unit(settings: StationSettings, unit: UnitSettings, record: FlashRecord | None, out: Path) -> dict[str, Any]:
-    """The calibration that is in force in the unit, read over its bus; InputError where there is none."""
+    """The calibration in force in the unit, read over its bus or by its command; InputError where there is none."""
     with open_alone(settings.remembering(out), unit) as store:
-        bank = store.active()
-        content = store.read(bank) if bank else b""
+        inside = store.held()
+    content = inside.image
     if not content:
         raise InputError(f"unit {unit.serial} holds no calibration; write one with `bench flash {unit.serial}`")
     try:
@@ -128,4 +128,4 @@ def in_unit(settings: StationSettings, unit: UnitSettings, record: FlashRecord |
             f"unit {unit.serial} holds calibration {image.label}, the last one that was flashed from here is "
             f"{flashed}; flash it again, or name the folder of its runs with --out"
         )
-    return {"bank": bank, "calibration_id": image.label, "words": len(content) // 4}
+    return {"bank": inside.bank, "calibration_id": image.label, "words": len(content) // 4}

@@ -59,9 +59,10 @@ class Signals(Protocol):
 
 
 def is_family(layout: str | Path) -> bool:
-    """Whether a layout has the messages and signals that `CanGyro` sends."""
+    """Whether a layout has the messages and signals that `CanGyro` sends; a heartbeat need not tell the set."""
     mine, theirs = (
-        {name: set(message.signals) for name, message in load_dbc(dbc).items()} for dbc in ("vibratory", layout)
+        {name: {*message.signals} - {"CoefficientSet"} for name, message in load_dbc(dbc).items()}
+        for dbc in ("vibratory", layout)
     )
     return mine == theirs
 
@@ -143,12 +144,9 @@ class CanGyro:
         yield self._heartbeat(OPERATIONAL, len(at[-1]))
 
     def _heartbeat(self, state: int, count: int) -> WordArray:
-        values = {
-            "State": state,
-            "Serial": self.serial,
-            "Firmware": self.firmware,
-            "CoefficientSet": self.coefficient_set,
-        }
+        values = {"State": state, "Serial": self.serial, "Firmware": self.firmware}
+        if "CoefficientSet" in self._messages["GYRO_HEARTBEAT"].signals:
+            values["CoefficientSet"] = self.coefficient_set
         return self._payloads("GYRO_HEARTBEAT", count, values)
 
     def _payloads(self, name: str, count: int, values: Mapping[str, npt.ArrayLike]) -> WordArray:

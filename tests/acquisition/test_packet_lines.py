@@ -112,7 +112,7 @@ def test_a_unit_on_a_line_is_not_flashed(tmp_path: Path):
 
     settings = station(content())
     with (
-        pytest.raises(EquipmentError, match="only units on CAN can be flashed"),
+        pytest.raises(EquipmentError, match="where no protocol writes coefficients; name commands of your own"),
         open_store(settings.buses["line0"], WallClock(), settings.units[0]),
     ):
         pass

@@ -27,7 +27,6 @@ from bench.deliver.export.image import read
 from bench.deliver.export.words import to_words
 from bench.record import FlashRecord
 from bench.record.dataset import load
-from drivers.coefficients import program
 from drivers.errors import IdentityError, LinkError, RefusedError
 from drivers.flash_objects import Memory
 from tests.support import acquisition, flash_bench
@@ -348,7 +347,7 @@ def test_a_calibration_that_has_expired_is_not_put_back(tmp_path):
     settings = station()
     expired = flash_bench.image(serial=1, valid_until=1_750_000_000)
     with open_alone(settings.remembering(tmp_path), settings.units[0]) as store:
-        program(store, expired)
+        store.program(expired)
     flash(settings, settings.units[0], calibration(0.02, id_=2), tmp_path)
     with pytest.raises(
         InputError, match=r"^not put back: the calibration was valid until 2025-06-15.*calibrate again$"

@@ -209,6 +209,27 @@ def test_a_run_of_the_corrected_unit_is_measured_and_not_calculated(made, tmp_pa
     assert facts["calibration"]["flashed"]["crc"] == "0x12345678"
 
 
+@pytest.mark.parametrize("held", ["its own", "0x00000001", None])
+def test_a_unit_flashed_by_a_command_is_proven_by_what_was_read_from_it(made, tmp_path, held):
+    """Its heartbeat tells no coefficient set; `bench verify` keeps which calibration it read from the unit."""
+    flashed(made, tmp_path)
+    record = json.loads((tmp_path / "run" / "flash.json").read_text())
+    kept = {"state": "done", "calibration_id": record["calibration_id"], "protocol": "command"}
+    keep(tmp_path / "run", "flash.json", kept)
+    shutil.copytree(made / "corrected", tmp_path / "corrected")
+    if held is not None:
+        inside = {"calibration_id": kept["calibration_id"] if held == "its own" else held, "bank": None}
+        keep(tmp_path / "corrected", "verification.json", {"verdict": "PASS", "in_unit": inside})
+    done = certificate(tmp_path, "--verification", tmp_path / "corrected")
+    if held == "its own":
+        assert done.exit_code == 0, done.stderr
+        facts = json.loads((tmp_path / "run" / "certificate.json").read_text())
+        assert facts["calibration"]["flashed"]["protocol"] == "command"
+    else:
+        assert done.exit_code == 2
+        assert f"the unit held calibration {held} when it was verified, not this one" in done.stderr
+
+
 def test_without_a_verification_it_says_that_the_figures_are_calculated(made, tmp_path):
     done = certificate(made, "--out", tmp_path / "c.pdf")
     assert done.exit_code == 0

@@ -13,7 +13,6 @@ from bench.commands.flash_source import from_file, from_imu
 from bench.deliver.export.imu_image import compensate, image_of, words_of
 from bench.deliver.export.words import crc, to_bytes
 from bench.record import FlashRecord, ImuFinding
-from drivers.coefficients import program
 from drivers.sim.correction import RefusedImageError
 from drivers.sim.imu_correction import ImuCorrection
 from tests.support.flash_bench import World
@@ -67,7 +66,7 @@ def test_the_simulated_unit_refuses_an_image_that_is_not_its_own(word, value):
 def test_an_image_is_written_read_back_and_corrects_the_outputs(protocol):
     unit, image = World(protocol=protocol), to_bytes(words())
     with unit.store() as store:
-        done = program(store, image, lambda old: None)
+        done = store.program(image, lambda old: None)
         assert store.read(store.active()) == image
     assert done.bank == unit.memory.active
     given = channels(50)

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from drivers import coefficients, flash_objects
-from drivers.coefficients import program, restore
 from drivers.errors import IdentityError, LimitError, LinkError, ReadBackError, RefusedError
 from drivers.flash_objects import Memory
 from drivers.sim.eeprom import Eeprom, PowerLostError
@@ -26,7 +25,7 @@ WAYS = [("canopen", "segmented"), ("canopen", "expedited"), ("uds", "")]
 
 def flashed(world, content, transfer="segmented", wrap=lambda bus: bus, **more):
     with world.store(wrap, transfer) as store:
-        return program(store, content, **more)
+        return store.program(content, **more)
 
 
 def in_force(path, serial: int = SERIAL) -> bytes:
@@ -116,7 +115,7 @@ def test_a_bench_killed_while_a_unit_goes_back_leaves_one_of_the_two_calibration
         world = World(calibrated, protocol)
         try:
             with world.store(lambda bus: Counting(bus, 3 * len(left))) as store:
-                ended = restore(store, lambda done, previous: None).bank == 1
+                ended = store.restore(lambda done, previous: None).bank == 1
         except KilledError:
             world.clock.sleep_until(world.clock.now() + 0.1)
         world.close()
@@ -131,7 +130,6 @@ import os, signal, sys
 sys.path[:0] = [{tests!r}]
 from tests.support import flash_bench
 import pathlib
-from drivers.coefficients import program
 class Dying(flash_bench.Counting):
     def send(self, message):
         if self.sent == {last}:
@@ -139,7 +137,7 @@ class Dying(flash_bench.Counting):
         super().send(message)
 world = flash_bench.World(pathlib.Path({path!r}))
 with world.store(Dying) as store:
-    program(store, flash_bench.image(id_=2, shift_dps=0.01))
+    store.program(flash_bench.image(id_=2, shift_dps=0.01))
 """
 
 
@@ -279,7 +277,7 @@ def test_a_reset_that_never_comes_is_told(calibrated, monkeypatch):
     with world.store() as store:
         monkeypatch.setattr(store, "reset", lambda: None)
         with pytest.raises(LinkError, match=r"step 'heartbeat' failed: .*no boot-up heartbeat .*; the new calibration"):
-            program(store, NEW)
+            store.program(NEW)
     world.close()
     assert in_force(calibrated) == NEW  # the power cycle that the text asks for
 

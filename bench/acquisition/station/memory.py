@@ -19,11 +19,12 @@ from bench.acquisition.station.station import Station, open_station
 from bench.acquisition.station.unit import LiveUnit
 from bench.base import EquipmentError, InputError
 from drivers.clock import Clock, WallClock
-from drivers.coefficients import CoefficientStore
+from drivers.command_memory import CommandMemory
 from drivers.errors import DriverError
 from drivers.interfaces import open_bus
 from drivers.layout import layout_of
 from drivers.unit_line import UnitLine
+from drivers.unit_memory import UnitMemory
 
 Compensated = Literal["off", "on"]
 HEARD_S = 3.0
@@ -31,11 +32,14 @@ HEARD_S = 3.0
 
 
 @contextmanager
-def open_store(bus: Bus, clock: Clock, unit: UnitSettings) -> Iterator[CoefficientStore]:
-    """The memory of a unit, over a connection to its bus of its own."""
+def open_store(bus: Bus, clock: Clock, unit: UnitSettings) -> Iterator[UnitMemory]:
+    """The memory of a unit, behind its commands or over a connection to its bus of its own."""
+    if unit.flash.protocol == "command":
+        yield CommandMemory(unit.flash.commands(unit), f"unit {unit.serial}")
+        return
     if bus.framing is not None:
-        text = f"unit {unit.serial} is on a line of packets, {bus.channel}; only units on CAN can be flashed"
-        raise EquipmentError(text)
+        text = f"unit {unit.serial} is on a line of packets, {bus.channel}, where no protocol writes coefficients"
+        raise EquipmentError(f"{text}; name commands of your own: `flash: {{protocol: command, ...}}`")
     wire = open_bus(bus.to_driver())
     try:
         line = UnitLine(wire, clock, layout_of(unit.dbc, unit.mapping), unit.number)
@@ -53,9 +57,9 @@ def open_store(bus: Bus, clock: Clock, unit: UnitSettings) -> Iterator[Coefficie
 
 
 @contextmanager
-def open_alone(settings: StationSettings, unit: UnitSettings) -> Iterator[CoefficientStore]:
+def open_alone(settings: StationSettings, unit: UnitSettings) -> Iterator[UnitMemory]:
     """The memory of a unit when nothing runs; of real equipment only the unit's bus is opened."""
-    if not settings.simulated:
+    if not settings.simulated or unit.flash.protocol == "command":
         with open_store(settings.buses[unit.bus], WallClock(), unit) as store:
             yield store
         return
@@ -73,6 +77,8 @@ class Output:
         """`report` takes kind, text and numbers of an event."""
         self._station, self._wanted, self._report = station, wanted, report
         self._silenced: list[LiveUnit] = []
+        self._held: dict[str, bool] = {}
+        """Whether a unit that its heartbeat does not tell it of holds a calibration."""
         self._established = False
 
     @property
@@ -80,17 +86,21 @@ class Output:
         return "its power came back, but the run cannot go on" if self._established else "not started"
 
     def establish(self) -> None:
-        """Raw or corrected rate from all units, proved by their heartbeats.
+        """Raw or corrected rate from all units, proved by their heartbeats, or set by their commands.
 
         InputError for a unit without calibration where the corrected rate is wanted, DriverError or EquipmentError for
         one that goes on correcting.
         """
         for unit in self._station.units:
             self._wait(partial(_is_known, unit), f"unit {unit.serial}: no heartbeat")
-            if self._wanted == "on" and not _set_of(unit):
+            corrects = self._corrects(unit)
+            if self._wanted == "on" and not corrects:
                 text = f"unit {unit.serial} sends its raw rate; write a calibration with `bench flash {unit.serial}`"
                 raise InputError(text)
-            if self._wanted == "off" and _set_of(unit):
+            if self._wanted == "on" and unit.settings.flash.compensate:
+                with self._store(unit) as store:
+                    store.compensate(True)
+            if self._wanted == "off" and corrects:
                 self._silence(unit)
         self._established = True
 
@@ -99,7 +109,8 @@ class Output:
         if not self._established:
             return
         for unit in self._station.units:
-            if unit.decoder.identity is not None and bool(_set_of(unit)) != (self._wanted == "on"):
+            number = _set_of(unit)
+            if number is not None and bool(number) != (self._wanted == "on"):
                 now = "corrects its rate again" if self._wanted == "off" else "sends its raw rate"
                 raise EquipmentError(f"unit {unit.serial} started anew and {now}: the run mixes two quantities")
 
@@ -114,20 +125,32 @@ class Output:
                 text = f"unit {unit.serial} sends its raw rate until its next power cycle: {error}"
                 self._report("compensation", text, unit=unit.serial, ok=False)
 
+    def _corrects(self, unit: LiveUnit) -> bool:
+        """Whether it corrects its rate: by its heartbeat; where that does not tell, by what a command reads from it."""
+        number = _set_of(unit)
+        if number is not None or unit.settings.flash.protocol != "command":
+            return bool(number)
+        if unit.serial not in self._held:
+            with self._store(unit) as store:
+                self._held[unit.serial] = bool(store.held().image)
+        return self._held[unit.serial]
+
     def _silence(self, unit: LiveUnit) -> None:
         number = _set_of(unit)
+        which = "by the calibration that it holds" if number is None else f"(coefficient set {number})"
         try:
             with self._store(unit) as store:
                 store.compensate(False)
         except DriverError as error:
-            text = f"unit {unit.serial} corrects its rate (coefficient set {number}) and cannot be told to stop"
+            text = f"unit {unit.serial} corrects its rate {which} and cannot be told to stop"
             raise EquipmentError(
                 f"{self._trouble}: {text}: {error}; see `flash` of the unit in the station file"
             ) from error
         if unit not in self._silenced:
             self._silenced.append(unit)
         self._wait(lambda: not _set_of(unit), f"unit {unit.serial} still corrects its rate")
-        text = f"unit {unit.serial} sends its raw rate for this run (coefficient set {number} is off)"
+        how = "its command has switched its calibration off" if number is None else f"coefficient set {number} is off"
+        text = f"unit {unit.serial} sends its raw rate for this run ({how})"
         self._report("compensation", text, unit=unit.serial, coefficient_set=number)
 
     def _wait(self, condition: Callable[[], bool], trouble: str) -> None:
@@ -139,7 +162,7 @@ class Output:
             clock.sleep_until(clock.now() + 0.1)
             self._station.poll()
 
-    def _store(self, unit: LiveUnit) -> AbstractContextManager[CoefficientStore]:
+    def _store(self, unit: LiveUnit) -> AbstractContextManager[UnitMemory]:
         return open_store(self._station.buses[unit.settings.bus], self._station.clock, unit.settings)
 
 
@@ -149,6 +172,9 @@ def _is_known(unit: LiveUnit) -> bool:
     return beat is None or "serial" not in beat.signals or unit.decoder.identity is not None
 
 
-def _set_of(unit: LiveUnit) -> int:
-    identity = unit.decoder.identity
+def _set_of(unit: LiveUnit) -> int | None:
+    """Number of the coefficients in force; None where the unit does not tell, 0 where it has said nothing yet."""
+    beat, identity = unit.decoder.layout.beat, unit.decoder.identity
+    if beat is None or "coefficient_set" not in beat.signals:
+        return None
     return 0 if identity is None else identity.coefficient_set

@@ -136,12 +136,14 @@ def _(result: Flashed) -> Iterator[str]:
         yield f"unit {record['unit']}: calibration {result.calibration_id} is already in force; nothing was written"
         return
     old = record["old"]["calibration_id"] if record.get("old") else "none"
+    bank = f" in bank {record['bank']}" if record.get("bank") else ""
+    told = f", CRC {record['crc']}, coefficient set {record['coefficient_set']}" if bank else ""
     back = "back in force" if record.get("action") == "previous" else "in force"
     yield (
         f"unit {record['unit']}: calibration {result.calibration_id} ({record['model'] or 'image'}, {record['form']}, "
-        f"{record['new']['words']} words) {back} in bank {record['bank']}, before: {old}"
+        f"{record['new']['words']} words) {back}{bank}, before: {old}"
     )
-    yield f"read back and compared word by word, CRC {record['crc']}, coefficient set {record['coefficient_set']}"
+    yield f"read back and compared word by word{told}"
     yield f"record  {record['record']}"
 
 

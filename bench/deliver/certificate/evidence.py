@@ -196,6 +196,10 @@ def _other_coefficients(evidence: Evidence, verified: Verification) -> list[str]
         return ["the unit corrected itself in the verification, and no flash.json says with which calibration"]
     if flashed.calibration_id != own:
         return [f"the unit was given calibration {flashed.calibration_id}, not this one, {own}: flash it first"]
+    if flashed.coefficient_set is None:  # by a command: what `bench verify` read from the unit proves it
+        judged = VerificationRecord.find(verified.run.path)
+        held = None if judged is None else judged.in_unit.get("calibration_id")
+        return [] if held == own else [f"the unit held calibration {held} when it was verified, not this one, {own}"]
     identity = verified.manifest.unit_identity
     used = identity.coefficient_set if identity else None
     if used != flashed.coefficient_set:

@@ -138,6 +138,10 @@ class StationSettings(BaseModel):
             if unit.bus not in self.buses:
                 known = ", ".join(self.buses)
                 raise PlacedError(f"bus {unit.bus!r} is not in this station; known: {known}", ("units", i, "bus"))
+            if unit.flash.protocol == "command" and unit.flash.timeout_s >= self.watchdog.silent_s:
+                text = f"timeout_s is {unit.flash.timeout_s:g}: a bench that waits for a command is silent, and the"
+                text += f" watchdog ends it after silent_s, {self.watchdog.silent_s:g}; make it shorter"
+                raise PlacedError(text, ("units", i, "flash", "timeout_s"))
             for other in self.units[:i]:
                 if other.serial == unit.serial:
                     raise PlacedError(f"serial number {unit.serial} stands twice", ("units", i, "serial"))
@@ -166,12 +170,7 @@ class StationSettings(BaseModel):
             found["chamber"] = self.chamber.model_copy(update={"map": str(folder / self.chamber.map)})
         if self.eeproms is not None:
             found["eeproms"] = str(folder / self.eeproms)
-        own = [Path(unit.gyro).suffix.lower() == ".dbc" for unit in self.units]
-        if any(own):
-            found["units"] = tuple(
-                unit.model_copy(update={"gyro": str((folder / unit.gyro).absolute())}) if file else unit
-                for unit, file in zip(self.units, own, strict=True)
-            )
+        found["units"] = tuple(unit.beside(folder) for unit in self.units)
         for name in ("laboratory", "equipment"):
             if (given := getattr(self, name)) is not None and is_map_file(given):
                 found[name] = str(folder / given)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field, model_validator
 
 from bench.acquisition.station.settings.signals import SignalSettings
 from bench.base import OUTPUTS, STRICT, THERMOMETERS, PlacedError
+from drivers.command_memory import Commands, wrong_place
 from drivers.flash_objects import Addresses
 from drivers.gyro import GyroDecoder
 
@@ -16,12 +18,12 @@ Text = Annotated[str, Field(min_length=1)]
 
 
 class FlashSettings(BaseModel):
-    """How the unit's calibration memory is reached, on the bus of the unit."""
+    """How the unit's calibration memory is reached: on the bus of the unit, or by commands of your own."""
 
     model_config = STRICT
 
-    protocol: Literal["canopen", "uds"] = "canopen"
-    """CANopen SDO, or UDS over ISO-TP."""
+    protocol: Literal["canopen", "uds", "command"] = "canopen"
+    """CANopen SDO, UDS over ISO-TP, or commands that are started on this computer."""
     node: Annotated[int, Field(ge=1, le=127)] | None = None
     """CANopen: node number; left out: 16 + the unit's number."""
     transfer: Literal["segmented", "expedited"] = "segmented"
@@ -31,11 +33,47 @@ class FlashSettings(BaseModel):
     answer: Annotated[int, Field(ge=0, le=0x7FF)] | None = None
     """UDS: CAN identifier of its answers; left out: 0x6D0 + the unit's number."""
 
+    write: tuple[Text, ...] = ()
+    """Command: program and arguments that write the image to the unit and print the bytes that they read back. The
+    image is the standard input, or a file where an argument has `{image}`; `{serial}` and `{number}` are the unit's."""
+    read: tuple[Text, ...] = ()
+    """Command: program and arguments that print the image in force in the unit, nothing where there is none."""
+    compensate: tuple[Text, ...] = ()
+    """Command: program and arguments that switch the unit's correction, `{state}` is on or off; left out: a unit that
+    holds a calibration cannot be calibrated again."""
+    timeout_s: Annotated[float, Field(gt=0, le=3600)] = 30.0
+    """Command: longest time that it may take [s]."""
+    folder: Text | None = None
+    """Command: where it is started, relative to the station file; left out: the folder of the station file."""
+
+    @model_validator(mode="after")
+    def _commands_are_whole(self) -> FlashSettings:
+        for name in ("write", "read", "compensate"):
+            if text := wrong_place(name, getattr(self, name)):
+                raise PlacedError(text, (name,))
+            if self.protocol == "command" and name != "compensate" and not getattr(self, name):
+                text = f"protocol command needs `{name}`, a list of a program and its arguments"
+                raise PlacedError(text, ("protocol",))
+            if self.protocol != "command" and getattr(self, name):
+                text = f"a command needs `protocol: command`; this is {self.protocol}"
+                raise PlacedError(text, (name,))
+        return self
+
+    def beside(self, folder: Path) -> FlashSettings:
+        """The same with commands that are started in the folder of the station file, or relative to it."""
+        return self.model_copy(update={"folder": str((folder / (self.folder or "")).absolute())})
+
+    def commands(self, unit: UnitSettings) -> Commands:
+        """The commands for a unit."""
+        names = {"serial": unit.serial, "number": str(unit.number)}
+        folder = Path(self.folder or "").absolute()
+        return Commands(self.write, self.read, self.compensate, self.timeout_s, folder, names, unit.identity)
+
     def addresses(self, number: int) -> Addresses:
-        """For the unit of this number."""
+        """On its bus, for the unit of this number; behind a command, those of a simulated one."""
         usual = Addresses.usual(number)
         return Addresses(
-            self.protocol,
+            "uds" if self.protocol == "uds" else "canopen",
             usual.node if self.node is None else self.node,
             usual.request if self.request is None else self.request,
             usual.answer if self.answer is None else self.answer,
@@ -77,6 +115,15 @@ class UnitSettings(BaseModel):
                         f"{name!r} is not one that `signals` maps; known: {known}", ("thermometers", output)
                     )
         return self
+
+    def beside(self, folder: Path) -> UnitSettings:
+        """The same with its DBC and its commands looked for in `folder`, that of the station file."""
+        found: dict[str, Any] = {}
+        if Path(self.gyro).suffix.lower() == ".dbc":
+            found["gyro"] = str((folder / self.gyro).absolute())
+        if self.flash.protocol == "command":
+            found["flash"] = self.flash.beside(folder)
+        return self.model_copy(update=found) if found else self
 
     @property
     def dbc(self) -> str | None:
