@@ -1,6 +1,7 @@
 """Attitudes: a profile names them, a fixture takes the units there, gravity is looked at, and the run remembers."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -203,6 +204,59 @@ def test_who_confirms_the_same_twice_is_believed():
             assert "go on to measure as it is" in fixture.waiting
     assert fixture.attitude == "x_up"
     assert fixture.waiting == ""
+
+
+TURN = """\
+import sys
+name, matrix = sys.argv[1:]
+open("turned.txt", "a").write(f"{name} {matrix.count(',')}\\n")
+sys.exit("no air pressure" if name == "-x-y_up" else 0)
+"""
+
+
+def test_a_program_turns_the_fixture_and_people_are_asked_where_it_fails(tmp_path):
+    (tmp_path / "turn.py").write_text(TURN)
+    own = station(operator="asked", turn=[sys.executable, "turn.py", "{attitude}", "{matrix}"]).beside(tmp_path)
+    desk, asked = Desk(), set()
+
+    def answer(station, status):
+        question = next((text for text in status.holding if "turn the fixture and go on" in text), "")
+        if question and not asked:
+            asked.add(question)
+            desk.ask("resume", "somebody")
+
+    result = run_job(acquisition.job(tmp_path / "out", OVER, own), answer, desk)
+    assert result.error is None
+    assert (tmp_path / "turned.txt").read_text() == "x_up 8\n-x-y_up 8\nz_up 8\n"
+    who = [event.get("who") for event in attitude_events(result.run)]
+    assert who == ["the fixture's program", None, "somebody", "the fixture's program"]
+    assert "ended with 1: no air pressure" in attitude_events(result.run)[1]["text"]
+    told = check_profile(profile_from_text(OVER), own.limits())
+    assert any("3 changes of position by the fixture's program" in one.text for one in told)
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        (["/no/such/program"], "/no/such/program cannot be started in"),
+        ([sys.executable, "-c", "import time; time.sleep(600)"], "did not end within 0.01 s"),
+    ],
+)
+def test_a_program_that_does_not_turn_is_told_and_leaves_nothing_behind(program, said, tmp_path):
+    settings = FixtureSettings(attitudes=6, turn=tuple(program), timeout_s=0.01).beside(tmp_path)
+    journal = Journal()
+    fixture = Fixture(settings, SimClock(), journal)
+    fixture.ask("x_up")
+    process = fixture._program._process
+    while "go on to measure as it is" not in fixture.waiting:
+        fixture.tick()
+    assert said in journal.said[0]
+    assert process is None or process.returncode == -9
+
+
+def test_a_place_that_is_not_known_is_refused():
+    with pytest.raises(InputError, match=r"\{angle\} is not known here; allowed: \{attitude\}, \{matrix\}"):
+        station(operator="asked", turn=["turn", "{angle}"])
 
 
 def test_a_run_goes_on_in_the_attitude_in_which_it_was_cut_off(tmp_path):

@@ -17,6 +17,8 @@ class Reach:
 
     attitudes: tuple[str, ...]
     takes_s: float
+    driven: bool = False
+    """Whether a program turns it."""
 
 
 def changes(legs: Sequence[Leg]) -> list[Leg]:
@@ -45,10 +47,11 @@ def attitude_findings(
         text = f"{leg.name}: the station's fixture does not reach {name}; it has {', '.join(reach.attitudes)}"
         yield "error", text, leg
     each = len({leg.attitude for leg in turned})
-    text = f"{len(turned)} changes of position by the operator ({each} attitudes), {reach.takes_s:g} s each"
+    who = "the fixture's program" if reach.driven else "the operator"
+    text = f"{len(turned)} changes of position by {who} ({each} attitudes), {reach.takes_s:g} s each"
     yield "info", f"{text}; the chamber holds meanwhile, until each is confirmed", first
     away = [leg for leg in turned if abs(leg.from_degc - ambient_degc) > _AWAY_DEGC]
-    if away:
+    if away and not reach.driven:
         text = (
             f"{len(away)} of the changes of position are more than {_AWAY_DEGC:g} degC from ambient: turn the fixture"
         )

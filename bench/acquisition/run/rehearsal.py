@@ -95,7 +95,9 @@ class _Bench:
     def placing(self) -> Fixture | None:
         """A fixture that is turned in the time that the station file says."""
         fixture = self.settings.fixture
-        unattended = None if fixture is None else fixture.model_copy(update={"operator": "simulated", "forgets": ()})
+        unattended = (
+            None if fixture is None else fixture.model_copy(update={"operator": "simulated", "forgets": (), "turn": ()})
+        )
         return None if unattended is None else Fixture(unattended, self.clock, cast(Journal, _NoRecorder()))
 
     def missing_units(self) -> list[str]:

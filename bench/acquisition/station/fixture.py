@@ -1,8 +1,9 @@
 """Brings the units into the attitudes of the legs: asks for each, takes the answer, and looks at gravity.
 
 Before a leg with another attitude the run holds until somebody confirms that the units stand so, as any hold is
-released. The accelerometers of each unit then have to show gravity where it should be; where they do not, the run holds
-again and says what they show. Who confirms the same twice is believed: outputs may be swapped.
+released; or until a program of the laboratory, which turns the fixture, ends well. The accelerometers of each unit then
+have to show gravity where it should be; where they do not, the run holds again and says what they show. Who confirms
+the same twice is believed: outputs may be swapped.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 from bench.acquisition.station.records import Journal
 from bench.acquisition.station.settings.fixture import FixtureSettings
+from bench.acquisition.station.turning_program import TurningProgram
 from bench.base import FloatArray
 from bench.record import ATTITUDES, WRONG_DEG, nearest_attitude, off_deg
 from drivers.clock import Clock
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 LOOK_S = 3.0
 """After this time all that was captured before the confirmation is through [s]; gravity is then the mean of a tick."""
 SIMULATED = "the simulated operator"
+PROGRAM = "the fixture's program"
 
 
 class Fixture:
@@ -46,15 +49,27 @@ class Fixture:
         self._asked, self._by, self._changes = "", "", 0
         self._ready_s = self._looks_s = np.inf
         self._seen: FloatArray | None = None
+        self._program: TurningProgram | None = None
 
     def ask(self, attitude: str) -> None:
         """Ask for an attitude."""
         self._asked, self._seen, self._changes = attitude, None, self._changes + 1
-        self._request("")
+        if not self._settings.turn:
+            self._request("")
+            return
+        self.close()
+        self._program = TurningProgram(self._settings, ATTITUDES[attitude])
+        self.waiting = f"the fixture, which its program turns to {attitude}"
+
+    def close(self) -> None:
+        """End the program, if it is turning."""
+        if self._program is not None:
+            self._program.end()
+            self._program = None
 
     def confirm(self, who: str) -> None:
-        """Somebody says that the units stand as was asked; without a question nothing happens."""
-        if not self.waiting or self._looks_s < np.inf:
+        """Somebody says that the units stand as was asked; nothing happens without a question, or while it turns."""
+        if not self.waiting or self._looks_s < np.inf or self._program is not None:
             return
         forgotten = who == SIMULATED and self._seen is None and self._changes in self._settings.forgets
         if self._turn is not None and not forgotten:
@@ -68,10 +83,24 @@ class Fixture:
             return
         now_s = self._clock.now()
         forces = {unit.serial: unit.force() for unit in self._units}  # a mean since the last tick
-        if now_s >= self._ready_s:
+        if self._program is not None:
+            self._turned(self._program)
+        elif now_s >= self._ready_s:
             self.confirm(SIMULATED)
         elif now_s >= self._looks_s:
             self._look({serial: force for serial, force in forces.items() if force is not None})
+
+    def _turned(self, program: TurningProgram) -> None:
+        """Go on where the program has ended well; else ask people."""
+        if not program.ended:
+            return
+        self._program = None
+        if not program.trouble:
+            self.confirm(PROGRAM)
+            return
+        text = f"the fixture's program for {self._asked}: {program.trouble}"
+        self._journal.event("attitude", text, asked=self._asked)
+        self._request(text)
 
     def _look(self, forces: dict[str, FloatArray]) -> None:
         if not all(np.isfinite(force).all() for force in forces.values()):

@@ -277,6 +277,8 @@ def open_station(
         station = Station(settings, clock, link, registers, units, opened)
         station.chamber.identify()
         stack.callback(station.stop_capture)
+        if station.fixture is not None:
+            stack.callback(station.fixture.close)
         yield station
 
 

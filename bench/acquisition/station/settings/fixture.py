@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from bench.acquisition.profile.segments import Attitudes, names_of
-from bench.base import STRICT
+from bench.base import STRICT, PlacedError
 
 
 class FixtureSettings(BaseModel):
-    """A fixture that people turn when the run asks them to."""
+    """A fixture that people, or a program of the laboratory, turn when the run asks for it."""
 
     model_config = STRICT
 
@@ -21,8 +23,29 @@ class FixtureSettings(BaseModel):
     """Who turns it: people, who are asked and confirm; or nobody, on a simulated station that runs unattended."""
     takes_s: Annotated[float, Field(ge=1.0, le=86_400.0)] = 60.0
     """Time that one change takes; of expected durations, and of the simulated operator."""
+    turn: tuple[Annotated[str, Field(min_length=1)], ...] = ()
+    """Program and arguments that bring the fixture into an attitude and end with exit code 0 when it stands:
+    `{attitude}` is its name, `{matrix}` its nine numbers, row by row, from the table's frame to the unit's axes. Left
+    out: people turn it; they are asked, too, where the program fails."""
+    timeout_s: Annotated[float, Field(gt=0, le=86_400)] = 600.0
+    """Longest time that the program may take [s]."""
+    folder: Annotated[str, Field(min_length=1)] | None = None
+    """Where the program is started, relative to the station file; left out: the folder of the station file."""
     forgets: tuple[Annotated[int, Field(ge=1)], ...] = ()
     """Changes, counted from 1, that the simulated operator first confirms without having turned anything."""
+
+    @model_validator(mode="after")
+    def _program_is_whole(self) -> FixtureSettings:
+        if self.turn and self.operator == "simulated":
+            raise PlacedError("a simulated operator turns by himself; remove `turn` or `operator`", ("turn",))
+        for place in re.findall(r"\{(\w*)\}", " ".join(self.turn)):
+            if place not in {"attitude", "matrix"}:
+                raise PlacedError(f"{{{place}}} is not known here; allowed: {{attitude}}, {{matrix}}", ("turn",))
+        return self
+
+    def beside(self, folder: Path) -> FixtureSettings:
+        """The same with a program that is started in the folder of the station file, or relative to it."""
+        return self.model_copy(update={"folder": str((folder / (self.folder or "")).absolute())})
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -170,6 +170,8 @@ class StationSettings(BaseModel):
             found["chamber"] = self.chamber.model_copy(update={"map": str(folder / self.chamber.map)})
         if self.eeproms is not None:
             found["eeproms"] = str(folder / self.eeproms)
+        if self.fixture is not None:
+            found["fixture"] = self.fixture.beside(folder)
         found["units"] = tuple(unit.beside(folder) for unit in self.units)
         for name in ("laboratory", "equipment"):
             if (given := getattr(self, name)) is not None and is_map_file(given):
@@ -194,7 +196,9 @@ class StationSettings(BaseModel):
             None if self.rate_table is None else self.rate_table.highest_dps,
             switches_power=self.supply is not None and (self.simulated or self.supply.port is not None),
             orientation=self.orientation,
-            fixture=None if self.fixture is None else Reach(self.fixture.names, self.fixture.takes_s),
+            fixture=None
+            if self.fixture is None
+            else Reach(self.fixture.names, self.fixture.takes_s, bool(self.fixture.turn)),
         )
 
     def standing_guards(self) -> tuple[Standing, ...]:
