@@ -137,7 +137,7 @@ def residuals_figure(dataset: Dataset, left: FloatArray, floor_dph: float | None
 def over_axis(dataset: Dataset, x: Coordinate, y: FloatArray, floor_dph: float | None, fitted: bool) -> Plot:
     """Residual of a model (n,), or without one the bias, over any quantity: rows, and means of heating and cooling."""
     traces = by_direction(dataset, x.values, y)
-    mark = {"meta": LEFT} if fitted else {}
+    mark: dict[str, Any] = {"meta": LEFT} if fitted else {}
     for sign, dash in ((1, "solid"), (-1, "dash"), (0, "dot")):
         text, colour = plotting.DIRECTIONS[sign]
         own = dataset.direction == sign
