@@ -45,6 +45,7 @@ from .report.described import ladder_words as ladder_words
 from .report.described import summary_of as summary_of
 from .report.figure_files import figure_files as figure_files
 from .report.figures_diagnosis import coordinate as coordinate
+from .report.figures_diagnosis import coordinate_over as coordinate_over
 from .report.figures_diagnosis import drawable_coordinates as drawable_coordinates
 from .report.figures_diagnosis import improvement_ladder as improvement_ladder
 from .report.figures_diagnosis import misfit_figure as misfit_figure
@@ -60,6 +61,7 @@ from .report.figures_run import has_channel as has_channel
 from .report.figures_run import loop_figure as loop_figure
 from .report.figures_workbench import difference as difference
 from .report.figures_workbench import measured_figure as measured_figure
+from .report.figures_workbench import over_axis as over_axis
 from .report.figures_workbench import over_temperature as over_temperature
 from .report.figures_workbench import residuals_figure as residuals_figure
 from .report.figures_workbench import side_by_side as side_by_side

@@ -78,6 +78,20 @@ def test_the_hidden_effect_is_found_in_at_most_five_clicks_and_the_error_falls(p
     page.get_by_role("button", name="Undo").click()
     page.get_by_text("An effect is missing", exact=True).wait_for()
     assert held_out(page) == before
+    page.get_by_role("button", name="Redo").click()
+    page.locator(".wb-fell").wait_for()
+    page.locator(".wb-plot .legend", has_text="residual before").wait_for()
+    page.get_by_role("tab", name="Free axes").click()
+    page.get_by_label("Residual over").select_option("quadrature")
+    page.locator(".wb-words", has_text="over quadrature").wait_for()
+    page.reload()
+    page.locator(".wb-words", has_text="over quadrature").wait_for()
+    assert held_out(page) < 0.5 * before
+    page.locator(".wb-fell").wait_for()  # the step before is known, too
+    for _ in range(3):
+        page.go_back()
+    page.get_by_text("An effect is missing", exact=True).wait_for()
+    page.locator(".wb-words", has_text="means over").wait_for()
 
 
 def take_the_others(page):
@@ -112,7 +126,9 @@ def test_only_the_rows_in_sight_are_drawn(page):
     page.locator(".wb-active").wait_for()
 
 
-@pytest.mark.parametrize("tab", ["Over temperature", "Residual map", "Loop", "Allan deviation", "Channels"])
+@pytest.mark.parametrize(
+    "tab", ["Over temperature", "Residual map", "Loop", "Free axes", "Allan deviation", "Channels"]
+)
 def test_every_figure_is_drawn_with_words(page, tab):
     choose(page)
     page.get_by_role("tab", name=tab).click()

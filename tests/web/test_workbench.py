@@ -97,7 +97,7 @@ def test_the_next_experiment_is_a_plan(client: httpx.Client, store: Path) -> Non
     assert experiment["plan"] in [plan["id"] for plan in plans if not plan["problem"]]
 
 
-@pytest.mark.parametrize("kind", ["time", "temperature", "map", "loop", "allan", "ladder"])
+@pytest.mark.parametrize("kind", ["time", "temperature", "map", "loop", "axes", "allan", "ladder"])
 def test_every_figure_has_words_and_a_table(client: httpx.Client, kind: str) -> None:
     made = done(client, "/figures", {"kind": kind, "runs": [RUN], "model": SPLINE})
     assert made["figure"]["data"]
@@ -106,6 +106,40 @@ def test_every_figure_has_words_and_a_table(client: httpx.Client, kind: str) -> 
     assert str(made["words"]).isprintable()
     most = max(len(trace["x"]) for trace in made["figure"]["data"])
     assert most <= 2100
+
+
+@pytest.mark.parametrize(("over", "title"), [
+    ("time", "time [h]"), ("dT_dt", "dT/dt [°C/min]"), ("quadrature", "quadrature [V]"),
+])  # fmt: skip
+def test_a_residual_is_drawn_over_whatever_the_run_has(client: httpx.Client, over: str, title: str) -> None:
+    made = done(client, "/figures", {"kind": "axes", "runs": [RUN], "model": SPLINE, "over": over})
+    assert made["figure"]["layout"]["xaxis"]["title"]["text"] == title
+    assert made["figure"]["layout"]["yaxis"]["title"]["text"] == "measured − model [deg/h]"
+    header, *rows = made["csv"]
+    whole = done(client, "/figures", {"kind": "loop", "runs": [RUN], "model": SPLINE})["csv"]
+    assert header == ["time [s]", title, "residual [deg/h]"]
+    assert [row[2] for row in rows] == [row[2] for row in whole[1:]]
+    assert {"time", "temperature", "dT_dt", over, "drive"} <= set(made["axes"])
+    assert "rate" not in made["axes"]
+
+
+def test_a_residual_over_what_the_run_does_not_have_is_refused_with_what_there_is(client: httpx.Client) -> None:
+    answer = ended(client, "/figures", {"kind": "axes", "runs": [RUN], "model": SPLINE, "over": "quadratur"})
+    assert answer["state"] == "failed"
+    assert f"{RUN} has no channel 'quadratur'" in answer["detail"]
+    assert "quadrature" in answer["detail"]
+
+
+@pytest.mark.parametrize("kind", ["time", "temperature", "loop", "axes"])
+def test_the_residual_in_a_figure_can_be_told_from_all_else(client: httpx.Client, kind: str) -> None:
+    made = done(client, "/figures", {"kind": kind, "runs": [RUN], "model": SPLINE})["figure"]
+    left = [trace for trace in made["data"] if trace.get("meta") == "residual"]
+    assert left
+    for trace in left:
+        title = made["layout"][f"yaxis{trace.get('yaxis', 'y')[1:]}"]["title"]["text"]
+        assert title in {"residual [deg/h]", "measured − model [deg/h]"}
+    bare = done(client, "/figures", {"kind": kind, "runs": [RUN]})["figure"]
+    assert not [trace for trace in bare["data"] if trace.get("meta") == "residual"]
 
 
 def test_one_error_and_one_floor_whatever_is_shown(client: httpx.Client) -> None:
@@ -279,3 +313,75 @@ def test_a_view_keeps_gaps_and_extremes(tmp_path: Path) -> None:
     assert np.nanmax(shown.high) == 99.0
     assert np.isnan(shown.bias[(shown.time > 62) & (shown.time < 78)]).all()
     assert json.dumps(shown.of) == '"1 s means"'
+
+
+ADDRESS = """
+const { actions } = given;
+let state = page.stateOf("", null);
+const texts = [page.addressOf(state)];
+for (const action of actions) {
+  state = page.change(state, action);
+  texts.push(page.addressOf(state));
+}
+const link = page.stateOf(texts.at(-1));
+console.log(JSON.stringify({ texts, state, link }));
+"""
+
+
+def test_the_address_holds_runs_model_and_what_is_shown() -> None:
+    actions = [
+        {"type": "choose", "runs": [{"run": RUN, "role": "fit"}, {"run": OTHER, "role": "check"}]},
+        {"type": "add", "effect": {"effect": "expression", "formula": "k * dT_dt + a & b"}},
+        {"type": "view", "view": {"figure": "axes", "over": "quadrature"}},
+        {"type": "zoom", "zoom": "0.01,0.02"},
+    ]
+    found = told("pages/workbench/state.js", ADDRESS, {"actions": actions})
+    state, link = found["state"], found["link"]
+    assert link["steps"] == [{"model": state["steps"][1]["model"], "label": "spline + expression"}]
+    for key in ("chosen", "figure", "over", "zoom", "picture", "wrong"):
+        assert link[key] == state[key], key
+    assert link["chosen"] == [{"run": RUN, "role": "fit"}, {"run": OTHER, "role": "check"}]
+    assert found["texts"][0] == ""
+    assert len(set(found["texts"])) == len(actions) + 1
+
+
+def test_steps_are_taken_back_and_made_again_until_another_is_made() -> None:
+    added = [{"type": "add", "effect": {"effect": name}} for name in ("aging", "creep")]
+    back, again = {"type": "undo"}, {"type": "redo"}
+    script = """
+    const names = given.map((actions) => {
+      const { steps, at } = actions.reduce(page.change, page.stateOf(""));
+      return [steps[at].model.effects.map(({ effect }) => effect).join(" "), steps.length];
+    });
+    console.log(JSON.stringify(names));
+    """
+    assert told("pages/workbench/state.js", script, [
+        [*added, back], [*added, back, back, back], [*added, back, again, again], [*added, back, back, added[1], again],
+    ]) == [["spline aging", 3], ["spline", 3], ["spline aging creep", 3], ["spline creep", 2]]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "model", ["nonsense", "[]", '{"name":"a"}', '{"name":"a","effects":[]}', '{"name":1,"effects":[{}]}']
+)
+def test_a_model_in_the_address_that_cannot_be_read_is_said_and_not_used(model: str) -> None:
+    script = """
+    const { wrong, steps } = page.stateOf(new URLSearchParams({ model: given }));
+    console.log(JSON.stringify([wrong, steps[0].model.name]));
+    """
+    assert told("pages/workbench/state.js", script, model) == [True, "spline"]
+
+
+def test_the_residual_before_is_drawn_pale_behind_the_new_one() -> None:
+    new = {"data": [{"name": "measured"}, {"name": "compensated", "meta": "residual", "yaxis": "y2"}], "layout": {}}
+    old = {
+        "data": [
+            {"name": "measured"},
+            {"x": [1], "meta": "residual", "yaxis": "y2", "line": {"color": "blue", "width": 3}},
+        ]
+    }
+    script = "console.log(JSON.stringify(page.haunted(given[0], given[1], 'before')))"
+    drawn = told("pages/workbench/ghost.js", script, [new, old])
+    assert [trace["name"] for trace in drawn["data"]] == ["before", "measured", "compensated"]
+    ghost = drawn["data"][0]
+    assert (ghost["yaxis"], ghost["x"], ghost["line"]["width"]) == ("y2", [1], 3)
+    assert ghost["line"]["color"] != "blue"

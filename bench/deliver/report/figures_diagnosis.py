@@ -43,11 +43,11 @@ class Coordinate:
 def coordinate(data: Dataset, effect: Effect) -> Coordinate:
     """The quantity that an effect depends on most."""
     if effect.family in _OVER_TIME:
-        return _over(data, "time")
+        return coordinate_over(data, "time")
     if effect.family in _OVER_SLOPE:
-        return _over(data, "dT_dt")
+        return coordinate_over(data, "dT_dt")
     channels = [name for name in effect.needs if name != "temperature" and name in data.channels]
-    return _over(data, channels[0] if channels else "temperature")
+    return coordinate_over(data, channels[0] if channels else "temperature")
 
 
 def drawable_coordinates(data: Dataset) -> set[str]:
@@ -55,7 +55,8 @@ def drawable_coordinates(data: Dataset) -> set[str]:
     return {"time", "dT_dt", *data.channels}
 
 
-def _over(data: Dataset, name: str) -> Coordinate:
+def coordinate_over(data: Dataset, name: str) -> Coordinate:
+    """The quantity of this name, one of `drawable_coordinates`."""
     if name == "time":
         return Coordinate(data.time / HOUR_S, "time [h]", True)
     if name == "dT_dt":
@@ -114,7 +115,7 @@ def _cells(x: FloatArray, y: FloatArray, values: FloatArray, edges: tuple[FloatA
 
 def partial_residual(data: Dataset, x: Coordinate, left: FloatArray, shape: FloatArray, name: str) -> Plot:
     """Partial residual `left` + `shape` (n,) of a suspect over its coordinate, and its fitted shape."""
-    traces = _by_direction(data, x.values, left + shape)
+    traces = by_direction(data, x.values, left + shape)
     if not x.title.startswith("time"):
         traces += _means_by_direction(data, x.values, left + shape)
     if x.ordered:
@@ -143,7 +144,7 @@ def _means_by_direction(data: Dataset, x: FloatArray, y: FloatArray) -> list[go.
 
 def misfit_figure(data: Dataset, left: FloatArray, place: Place) -> Plot:
     """Residual (n,) over the channel of a place, its mean in bins, the place shaded."""
-    x = _over(data, place.channel)
+    x = coordinate_over(data, place.channel)
     edges = np.unique(np.nanquantile(x.values[np.isfinite(left)], np.linspace(0.0, 1.0, _BINS + 1)))
     which = np.clip(np.searchsorted(edges, x.values, side="right") - 1, 0, max(len(edges) - 2, 0))
     good = np.isfinite(left) & np.isfinite(x.values)
@@ -154,11 +155,12 @@ def misfit_figure(data: Dataset, left: FloatArray, place: Place) -> Plot:
     layout: dict[str, Any] = {"xaxis": axis(x.title), "yaxis": axis(RESIDUAL, zeroline=True)}
     if scale * (place.high - place.low) < _EVERYWHERE * np.ptp(x.values[np.isfinite(x.values)]):
         layout["shapes"] = [plotting.shade(scale * place.low, scale * place.high, VERMILION)]
-    traces = [*_by_direction(data, x.values, left), plotting.line_trace(means[0], means[1], "mean", ORANGE, width=3)]
+    traces = [*by_direction(data, x.values, left), plotting.line_trace(means[0], means[1], "mean", ORANGE, width=3)]
     return plotting.plot(traces, layout, 380)
 
 
-def _by_direction(data: Dataset, x: FloatArray, y: FloatArray) -> list[go.Scatter]:
+def by_direction(data: Dataset, x: FloatArray, y: FloatArray) -> list[go.Scatter]:
+    """Rows as points, heating, cooling and constant temperature apart."""
     return [
         plotting.dot_trace(x[data.direction == sign], y[data.direction == sign], text, colour, opacity=0.3)
         for sign, (text, colour) in plotting.DIRECTIONS.items()

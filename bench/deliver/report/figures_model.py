@@ -16,6 +16,8 @@ from bench.deliver.report.plotting import BLUE, CYCLE, GREEN, GREY, ORANGE, VERM
 from bench.record import Dataset
 
 RESIDUAL = "measured − model [deg/h]"
+LEFT = "residual"
+"""Mark (`meta`) of the curves that are a residual."""
 _PIECE_POINTS = 25
 
 
@@ -53,7 +55,7 @@ def compensation(
         *([] if extremes is None else [band(hours, *extremes)]),
         plotting.dot_trace(hours, dataset.bias, "measured", GREY, size=3),
         plotting.line_trace(hours, model, name, VERMILION, width=2),
-        plotting.line_trace(hours, left, "compensated", BLUE, yaxis="y2", width=1.2),
+        plotting.line_trace(hours, left, "compensated", BLUE, yaxis="y2", width=1.2, meta=LEFT),
         plotting.line_trace(hours, dataset.channel("temperature"), "temperature", ORANGE, yaxis="y3"),
     ]
     layout: dict[str, Any] = {

@@ -11,7 +11,8 @@ import plotly.graph_objects as go
 from bench.base import BoolArray, FloatArray, number
 from bench.deliver.report import plotting
 from bench.deliver.report.described import described
-from bench.deliver.report.figures_model import RESIDUAL, band
+from bench.deliver.report.figures_diagnosis import Coordinate, by_direction
+from bench.deliver.report.figures_model import LEFT, RESIDUAL, band
 from bench.deliver.report.figures_run import BIAS, HOUR_S, TEMPERATURE
 from bench.deliver.report.plotting import BLUE, CYCLE, GREEN, GREY, ORANGE, VERMILION, Plot, axis
 from bench.record import Dataset
@@ -58,7 +59,7 @@ def over_temperature(dataset: Dataset, model: FloatArray, name: str, floor_dph: 
                 plotting.line_trace(x, y, f"{name}, {text}", plotting.DIRECTIONS[sign][1], width=3, dash=dash)
             )
             x, y = curve(temperature[own], left[own])
-            more = {"yaxis": "y2", "showlegend": False, "dash": dash}
+            more = {"yaxis": "y2", "showlegend": False, "dash": dash, "meta": LEFT}
             traces.append(
                 plotting.line_trace(x, y, f"residual, mean, {text}", plotting.DIRECTIONS[sign][1], width=3, **more)
             )
@@ -125,9 +126,26 @@ def residuals_figure(dataset: Dataset, left: FloatArray, floor_dph: float | None
     }  # fmt: skip
     x, y = plotting.plain(temperature[rows]), plotting.plain(left[rows])
     line = {"color": GREY, "width": 0.6}
-    traces = [go.Scatter(x=x, y=y, mode="lines+markers", marker=marker, line=line, name="residual", showlegend=False)]
+    style: dict[str, Any] = {"mode": "lines+markers", "marker": marker, "line": line, "showlegend": False}
+    traces = [go.Scatter(x=x, y=y, name="residual", meta=LEFT, **style)]
     layout: dict[str, Any] = {"xaxis": axis(TEMPERATURE), "yaxis": axis(RESIDUAL, zeroline=True)}
     if floor_dph is not None:
+        layout["shapes"] = [plotting.shade(-floor_dph, floor_dph, GREEN, "y")]
+    return plotting.plot(traces, layout, 520)
+
+
+def over_axis(dataset: Dataset, x: Coordinate, y: FloatArray, floor_dph: float | None, fitted: bool) -> Plot:
+    """Residual of a model (n,), or without one the bias, over any quantity: rows, and means of heating and cooling."""
+    traces = by_direction(dataset, x.values, y)
+    mark: dict[str, Any] = {"meta": LEFT} if fitted else {}
+    for sign, dash in ((1, "solid"), (-1, "dash"), (0, "dot")):
+        text, colour = plotting.DIRECTIONS[sign]
+        own = dataset.direction == sign
+        means = curve(x.values[own], y[own])
+        if means[0].size:
+            traces.append(plotting.line_trace(*means, f"{text}, mean", colour, width=3, dash=dash, **mark))
+    layout: dict[str, Any] = {"xaxis": axis(x.title), "yaxis": axis(RESIDUAL if fitted else BIAS, zeroline=fitted)}
+    if fitted and floor_dph is not None:
         layout["shapes"] = [plotting.shade(-floor_dph, floor_dph, GREEN, "y")]
     return plotting.plot(traces, layout, 520)
 

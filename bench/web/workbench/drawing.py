@@ -18,11 +18,14 @@ from bench.deliver import (
     channels_figure,
     columns,
     compensation,
+    coordinate_over,
     described,
+    drawable_coordinates,
     floor_words,
     has_channel,
     loop_figure,
     measured_figure,
+    over_axis,
     over_temperature,
     residual_map,
     residuals_figure,
@@ -55,6 +58,8 @@ class Drawing:
     span_s: tuple[float | None, float | None]
     span_degc: tuple[float | None, float | None]
     width: int
+    over: str
+    """Abscissa of `axes`."""
 
     @classmethod
     def read(cls, inputs: Mapping[str, Any]) -> Drawing:
@@ -70,6 +75,7 @@ class Drawing:
             span_s=(inputs.get("from_s"), inputs.get("to_s")),
             span_degc=(inputs.get("from_degc"), inputs.get("to_degc")),
             width=int(inputs.get("width") or WIDTH),
+            over=inputs["over"],
         )
 
     def data(self, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
@@ -241,6 +247,25 @@ def loop(drawing: Drawing) -> Figure:
     return described(plot, words, table)
 
 
+def axes(drawing: Drawing) -> Figure:
+    """Residual, or without a model the bias, over any quantity of the run."""
+    data = drawing.data()
+    known = sorted(drawable_coordinates(data) - {"rate"})
+    if drawing.over not in known:
+        raise InputError(f"{drawing.of.id} has no channel '{drawing.over}': choose one of {', '.join(known)}")
+    x, fitted = coordinate_over(data, drawing.over), drawing.model is not None
+    y = data.bias - drawing.fitted() if fitted else data.bias
+    floor_dph = drawing.floor_dph()
+    what = "residual" if fitted else "bias"
+    words = (
+        f"{what.capitalize()} over {x.title} in run {drawing.of.id}: {_range(y)} deg/h over {_range(x.values)}; "
+        f"dots are {DEFAULT_INTERVAL_S:g} s means, lines their means while heating, cooling and constant. "
+        f"{floor_words(floor_dph)}"
+    )
+    table = columns({"time [s]": data.time, x.title: x.values, f"{what} [deg/h]": y})
+    return {**described(over_axis(data, x, y, finite(floor_dph), fitted), words, table), "axes": known}
+
+
 def allan(drawing: Drawing) -> Figure:
     """Allan deviation of the isothermal data, and the noise floor from it."""
     floor = computing.floor(drawing.runs, drawing.static)
@@ -295,9 +320,9 @@ def _rms(values: FloatArray) -> str:
     return number(float(np.sqrt(np.mean(known**2)))) if known.size else "–"
 
 
-BARE = {"time", "temperature", "map", "loop"}
+BARE = {"time", "temperature", "map", "loop", "axes"}
 """Figures that there are without a model, too."""
 FIGURES: Mapping[str, Callable[[Drawing], Figure]] = {
-    "time": time, "temperature": temperature, "map": map_, "loop": loop, "allan": allan, "ladder": ladder,
+    "time": time, "temperature": temperature, "map": map_, "loop": loop, "axes": axes, "allan": allan, "ladder": ladder,
     "channels": channels,
 }  # fmt: skip

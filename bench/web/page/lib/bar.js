@@ -47,7 +47,7 @@ async function leave() {
 export function Bar({ place, who }) {
   const rank = RANK[who?.role] ?? 0;
   return html`<header class="bar">
-      <a class="brand" href="/"><img src="/static/style/icon.svg" alt="" /><span>${t("brand")}</span></a>
+      <a class="brand" href="/" aria-label=${t("brand")}><img src="/static/style/icon.svg" alt="" /><span>${t("brand")}</span></a>
       <nav aria-label=${t("nav.label")}>
         ${PAGES.filter(([, , role]) => rank >= RANK[role]).map(([address, key]) => html`
           <a key=${address} href=${address} aria-current=${isHere(address, place.path) ? "page" : undefined}>${t(key)}${address === "/live" && html`<${Count} />`}</a>`)}

@@ -71,10 +71,10 @@ export class Drawn {
     this.stop = onTheme(() => this.figure && this.paint());
   }
 
-  /** Draw `figure` {data, layout}; `keep` keeps the zoom (finer data of the same picture). */
-  async show(figure, keep = false) {
+  /** Draw `figure` {data, layout}; `keep` keeps the zoom (finer data of the same picture), else x has the `range`. */
+  async show(figure, keep = false, range = null) {
     this.figure = figure;
-    if (!keep) this.zoom = {};
+    if (!keep) this.zoom = range ? { xaxis: range } : {};
     await this.paint();
   }
 

@@ -6,10 +6,11 @@ const read = (moved) => ({ path: location.pathname, query: Object.fromEntries(ne
 /** Current address: {path, query, moved: different from the first one}. */
 export const here = store(read(false));
 
-/** Go to an address of this page. */
-export function navigate(address, { replace = false } = {}) {
-  if (address === location.pathname + location.search) return;
-  history[replace ? "replaceState" : "pushState"](null, "", address);
+/** Go to an address of this page; `state` is kept with the entry of the history. */
+export function navigate(address, { replace = false, state = null } = {}) {
+  const same = address === location.pathname + location.search;
+  if (same && !state) return;
+  history[replace || same ? "replaceState" : "pushState"](state, "", address);
   here.set(read(true));
 }
 

@@ -1,6 +1,6 @@
 // The chosen runs, each with its role: fitted, held out, or isothermal for the noise.
 import { html, t, runName, unitOf } from "./parts.js";
-import { ROLES } from "./session.js";
+import { ROLES } from "./state.js";
 
 const WORDS = () => ({ fit: t("workbench.role.fit"), check: t("workbench.role.check"), static: t("workbench.role.static") });
 const HINTS = () => ({ fit: t("workbench.role.fit_hint"), check: t("workbench.role.check_hint"), static: t("workbench.role.static_hint") });

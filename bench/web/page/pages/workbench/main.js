@@ -8,9 +8,10 @@ import { NextExperiment } from "./experiment.js";
 import { Ladder } from "./ladder.js";
 import { ModelPanel } from "./model.js";
 import { Pictures } from "./pictures.js";
-import { companions, known, likelyRole, useJob, useSession } from "./session.js";
+import { ask, companions, known, likelyRole, useJob, useSession } from "./session.js";
+import { same } from "./state.js";
 import { Unknown } from "../../lib/parts.js";
-import { Suspects } from "./suspects.js";
+import { Suspects, pictureOf } from "./suspects.js";
 
 /** Body of an analysis of one model. */
 const analysisOf = (runs, model) => ({ ...runs, models: [model] });
@@ -47,12 +48,18 @@ function BySegment({ segments }) {
 
 /** Errors of the model: numbers, ladder, undo. */
 function Standing({ session, analysis, floor }) {
-  const { steps, runs, act } = session;
+  const { steps, runs, act, undone } = session;
+  const [, redraw] = useState(0);
+  useEffect(() => {
+    for (const { model } of steps.slice(0, -1)) if (!known("/analyses", analysisOf(runs, model))) ask("/analyses", analysisOf(runs, model)).then(() => redraw((count) => count + 1), () => {});
+  }, [steps, runs]);
   const rungs = steps.map((step) => rungOf(step, runs)).filter(Boolean);
   const last = rungs[rungs.length - 1];
   return html`<section class="wb-card wb-standing" aria-labelledby="wb-ladder-title" aria-busy=${analysis.running ? "true" : "false"}>
     <div class="wb-card-head"><h2 id="wb-ladder-title">${t("workbench.ladder.title")}</h2>
-      ${steps.length > 1 && html`<button type="button" class="narrow" onClick=${() => act({ type: "undo" })}>↶ ${t("workbench.model.undo")}</button>`}</div>
+      ${(steps.length > 1 || undone > 0) && html`<span class="row">
+        <button type="button" class="narrow" disabled=${steps.length < 2} aria-keyshortcuts="Control+Z" onClick=${() => act({ type: "undo" })}>↶ ${t("workbench.model.undo")}</button>
+        <button type="button" class="narrow" disabled=${!undone} aria-keyshortcuts="Control+Shift+Z" onClick=${() => act({ type: "redo" })}>↷ ${t("workbench.model.redo")}</button></span>`}</div>
     ${analysis.failed && html`<p class="wb-bad" role="alert">${analysis.failed}</p>`}
     ${last && html`<div class="wb-tiles" role="status">
       <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${runs.check.map(runName).join(", ")}` : ""}`} />
@@ -68,54 +75,51 @@ function Standing({ session, analysis, floor }) {
 /** Scroll a part into view, so that the effect of a click is visible. */
 const show = (part) => part.current?.scrollIntoView({ block: "nearest", behavior: "smooth" });
 
+/** Ctrl+Z and Ctrl+Shift+Z, except where a text is typed, which has its own. */
+function useUndoKeys(act) {
+  useEffect(() => {
+    const key = (event) => {
+      if (!(event.ctrlKey || event.metaKey) || event.altKey || !/^[zy]$/i.test(event.key) || event.target.closest("input, textarea, select")) return;
+      event.preventDefault();
+      act({ type: event.shiftKey || /y/i.test(event.key) ? "redo" : "undo" });
+    };
+    addEventListener("keydown", key);
+    return () => removeEventListener("keydown", key);
+  }, []);
+}
+
 function Bench({ session }) {
   const { runs, model, steps, act } = session;
-  const [picked, setPicked] = useState(null);
+  useUndoKeys(act);
   const analysis = useJob("/analyses", analysisOf(runs, model));
   // All numbers and pictures shall be of one model: the diagnosis waits until the data have chosen its options.
   const open = isOpen(model);
   const settled = open ? analysis.result?.models[0].model : null;
   useEffect(() => settled && act({ type: "settle", model: settled }), [settled]);
-  useEffect(() => analysis.failed && model === START_MODEL && act({ type: "settle", model: FOLLOWING_MODEL }), [analysis.failed]);
+  useEffect(() => analysis.failed && same(model, START_MODEL) && act({ type: "settle", model: FOLLOWING_MODEL }), [analysis.failed]);
   const diagnosis = useJob("/diagnoses", open ? null : { ...runs, model });
   const floor = (analysis.result ?? analysis.stale)?.floor_dph ?? null;
-  // A picked figure belongs to its diagnosis.
-  const shown = picked && picked.of === diagnosis.result ? picked : null;
+  const picked = pictureOf(diagnosis.result, session.picture);
   const [standing, pictures] = [useRef(null), useRef(null)];
   const add = (suspect) => {
-    setPicked(null);
     act({ type: "add", effect: suspect.add ?? { effect: suspect.effect, ...suspect.options } });
     show(standing);
   };
   const pick = (picture) => {
-    setPicked(picture && { ...picture, of: diagnosis.result });
+    act({ type: "view", view: { picture } });
     if (picture) show(pictures);
   };
   return html`<div class="wb-bench">
     <div class="wb-side">
       <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} /></div>
       <section class="wb-card" aria-labelledby="wb-missing-title"><h2 id="wb-missing-title">${t("workbench.diagnosis.title")}</h2>
-        <${Suspects} found=${diagnosis.result} failed=${open ? analysis.failed : diagnosis.failed} busy=${analysis.running} picked=${shown?.id} onAdd=${add} onPicture=${pick} />
+        <${Suspects} found=${diagnosis.result} failed=${open ? analysis.failed : diagnosis.failed} busy=${analysis.running} picked=${picked?.id} onAdd=${add} onPicture=${pick} />
       </section>
       <${NextExperiment} next=${diagnosis.result?.next_experiment} unit=${unitOf(runs.runs[0])} />
-    </div>
-    <div class="wb-main">
-      <div ref=${pictures}><${Pictures} runs=${runs} model=${model} picked=${shown} onPickedOff=${() => setPicked(null)} /></div>
       <${ModelPanel} model=${model} fitted=${analysis.result?.models[0]} steps=${steps} busy=${analysis.running} act=${act} />
     </div>
+    <div class="wb-main" ref=${pictures}><${Pictures} session=${session} picked=${picked} /></div>
   </div>`;
-}
-
-/** Runs that the address names, so that a link or a reload shows the same. */
-const addressed = () => {
-  const search = new URLSearchParams(location.search);
-  return ["fit", "check", "static"].flatMap((role) => search.getAll(role === "fit" ? "run" : role).map((run) => ({ run, role, unit: unitOf(run) })));
-};
-
-function remember(chosen) {
-  const search = new URLSearchParams(chosen.map((one) => [one.role === "fit" ? "run" : one.role, one.run]));
-  const address = `${location.pathname}${chosen.length ? `?${search}` : ""}`;
-  if (address !== location.pathname + location.search) history.replaceState(history.state, "", address);
 }
 
 /** The first of the chosen runs that the server does not have, as after a mistyped address; null without one. */
@@ -126,27 +130,33 @@ function useUnknown(chosen) {
       const [unit, folder] = run.split("/");
       api.get(api.url`/runs/${unit}/${folder ?? ""}`).catch((error) => error.status === 404 && setMissing((before) => [...before, run]));
     }
-  }, [chosen]);
+  }, [chosen.map(({ run }) => run).join()]);
   return chosen.find(({ run }) => missing.includes(run))?.run ?? null;
+}
+
+/** Runs that belong to this one, each with its role. */
+function useCompanions(run) {
+  const [offered, setOffered] = useState([]);
+  useEffect(() => {
+    let active = true;
+    setOffered([]);
+    if (run) {
+      api.get(`/runs${api.query({ unit: unitOf(run), limit: 200 })}`)
+        .then(({ runs }) => active && setOffered(companions(runs.find((one) => one.run === run) ?? { run, unit: unitOf(run) }, runs)), () => {});
+    }
+    return () => { active = false; };
+  }, [run]);
+  return offered;
 }
 
 export function Page() {
   const session = useSession();
   const { chosen, act } = session;
   const [mode, setMode] = useState("bench");
-  const [offered, setOffered] = useState([]);
-  useEffect(() => {
-    const runs = addressed();
-    if (runs.length === 1) begin(runs[0]);
-    else if (runs.length) act({ type: "choose", runs });
-  }, []);
-  useEffect(() => remember(chosen), [chosen]);
-  const begin = async (row) => {
+  const offered = useCompanions(chosen[0]?.run);
+  const begin = (row) => {
     act({ type: "choose", runs: [{ ...row, role: "fit" }] });
     setMode("bench");
-    const near = await api.get(`/runs${api.query({ unit: row.unit, limit: 200 })}`)
-      .then((found) => companions(found.runs.find((one) => one.run === row.run) ?? row, found.runs), () => []);
-    setOffered(near);
   };
   const take = (row) => {
     act({ type: "take", run: { ...row, role: likelyRole(row, chosen) } });
@@ -162,6 +172,7 @@ export function Page() {
     ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} offered=${offered} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
     ${choosing && html`<div class="wb-card"><${Chooser} taken=${taken} onChoose=${adding ? take : begin} label=${adding ? t("workbench.chooser.add") : null} />
       ${chosen.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => setMode("bench")}>${t("workbench.chooser.back")}</button></p>`}</div>`}
+    ${session.wrong && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { model: session.model.name })}</p>`}
     ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
     ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} onClose=${() => setMode("bench")} />`}
     ${!choosing && !unknown && mode !== "compare" && (session.runs ? html`<${Bench} session=${session} />` : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}

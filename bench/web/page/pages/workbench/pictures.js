@@ -1,17 +1,21 @@
 // The figures of the chosen runs: one at a time, under tabs. Zooming in time or temperature fetches finer data.
-import { html, runName, t, useEffect, useLayoutEffect, useRef, useState } from "./parts.js";
+import { html, or, runName, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
+import { haunted } from "./ghost.js";
 import { useJob } from "./session.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 
-const KINDS = ["time", "temperature", "map", "loop", "allan", "channels"];
+const KINDS = ["time", "temperature", "map", "loop", "axes", "allan", "channels"];
 const TABS = () => ({
   time: t("workbench.figure.time"),
   temperature: t("workbench.figure.temperature"),
   map: t("workbench.figure.map"),
   loop: t("workbench.figure.loop"),
+  axes: t("workbench.figure.axes"),
   allan: t("workbench.figure.allan"),
   channels: t("workbench.figure.channels"),
 });
+/** Figures with a residual. */
+const RESIDUALS = ["time", "temperature", "loop", "axes"];
 const HOUR_S = 3600;
 const ZOOM_PAUSE_MS = 250;
 const WIDTHS = [400, 800, 1200, 1600, 2000];
@@ -19,20 +23,20 @@ const WIDTHS = [400, 800, 1200, 1600, 2000];
 /** Number of points to fetch for the width of an element; in steps, so that answers can be cached. */
 const pointsFor = (element) => WIDTHS.find((width) => width >= (element?.clientWidth || 800)) ?? WIDTHS[WIDTHS.length - 1];
 
-/** A figure with its words, keys and files. `figure`: {figure, words, csv}; `onZoom(range|null)`. */
-export function Picture({ answer, name, title, running, waiting, onZoom, keep }) {
+/** A figure with its words, keys and files. `figure`: {figure, words, csv}; `onZoom(range|null)`; `range` of x to begin with. */
+export function Picture({ answer, name, title, running, waiting, onZoom, keep, range = null }) {
   const place = useRef(null);
   const drawn = useRef(null);
   const [failed, setFailed] = useState("");
   const tell = useRef(onZoom);
   tell.current = onZoom;
   useLayoutEffect(() => {
-    drawn.current = new Drawn(place.current, (range) => tell.current?.(range));
+    drawn.current = new Drawn(place.current, (shown) => tell.current?.(shown));
     return () => drawn.current.end();
   }, []);
   useEffect(() => {
     if (!answer) return;
-    drawn.current.show(answer.figure, keep).then(() => setFailed(""), (error) => setFailed(error.message));
+    drawn.current.show(answer.figure, keep, range).then(() => setFailed(""), (error) => setFailed(error.message));
   }, [answer]);
   const key = (event) => {
     if (!event.ctrlKey && !event.metaKey && !event.altKey && drawn.current.key(event.key)) event.preventDefault();
@@ -79,61 +83,70 @@ function spanOf(kind, range) {
   return kind === "temperature" || kind === "loop" ? { from_degc: range[0], to_degc: range[1] } : {};
 }
 
-/** Choice of the drawn run, and of bias or residual in the loop. */
-function Choices({ runs, kind, of, onOf, left, onLeft }) {
+/** A quantity of an axis in the reader's language. */
+const quantity = (name) => (name === "dT_dt" ? "dT/dt" : or(`import.channel.${name}`, name.replaceAll("_", " ")));
+
+/** Choice of the drawn run, of bias or residual in the loop, of the abscissa. */
+function Choices({ session, kind, of, axes }) {
+  const { runs, over, left, act } = session;
   const all = [...runs.runs, ...runs.check];
+  const view = (change) => act({ type: "view", view: change });
   return html`<div class="wb-choices">
     ${all.length > 1 && kind !== "allan" && html`<label class="wb-inline"><span class="unseen">${t("workbench.figure.shown")}</span>
-      <select value=${of} onChange=${(event) => onOf(event.target.value)}>
+      <select value=${of} onChange=${(event) => view({ of: event.target.value })}>
         ${all.map((run) => html`<option key=${run} value=${run} selected=${run === of}>${runName(run)}${runs.check.includes(run) ? ` (${t("workbench.role.check")})` : ""}</option>`)}
       </select></label>`}
-    ${kind === "loop" && html`<label class="wb-inline"><input type="checkbox" checked=${left} onChange=${(event) => onLeft(event.target.checked)} />${t("workbench.figure.left")}</label>`}
+    ${kind === "loop" && html`<label class="wb-inline"><input type="checkbox" checked=${left !== ""} onChange=${(event) => view({ left: event.target.checked ? "yes" : "" })} />${t("workbench.figure.left")}</label>`}
+    ${kind === "axes" && html`<label class="wb-inline">${t("workbench.figure.over")}
+      <select value=${over} onChange=${(event) => view({ over: event.target.value })}>
+        ${[...new Set([over, ...axes])].map((name) => html`<option key=${name} value=${name} selected=${name === over}>${quantity(name)}</option>`)}
+      </select></label>`}
   </div>`;
 }
 
-/** Figures of `runs` {runs, check, static} under `model`; `picked` {id, title, answer} is a figure of the diagnosis that replaces them. */
-export function Pictures({ runs, model, picked, onPickedOff }) {
-  const [kind, setKind] = useState("time");
-  const [asked, setOf] = useState(null);
-  const [left, setLeft] = useState(false);
-  const [zoomed, setZoomed] = useState({ what: null, span: {} });
+/** Figures of the session's runs under its model; `picked` {id, title, answer} is a figure of the diagnosis that replaces them. */
+export function Pictures({ session, picked }) {
+  const { runs, model, before, over, left, zoom, act } = session;
+  const kind = KINDS.includes(session.figure) ? session.figure : KINDS[0];
   const frame = useRef(null);
   const timer = useRef(0);
-  const of = [...runs.runs, ...runs.check].includes(asked) ? asked : runs.runs[0];
+  const told = useRef("");
+  const axes = useRef([]);
+  const of = [...runs.runs, ...runs.check].includes(session.of) ? session.of : runs.runs[0];
+  const ends = zoom.split(",").map(Number);
+  const range = ends.length === 2 && ends.every(Number.isFinite) ? ends : null;
   // The same figure keeps its zoom while finer data arrive and while the model changes.
-  const what = picked ? `picked ${picked.id}` : JSON.stringify([kind, of, left, runs]);
-  const span = zoomed.what === what ? zoomed.span : {};
-  const body = picked ? null : { kind, ...runs, of, model: kind === "loop" && !left ? null : model, ...span, width: pointsFor(frame.current) };
-  const job = useJob("/figures", body);
-  const last = useRef({ what: null, answer: null });
-  const keep = last.current.what === what;
+  const what = picked ? `picked ${picked.id}` : JSON.stringify([kind, of, left, over, runs]);
+  const bodyOf = (fitted) => ({ kind, ...runs, of, over, model: fitted, ...spanOf(kind, range), width: pointsFor(frame.current) });
+  const job = useJob("/figures", picked ? null : bodyOf(kind === "loop" && !left ? null : model));
+  const ghost = useJob("/figures", !picked && before && RESIDUALS.includes(kind) && (left || kind !== "loop") ? bodyOf(before) : null).result;
+  const last = useRef({ what: null, zoom: "", answer: null });
+  // A range that the figure has not told is one of the address: of a link, back or forward.
+  const keep = last.current.what === what && (zoom === last.current.zoom || zoom === told.current);
   const fresh = picked?.answer ?? job.result;
-  if (fresh) last.current = { what, answer: fresh };
+  const drawn = useMemo(() => (fresh && ghost ? { ...fresh, figure: haunted(fresh.figure, ghost.figure, t("workbench.figure.before")) } : fresh), [fresh, ghost]);
+  if (drawn) last.current = { what, zoom, answer: drawn };
+  if (fresh?.axes) axes.current = fresh.axes;
   // A figure of another kind must not be shown under this tab, even while its own figure is loading.
   const answer = last.current.what === what ? last.current.answer : null;
   useEffect(() => () => clearTimeout(timer.current), []);
-  const zoom = (range) => {
-    const next = spanOf(kind, range);
-    if (picked || (range && !Object.keys(next).length)) return;
+  const onZoom = (next) => {
     clearTimeout(timer.current);
-    timer.current = setTimeout(() => setZoomed({ what, span: next }), ZOOM_PAUSE_MS);
+    if (picked || (next && !Object.keys(spanOf(kind, next)).length)) return;
+    told.current = next ? next.map((end) => Number(end.toPrecision(8))).join() : "";
+    timer.current = setTimeout(() => act({ type: "zoom", zoom: told.current }), ZOOM_PAUSE_MS);
   };
   const words = { ...TABS(), picked: picked?.title };
   const shown = picked ? "picked" : kind;
-  const pick = (next) => {
-    if (next === "picked") return;
-    if (picked) onPickedOff();
-    setKind(next);
-  };
   const title = words[shown];
   return html`<section class="wb-card wb-pictures" ref=${frame} aria-label=${t("workbench.figure.title")}>
     <div class="wb-head">
-      <${Tabs} kinds=${picked ? [...KINDS, "picked"] : KINDS} words=${words} kind=${shown} onKind=${pick} />
-      ${!picked && html`<${Choices} runs=${runs} kind=${kind} of=${of} onOf=${setOf} left=${left} onLeft=${setLeft} />`}</div>
+      <${Tabs} kinds=${picked ? [...KINDS, "picked"] : KINDS} words=${words} kind=${shown} onKind=${(next) => next !== "picked" && act({ type: "view", view: { figure: next } })} />
+      ${!picked && html`<${Choices} session=${session} kind=${kind} of=${of} axes=${axes.current} />`}</div>
     <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
       ${job.failed && html`<p class="wb-bad" role="alert">${job.failed}</p>`}
       ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <span lang="en">${answer.note}</span></p>`}
-      <${Picture} answer=${answer} running=${job.running} waiting=${job.running && !answer} title=${title} onZoom=${zoom} keep=${keep}
+      <${Picture} answer=${answer} running=${job.running} waiting=${job.running && !answer} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range}
         name=${`${of} ${model.name} ${shown}`} />
     </div>
   </section>`;

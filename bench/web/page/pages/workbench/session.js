@@ -1,9 +1,9 @@
-// State of the workbench: the runs with their roles, the models in order, and their results.
-import { api, useEffect, useMemo, useReducer, useState } from "./parts.js";
-import { effectWord } from "./effects.js";
-import { START_MODEL } from "./first.js";
+// The workbench's state in the address of the page, and the results that belong to it.
+import { api, useEffect, useMemo, useState } from "./parts.js";
+import { here, navigate } from "../../lib/router.js";
+import { useStore } from "../../lib/store.js";
+import { addressOf, change, stateOf } from "./state.js";
 
-export const ROLES = ["fit", "check", "static"];
 const NEAR_MS = 7 * 24 * 3600 * 1000;
 const MOST_CACHED = 60;
 
@@ -26,59 +26,43 @@ export function companions(row, rows) {
   return [check && { ...check, role: "check" }, still && { ...still, role: "static" }].filter(Boolean);
 }
 
-const label = (effect) => `+ ${effectWord(effect.effect)}`;
+/** Actions that do not make an entry of the history. */
+const SILENT = ["settle", "zoom"];
 
-function change(state, action) {
-  const { chosen, steps } = state;
-  const model = steps[steps.length - 1].model;
-  const grown = (next, name) => ({ ...state, steps: [...steps, { model: next, label: name }] });
-  switch (action.type) {
-    case "choose":
-      return { chosen: action.runs, steps: [steps[0]] };
-    case "take":
-      return { ...state, chosen: [...chosen.filter((one) => one.run !== action.run.run), action.run] };
-    case "drop":
-      return { ...state, chosen: chosen.filter((one) => one.run !== action.run) };
-    case "role":
-      return { ...state, chosen: chosen.map((one) => {
-        if (one.run === action.run) return { ...one, role: action.role };
-        return action.role === "static" && one.role === "static" ? { ...one, role: "check" } : one;
-      }) };
-    case "model":
-      return { ...state, steps: [{ model: action.model, label: action.model.name }] };
-    case "settle":
-      return { ...state, steps: [...steps.slice(0, -1), { ...steps[steps.length - 1], model: action.model }] };
-    case "edit":
-      return grown({ ...model, effects: model.effects.map((one, i) => (i === action.index ? { ...one, [action.option]: action.value } : one)) },
-        `${effectWord(model.effects[action.index].effect)} ${action.option} ${action.value}`);
-    case "add":
-      return grown({ ...model, name: `${model.name} + ${action.effect.effect}`, effects: [...model.effects, action.effect] }, label(action.effect));
-    case "remove": {
-      const left = model.effects.filter((_, i) => i !== action.index);
-      const gone = model.effects[action.index];
-      return left.length ? grown({ ...model, name: `${model.name} − ${gone.effect}`, effects: left }, `− ${effectWord(gone.effect)}`) : state;
-    }
-    case "undo":
-      return steps.length > 1 ? { ...state, steps: steps.slice(0, -1) } : state;
-    default:
-      return state;
-  }
+const read = () => stateOf(location.search, history.state);
+
+function act(action) {
+  const next = change(read(), action);
+  navigate(location.pathname + addressOf(next), { replace: SILENT.includes(action.type), state: { steps: next.steps, at: next.at } });
 }
 
-/** State and `act(action)`; `runs` {runs, check, static} in the form of the API, null while nothing can be fitted. */
+/** State of the address and `act(action)`, which changes it; `runs` {runs, check, static} in the form of the API, null while nothing can be fitted. */
 export function useSession() {
-  const [state, act] = useReducer(change, { chosen: [], steps: [{ model: START_MODEL, label: START_MODEL.name }] });
-  const runs = useMemo(() => {
+  const place = useStore(here);
+  return useMemo(() => {
+    const state = read();
     const of = (role) => state.chosen.filter((one) => one.role === role).map((one) => one.run);
-    return of("fit").length ? { runs: of("fit"), check: of("check"), static: of("static")[0] ?? null } : null;
-  }, [state.chosen]);
-  return { ...state, runs, act, model: state.steps[state.steps.length - 1].model };
+    const runs = of("fit").length ? { runs: of("fit"), check: of("check"), static: of("static")[0] ?? null } : null;
+    const model = state.steps[state.at].model;
+    const before = state.steps[state.at - 1]?.model ?? null;
+    return { ...state, steps: state.steps.slice(0, state.at + 1), undone: state.steps.length - state.at - 1, runs, act, model, before };
+  }, [place]);
 }
 
 const answers = new Map();
 
 /** Cached result of a job, or undefined. */
 export const known = (path, body) => answers.get(`${path} ${JSON.stringify(body)}`);
+
+/** Compute what is not known yet, and keep it. */
+export async function ask(path, body) {
+  const key = `${path} ${JSON.stringify(body)}`;
+  if (answers.has(key)) return answers.get(key);
+  const result = await api.compute(path, body);
+  answers.set(key, result);
+  if (answers.size > MOST_CACHED) answers.delete(answers.keys().next().value);
+  return result;
+}
 
 /** Answer of a job: {result, failed, running}. While the next one is computed, `stale` is the one before. */
 export function useJob(path, body) {
@@ -87,12 +71,8 @@ export function useJob(path, body) {
   useEffect(() => {
     if (!key || answers.has(key)) return undefined;
     let active = true;
-    api.compute(path, body).then(
-      (result) => {
-        answers.set(key, result);
-        if (answers.size > MOST_CACHED) answers.delete(answers.keys().next().value);
-        if (active) setState({ key, result, failed: "" });
-      },
+    ask(path, body).then(
+      (result) => active && setState({ key, result, failed: "" }),
       (error) => active && setState({ key, result: null, failed: error.message || String(error) }),
     );
     return () => { active = false; };

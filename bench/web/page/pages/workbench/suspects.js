@@ -51,7 +51,7 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
       <h4 title=${suspect.effect}>${name} ${whole && html`<code>${suspect.effect}</code>`}</h4>
       ${suspect.partial && html`<button type="button" class="wb-link" aria-pressed=${picked ? "true" : "false"}
         aria-label=${`${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}: ${name}`}
-        onClick=${() => onPicture(picked ? null : pictureOf(suspect))}>${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
+        onClick=${() => onPicture(picked ? "" : suspect.effect)}>${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
       <button type="button" class=${first ? "primary narrow" : "narrow"} disabled=${busy} onClick=${() => onAdd(suspect)}
         aria-label=${t("workbench.suspect.add_named", { effect: name })}>${t("workbench.suspect.add")}</button>
     </div>
@@ -70,7 +70,7 @@ function Formulas({ formulas, busy, picked, onAdd, onPicture }) {
     <div class="wb-suspect-head"><h4><code>${one.formula}</code></h4>
       ${one.partial && html`<button type="button" class="wb-link" aria-pressed=${picked === one.formula ? "true" : "false"}
         aria-label=${`${picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}: ${one.formula}`}
-        onClick=${() => onPicture(picked === one.formula ? null : { id: one.formula, title: t("workbench.formula.picture"), answer: one.partial })}>${
+        onClick=${() => onPicture(picked === one.formula ? "" : one.formula)}>${
           picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
       <button type="button" class="narrow" disabled=${busy} onClick=${() => onAdd({ effect: "expression", add: one.add })}
         aria-label=${t("workbench.suspect.add_named", { effect: one.formula })}>${t("workbench.suspect.add")}</button></div>
@@ -82,20 +82,29 @@ function Formulas({ formulas, busy, picked, onAdd, onPicture }) {
   </li>`)}</ol>`;
 }
 
-/** Partial residual of a suspect over its coordinate. */
-const pictureOf = ({ effect, partial }) => ({ id: effect, title: `${t("workbench.figure.partial")}: ${effectWord(effect)}`, answer: partial });
+const FURTHER = () => ({
+  map: t("workbench.diagnosis.map"),
+  legs: t("workbench.diagnosis.legs"),
+  misfit: t("workbench.diagnosis.misfit"),
+});
+
+/** The picture {id, title, answer} of a diagnosis: of a suspect or a formula over its coordinate, or one of all; null without it. */
+export function pictureOf(found, id) {
+  const suspect = found?.suspects.find(({ effect }) => effect === id);
+  const formula = found?.formulas?.find((one) => one.formula === id);
+  const answer = suspect?.partial ?? formula?.partial ?? found?.figures?.[id];
+  if (!answer) return null;
+  const title = suspect ? `${t("workbench.figure.partial")}: ${effectWord(id)}` : formula ? t("workbench.formula.picture") : FURTHER()[id];
+  return { id, title, answer };
+}
 
 /** Pictures of the whole diagnosis: the map before and after, the evidence by segment, where it fails most. */
 function Further({ figures, picked, onPicture }) {
-  const words = {
-    map: t("workbench.diagnosis.map"),
-    legs: t("workbench.diagnosis.legs"),
-    misfit: t("workbench.diagnosis.misfit"),
-  };
+  const words = FURTHER();
   const there = Object.keys(words).filter((key) => figures?.[key]);
   if (!there.length) return null;
   return html`<p class="wb-further">${there.map((key) => html`<button type="button" key=${key} class="wb-link" aria-pressed=${picked === key ? "true" : "false"}
-    onClick=${() => onPicture(picked === key ? null : { id: key, title: words[key], answer: figures[key] })}>${words[key]}</button>`)}</p>`;
+    onClick=${() => onPicture(picked === key ? "" : key)}>${words[key]}</button>`)}</p>`;
 }
 
 /** Ends of a place, with enough digits to distinguish them. */
