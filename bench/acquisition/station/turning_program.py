@@ -40,6 +40,7 @@ class TurningProgram:
     def ended(self) -> bool:
         """Whether it has ended, or has taken too long and is ended now."""
         if self._process is None:
+            self.end()
             return True
         if self._process.poll() is None and time.monotonic() < self._limit_s:
             return False
