@@ -11,13 +11,15 @@ from bench.analysis.diagnosis.compare import compare
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.improve import add_effect
+from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
+from bench.analysis.diagnosis.suspects import isothermal
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.base.errors import InputError
 from bench.cli.rendering import lines
 from bench.commands.results.analyse import Diagnosed
-from tests.support.hidden_runs import NOISE, HiddenUnit, hidden_run
+from tests.support.hidden_runs import INTERVAL_S, NOISE, HiddenUnit, hidden_run
 
 SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
 LAG = {"mechanism": "thermal_lag", "tau_s": 200.0}
@@ -139,12 +141,19 @@ def test_runs_of_sister_units_tell_a_slow_cause_from_the_noise(still):
     assert more.to_json()["sisters"] == [sister.name for sister in sisters]
 
 
-def test_a_sister_that_scatters_otherwise_is_left_out(still):
-    noisy = replace(HiddenUnit(), noise={name: 2.0 * value for name, value in NOISE.items()})
-    sister = noisy.run("static", seed=7)
-    answer = diagnose([hidden_run(profile="short", seed=4)], SPLINE, static=still, sisters=[sister], candidates=FEW)
-    assert "was left out: it scatters otherwise" in answer.notes[0]
-    assert "white noise 1.9" in answer.notes[0]
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"angle_random_walk": 0.02}, "has 1.8"),
+        ({"bias_instability": 0.15}, "drifts otherwise"),
+    ],
+)
+def test_a_sister_that_is_another_kind_of_unit_is_left_out(still, changed, said):
+    sisters = [replace(HiddenUnit(), noise={**NOISE, **noise}).run("static", seed=7) for noise in ({}, changed)]
+    own = isothermal(still, INTERVAL_S)
+    kept, (note,) = sister_records(own, sisters, INTERVAL_S)
+    assert len(kept) == 1
+    assert f"{sisters[1].name} was left out: it {said}" in note
 
 
 def test_sisters_are_compared_with_the_units_own_isothermal_run(still):

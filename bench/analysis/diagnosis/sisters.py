@@ -6,6 +6,9 @@ What one isothermal run leaves open, slow noise may take: a slow cause of the si
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from bench.analysis.diagnosis.probes import UNLIKE_FREEDOM, unlike
 from bench.analysis.diagnosis.suspects import isothermal
@@ -14,23 +17,33 @@ from bench.analysis.noise.probability import chi2_tail
 from bench.record import Dataset
 
 _LEVEL = 0.001
+_WHITER = 1.5  # times its own white noise: another kind of unit
 
 
 def sister_records(
     own: Record, sisters: Sequence[Dataset], interval_s: float
 ) -> tuple[tuple[Record, ...], tuple[str, ...]]:
-    """Records of the sisters whose noise is not unlike that of the unit's own isothermal run; a note on each other.
+    """Records of the sisters whose noise drifts like that of the unit's own isothermal run; a note on each other.
 
+    Each keeps a white noise of its own, from the differences of neighbouring rows.
     Raises InputError: a sister's temperature does not stand still.
     """
     kept, notes = [], []
     for sister in sisters:
         record = isothermal(sister, interval_s)
-        statistic, ratio = unlike((own,), (record,), NoiseLattice((own, record), interval_s))
-        p = chi2_tail(statistic, UNLIKE_FREEDOM)
-        if p >= _LEVEL:
+        whiter = _white(record, interval_s) / _white(own, interval_s)
+        record = replace(record, white=whiter * (np.ones(len(record.y)) if record.white is None else record.white))
+        statistic, _ = unlike((own,), (record,), NoiseLattice((own, record), interval_s))
+        p, size = chi2_tail(statistic, UNLIKE_FREEDOM), float(np.sqrt(whiter))
+        if p >= _LEVEL and 1.0 / _WHITER <= size <= _WHITER:
             kept.append(record)
             continue
-        white = f"white noise {1.0 / ratio:.2f} times that of the unit's own isothermal run"
-        notes.append(f"{sister.name} was left out: it scatters otherwise (p {p:.1g}, {white})")
+        how = f"drifts otherwise (p {p:.1g}) than" if p < _LEVEL else f"has {size:.2f} times the white noise of"
+        notes.append(f"{sister.name} was left out: it {how} the unit's own isothermal run")
     return tuple(kept), tuple(notes)
+
+
+def _white(record: Record, interval_s: float) -> float:
+    """Half the mean square difference of neighbouring rows: nearly all of it is white noise."""
+    near = np.diff(record.time_s) < 1.5 * interval_s
+    return float(0.5 * np.mean(np.diff(record.y)[near] ** 2))
