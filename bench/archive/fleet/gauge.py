@@ -163,7 +163,8 @@ def _variances(freedom: FloatArray, squares: FloatArray, trials: int, pooled: bo
         own = crossed = (squares[..., 2] + squares[..., 3]) / (freedom[2] + freedom[3])
     parts = [own, (mean[..., 1] - crossed) / (units * trials), (crossed - own) / trials,
              (mean[..., 0] - crossed) / (stations * trials)]  # fmt: skip
-    return np.maximum(np.stack(parts, axis=-1), 0.0)
+    found: FloatArray = np.maximum(np.stack(parts, axis=-1), 0.0)
+    return found
 
 
 def _draws(freedom: FloatArray, squares: FloatArray, trials: int, pooled: bool) -> FloatArray:
@@ -207,14 +208,13 @@ def _likely(y: FloatArray, station: IntArray, unit: IntArray, *, crossed: bool) 
         return (y.size - 1) * float(np.log(square)) + height, square
 
     # Of ratios, not their roots or logarithms: the slope at zero tells whether zero is best.
-    ends: Any = [(0.0, None), (0.0, None if crossed else 0.0), (0.0, None)]
+    minimise: Any = scipy.optimize.minimize
+    ends = [(0.0, None), (0.0, None if crossed else 0.0), (0.0, None)]
     tried = []
-    options: Any = {"ftol": 1e-13, "gtol": 1e-7}
+    options = {"ftol": 1e-13, "gtol": 1e-7}
     for start in _STARTS:
-        begin: Any = np.array([start, start if crossed else 0.0, start])
-        tried.append(
-            scipy.optimize.minimize(lambda r: solved(r)[0], begin, method="L-BFGS-B", bounds=ends, options=options)
-        )
+        begin = np.array([start, start if crossed else 0.0, start])
+        tried.append(minimise(lambda r: solved(r)[0], begin, method="L-BFGS-B", bounds=ends, options=options))
     ratios = np.asarray(min(tried, key=lambda one: float(one.fun)).x, dtype=np.float64)
     return np.asarray(np.append(1.0, ratios) * solved(ratios)[1] * scale**2, dtype=np.float64)
 
