@@ -25,6 +25,8 @@ from .fleet.collect import collect as collect
 from .fleet.engines import Engine as Engine
 from .fleet.engines import dask_engine as dask_engine
 from .fleet.engines import local_engine as local_engine
+from .fleet.gauge import Gauge as Gauge
+from .fleet.gauge import gauge as gauge
 from .fleet.history import Archive as Archive
 from .fleet.history import printed_certificate as printed_certificate
 from .fleet.history import unit_history as unit_history
@@ -47,6 +49,7 @@ from .fleet.trends import figure as figure
 from .fleet.trends import trends as trends
 from .fleet.units import NoUnitError as NoUnitError
 from .fleet.units import fleet_of as fleet_of
+from .fleet.units import selected as selected
 from .registry.asking import certificates as certificates
 from .registry.asking import equipment as equipment
 from .registry.asking import known_runs as known_runs

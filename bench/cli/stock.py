@@ -180,6 +180,24 @@ def fleet(context: click.Context, /, as_json: bool, **options: Any) -> None:
         answer(lambda: commands.fleet(**fetched(options)), as_json)
 
 
+@fleet.command("gauge")
+@click.argument("quantity")
+@click.option("--unit-filter", "pattern", metavar="REGEX", help="Only units whose whole serial matches.")
+@profile_option
+@path_option("--limits", help="Limits file (YAML): the tolerance is the width between the limits of QUANTITY.")
+@shelf_options
+@answers
+def fleet_gauge(quantity: str, out: Path, where: str | None, **options: Any) -> Result:
+    """Gauge R&R of QUANTITY, from units that several stations measured, each at least twice somewhere.
+
+    Standard deviations of repetitions, stations and units by crossed analysis of variance and by REML; exit code 1 if
+    the first two take more than 30 % (AIAG).
+    """
+    from bench import commands
+
+    return commands.gauge(quantity, out, where, **options)
+
+
 @fleet.command("refit")
 @model_argument
 @profile_option

@@ -125,6 +125,7 @@ from .calibration.plan import Plan as Plan
 
 # Many units
 from .fleet import fleet as fleet
+from .fleet import gauge as gauge
 from .lots import calibrate_lot as calibrate_lot
 from .lots import audits as audits
 from .lots import check_lot as check_lot
@@ -142,6 +143,7 @@ from .results.stock import CertificatesListed as CertificatesListed
 from .results.stock import EquipmentListed as EquipmentListed
 from .results.stock import Recalled as Recalled
 from .results.stock import FleetJudged as FleetJudged
+from .results.stock import GaugeJudged as GaugeJudged
 from .results.stock import LotCalibrated as LotCalibrated
 from .results.stock import LotAudited as LotAudited
 from .results.stock import LotChecked as LotChecked

@@ -10,7 +10,8 @@ from scipy import stats
 
 from bench.archive.fleet.capability import capability, proportion
 from bench.archive.fleet.charts import chart, signals
-from bench.archive.fleet.drift import corrected, drifts, ewma
+from bench.archive.fleet.drift import Levelled, corrected
+from bench.archive.fleet.drift import drifts as drifts_of
 from bench.archive.fleet.unlike import unlike
 from bench.cli import main
 from tests.support.fleet_runs import LIMITS, line, station
@@ -100,6 +101,12 @@ def production(seed, slope=0.0, offset=0.0, units=200):
     return values, days * DAY_S, stations, lots
 
 
+def drifts(*values_to_lots_and_quantity):
+    *given, quantity = values_to_lots_and_quantity
+    levelled = Levelled.of(*given)
+    return drifts_of(levelled, quantity) if levelled else []
+
+
 def significant(found):
     return {(one.kind, one.place) for one in corrected(found) if one.significant}
 
@@ -174,12 +181,6 @@ def test_one_bad_unit_is_no_drift():
     assert significant(drifts(values, *rest, "q")) == set()
 
 
-def test_ewma_is_out_where_the_level_moved_late():
-    random = np.random.default_rng(7)
-    still, moved = random.normal(0, 1, 100), random.normal(0, 1, 100) + np.where(np.arange(100) > 90, 2.0, 0.0)
-    assert abs(ewma(still)) < 1 < ewma(moved)
-
-
 def test_units_unlike_their_lot_are_found_though_each_quantity_alone_is_ordinary():
     random = np.random.default_rng(8)
     common = random.normal(size=200)
@@ -245,6 +246,9 @@ def test_the_whole_line_is_told_in_json_csv_and_a_page(made, tmp_path):
     assert (found["yield"]["judged"], found["yield"]["first"], found["yield"]["final"]) == (201, 200, 201)
     moved = {(one["kind"], one["place"], one["quantity"]) for one in found["drifts"] if one["significant"]}
     assert moved == {("station", "station-B", "noise_floor_dph"), ("lot", "L2", "noise_floor_dph")}
+    assert {(one["place"], one["quantity"]) for one in found["shifts"]} == {("station-B", "noise_floor_dph")}
+    assert found["station_charts"]["false_alarm"] == 0.01
+    assert {one["kind"] for one in found["station_charts"]["charts"]} == {"cusum", "ewma"}
     assert "L1-0077" in [one["unit"] for one in found["unlike"]]
     able = {one["name"]: one["capability"] for one in found["quantities"]}
     assert able["residual_rms_dph"]["outside"] == 0
@@ -256,6 +260,7 @@ def test_the_whole_line_is_told_in_json_csv_and_a_page(made, tmp_path):
     html = page.read_text()
     assert "Fleet of 201 units" in html
     assert "station-B" in html
+    assert "Stations that left their level" in html
     assert 'src="http' not in html
 
 

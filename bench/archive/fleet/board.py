@@ -31,6 +31,8 @@ def overview(found: Statistics) -> Found:
     moved = [one for one in content["drifts"] if one["significant"]]
     for one in moved:
         one["unit"] = found.fleet.units[one["quantity"]]
+    for one in content["shifts"]:
+        one["unit_of_value"] = found.fleet.units[one["quantity"]]
     return {
         **content,
         "drifts": moved,
@@ -56,6 +58,7 @@ def _attention(found: Statistics) -> Found:
         "outside": found.passes.outside,
         "unjudged": found.passes.unjudged,
         "stations": places["station"],
+        "shifted": list(dict.fromkeys(one.place for one in found.shifts)),
         "lots": places["lot"],
         "odd": [found.fleet.newest[one.row].unit for one in found.odd],
         "beyond": [one.name for one in found.measured if one.chart and any(s.rule == 1 for s in one.chart.signals)],

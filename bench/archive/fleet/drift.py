@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from bench.archive.fleet.charts import D2
 from bench.archive.fleet.mixed import Mixed, Tested
 from bench.base import BoolArray, FloatArray, IntArray
 
@@ -26,8 +25,6 @@ DAY_S = 86400.0
 LEAST = 8
 _FAR = 5.0
 """Robust sigmas from the lot's median beyond which a unit is left out."""
-_WEIGHT, _WIDTH = 0.2, 2.962
-"""EWMA: weight of the newest value, limits in its sigmas (in control: one false alarm in 500 units on average)."""
 _LEAST_LOT, _LEAST_STATIONS = 3, 3
 
 
@@ -43,7 +40,7 @@ class Drift:
     p: float
     count: int
     ewma: float = np.nan
-    """Weighted mean of a station's latest units, in units of its limit; beyond +-1 the station has left its level."""
+    """Weighted mean of a station's latest units, in units of its limit (`shifts`)."""
 
     @property
     def significant(self) -> bool:
@@ -51,45 +48,78 @@ class Drift:
         return self.p < SIGNIFICANT
 
 
-def drifts(
-    values: FloatArray, time_s: FloatArray, stations: Sequence[str], lots: Sequence[str], quantity: str
-) -> list[Drift]:
-    """Slope of every station and offset of every lot for one quantity (n,); none where the data do not determine them.
+@dataclass(frozen=True, eq=False)
+class Levelled:
+    """Values of one quantity (n,) in the order given, their stations and lots, and the mixed model of those near.
+
+    `rows` are the places of the values in a longer table, 0 to n - 1 without one.
+    """
+
+    solved: Mixed
+    values: FloatArray
+    station: IntArray
+    lot: IntArray
+    names: tuple[str, ...]
+    """Of the stations …"""
+    lots: tuple[str, ...]
+    """… and the lots."""
+    time_s: FloatArray
+    near: BoolArray
+    """Values that the model was fitted to."""
+    rows: IntArray
+
+    @classmethod
+    def of(
+        cls,
+        values: FloatArray,
+        time_s: FloatArray,
+        stations: Sequence[str],
+        lots: Sequence[str],
+        rows: IntArray | None = None,
+    ) -> Levelled | None:
+        """None where there are too few values."""
+        lot_names, lot = np.unique(np.asarray(lots, dtype=str), return_inverse=True)
+        names, station = np.unique(np.asarray(stations, dtype=str), return_inverse=True)
+        near, t = _near(values, lot), time_s / DAY_S
+        many = np.bincount(station[near], minlength=len(names))
+        if near.sum() - 2 * np.count_nonzero(many) - 1 < LEAST // 2:
+            return None
+        sizes = np.maximum(np.bincount(lot[near], minlength=len(lot_names)), 1)
+        when = (np.bincount(lot[near], t[near], len(lot_names)) / sizes)[lot]
+        when -= when[near].mean()
+        own = np.bincount(station[near], t[near], len(names)) / np.maximum(many, 1)
+        rows_of, count = np.arange(values.size), len(names)
+        columns = scipy.sparse.csr_array(
+            (
+                np.concatenate([np.ones(values.size), t - own[station], when]),
+                (np.tile(rows_of, 3), np.concatenate([station, count + station, np.full(values.size, 2 * count)])),
+            ),
+            shape=(values.size, 2 * count + 1),
+        )
+        solved = Mixed.of(columns[near], values[near], lot[near])
+        found = rows_of if rows is None else rows
+        return cls(solved, values, station, lot, tuple(names.tolist()), tuple(lot_names.tolist()), time_s, near, found)
+
+    def in_order(self, place: int) -> IntArray:
+        """Indices of the values of a station in order of time."""
+        own = np.flatnonzero(self.station == place)
+        return own[np.argsort(self.time_s[own], kind="stable")]
+
+
+def drifts(levelled: Levelled, quantity: str) -> list[Drift]:
+    """Slope of every station and offset of every lot for one quantity; none where the data do not determine them.
 
     `corrected` corrects `p` afterwards.
     """
-    lot = np.unique(np.asarray(lots, dtype=str), return_inverse=True)[1]
-    keep = _near(values, lot)
-    lot_names, lot = np.unique(np.asarray(lots, dtype=str)[keep], return_inverse=True)
-    names, station = np.unique(np.asarray(stations, dtype=str)[keep], return_inverse=True)
-    y, t = values[keep], time_s[keep] / DAY_S
-    if y.size - 2 * len(names) - 1 < LEAST // 2:
-        return []
-    many = np.bincount(lot)
-    when = (np.bincount(lot, t) / many)[lot]
-    own = np.bincount(station, t) / np.bincount(station)
-    rows = np.arange(y.size)
-    columns = scipy.sparse.csr_array(
-        (
-            np.concatenate([np.ones(y.size), t - own[station], when - when.mean()]),
-            (np.tile(rows, 3), np.concatenate([station, len(names) + station, np.full(y.size, 2 * len(names))])),
-        ),
-        shape=(y.size, 2 * len(names) + 1),
-    )
-    solved = Mixed.of(columns, y, lot)
-    return [
-        *_of_stations(solved, names.tolist(), station, t, quantity),
-        *_of_lots(solved, lot_names.tolist(), quantity),
-    ]
+    return [*_of_stations(levelled, quantity), *_of_lots(levelled.solved, levelled.lots, quantity)]
 
 
-def _of_stations(
-    solved: Mixed, names: Sequence[str], station: IntArray, t: FloatArray, quantity: str
-) -> Iterator[Drift]:
+def _of_stations(levelled: Levelled, quantity: str) -> Iterator[Drift]:
+    solved, names = levelled.solved, levelled.names
     count = len(names)
     slopes = np.eye(solved.beta.size)[count : 2 * count]
     certain = 1.0 / np.maximum(np.diag(slopes @ solved.inverse @ slopes.T), 1e-300)
-    many = np.bincount(station)
+    many = np.bincount(levelled.station[levelled.near], minlength=count)
     known = [i for i in range(count) if many[i] >= LEAST and certain[i] < 1e300]
 
     def test(i: int, others: Sequence[int]) -> Tested | None:
@@ -99,11 +129,8 @@ def _of_stations(
             solved.tested(slopes[i] - np.average(slopes[others], axis=0, weights=certain[others])) if others else None
         )
 
-    bare = solved.y - solved.level[solved.lot]
     for i, result in _apart(known, test, count):
-        own = np.flatnonzero(station == i)
-        own = own[np.argsort(t[own], kind="stable")]
-        yield Drift("station", names[i], quantity, *result, own.size, ewma(bare[own]))
+        yield Drift("station", names[i], quantity, *result, int(many[i]))
 
 
 def _of_lots(solved: Mixed, names: Sequence[str], quantity: str) -> Iterator[Drift]:
@@ -160,20 +187,6 @@ def corrected(found: Sequence[Drift]) -> list[Drift]:
             highest = max(highest, min(1.0, drift.p * len(kinds) * (len(ordered) - rank)))
             out.append(replace(drift, p=highest))
     return sorted(out, key=lambda drift: drift.p)
-
-
-def ewma(values: FloatArray) -> float:
-    """Last exponentially weighted mean of values (n,) in order of time, in units of its limit.
-
-    Source: S. W. Roberts, Technometrics 1 (1959) 239.
-    """
-    sigma = float(np.mean(np.abs(np.diff(values)))) / D2 if values.size > 1 else 0.0
-    if sigma == 0.0:
-        return np.nan
-    level = 0.0
-    for value in values - np.median(values):
-        level = _WEIGHT * value + (1 - _WEIGHT) * level
-    return float(level / (_WIDTH * sigma * np.sqrt(_WEIGHT / (2 - _WEIGHT))))
 
 
 def _near(values: FloatArray, lot: IntArray) -> BoolArray:

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from bench.archive.fleet import figures
 from bench.archive.fleet.drift import SIGNIFICANT
+from bench.archive.fleet.shifts import Shift
 from bench.archive.fleet.statistics import Measured, Statistics
 from bench.base import in_print, listed, moment, number
 from bench.deliver import Headline, Row, Section, figure, heading, html_page, lead, paragraph, table
@@ -30,7 +31,7 @@ class _Word:
 
 def render(found: Statistics) -> str:
     """The page as HTML text."""
-    sections = [_capability(found), _drift(found), _unlike(found), *_charts(found)]
+    sections = [_capability(found), _drift(found), _shifts(found), _unlike(found), *_charts(found)]
     newest = found.fleet.newest
     return html_page(
         sections,
@@ -55,6 +56,7 @@ def sentence(found: Statistics) -> str:
         places = dict.fromkeys(one.place for one in found.drifts if one.kind == kind and one.significant)
         if places:
             parts.append(f"{kind} {listed(list(places))} {_VERBS[kind][len(places) > 1]}")
+    parts += [said(one, found) for one in found.shifts]
     if found.odd:
         serials = [found.fleet.newest[one.row].unit for one in found.odd]
         parts.append(f"{listed(serials[:5])}{' and others' if len(serials) > 5 else ''} unlike their lot")
@@ -63,8 +65,17 @@ def sentence(found: Statistics) -> str:
         parts.append(f"units beyond three sigma in {listed(beyond)}")
     if found.silent:
         return "There are too few units: none was judged against limits, and no quantity has a chart."
-    text = "; ".join(parts) or "nothing needs attention: no drift, no odd unit, no value beyond three sigma"
+    text = "; ".join(parts) or "nothing needs attention: no drift, no shift, no odd unit, no value beyond three sigma"
     return f"{text[0].upper()}{text[1:]}."
+
+
+def said(one: Shift, found: Statistics) -> str:
+    """A shift in words."""
+    unit, since = in_print(found.fleet.units[one.quantity]), found.fleet.newest[one.since]
+    return (
+        f"station {one.place} has shifted by {one.change:+.3g}{f' {unit}' if unit else ''} in {one.quantity} since "
+        f"{since.unit} ({moment(since.created)})"
+    )
 
 
 def _verdict(found: Statistics) -> _Word:
@@ -134,9 +145,30 @@ def _drift(found: Statistics) -> Section:
     html = table("Changes that chance does not explain", head, rows, (2, 3, 5, 6, 7))
     note = (
         "A station's change is its slope within lots; a lot's is its mean against the others at the same station. EWMA "
-        "is the weighted mean of a station's latest units in units of its limit: beyond ±1 it has left its level. "
+        "is the weighted mean of a station's latest units in units of its limit: beyond ±1 it has left its level now. "
     )
     return Section("drift", "Drift of stations and lots", html + paragraph(note + tested))
+
+
+def _shifts(found: Statistics) -> Section:
+    limits = listed([f"{one.kind.upper()} {one.limit:.3g} σ" for one in found.charts])
+    note = (
+        f"A CUSUM and an EWMA of each station and quantity, each value beside all earlier ones of its station and "
+        f"without the level of its lot. Their limits ({limits}) are for so many values: of fleets without a change, "
+        f"{100 * SIGNIFICANT:g} % have an alarm; each chart of a station has one in {found.charts[0].run_length:.3g} "
+        "values."
+    )
+    if not found.shifts:
+        return Section("shifts", "Shifts of stations", lead("No station has left its level.") + paragraph(note))
+    rows = [
+        (one.place, one.quantity, number(one.change), in_print(found.fleet.units[one.quantity]), one.chart.upper(),
+         found.fleet.newest[one.since].unit, moment(found.fleet.newest[one.since].created),
+         found.fleet.newest[one.row].unit, one.before, one.count)
+        for one in found.shifts
+    ]  # fmt: skip
+    head = ("station", "quantity", "change", "unit", "chart", "since", "on", "found at", "units before", "units since")
+    return Section("shifts", "Shifts of stations",
+                   table("Stations that left their level", head, rows, (2, 8, 9)) + paragraph(note))  # fmt: skip
 
 
 def _unlike(found: Statistics) -> Section:

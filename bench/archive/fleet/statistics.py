@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,8 @@ import numpy as np
 from bench.analysis import Limits
 from bench.archive.fleet.capability import Capability, capability, proportion
 from bench.archive.fleet.charts import Chart, chart
-from bench.archive.fleet.drift import Drift, corrected, drifts
+from bench.archive.fleet.drift import SIGNIFICANT, Drift, Levelled, corrected, drifts
+from bench.archive.fleet.shifts import ControlChart, Shift, charts_for, latest, shifts
 from bench.archive.fleet.units import Fleet, decided, good, words
 from bench.archive.fleet.unlike import Odd, unlike
 from bench.base import FloatArray, finite
@@ -70,6 +71,9 @@ class Statistics:
     odd: tuple[Odd, ...]
     missing: tuple[str, ...] = ()
     """Quantities that the limits require and no unit has."""
+    shifts: tuple[Shift, ...] = ()
+    charts: tuple[ControlChart, ...] = ()
+    """Those that `shifts` come from."""
 
     def to_json(self) -> dict[str, Any]:
         """The answer of `bench fleet --json`; null where a number does not exist."""
@@ -82,17 +86,19 @@ class Statistics:
             "yield": {**_plain(asdict(self.passes)), "first_pass": share},
             "quantities": [_quantity(one, self.fleet) for one in self.measured],
             "drifts": [{**_plain(asdict(one)), "significant": one.significant} for one in self.drifts],
+            "shifts": [_shift(one, self.fleet) for one in self.shifts],
+            "station_charts": {"false_alarm": SIGNIFICANT, "charts": [asdict(one) for one in self.charts]},
             "unlike": [{"unit": self.fleet.newest[one.row].unit, "lot": self.fleet.newest[one.row].lot,
                         **_plain(asdict(one))} for one in self.odd],
         }  # fmt: skip
 
     @property
     def quiet(self) -> bool:
-        """Whether nothing needs attention: all units judged and within, no drift, none odd, none beyond three sigma."""
+        """Whether nothing needs attention: all units judged and within, no drift, shift, odd unit or signal."""
         beyond = any(signal.rule == 1 for one in self.measured if one.chart for signal in one.chart.signals)
         moved = any(one.significant for one in self.drifts)
         refused = self.passes.outside + self.passes.unjudged > 0
-        return not (beyond or moved or self.odd or refused)
+        return not (beyond or moved or self.shifts or self.odd or refused)
 
     @property
     def silent(self) -> bool:
@@ -106,12 +112,15 @@ def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
     bounds: dict[str, tuple[float | None, float | None]] = {}
     bounds |= {limit.quantity: (limit.lower, limit.upper) for limit in limits.limits} if limits else {}
     measured = tuple(_measured(fleet, name, *bounds.get(name, (None, None))) for name in sorted(fleet.units))
+    charts = charts_for(sum(one.values.size for one in measured if one.chart is not None))
     found: list[Drift] = []
+    moved: list[Shift] = []
     for one in measured:
-        rows = list(one.rows)
-        if one.chart is not None:
-            stations, lots = ([getattr(fleet.newest[row], key) for row in rows] for key in ("station", "lot"))
-            found += drifts(one.values, fleet.time_s[rows], stations, lots, one.name)
+        if one.chart is not None and (levelled := _levelled(fleet, one)) is not None:
+            now = latest(levelled, charts)
+            found += [replace(drift, ewma=now.get(drift.place, np.nan)) if drift.kind == "station" else drift
+                      for drift in drifts(levelled, one.name)]  # fmt: skip
+            moved += shifts(levelled, one.name, charts)
     whole = [one for one in measured if one.values.size >= SHARE * len(fleet.newest) and one.chart is not None]
     table = np.column_stack([fleet.column(one.name) for one in whole]) if whole else np.zeros((len(fleet.newest), 0))
     distances, odd = unlike(table, [one.name for one in whole], [one.lot for one in fleet.newest])
@@ -119,7 +128,14 @@ def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
     passes = _yield(fleet, limits, verdicts)
     wanted = [limit.quantity for limit in limits.limits if limit.required] if limits else []
     missing = tuple(quantity for quantity in wanted if quantity not in fleet.units)
-    return Statistics(fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd), missing)
+    return Statistics(fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd), missing,
+                      tuple(sorted(moved, key=lambda one: one.since)), charts)  # fmt: skip
+
+
+def _levelled(fleet: Fleet, one: Measured) -> Levelled | None:
+    stations, lots = ([getattr(fleet.newest[row], key) for row in one.rows] for key in ("station", "lot"))
+    rows = np.array(one.rows)
+    return Levelled.of(one.values, fleet.time_s[rows], stations, lots, rows)
 
 
 def _yield(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) -> Yield:
@@ -152,6 +168,14 @@ def _quantity(one: Measured, fleet: Fleet) -> dict[str, Any]:
     able = None if one.capability is None else _plain(asdict(one.capability))
     return {"name": one.name, "unit": one.unit, "lower": one.lower, "upper": one.upper, "units": len(one.rows),
             "capability": able, "chart": control}  # fmt: skip
+
+
+def _shift(one: Shift, fleet: Fleet) -> dict[str, Any]:
+    """With the units of the alarm and of the change, and the time of the change."""
+    unit, since = fleet.newest[one.row].unit, fleet.newest[one.since]
+    return {"place": one.place, "quantity": one.quantity, "chart": one.chart, "change": finite(one.change),
+            "since": since.unit, "since_created": since.created, "unit": unit, "before": one.before,
+            "count": one.count}  # fmt: skip
 
 
 def _plain(content: dict[str, Any]) -> dict[str, Any]:

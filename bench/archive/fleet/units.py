@@ -62,8 +62,10 @@ class Fleet:
         return np.array([one.time_s for one in self.newest])
 
 
-def fleet_of(registry: Registry, pattern: str | None = None, selection: Selection | None = None) -> Fleet:
-    """All units whose whole serial matches, by their selected runs.
+def selected(
+    registry: Registry, pattern: str | None = None, selection: Selection | None = None
+) -> tuple[list[Calibrated], Mapping[str, str], tuple[str, ...]]:
+    """Selected runs of all units whose whole serial matches, in order of time, units of quantities, what was left out.
 
     NoUnitError where there is none, InputError for a wrong pattern.
     """
@@ -78,10 +80,15 @@ def fleet_of(registry: Registry, pattern: str | None = None, selection: Selectio
         raise NoUnitError(
             f"no calibrated unit{f' matches {pattern}' if pattern else ''}{why}; `bench registry list`", registry.url
         )
+    return [_calibrated(row, values.get(row["id"], {})) for row in found], units, left_out
+
+
+def fleet_of(registry: Registry, pattern: str | None = None, selection: Selection | None = None) -> Fleet:
+    """All units whose whole serial matches, by their selected runs; errors are those of `selected`."""
+    found, units, left_out = selected(registry, pattern, selection)
     first: dict[str, Calibrated] = {}
     newest: dict[str, Calibrated] = {}
-    for row in found:
-        one = _calibrated(row, values.get(row["id"], {}))
+    for one in found:
         first.setdefault(one.unit, one)
         newest[one.unit] = one
     ordered = sorted(newest.values(), key=lambda one: (one.time_s, one.run))

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.base import number
+from bench.base import in_print, number
 from bench.cli.options import Registered
 from bench.cli.rendering.printing import content, lines, table
 from bench.commands import (
     CertificatesListed,
     EquipmentListed,
     FleetJudged,
+    GaugeJudged,
     LotAudited,
     LotCalibrated,
     LotChecked,
@@ -202,6 +203,42 @@ def _(result: FleetJudged) -> Iterator[str | Table]:
 def _(result: FleetJudged) -> dict[str, Any]:
     files = {key: None if path is None else str(path) for key, path in (("html", result.html), ("csv", result.csv))}
     return {**result.statistics.to_json(), **files}
+
+
+_GAUGE = ("", ">sigma", ">95 %", ">REML", ">% of all", ">% of tolerance")
+
+
+@lines.register(GaugeJudged)
+def _(result: GaugeJudged) -> Iterator[str | Table]:
+    found, unit = result.gauge, f" [{in_print(result.unit)}]" if result.unit else ""
+    yield f"{found.units} units at {len(found.stations)} stations, {found.runs} runs: {result.quantity}{unit}"
+    yield from _left_out(result.left_out)
+    rows = []
+    for one in found.components:
+        between = "" if one.low is None else f"{number(one.low, 3)} to {number(one.high, 3)}"
+        share = "" if one.of_tolerance is None else f"{100 * one.of_tolerance:.1f}"
+        rows.append((one.name, number(one.sigma), between, number(one.reml_sigma), f"{100 * one.of_study:.1f}", share))
+    yield table(_GAUGE, rows)
+    if not found.sources:
+        yield "not every unit was measured equally often at every station: by REML, without analysis of variance"
+    for line in found.sources:
+        beside = "" if line.f is None else f", F {number(line.f)}, p {number(line.p, 2)}"
+        yield f"  {line.name}: {line.freedom} degrees of freedom, squares {number(line.squares)}{beside}"
+    word = "acceptable" if found.acceptable else "not acceptable (more than 30 %)"
+    whole = "spread" if found.components[4].of_tolerance is None else "tolerance"
+    yield f"the gauge takes {100 * found.share:.1f} % of the {whole}: {word}; {found.categories} categories of units"
+
+
+@content.register(GaugeJudged)
+def _(result: GaugeJudged) -> dict[str, Any]:
+    return {
+        "quantity": result.quantity,
+        "unit": result.unit,
+        "left_out": list(result.left_out),
+        **asdict(result.gauge),
+        "share": result.gauge.share,
+        "acceptable": result.gauge.acceptable,
+    }
 
 
 @lines.register(Refitted)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from datetime import date
 
     from bench.analysis import Likeness
-    from bench.archive import Entry, Rebuilt, Statistics
+    from bench.archive import Entry, Gauge, Rebuilt, Statistics
     from bench.record import LotRecord
 
 
@@ -115,6 +115,21 @@ class FleetJudged(Result):
     def exit_code(self) -> int:
         """1 where a unit is outside its limits, or its runs do not allow to judge it."""
         return int(self.statistics.passes.outside + self.statistics.passes.unjudged > 0)
+
+
+@dataclass(frozen=True)
+class GaugeJudged(Result):
+    """Repeatability and reproducibility of a quantity, and the runs that were left out."""
+
+    quantity: str
+    unit: str
+    gauge: Gauge
+    left_out: Sequence[str]
+
+    @property
+    def exit_code(self) -> int:
+        """1 where the stations and repetitions take more than 30 % of the tolerance, or without one of the spread."""
+        return int(not self.gauge.acceptable)
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,10 @@ class Fleet(BaseModel):
     drifts: list[dict[str, Any]] = []
     tested: int = 0
     """Changes that were tested; those shown are significant after Holm's correction."""
+    shifts: list[dict[str, Any]] = []
+    """First alarm of each station's CUSUM and EWMA, with the unit and the time since which the station is off."""
+    station_charts: dict[str, Any] = {}
+    """Their limits, run lengths, and the share of fleets without a change that have an alarm."""
     unlike: list[dict[str, Any]] = []
     attention: dict[str, Any] = {}
     distances: bool = False

@@ -13,13 +13,14 @@ const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i
 const percent = (share) => `${number(100 * share, 1)} %`;
 
 function Attention({ fleet }) {
-  const { outside, unjudged, stations, lots, odd, beyond, quiet, silent } = fleet.attention;
+  const { outside, unjudged, stations, shifted, lots, odd, beyond, quiet, silent } = fleet.attention;
   if (silent && !unjudged) return html`<div class="notice"><p><${Lamp} tone="idle">${t("fleet.silent")}<//></p></div>`;
   if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${t("fleet.quiet")}<//></p></div>`;
   const lines = [
     outside > 0 && ["bad", t("fleet.outside", { n: outside, judged: fleet.yield.judged })],
     unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${fleet.missing.length > 0 && html` ${t("fleet.missing")} ${listed(fleet.missing.map(quantity))}`}`],
     stations.length > 0 && ["warn", html`${t("fleet.stations_drift")} ${listed(stations)}`],
+    shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")} ${listed(shifted)}`],
     lots.length > 0 && ["warn", html`${t("fleet.lots_differ")} ${listed(lots)}`],
     odd.length > 0 && ["warn", html`${t("fleet.odd")} ${listed(odd.map(unitLink))}`],
     beyond.length > 0 && ["warn", html`${t("fleet.beyond")} ${listed(beyond.map(quantity))}`],
@@ -90,6 +91,16 @@ function Drifts({ fleet }) {
     <p class="soft small">${t("fleet.drift_note")} ${tested}</p>`;
 }
 
+function Shifts({ fleet }) {
+  if (!fleet.shifts.length) return null;
+  return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.kind.station")}</th><th scope="col">${t("units.quantity")}</th>
+      <th scope="col" class="n">${t("fleet.change")}</th><th scope="col">${t("units.serial")}</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
+    <tbody>${fleet.shifts.map((one, i) => html`<tr key=${i}><th scope="row">${one.place}</th><td>${quantity(one.quantity)}</td>
+      <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} <span class="soft">${unitText(one.unit_of_value)}</span></td>
+      <td>${unitLink(one.since)} <span class="soft">${t("fleet.since", { day: one.since_created.slice(0, 10) })}</span></td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
+    <p class="soft small">${t("fleet.shift_note", { share: number(100 * fleet.station_charts.false_alarm, 0) })}</p>`;
+}
+
 function Odd({ fleet }) {
   if (!fleet.distances) return html`<p class="soft">${t("fleet.too_few")}</p>`;
   if (!fleet.unlike.length) return html`<p><${Lamp} tone="good">${t("fleet.all_alike")}<//></p>`;
@@ -114,7 +125,7 @@ function Board({ fleet, params }) {
       <p class="soft small">${t("fleet.cpk_note")}</p></section>
     <section class="stack" aria-labelledby="control"><h2 id="control">${t("fleet.control")}</h2>
       ${chosen ? html`<${Control} name=${chosen} params=${params} anchor=${anchor} /><p class="soft small">${t("fleet.control_note")}</p>` : html`<p class="soft">${t("fleet.too_few_chart")}</p>`}</section>
-    <section class="stack" aria-labelledby="drift"><h2 id="drift">${t("fleet.drift")}</h2><${Drifts} fleet=${fleet} /></section>
+    <section class="stack" aria-labelledby="drift"><h2 id="drift">${t("fleet.drift")}</h2><${Drifts} fleet=${fleet} /><${Shifts} fleet=${fleet} /></section>
     <section class="stack" aria-labelledby="odd"><h2 id="odd">${t("fleet.unlike")}</h2><${Odd} fleet=${fleet} />
       ${fleet.distances && html`<${Control} name="distances" params=${params} />`}</section>`;
 }
