@@ -150,7 +150,7 @@ def test_the_trace_comes_with_the_status_and_only_what_is_new(desk, live):
     desk.look(STATION, status(101.0))
     known = {"since": answer["trace"]["next"], "generation": answer["trace"]["generation"]}
     (news,) = remote.ask_run(live, "trace", **known)["trace"]["points"]
-    assert (news[0], news[4]) == (101.0, [[None, None]])
+    assert (news[0], news[4]) == (101.0, [[None, None, None]])
 
 
 @pytest.mark.parametrize("since", [None, "x", -1, 1e300, [], True])
