@@ -42,6 +42,7 @@ from .run.remote import LiveFile as LiveFile
 from .run.remote import LiveRun as LiveRun
 from .run.remote import ask_run as ask_run
 from .run.remote import ending_of as ending_of
+from .run.remote import events_of as events_of
 from .run.remote import live_among as live_among
 from .run.remote import live_at as live_at
 from .run.remote import live_below as live_below

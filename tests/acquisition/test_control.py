@@ -146,11 +146,11 @@ def test_the_trace_comes_with_the_status_and_only_what_is_new(desk, live):
     desk.look(STATION, status(100.0))
     answer = remote.ask_run(live, "trace")
     assert (answer["t_s"], answer["trace"]["serials"]) == (100.0, ["G-1"])
-    assert answer["trace"]["points"] == [[100.0, 25.1, 25.04, [None], [[-5.0, 7.25]]]]
+    assert answer["trace"]["points"] == [[100.0, 25.1, 25.04, [None], [[-5.0, 7.25, 1.125]]]]
     desk.look(STATION, status(101.0))
     known = {"since": answer["trace"]["next"], "generation": answer["trace"]["generation"]}
     (news,) = remote.ask_run(live, "trace", **known)["trace"]["points"]
-    assert (news[0], news[4]) == (101.0, [[None, None]])
+    assert (news[0], news[4]) == (101.0, [[None, None, None]])
 
 
 @pytest.mark.parametrize("since", [None, "x", -1, 1e300, [], True])

@@ -232,6 +232,8 @@ def test_two_browsers_see_the_same(bench, visitors):
         page.get_by_role("progressbar").wait_for()
     one.get_by_role("button", name="Hold now").click()
     one.get_by_role("button", name="Resume").wait_for()
+    one.locator(".log", has_text="hold by").wait_for()
+    one.locator(".legend", has_text="mean over 30 s").wait_for()
     one.wait_for_function("document.title.startsWith('Holding · ')")
     other.get_by_role("button", name="Продовжити").wait_for()
     assert same(drawn(one, run), until(lambda: (found := drawn(other, run)) and found[0] and found))

@@ -27,6 +27,7 @@ from bench.web.live.watching import PERIOD_S, SILENT_S, Watcher
 from bench.web.people import people
 from drivers.clock import SimClock
 from tests.acquisition.test_control import STATION, Sequencer, status
+from tests.support.page_modules import told
 from tests.support.web_client import served
 
 PROFILE = "name: p\nsegments:\n  - {kind: ramp, to_degc: 33, rate_degc_per_min: 2}\n"
@@ -407,7 +408,7 @@ def test_a_mirror_shows_the_trace_itself_whatever_the_pace(bursts):
     trace, mirror, tick = Trace(capacity=64), Mirror(), 0
     for burst in bursts:
         for _ in range(burst):
-            trace.add(float(tick), (1.0, 2.0), [("G-1", 3.0, (float(tick), float(tick)))])
+            trace.add(float(tick), (1.0, 2.0), [("G-1", 3.0, (float(tick), float(tick), float(tick), 1))])
             tick += 1
         since, generation = mirror.wanted
         mirror.take(trace.since(since, generation))
@@ -415,7 +416,7 @@ def test_a_mirror_shows_the_trace_itself_whatever_the_pace(bursts):
 
 
 def test_a_mirror_shows_a_new_generation_when_it_is_whole(monkeypatch):
-    monkeypatch.setattr("bench.acquisition.recording.trace._PAGE_BYTES", 80 * 10)  # ten points a page
+    monkeypatch.setattr("bench.acquisition.recording.trace._PAGE_BYTES", 100 * 10)  # ten points a page
     trace, mirror = Trace(capacity=64), Mirror()
 
     def fetch():
@@ -423,7 +424,7 @@ def test_a_mirror_shows_a_new_generation_when_it_is_whole(monkeypatch):
 
     def add(ticks):
         for tick in range(ticks):
-            trace.add(float(tick), (1.0, 2.0), [("G-1", 3.0, (0.0, 0.0))])
+            trace.add(float(tick), (1.0, 2.0), [("G-1", 3.0, (0.0, 0.0, 0.0, 1))])
 
     add(63)
     for _ in range(7):
@@ -544,6 +545,7 @@ def test_what_is_not_live_is_said_in_one_line(folder, out):
         for method, address, code, words in (
             ("GET", "/live/G-1/run", 409, "`bench resume"),
             ("GET", "/live/G-1/run/trace", 409, "not live"),
+            ("GET", "/live/G-1/run/events", 409, "not live"),
             ("POST", "/live/G-1/run/abort", 409, "not live"),
             ("GET", "/live/G-1/other", 404, "no run G-1/other"),
             ("POST", "/live/G-9/run/hold", 404, "no run G-9/run"),
@@ -555,6 +557,19 @@ def test_what_is_not_live_is_said_in_one_line(folder, out):
             assert answer.status_code == code, address
             assert words in answer.json()["detail"]
             assert "\n" not in answer.json()["detail"]
+
+
+def test_the_log_of_a_live_run_is_newest_first_and_without_writes(desk, folder, out, recorder):
+    recorder.event("segment", "start up", phase="start", segment={"kind": "ramp", "target_degc": 33.0})
+    recorder.event("write", "set point 33", register="sp", value=33.0)
+    recorder.event("request", "hold", request="hold", who="Olena")
+    with live(desk, folder), served(Settings(out=out)) as client:
+        until(lambda: client.get("/api/v1/live").json()["runs"])
+        log = client.get("/api/v1/live/G-1/run/events").json()["events"]
+    assert [event["kind"] for event in log][:2] == ["request", "segment"]
+    assert "write" not in {event["kind"] for event in log}
+    assert (log[1]["phase"], log[1]["segment"]["target_degc"]) == ("start", 33.0)
+    assert log[0]["utc"]
 
 
 @pytest.mark.parametrize("signed_in", [False, True])
@@ -596,8 +611,23 @@ def test_the_openapi_names_all_of_it(out):
         "/live/stream",
         "/live/{unit}/{run}",
         "/live/{unit}/{run}/trace",
+        "/live/{unit}/{run}/events",
         "/starts",
         "/plans",
         "/checks",
     ):
         assert f"/api/v1{path}" in paths
+
+
+def test_the_page_knows_the_mean_of_a_point_and_that_of_half_a_minute():
+    script = """
+    const trace = new page.Trace();
+    const span = (mean) => (mean === null ? [null, null] : [mean - 45, mean + 45, mean]);
+    const points = given.map((mean, t) => [t, 20, 20, [20], [span(mean)]]);
+    trace.take({ generation: 1, first: 0, next: 40, count: 40, every_s: 1, serials: ["G-1"], points });
+    console.log(JSON.stringify([trace.mean[0], trace.slow[0]]));
+    """
+    given = [100.0] * 5 + [None] * 5 + [float(number % 2) for number in range(30)]
+    mean, slow = told("lib/trace.js", script, given)
+    assert mean == given  # an older bench has no means: null
+    assert (slow[4], slow[9], slow[39]) == (100.0, 100.0, pytest.approx(0.5))

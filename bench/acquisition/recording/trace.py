@@ -1,8 +1,9 @@
 """What a live run has done so far, small enough to be looked at while it runs: curves of bounded length.
 
-A point spans some ticks: temperatures as they were at its end, and the smallest and largest rate of *all* samples in
-it, so that a spike of one sample stays visible. When the trace is full, pairs of points become one: it ends between
-half full and full however long the run is, and its points are then twice as long.
+A point spans some ticks: temperatures as they were at its end, the smallest and largest rate of *all* samples in it, so
+that a spike of one sample stays visible, and their mean, which shows a bias below the noise. When the trace is full,
+pairs of points become one: it ends between half full and full however long the run is, and its points are then twice as
+long.
 """
 
 from __future__ import annotations
@@ -21,32 +22,41 @@ CAPACITY = 4096
 """Points; after a day at a tick a second each spans 32 s."""
 _PAGE_BYTES = 40_000
 """Size of one answer, about; a line of the control socket may have 64 KiB."""
-_POINT_BYTES = 40
+_POINT_BYTES = 50
 _LEVELS = 64
 """A trace cannot be halved more often than this in the age of anything."""
 
-Span = tuple[float, float]
-"""Smallest and largest rate [deg/h]; NaN where there was no valid sample."""
+Span = tuple[float, float, float, int]
+"""Smallest and largest rate, sum of the rates [deg/h], number of valid samples; without one NaN, NaN, 0, 0."""
+_WIDTH = 4
+"""Columns of a span."""
 
 
 class Envelope:
-    """Smallest and largest of the samples since it was taken last."""
+    """Smallest, largest, sum and number of the samples since it was taken last."""
 
-    __slots__ = ("_high", "_low")
+    __slots__ = ("_count", "_high", "_low", "_sum")
 
     def __init__(self) -> None:
+        self._clear()
+
+    def _clear(self) -> None:
         self._low = self._high = math.nan
+        self._sum, self._count = 0.0, 0
 
     def add(self, values: npt.NDArray[np.float64]) -> None:
         """Take in samples (n,); NaN is none."""
-        if len(values):
-            self._low = float(np.fmin(np.fmin.reduce(values), self._low))
-            self._high = float(np.fmax(np.fmax.reduce(values), self._high))
+        known = values[np.isfinite(values)]
+        if known.size:
+            self._low = float(np.fmin(known.min(), self._low))
+            self._high = float(np.fmax(known.max(), self._high))
+            self._sum += float(known.sum())
+            self._count += known.size
 
     def take(self) -> Span:
         """What was added since the last call."""
-        span = self._low, self._high
-        self._low = self._high = math.nan
+        span = self._low, self._high, self._sum, self._count
+        self._clear()
         return span
 
 
@@ -72,15 +82,20 @@ class Trace:
         """
         if not self._serials:
             self._serials = tuple(serial for serial, _, _ in units)
-            self._rows = np.empty((self._capacity, 3 + 3 * len(units)))
+            self._rows = np.empty((self._capacity, 3 + (1 + _WIDTH) * len(units)))
         told = {serial: (degc, span) for serial, degc, span in units}
-        silent = (math.nan, (math.nan, math.nan))
+        silent = (math.nan, (math.nan, math.nan, 0.0, 0))
         here = [told.get(serial, silent) for serial in self._serials]
         row = [t_s, *chamber, *(degc for degc, _ in here)]
         with self._lock:
-            before = iter(self._open[len(row) :] or [math.nan] * 2 * len(here))
-            for _, (low, high) in here:
-                row += _smaller(low, next(before)), _larger(high, next(before))
+            before = iter(self._open[len(row) :] or [math.nan, math.nan, 0.0, 0] * len(here))
+            for _, (low, high, total, count) in here:
+                row += (
+                    _smaller(low, next(before)),
+                    _larger(high, next(before)),
+                    total + next(before),
+                    count + next(before),
+                )
             self._open = row
             self._ticks += 1
             if self._ticks == self._every:
@@ -98,8 +113,9 @@ class Trace:
         first, second = self._rows[0::2], self._rows[1::2]
         joined = second.copy()
         rates = 3 + len(self._serials)
-        joined[:, rates::2] = np.fmin(first[:, rates::2], second[:, rates::2])
-        joined[:, rates + 1 :: 2] = np.fmax(first[:, rates + 1 :: 2], second[:, rates + 1 :: 2])
+        for column, join in enumerate((np.fmin, np.fmax, np.add, np.add)):
+            here = slice(rates + column, None, _WIDTH)
+            joined[:, here] = join(first[:, here], second[:, here])
         self._count = len(joined)
         self._rows[: self._count] = joined
         self._every *= 2
@@ -141,8 +157,11 @@ def _larger(one: float, other: float) -> float:
 
 
 def _point(row: Sequence[float], units: int) -> list[Any]:
-    """`[t_s, set point, chamber, [unit…], [[rate_min, rate_max]…]]`."""
-    known = [finite(value, 3) for value in row]
-    rates = known[3 + units :]
-    spans = [[low, high] for low, high in zip(rates[::2], rates[1::2], strict=True)]
-    return [*known[:3], known[3 : 3 + units], spans]
+    """`[t_s, set point, chamber, [unit…], [[rate_min, rate_max, rate_mean]…]]`."""
+    known = [finite(value, 3) for value in row[: 3 + units]]
+    columns = (row[3 + units + column :: _WIDTH] for column in range(_WIDTH))
+    spans = [
+        [finite(low, 3), finite(high, 3), finite(total / count, 3) if count else None]
+        for low, high, total, count in zip(*columns, strict=True)
+    ]
+    return [*known[:3], known[3:], spans]

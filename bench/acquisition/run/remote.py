@@ -164,6 +164,12 @@ def _events(journal: Path) -> Iterator[dict[str, Any]]:
                 yield json.loads(block.payload)
 
 
+def events_of(run: LiveRun) -> list[dict[str, Any]]:
+    """All events of a live run so far, from its longest journal: that of a unit that left has ended before."""
+    journals = [path for path in map(Path, run.file.journals) if path.is_file()]
+    return list(_events(max(journals, key=lambda path: path.stat().st_size))) if journals else []
+
+
 def ending_of(run: LiveRun, limit_s: float) -> list[dict[str, Any]]:
     """Wait until the run has written its end, and return all its events; none when it does not in `limit_s`.
 

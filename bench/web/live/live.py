@@ -15,14 +15,14 @@ from fastapi import APIRouter, Depends, FastAPI, HTTPException, Query, Request
 from fastapi import Path as Part
 from fastapi.responses import StreamingResponse
 
-from bench.acquisition import LiveFile, LiveRun, ask_run
+from bench.acquisition import LiveFile, LiveRun, ask_run, events_of
 from bench.base import InputError
 from bench.commands import ENDING_S, REACHED, REACTION_S
 from bench.record import MANIFEST, Manifest
 from bench.web.ground.settings import Here
 from bench.web.live import story
 from bench.web.live.finding import folder_of, ids
-from bench.web.live.picture import Asked, End, Pictures, Run, TraceAnswer
+from bench.web.live.picture import Asked, End, Happened, Log, Pictures, Run, TraceAnswer
 from bench.web.live.starts import Starts
 from bench.web.live.streaming import Stream
 from bench.web.live.subject import describe
@@ -149,6 +149,12 @@ def trace(
 ) -> TraceAnswer:
     """Trace of a live run from point `since` on; the whole trace where `generation` has changed."""
     return TraceAnswer(**which.live().mirror.since(since, generation))
+
+
+@router.get("/live/{unit}/{run}/events")
+def events(which: Which) -> Log:
+    """The newest segments, requests, guards, holds and other events of a live run, newest first."""
+    return Log(events=[Happened(**event) for event in story.newest(events_of(which.live().live))])
 
 
 @router.post("/live/{unit}/{run}/{action}", response_model_exclude_unset=True)

@@ -172,7 +172,10 @@ class Pictures(BaseModel):
 
 
 class TraceAnswer(BaseModel):
-    """A trace from point `first` on; a point is [t_s, set point, chamber, [unit…], [[rate_min, rate_max]…]]."""
+    """A trace from point `first` on.
+
+    A point is [t_s, set point, chamber, [unit…], [[rate_min, rate_max, rate_mean]…]].
+    """
 
     generation: int
     first: int
@@ -183,6 +186,24 @@ class TraceAnswer(BaseModel):
     points: list[list[Any]]
     open: list[Any] | None
     """The newest point, which is not complete."""
+
+
+class Happened(BaseModel):
+    """An event of a run: time of the bench, kind, what happened, and what it was about."""
+
+    t_s: Number
+    utc: str | None
+    kind: str
+    text: str
+    phase: str = ""
+    """Of a segment or a hold: start or end."""
+    segment: dict[str, Any] | None = None
+
+
+class Log(BaseModel):
+    """The newest events of a live run, newest first."""
+
+    events: list[Happened]
 
 
 class Asked(BaseModel):

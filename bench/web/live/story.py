@@ -17,6 +17,9 @@ _NOT = "not analysed: "
 """Begin of the sentence about a unit whose analysis failed."""
 R = TypeVar("R", bound=Record)
 EVENTS = ("request", "safe_state", "end")
+UNTOLD = frozenset({"write", "rate_table", "attitude"})
+"""Kinds of events that the log of a live run does not show."""
+MOST_EVENTS = 200
 
 
 def sound(kind: type[R], folder: Path, damaged: list[str] | None = None) -> R | None:
@@ -78,6 +81,16 @@ def events(folder: Path) -> list[dict[str, Any]]:
     with contextlib.suppress(OSError):
         return read_events(folder / EVENTS_FILE).sound
     return []
+
+
+def newest(events: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The newest events for people, newest first: without writes to registers, which a run makes by the thousand."""
+    told = [event for event in events if event["kind"] not in UNTOLD][-MOST_EVENTS:]
+    return [
+        {name: event.get(name) for name in ("t_s", "utc", "kind", "text")}
+        | {name: event[name] for name in ("phase", "segment") if name in event}
+        for event in reversed(told)
+    ]
 
 
 def _is_end(event: Mapping[str, Any]) -> bool:

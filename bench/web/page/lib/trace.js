@@ -2,8 +2,10 @@
 // another generation; then the page fetches it again.
 
 const MOST = 8192;
+/** Time of the slow mean [s]: that of the means of an analysis. */
+export const SLOW_S = 30;
 
-/** Points so far: `t` [s], `setpoint` and `chamber` [degC], by unit `degc[u]` [degC], `low[u]` and `high[u]` [deg/h]. */
+/** Points so far: `t` [s], `setpoint` and `chamber` [degC], by unit `degc[u]` [degC], `low[u]`, `high[u]`, `mean[u]` and `slow[u]`, the mean over 30 s [deg/h]. */
 export class Trace {
   generation = undefined;
   next = 0;
@@ -18,6 +20,8 @@ export class Trace {
   degc = [];
   low = [];
   high = [];
+  mean = [];
+  slow = [];
   fetching = false;
 
   clear() {
@@ -37,7 +41,7 @@ export class Trace {
       this.clear();
       this.generation = generation;
       this.serials = serials ?? this.serials;
-      for (const column of [this.degc, this.low, this.high]) column.push(...(points[0]?.[3] ?? this.serials).map(() => []));
+      for (const column of [this.degc, this.low, this.high, this.mean, this.slow]) column.push(...(points[0]?.[3] ?? this.serials).map(() => []));
     }
     if (from > this.next) return false;
     Object.assign(this, { every_s, count: Math.max(count ?? next, next), open: open ?? null, version: this.version + 1 });
@@ -52,10 +56,23 @@ export class Trace {
     this.setpoint.push(setpoint);
     this.chamber.push(chamber);
     degc.forEach((value, unit) => (this.degc[unit] ??= []).push(value));
-    spans.forEach(([low, high], unit) => {
+    spans.forEach(([low, high, mean = null], unit) => {
       (this.low[unit] ??= []).push(low);
       (this.high[unit] ??= []).push(high);
+      (this.mean[unit] ??= []).push(mean);
+      (this.slow[unit] ??= []).push(this.over(SLOW_S, unit));
     });
+  }
+
+  /** Mean of a unit's rate over the last `span_s` up to the newest point; null without samples. */
+  over(span_s, unit) {
+    const since = this.t.at(-1) - span_s;
+    let [sum, count] = [0, 0];
+    for (let i = this.t.length - 1; i >= 0 && this.t[i] > since; i--) {
+      const mean = this.mean[unit][i];
+      if (mean !== null) [sum, count] = [sum + mean, count + 1];
+    }
+    return count ? sum / count : null;
   }
 
   /** Index of a unit in the columns; 0 when the trace does not name its units. */

@@ -1,6 +1,7 @@
-// Curves of a live run: temperatures against the profile, and each unit's output as a min/max envelope.
+// Curves of a live run: temperatures against the profile, and each unit's output as means and as a min/max envelope.
 import { html, useMemo, useState } from "../../lib/preact.js";
 import { Legend, Plot, colour, polyline } from "../../lib/plot.js";
+import { SLOW_S } from "../../lib/trace.js";
 import { degrees, number, t } from "../../lib/words.js";
 
 /** Colours of units, in the order of the run; dashed from the fifth on, so that all differ. */
@@ -70,27 +71,38 @@ export function Temperatures({ run, trace, height = 260 }) {
 }
 
 const fill = (tone) => () => `${colour(tone)}55`;
+const MEANS = [line("--edge", 1), line("--rate", 2.5)];
+const BAND = [line("--rate", 1.25), line("--rate", 1.25)];
+const FILLED = [{ series: [2, 1], fill: fill("--rate") }];
 
-/** A unit's output: smallest and largest of all samples in each point, so that a spike of one sample is seen. */
+/**
+ * A unit's output: its means, which show a bias below the noise, on a scale of their own; below them the smallest and
+ * largest of all samples in each point, so that a spike of one sample is seen.
+ */
 export function Output({ run, trace, unit, index, height = 200, children }) {
   const [pointed, setPointed] = useState(null);
-  const tone = "--rate";
-  const series = useMemo(() => [line(tone, 1.25), line(tone, 1.25)], []);
-  const bands = useMemo(() => [{ series: [2, 1], fill: fill(tone) }], []);
   const place = trace.place(unit.serial);
+  const column = (name) => trace[name][place] ?? trace.t.map(() => null);
   const span = trace.open?.[4]?.[place];
-  const data = [
+  const band = [
     withOpen(trace.t, trace.open?.[0]),
-    withOpen(trace.low[place] ?? trace.t.map(() => null), trace.open ? span?.[0] ?? null : undefined),
-    withOpen(trace.high[place] ?? trace.t.map(() => null), trace.open ? span?.[1] ?? null : undefined),
+    ...["low", "high"].map((name, i) => withOpen(column(name), trace.open ? span?.[i] ?? null : undefined)),
   ];
-  const point = pointed ?? data[0].length - 1;
-  const [low, high] = [data[1][point], data[2][point]];
-  const range = low === null || low === undefined ? "–" : `${number(low, 1)} … ${number(high, 1)}`;
+  const means = [trace.t, column("mean"), column("slow")];
+  const at = (values) => values[pointed ?? values.length - 1] ?? null;
+  const [low, high, fast, slow] = [at(band[1]), at(band[2]), at(means[1]), at(means[2])];
+  const range = low === null ? "–" : `${number(low, 1)} … ${number(high, 1)}`;
+  const longer = trace.every_s >= SLOW_S;
+  const told = { serial: unit.serial, low: number(low, 1), high: number(high, 1), mean: number(slow, 2) };
+  const shared = { version: trace.version, span: spanOf(run), pointed: setPointed };
   return html`<section class="chart" aria-label=${`${t("live.output")} ${unit.serial}`}>
     <header><h2>${index === null ? t("live.output") : unit.serial} <small class="soft">${t("unit.dph")}</small></h2>
-      ${children}<${Legend} entries=${[{ name: t("live.envelope", { s: number(trace.every_s) }), tone, band: true, value: range }]} /></header>
-    <${Plot} label=${t("live.output_label", { serial: unit.serial, low: number(low, 1), high: number(high, 1) })}
-      series=${series} bands=${bands} data=${data} version=${trace.version} span=${spanOf(run)} least=${0.5} height=${height} pointed=${setPointed} />
+      ${children}<${Legend} entries=${[
+        ...(longer ? [] : [{ name: t("live.mean", { s: number(trace.every_s) }), tone: "--edge", value: number(fast, 2) }]),
+        { name: t("live.mean", { s: number(longer ? trace.every_s : SLOW_S) }), tone: "--rate", value: number(slow, 2) },
+      ]} /></header>
+    <${Plot} label=${t("live.means_label", told)} series=${MEANS} data=${means} least=${0.5} height=${height} ...${shared} />
+    <header class="chart-below"><${Legend} entries=${[{ name: t("live.envelope", { s: number(trace.every_s) }), tone: "--rate", band: true, value: range }]} /></header>
+    <${Plot} label=${t("live.output_label", told)} series=${BAND} bands=${FILLED} data=${band} least=${0.5} height=${Math.max(85, Math.round(height * 0.6))} ...${shared} />
   </section>`;
 }

@@ -7,6 +7,7 @@ import { Trace } from "../../lib/trace.js";
 import { Actions } from "./actions.js";
 import { Output, Temperatures, unitTone } from "./charts.js";
 import { Guards, guardName } from "./guards.js";
+import { Log } from "./log.js";
 import { isOld, lateText, planName, segmentText, serials, stateWord, toneOf } from "./words.js";
 
 const EMPTY = new Trace();
@@ -14,6 +15,9 @@ const EMPTY = new Trace();
 export function RunView({ run }) {
   const trace = traces.get(run.run) ?? EMPTY;
   const units = run.units ?? [];
+  const calm = (run.guards ?? []).every(({ state }) => state === "ok");
+  const guards = html`<${Guards} key="guards" guards=${run.guards} old=${isOld(run)} />`;
+  const log = html`<${Log} key="log" run=${run} />`;
   return html`<div class="live">
     <${Headline} run=${run} />
     <${Segments} run=${run} />
@@ -30,7 +34,7 @@ export function RunView({ run }) {
       </div>
       <aside>
         ${units.length === 1 && html`<${Figures} run=${run} unit=${units[0]} />`}
-        <${Guards} guards=${run.guards} old=${isOld(run)} />
+        ${calm ? [log, guards] : [guards, log]}
       </aside>
     </div>
     <${Actions} run=${run} />

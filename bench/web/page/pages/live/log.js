@@ -1,0 +1,34 @@
+// What has happened in a live run: segments, requests, guards, holds, each with its time.
+import { html, useEffect, useState } from "../../lib/preact.js";
+import { get, url } from "../../lib/api.js";
+import { duration, moment, or, t } from "../../lib/words.js";
+import { segmentText } from "./words.js";
+
+const AGAIN_MS = 5000;
+
+/** The events of a run, fetched when its state changes and every few seconds. */
+function useEvents(run) {
+  const [events, setEvents] = useState([]);
+  const state = JSON.stringify([run.run, run.state, run.segment?.index, run.holding, (run.guards ?? []).map((guard) => guard.state)]);
+  useEffect(() => {
+    const [unit, folder] = run.run.split("/");
+    const look = () => get(url`/live/${unit}/${folder}/events`).then((seen) => setEvents(seen.events), () => {}); // between two runs there is none
+    look();
+    const timer = setInterval(look, AGAIN_MS);
+    return () => clearInterval(timer);
+  }, [state]);
+  return events;
+}
+
+/** An event as text: a segment in the reader's language, all else as the bench writes it. */
+const What = ({ event: { kind, phase, segment, text } }) => (kind === "segment" && phase === "start" && segment
+  ? html`▶ ${segmentText(segment)}` : html`<span lang="en">${text}</span>`);
+
+export function Log({ run }) {
+  const events = useEvents(run);
+  return html`<section class="panel log" aria-labelledby="log-title"><h2 id="log-title">${t("live.log")}</h2>
+    <ol tabindex="0" aria-labelledby="log-title">${events.map((event) => html`<li key=${`${event.t_s} ${event.kind} ${event.text}`} class=${event.kind}>
+      <span class="figures soft" title=${moment(event.utc)}>${duration(event.t_s)}</span>
+      <span><b>${or(`live.event.${event.kind}`, event.kind.replaceAll("_", " "))}</b> <${What} event=${event} /></span></li>`)}</ol>
+  </section>`;
+}
