@@ -17,7 +17,7 @@ from bench.commands.results.deliver import CertificateChecked, Certified
 from bench.record import MANIFEST, CertificateRecord
 
 if TYPE_CHECKING:
-    from bench.deliver import Lack
+    from bench.deliver import Instrument, Issue, Laboratory, Lack
 
 
 @dataclass(frozen=True)
@@ -40,68 +40,91 @@ class CertificateOptions:
     """PEM files of the key that signs, and of its certificate; None: those in the folder of the keys."""
 
 
-def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> Certified:
-    """Write the PDF (default: into the run folder), its facts as JSON beside it and in the run folder.
+@dataclass(frozen=True)
+class Desk:
+    """What a certificate needs beside its evidence."""
 
-    A draft is written beside the run's certificate and never takes its place.
+    laboratory: Laboratory | None
+    equipment: tuple[Instrument, ...]
+    lacks: tuple[Lack, ...]
+    issued: date
+
+    @classmethod
+    def of(cls, folder: Path, options: CertificateOptions) -> Desk:
+        """The papers of the caller, else those in the folder."""
+        from bench.deliver import lacking, load_instruments, load_laboratory, require_typst
+
+        require_typst()
+        papers = Papers.of_files(options.laboratory, options.equipment).over(Papers.of_run(folder))
+        laboratory = None if papers.laboratory is None else load_laboratory(papers.laboratory)
+        equipment = () if papers.equipment is None else load_instruments(papers.equipment)
+        lacks = tuple(lacking(papers.laboratory, papers.equipment, folder))
+        return cls(laboratory, equipment, lacks, issued_on(options.issued))
+
+
+@dataclass(frozen=True)
+class Document:
+    """How the facts of a certificate, its XML and its page are made."""
+
+    simulated: bool
+    facts: Callable[[Issue], dict[str, Any]]
+    xml: Callable[[Mapping[str, Any]], bytes]
+    page: Callable[[Mapping[str, Any], bytes], bytes]
+
+
+def publish(
+    folder: Path, options: CertificateOptions, desk: Desk, document: Document, out: Path | None
+) -> tuple[Path, dict[str, Any]]:
+    """Write PDF, XML and facts, signed unless it is a draft; the PDF and the facts.
+
+    A draft is written beside the folder's certificate and never takes its place; a certificate that another one
+    replaces is kept under its number. InputError where the desk lacks something and it is no draft.
     """
-    from bench.analysis import load_limits
-    from bench.deliver import (
-        Issue,
-        budget,
-        dcc_xml,
-        facts,
-        facts_text,
-        figures,
-        gather,
-        lacking,
-        load_instruments,
-        load_laboratory,
-        require_typst,
-        signer_of,
-        typeset_pdf,
-    )
+    from bench.deliver import Issue, facts_text, signer_of
 
-    require_typst()
-    papers = Papers.of_files(options.laboratory, options.equipment).over(Papers.of_run(folder))
-    laboratory = None if papers.laboratory is None else load_laboratory(papers.laboratory)
-    equipment = () if papers.equipment is None else load_instruments(papers.equipment)
-    limits_file = options.limits or _of_run(folder, "limits.yaml")
-    limits = None if limits_file is None else load_limits(limits_file)
-    for run in (folder, *options.verifications):
-        if (run / MANIFEST).is_file():
-            refuse_foreign(run)
-    evidence = gather(folder, options.verifications, limits, equipment)
-    lacks = lacking(papers.laboratory, papers.equipment, folder)
-    if lacks and not options.draft:
-        raise lacks[0].error()
-    issued = issued_on(options.issued)
-    total = budget(evidence)
-    signer = None
-    if not options.draft:
-        signer = signer_of(options.sign_key, options.sign_certificate, bool(evidence.manifest.simulated))
-
-    def content_of(amends: Mapping[str, Any] | None) -> dict[str, Any]:
-        draft, signs = _across(lacks) if options.draft else None, None if signer is None else signer.to_json()
-        return facts(evidence, laboratory, total, issued, Issue(draft, signs, amends))
-
-    content, earlier = _amending(folder, options, content_of)
+    if desk.lacks and not options.draft:
+        raise desk.lacks[0].error()
+    across = (tuple(lack.what for lack in desk.lacks) or ("not issued",)) if options.draft else None
+    signer = None if options.draft else signer_of(options.sign_key, options.sign_certificate, document.simulated)
+    signs = None if signer is None else signer.to_json()
+    content, earlier = _amending(folder, options, lambda amends: document.facts(Issue(across, signs, amends)))
     pdf = out or folder / ("draft.pdf" if options.draft else "certificate.pdf")
-    beside = pdf.with_suffix(".json")
-    kept = folder / CertificateRecord.FILE
+    beside, kept = pdf.with_suffix(".json"), folder / CertificateRecord.FILE
     if options.draft and beside.resolve() == kept.resolve():
         raise InputError("a draft must not take the place of the certificate; choose another file with --out", pdf)
-    xml = dcc_xml(content) if signer is None else signer.sign_xml(dcc_xml(content))
-    paper = typeset_pdf(content, figures(evidence, total.expanded_dph), xml, issued)
+    xml = document.xml(content) if signer is None else signer.sign_xml(document.xml(content))
+    paper = document.page(content, xml)
     if earlier is not None and earlier.record.number != content["number"]:
         keep_earlier(folder, earlier)
     write(pdf, paper if signer is None else signer.sign_pdf(paper, f"Certificate {content['number']}"))
     for path in dict.fromkeys((beside,) if options.draft else (beside, kept)):
         write(path.with_suffix(".xml"), xml)
         write(path, facts_text(content))
-    return Certified(
-        folder, pdf, beside, beside.with_suffix(".xml"), content, evidence.verdict is None or evidence.verdict.within
+    return pdf, content
+
+
+def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> Certified:
+    """Write the PDF (default: into the run folder), its facts as JSON beside it and in the run folder."""
+    from bench.analysis import load_limits
+    from bench.deliver import budget, dcc_xml, facts, figures, gather, typeset_pdf
+
+    desk = Desk.of(folder, options)
+    limits_file = options.limits or _of_run(folder, "limits.yaml")
+    limits = None if limits_file is None else load_limits(limits_file)
+    for run in (folder, *options.verifications):
+        if (run / MANIFEST).is_file():
+            refuse_foreign(run)
+    evidence = gather(folder, options.verifications, limits, desk.equipment)
+    total = budget(evidence)
+    document = Document(
+        bool(evidence.manifest.simulated),
+        lambda issue: facts(evidence, desk.laboratory, total, desk.issued, issue),
+        dcc_xml,
+        lambda content, xml: typeset_pdf(content, figures(evidence, total.expanded_dph), xml, desk.issued),
     )
+    pdf, content = publish(folder, options, desk, document, out)
+    judged = evidence.verdict is None or evidence.verdict.within
+    return Certified(folder, pdf, pdf.with_suffix(".json"), pdf.with_suffix(".xml"), content, judged)
 
 
 def _amending(
@@ -128,10 +151,6 @@ def _amending(
     if again["number"] == newest.record.number:
         return again, newest
     return content_of(newest.reference(options.reason or NO_REASON)), newest
-
-
-def _across(lacks: Sequence[Lack]) -> tuple[str, ...]:
-    return tuple(lack.what for lack in lacks) or ("not issued",)
 
 
 def verify_certificate(file: Path, trust: Sequence[Path], root: Path) -> CertificateChecked:

@@ -6,11 +6,9 @@ from datetime import datetime
 from pathlib import Path
 
 from bench.base import InputError
-from bench.commands.certifying import CertificateOptions, issued_on
-from bench.commands.files import write
-from bench.commands.papers import Papers
+from bench.commands.certifying import CertificateOptions, Desk, Document, publish
 from bench.commands.results.deliver import ImuCertified
-from bench.record import MANIFEST, CertificateRecord, ImuRecord, ImuVerificationRecord, prove
+from bench.record import MANIFEST, ImuRecord, ImuVerificationRecord, prove
 
 
 def is_imu(folder: Path) -> bool:
@@ -24,44 +22,21 @@ def imu_certificate(folder: Path, options: CertificateOptions, out: Path | None)
     InputError where the record is not proven, has findings or undetermined parameters, or where laboratory, signatory
     or equipment is missing and it is no draft.
     """
-    from bench.deliver import (
-        Issue,
-        facts_text,
-        imu_dcc,
-        imu_facts,
-        lacking,
-        load_instruments,
-        load_laboratory,
-        refuse_overdue,
-        require_typst,
-        signer_of,
-        typeset_pdf,
-    )
+    from bench.deliver import imu_dcc, imu_facts, refuse_overdue, typeset_pdf
 
-    require_typst()
-    record, issued = ImuRecord.of(folder), issued_on(options.issued)
+    record = ImuRecord.of(folder)
     _refuse(folder, record, options)
     verified = ImuVerificationRecord.find(folder)
-    papers = Papers.of_files(options.laboratory, options.equipment).over(Papers.of_run(folder))
-    laboratory = None if papers.laboratory is None else load_laboratory(papers.laboratory)
-    equipment = () if papers.equipment is None else load_instruments(papers.equipment)
-    lacks = lacking(papers.laboratory, papers.equipment, folder)
-    if lacks and not options.draft:
-        raise lacks[0].error()
-    refuse_overdue(equipment, datetime.fromisoformat(record.created).date())
-    signer = None if options.draft else signer_of(options.sign_key, options.sign_certificate, record.simulated)
-    across = (tuple(lack.what for lack in lacks) or ("not issued",)) if options.draft else None
-    issue = Issue(across, None if signer is None else signer.to_json())
-    content = imu_facts(record, verified, laboratory, equipment, issued, issue)
-    pdf = out or folder / ("draft.pdf" if options.draft else "certificate.pdf")
-    xml = imu_dcc(content) if signer is None else signer.sign_xml(imu_dcc(content))
-    paper = typeset_pdf(content, {}, xml, issued, "imu")
-    write(pdf, paper if signer is None else signer.sign_pdf(paper, f"Certificate {content['number']}"))
-    beside, kept = pdf.with_suffix(".json"), folder / CertificateRecord.FILE
-    for path in dict.fromkeys((beside,) if options.draft else (beside, kept)):
-        write(path.with_suffix(".xml"), xml)
-        write(path, facts_text(content))
-    return ImuCertified(folder, pdf, beside, beside.with_suffix(".xml"), content)
+    desk = Desk.of(folder, options)
+    refuse_overdue(desk.equipment, datetime.fromisoformat(record.created).date())
+    document = Document(
+        record.simulated,
+        lambda issue: imu_facts(record, verified, desk.laboratory, desk.equipment, desk.issued, issue),
+        imu_dcc,
+        lambda content, xml: typeset_pdf(content, {}, xml, desk.issued, "imu"),
+    )
+    pdf, content = publish(folder, options, desk, document, out)
+    return ImuCertified(folder, pdf, pdf.with_suffix(".json"), pdf.with_suffix(".xml"), content)
 
 
 def _refuse(folder: Path, record: ImuRecord, options: CertificateOptions) -> None:
@@ -72,8 +47,6 @@ def _refuse(folder: Path, record: ImuRecord, options: CertificateOptions) -> Non
             "an inertial unit is verified, and judged by limits, with `bench imu TABLE --verify`: leave out "
             "--verification and --limits", folder,
         )  # fmt: skip
-    if options.amends is not None:
-        raise InputError("certificates of inertial units are not amended; issue a new one", folder)
     wrong = [f"{finding.where}: {finding.text}" for finding in record.findings]
     wrong += [f"not determined: {text}" for text in record.undetermined]
     if wrong:

@@ -18,7 +18,7 @@ from bench.commands.files import write
 from bench.commands.papers import EQUIPMENT
 from bench.commands.registering import registry_tell
 from bench.commands.results.stock import CertificatesListed, Noted, Recalled
-from bench.record import MANIFEST, CertificateRecord, sha256
+from bench.record import MANIFEST, CertificateRecord, ImuRecord, sha256
 
 NO_REASON = "issued again from the same run; no reason was given"
 _KEPT = ("json", "xml", "pdf")
@@ -90,7 +90,7 @@ class Shelf:
 
 def _found(folders: list[Path]) -> Iterator[Issued]:
     for folder in folders:
-        if (folder / MANIFEST).is_file():
+        if (folder / MANIFEST).is_file() or (folder / ImuRecord.FILE).is_file():
             for file in sorted(folder.glob("certificate*.json")):
                 with suppress(InputError):  # a damaged one is told by whoever uses its run
                     record = CertificateRecord.read(folder, file.name)

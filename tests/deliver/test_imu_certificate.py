@@ -42,6 +42,23 @@ def issued(tmp_path_factory):
     return folder, certificate(folder, *PAPERS, "--issued", "2030-01-01", "--json")
 
 
+def test_a_certificate_that_is_amended_is_kept_and_named(tmp_path):
+    imu_record().write(tmp_path)
+    verification().write(tmp_path)
+    assert certificate(tmp_path, *PAPERS, "--issued", "2030-01-01").exit_code == 0
+    first = CertificateRecord.read(tmp_path).number
+    page = (tmp_path / "certificate.pdf").read_bytes()
+    again = certificate(tmp_path, *PAPERS, "--issued", "2030-01-02", "--amends", first, "--reason", "a wrong name")
+    assert again.exit_code == 0, again.output
+    facts = json.loads((tmp_path / "certificate.json").read_text())
+    assert facts["amends"]["number"] == first
+    assert f"Amendment to certificate {first} of 2030-01-01, which it replaces: a wrong name." in facts["statements"]
+    assert (tmp_path / f"certificate-{first}.pdf").read_bytes() == page
+    assert faults((tmp_path / "certificate.xml").read_bytes()) == []
+    unknown = certificate(tmp_path, *PAPERS, "--amends", "X-1", "--reason", "a wrong name")
+    assert (unknown.exit_code, unknown.output.count("no certificate X-1 here")) == (2, 1)
+
+
 def test_the_certificate_states_every_parameter_with_its_u(issued):
     folder, answer = issued
     assert answer.exit_code == 0, answer.output

@@ -88,12 +88,12 @@ def facts(
         },
         "software": _software(evidence),
         "signer": None if issue.signer is None else dict(issue.signer),
-        "statements": [*_amendment(issue.amends), *STATEMENTS],
+        "statements": [*amendment(issue.amends), *STATEMENTS],
     }
     return {"number": number_of(content), **content}
 
 
-def _amendment(amends: Mapping[str, Any] | None) -> list[str]:
+def amendment(amends: Mapping[str, Any] | None) -> list[str]:
     """The statement that ISO/IEC 17025, 7.8.8.2 and 7.8.8.3, ask for."""
     if amends is None:
         return []

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.analysis import STANDARD_GRAVITY
 from bench.base import __version__
-from bench.deliver.certificate.certificate import FORMAT, STATEMENTS, Issue, number_of, people, traceability
+from bench.deliver.certificate.certificate import FORMAT, STATEMENTS, Issue, amendment, number_of, people, traceability
 from bench.deliver.certificate.dcc import DccDocument, dcc_xml
 from bench.deliver.certificate.dsi import dsi
 from bench.deliver.certificate.laboratory import Instrument, Laboratory
@@ -41,7 +41,7 @@ def imu_facts(
         "format": FORMAT,
         "title": "Calibration certificate",
         "draft": None if issue.draft is None else list(issue.draft),
-        "amends": None,
+        "amends": None if issue.amends is None else dict(issue.amends),
         "simulated": record.simulated,
         "issued": issued.isoformat(),
         "verdict": verified.verdict if verified else None,
@@ -58,11 +58,7 @@ def imu_facts(
         "calibrated": record.created,
         "verified": verified.created if verified else None,
         "validity": {"certified_degc": _certified(record, verified), "calibrated_degc": list(record.range_degc)},
-        "method": {
-            "plan": record.sources[-1].file,
-            "revision": record.sources[-1].sha256,
-            "orders": record.plan["orders"],
-        },
+        "method": _method(record),
         "conditions": [{"name": name, "value": value.replace("-", "−")} for name, value in _conditions(record)],
         "equipment": [tool.model_dump(mode="json") for tool in instruments],
         "traceability": traceability(instruments),
@@ -72,7 +68,7 @@ def imu_facts(
         "chain": {source.file: source.sha256 for source in (*record.sources, *(verified.sources if verified else ()))},
         "software": {"certificate": {"bench": __version__, "commit": commit()}, "run": dict(record.software)},
         "signer": None if issue.signer is None else dict(issue.signer),
-        "statements": list(STATEMENTS),
+        "statements": [*amendment(issue.amends), *STATEMENTS],
     }
     return {"number": number_of(content), **content}
 
