@@ -48,6 +48,7 @@ from .fleet.statistics import to_csv as to_csv
 from .fleet.trends import figure as figure
 from .fleet.trends import trends as trends
 from .fleet.units import NoUnitError as NoUnitError
+from .fleet.units import choices as choices
 from .fleet.units import fleet_of as fleet_of
 from .fleet.units import selected as selected
 from .registry.asking import certificates as certificates

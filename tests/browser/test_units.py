@@ -87,7 +87,7 @@ def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
     page.get_by_role("heading", name="L0-0020").wait_for()
 
 
-def test_a_point_of_a_chart_opens_its_unit(page):
+def test_a_point_of_a_chart_is_named_and_opens_its_run(page):
     page.goto("/fleet?q=L")
     page.get_by_role("button", name="Angle random walk").click()
     drawn = page.get_by_role("group", name="Angle random walk of 48 units")
@@ -95,10 +95,10 @@ def test_a_point_of_a_chart_opens_its_unit(page):
     drawn.scroll_into_view_if_needed()
     box = drawn.locator(".scatterlayer .points path").first.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    drawn.locator(".hovertext").first.wait_for()
+    drawn.locator(".hovertext", has_text="L0-0020 · L0 · station-A").first.wait_for()
     page.mouse.down()
     page.mouse.up()
-    page.wait_for_url("**/units/L0-0020")
+    page.wait_for_url("**/verdict/L0-0020/*")
 
 
 def table(path):

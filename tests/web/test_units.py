@@ -96,6 +96,50 @@ def test_the_fleet_is_told_in_numbers_and_drawn_a_figure_at_a_time(client):
     assert client.get(f"{API}/fleet", params={"q": "(a+)+$"}).json()["units"] == 0, "text, not a pattern"
 
 
+@pytest.mark.parametrize(("params", "units"), [
+    ({"station": "station-A"}, 24),
+    ({"lot": "L1"}, 8),
+    ({"station": "station-B", "lot": "L1"}, 4),
+    ({"since": "2026-03-03", "until": "2026-03-04"}, 10),
+    ({"until": "2026-03-01"}, 5),
+    ({"plan": "ramp"}, 48),
+    ({"plan": "other"}, 0),
+    ({"since": "2027-01-01"}, 0),
+])  # fmt: skip
+def test_a_fleet_is_told_of_some_stations_lots_plans_and_days(client, params, units):
+    fleet = client.get(f"{API}/fleet", params={"q": "L", **params}).json()
+    assert fleet["units"] == units
+    assert {"station-A", "station-B"} <= set(fleet["choices"]["stations"]), "of all, whatever is chosen"
+    assert {"L0", "L1"} <= set(fleet["choices"]["lots"])
+    assert "ramp" in fleet["choices"]["plans"]
+
+
+def test_a_day_that_is_none_is_refused(client):
+    assert "since" in client.get(f"{API}/fleet", params={"since": "yesterday"}).json()["detail"]
+
+
+def test_a_point_of_a_chart_is_named_and_leads_to_its_run(client):
+    for name in ("angle_random_walk_dprh", "distances"):
+        chart = client.get(f"{API}/fleet/charts/{name}", params={"q": "L"}).json()
+        labels = {
+            x: text for trace in chart["figure"]["data"] for x, text in zip(trace["x"], trace["text"], strict=True)
+        }
+        assert labels[21.0] == "L0-0020 · L0 · station-A · 2026-03-05"
+        assert chart["runs"][20] == "L0-0020/20260305T000000Z_ramp"
+
+
+def test_a_histogram_counts_every_unit_and_shows_the_limits(client):
+    params = {"q": "L", "limits": "line"}
+    figure = client.get(f"{API}/fleet/charts/angle_random_walk_dprh", params=params).json()["histogram"]
+    (bars,) = figure["data"]
+    assert sum(bars["y"]) == 48
+    assert [shape["x0"] for shape in figure["layout"]["shapes"]] == [0.02]
+    low, high = figure["layout"]["xaxis"]["range"]
+    assert low < min(bars["x"])
+    assert high > 0.02
+    assert client.get(f"{API}/fleet/charts/distances", params=params).json()["histogram"] is None
+
+
 def test_a_verification_is_no_calibration(tmp_path):
     folders = unit_with_history(tmp_path)
     manifest = json.loads((folders[-1] / "manifest.json").read_text())

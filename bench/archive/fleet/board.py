@@ -10,7 +10,8 @@ import numpy as np
 
 from bench.archive.fleet import figures
 from bench.archive.fleet.page import GOOD_CPK
-from bench.archive.fleet.statistics import Measured, Statistics, to_csv
+from bench.archive.fleet.statistics import Statistics, to_csv
+from bench.archive.fleet.units import Calibrated
 from bench.base import InputError
 
 DISTANCES = "distances"
@@ -66,25 +67,30 @@ def _attention(found: Statistics) -> Found:
 
 
 def drawn(found: Statistics, name: str) -> Found:
-    """One figure with the unit of each place on its x axis and the signals; InputError for an unknown name."""
+    """One figure, unit and run of each place on its x axis, the signals and a histogram; InputError without a chart."""
     if name == DISTANCES and np.any(np.isfinite(found.distances)):
         newest = found.fleet.newest
         plot = figures.distances(
             found.distances, [one.lot for one in newest], [one.row for one in found.odd], [one.unit for one in newest]
         )
-        return {"name": name, "figure": plot, "units": [one.unit for one in newest], "signals": []}
+        return {"name": name, "figure": figures.named(plot, [_label(one) for one in newest]), "histogram": None,
+                "units": [one.unit for one in newest], "runs": [one.path for one in newest], "signals": []}  # fmt: skip
     one = next((one for one in found.measured if one.name == name and one.chart is not None), None)
     if one is None or one.chart is None:
         known = ", ".join([*(one.name for one in found.measured if one.chart), DISTANCES])
         raise InputError(f"no chart of '{name}'; the charts are {known}")
-    units = _units(found, one)
+    shown = [found.fleet.newest[row] for row in one.rows]
+    units = [unit.unit for unit in shown]
     signals = [{"rule": s.rule, "text": s.text, "unit": units[s.index], "at": s.index + 1} for s in one.chart.signals]
-    plot = figures.control(one.chart, one.name, one.unit, (one.lower, one.upper))
-    return {"name": name, "figure": plot, "units": units, "signals": signals}
+    limits = one.lower, one.upper
+    plot = figures.named(figures.control(one.chart, one.name, one.unit, limits), [_label(unit) for unit in shown])
+    return {"name": name, "figure": plot, "histogram": figures.histogram(one.values, one.unit, limits),
+            "units": units, "runs": [unit.path for unit in shown], "signals": signals}  # fmt: skip
 
 
-def _units(found: Statistics, one: Measured) -> list[str]:
-    return [found.fleet.newest[row].unit for row in one.rows]
+def _label(one: Calibrated) -> str:
+    """Serial, lot, station and day of a unit's run."""
+    return " · ".join([one.unit, one.lot, one.station, one.created[:10]])
 
 
 def safe_csv(found: Statistics) -> str:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from html import escape
 from typing import Any
 
 import numpy as np
+import plotly.graph_objects as go
 
 from bench.archive.fleet.charts import Chart
 from bench.base import FloatArray, in_print
@@ -25,6 +27,7 @@ from bench.deliver import (
 )
 
 UNITS = "unit, in order of time"
+_MOST_BARS = 60
 
 
 def control(drawn: Chart, name: str, unit: str, limits: tuple[float | None, float | None]) -> Plot:
@@ -57,6 +60,36 @@ def control(drawn: Chart, name: str, unit: str, limits: tuple[float | None, floa
         "annotations": labels,
     }
     return plot(traces, layout, 460)
+
+
+def histogram(values: FloatArray, unit: str, limits: tuple[float | None, float | None]) -> Plot:
+    """Number of units by value (n,), with the limits of the product."""
+    counts, edges = np.histogram(values, min(len(np.histogram_bin_edges(values, "auto")) - 1, _MOST_BARS))
+    middle, width = 0.5 * (edges[1:] + edges[:-1]), float(edges[1] - edges[0])
+    bars = go.Bar(
+        x=middle.tolist(), y=counts.tolist(), width=width, marker={"color": BLUE, "opacity": 0.7}, name="units"
+    )
+    known = [(end, text) for end, text in zip(limits, ("lower limit", "upper limit"), strict=True) if end is not None]
+    ends = [float(edges[0]), float(edges[-1]), *(end for end, _ in known)]
+    edge = 0.05 * (max(ends) - min(ends)) or width
+    lines = [{"type": "line", "xref": "x", "x0": end, "x1": end, "yref": "y domain", "y0": 0, "y1": 1,
+              "line": {"color": VERMILION, "dash": "dash", "width": 1.5}} for end, _ in known]  # fmt: skip
+    labels = [{"xref": "x", "x": end, "yref": "y domain", "y": 1, "yanchor": "bottom", "text": text, "showarrow": False,
+               "font": {"color": VERMILION}} for end, text in known]  # fmt: skip
+    layout: dict[str, Any] = {
+        "xaxis": axis(f"[{in_print(unit)}]", range=[min(ends) - edge, max(ends) + edge]),
+        "yaxis": axis("units", rangemode="tozero"),
+        "shapes": lines, "annotations": labels, "showlegend": False, "bargap": 0,
+    }  # fmt: skip
+    return plot([bars], layout, 300)
+
+
+def named(drawn: Plot, labels: Sequence[str]) -> Plot:
+    """The figure, with the label of its unit at every point; x counts units from 1."""
+    for trace in drawn["data"]:
+        trace["text"] = [escape(labels[round(x) - 1]) for x in trace["x"]]
+        trace["hovertemplate"] = "%{text}<br>%{y:.4g}<extra></extra>"
+    return drawn
 
 
 def distances(values: FloatArray, lots: Sequence[str], odd: Sequence[int], serials: Sequence[str]) -> Plot:

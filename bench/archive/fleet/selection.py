@@ -1,9 +1,12 @@
-"""Which runs are compared: of one profile, whole, of units that did not correct themselves, real or simulated."""
+"""Which runs are compared: of a station, lot and time, of one profile, whole, of units that did not correct themselves,
+real or simulated.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, date, datetime
 from typing import Any
 
 IMPORT = "import"
@@ -15,6 +18,11 @@ class Selection:
     """A `profile`, or None for the one that most units have run; imported records are of the profile `import`."""
 
     profile: str | None = None
+    station: str | None = None
+    lot: str | None = None
+    since: date | None = None
+    until: date | None = None
+    """First and last day (UTC)."""
 
     def of(self, runs: Sequence[Row]) -> tuple[list[Row], tuple[str, ...]]:
         """The runs that may stand in one figure, in their order, and what was left out, in words.
@@ -29,19 +37,32 @@ class Selection:
                 left.append(f"{len(found) - len(kept)} {words}")
             return kept
 
-        found = keep(list(runs), lambda run: run["state"] == "done", "that did not end as planned")
+        found = list(runs)
+        if self.station is not None:
+            found = keep(found, lambda run: run["station"] == self.station, "of other stations")
+        if self.lot is not None:
+            found = keep(found, lambda run: run["lot"] == self.lot, "of other lots")
+        if self.since or self.until:
+            first, last = self.since or date.min, self.until or date.max
+            found = keep(found, lambda run: first <= day_of(run) <= last, "of other days")
+        found = keep(found, lambda run: run["state"] == "done", "that did not end as planned")
         found = keep(found, lambda run: not run["corrected"], "of units that corrected themselves")
         if any(run["simulated"] is False for run in found):
             found = keep(found, lambda run: not run["simulated"], "simulated")
         units: dict[Any, set[str]] = {}
         for run in found:
-            units.setdefault(_profile(run), set()).add(run["unit"])
+            units.setdefault(profile_of(run), set()).add(run["unit"])
         profile = self.profile or max(units, key=lambda name: len(units[name]), default=None)
         others = ", ".join(sorted(str(name) for name in units if name != profile))
-        found = keep(found, lambda run: _profile(run) == profile, f"of other profiles ({others}; --profile)")
+        found = keep(found, lambda run: profile_of(run) == profile, f"of other profiles ({others}; --profile)")
         return found, tuple(left)
 
 
-def _profile(run: Row) -> Any:
+def day_of(run: Row) -> date:
+    """Day on which it began (UTC)."""
+    return datetime.fromisoformat(str(run["created"])).astimezone(UTC).date()
+
+
+def profile_of(run: Row) -> Any:
     """What was run; the names of imported tables tell nothing of it."""
     return IMPORT if run["cause"] == "imported" else run["profile"]

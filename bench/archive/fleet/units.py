@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from sqlalchemy import func, select
 
 from bench.analysis import Limits, Quantity, Verdict, judge_limits
-from bench.archive.fleet.selection import Selection
+from bench.archive.fleet.selection import Selection, profile_of
 from bench.archive.registry.asking import once
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.writing import TABLES
@@ -35,6 +35,8 @@ class Calibrated:
     lot: str
     station: str
     created: str
+    path: str
+    """Folder of the run in its archive: `UNIT/RUN`."""
     time_s: float
     judged: str | None
     """Verdict of its certificate, or else of its report."""
@@ -99,7 +101,7 @@ def _rows(registry: Registry) -> tuple[list[dict[str, Any]], dict[str, dict[str,
     run, calibration, unit, quantity = (TABLES[name] for name in ("runs", "calibrations", "units", "quantities"))
     certificate = TABLES["certificates"]
     judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
-    of_run = ("id", "unit", "station", "created", "profile", "state", "cause", "simulated", "corrected")
+    of_run = ("id", "path", "unit", "station", "created", "profile", "state", "cause", "simulated", "corrected")
     columns = (*(run.c[name] for name in of_run), unit.c.lot)
     chosen = (
         select(*columns, judged, calibration.c.limits)
@@ -112,21 +114,39 @@ def _rows(registry: Registry) -> tuple[list[dict[str, Any]], dict[str, dict[str,
     values: dict[str, dict[str, float]] = {}
     units: dict[str, str] = {}
     with registry.reading() as connection:
-        runs = [dict(row) for row in connection.execute(chosen).mappings()]
+        runs = [_placed(row) for row in connection.execute(chosen).mappings()]
         for row in connection.execute(select(quantity).order_by(quantity.c.run, quantity.c.name)):
             values.setdefault(row.run, {})[row.name] = row.value
             units[row.name] = row.unit or ""
     return runs, values, units
 
 
-def _calibrated(row: Mapping[str, Any], values: Mapping[str, float]) -> Calibrated:
+def _placed(row: Mapping[Any, Any]) -> dict[str, Any]:
+    """A run of the registry with its lot and its station."""
     match = NO_LOT.match(row["unit"])
+    lot = row["lot"] or (match[1] if match else "") or "one"
+    return {**row, "lot": lot, "station": row["station"] or "unknown"}
+
+
+def choices(registry: Registry) -> dict[str, list[str]]:
+    """Stations, lots and plans of all calibrated runs, by which a fleet can be chosen."""
+    runs = _rows(registry)[0]
+    of: dict[str, Callable[[dict[str, Any]], str]] = {
+        "stations": lambda run: str(run["station"]),
+        "lots": lambda run: str(run["lot"]),
+        "plans": lambda run: str(profile_of(run)),
+    }
+    return {name: sorted({value(run) for run in runs}) for name, value in of.items()}
+
+
+def _calibrated(row: Mapping[str, Any], values: Mapping[str, float]) -> Calibrated:
     return Calibrated(
         run=row["id"],
         unit=row["unit"],
-        lot=row["lot"] or (match[1] if match else "") or "one",
-        station=row["station"] or "unknown",
+        lot=row["lot"],
+        station=row["station"],
         created=row["created"],
+        path=row["path"],
         time_s=datetime.fromisoformat(row["created"]).timestamp(),
         judged=row["judged"],
         limits=row["limits"],

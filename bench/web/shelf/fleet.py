@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from datetime import date
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Response
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from bench.analysis import load_limits
-from bench.archive import NoUnitError, Registry, Statistics, drawn, overview, safe_csv, statistics
+from bench.archive import NoUnitError, Registry, Selection, Statistics, choices, drawn, overview, safe_csv, statistics
 from bench.archive import fleet_of as read
 from bench.base import InputError
 from bench.web.ground.problems import NotFoundError
@@ -20,10 +21,31 @@ from bench.web.shelf.units import Stocked
 
 router = APIRouter(tags=["fleet"])
 
-Text = Annotated[str, Query(max_length=200)]
+Text = Annotated[str, Field(max_length=200)]
 """Part of the serial numbers that count."""
-LimitsName = Annotated[str | None, Query(max_length=100)]
+LimitsName = Annotated[str | None, Field(max_length=100)]
 """Name of a limits file of the project or of the library."""
+
+
+class Chosen(BaseModel):
+    """Which runs count: those of a station, a lot, a plan, from and to a day (UTC); all where nothing is said."""
+
+    model_config = ConfigDict(frozen=True)
+
+    q: Text = ""
+    limits: LimitsName = None
+    station: Annotated[str | None, Field(max_length=200)] = None
+    lot: Annotated[str | None, Field(max_length=200)] = None
+    plan: Annotated[str | None, Field(max_length=200)] = None
+    since: date | None = None
+    until: date | None = None
+
+    def selection(self) -> Selection:
+        """The same in the words of the archive."""
+        return Selection(self.plan, self.station, self.lot, self.since, self.until)
+
+
+Choice = Annotated[Chosen, Query()]
 
 
 class Fleet(BaseModel):
@@ -35,6 +57,8 @@ class Fleet(BaseModel):
     missing: list[str] = []
     """Quantities that the limits require and no unit has."""
     known_limits: list[str] = []
+    choices: dict[str, list[str]] = {}
+    """Stations, lots and plans of all calibrated runs."""
     lots: int = 0
     stations: int = 0
     first: str | None = None
@@ -63,37 +87,36 @@ class FleetSignal(BaseModel):
 
 
 class FleetFigure(BaseModel):
-    """A figure, the unit of each place on its x axis, and the signals."""
+    """A figure, unit and run of each place on its x axis, the signals, and a histogram of the same values."""
 
     name: str
     figure: dict[str, Any]
+    histogram: dict[str, Any] | None
     units: list[str]
+    runs: list[str]
     signals: list[FleetSignal]
 
 
 @router.get("/fleet")
-def fleet(stock: Stocked, here: Here, q: Text = "", limits: LimitsName = None) -> Fleet:
+def fleet(stock: Stocked, here: Here, chosen: Choice) -> Fleet:
     """Yield, capability, signals, drifts, odd units; figures are asked for one by one."""
     known = sorted(Catalog(here.project, here.own).limits())
     if not stock.exists:
         return Fleet(registry=False, known_limits=known)
+    shared: dict[str, Any] = {
+        "registry": True, "known_limits": known, "choices": stock.answer("choices", choices), "limits": chosen.limits,
+    }  # fmt: skip
     try:
-        found = _statistics(stock, here, q, limits)
+        content = overview(_statistics(stock, here, chosen))
     except NoUnitError:
-        return Fleet(registry=True, known_limits=known, limits=limits)
-    content = overview(found)
-    return Fleet(
-        registry=True,
-        known_limits=known,
-        **{**content, "limits": limits, "first": content["from"], "last": content["to"]},
-    )
+        return Fleet(**shared)
+    return Fleet(**{**content, **shared, "first": content["from"], "last": content["to"]})
 
 
 @router.get("/fleet/charts/{name}")
-def chart(name: Annotated[str, Field(max_length=100)], stock: Stocked, here: Here, q: Text = "",
-          limits: LimitsName = None) -> FleetFigure:  # fmt: skip
+def chart(name: Annotated[str, Field(max_length=100)], stock: Stocked, here: Here, chosen: Choice) -> FleetFigure:
     """The control chart of a quantity, or `distances` of all units from their lots."""
-    found = _existing(stock, here, q, limits)
+    found = _existing(stock, here, chosen)
     try:
         return FleetFigure(**drawn(found, name))
     except InputError as error:
@@ -101,23 +124,23 @@ def chart(name: Annotated[str, Field(max_length=100)], stock: Stocked, here: Her
 
 
 @router.get("/fleet.csv", response_class=Response, responses={200: {"content": {"text/csv": {}}}})
-def table(stock: Stocked, here: Here, q: Text = "", limits: LimitsName = None) -> Response:
+def table(stock: Stocked, here: Here, chosen: Choice) -> Response:
     """A line a unit and quantity; no cell begins like a formula."""
-    text = safe_csv(_existing(stock, here, q, limits))
+    text = safe_csv(_existing(stock, here, chosen))
     return Response(text, media_type="text/csv", headers={"Content-Disposition": 'attachment; filename="fleet.csv"'})
 
 
-def _existing(stock: Stock, here: Settings, q: str, limits: str | None) -> Statistics:
+def _existing(stock: Stock, here: Settings, chosen: Chosen) -> Statistics:
     if not stock.exists:
         raise NotFoundError("no registry here yet: POST /api/v1/registry makes it from the run folders")
-    return _statistics(stock, here, q, limits)
+    return _statistics(stock, here, chosen)
 
 
-def _statistics(stock: Stock, here: Settings, q: str, limits: str | None) -> Statistics:
+def _statistics(stock: Stock, here: Settings, chosen: Chosen) -> Statistics:
     path = None
-    if limits is not None:
+    if chosen.limits is not None:
         try:
-            path = named(Catalog(here.project, here.own).limits(), limits, "limits")
+            path = named(Catalog(here.project, here.own).limits(), chosen.limits, "limits")
         except InputError as error:
             raise NotFoundError(str(error)) from None
     changed = path.stat().st_mtime_ns if path else 0
@@ -125,6 +148,7 @@ def _statistics(stock: Stock, here: Settings, q: str, limits: str | None) -> Sta
     def ask(registry: Registry) -> Statistics:
         bounds = load_limits(path) if path else None
         # A pattern of somebody else can be made to take for ever: only plain text is looked for.
-        return statistics(read(registry, f".*{re.escape(q)}.*" if q else None), bounds)
+        pattern = f".*{re.escape(chosen.q)}.*" if chosen.q else None
+        return statistics(read(registry, pattern, chosen.selection()), bounds)
 
-    return stock.answer(("fleet", q, limits, changed), ask)
+    return stock.answer(("fleet", chosen, changed), ask)

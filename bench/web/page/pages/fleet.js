@@ -38,7 +38,7 @@ function Headline({ fleet }) {
       more=${passes.judged ? t("fleet.yield_more", { first: passes.first, judged: passes.judged, low: percent(passes.interval[0]), high: percent(passes.interval[1]) }) : t("fleet.unjudged")} />
     <${Tile} what=${t("fleet.least_cpk")} value=${worst ? sig(worst.capability.cpk) : "–"} tone=${worst && (worst.capable ? "good" : "bad")} more=${worst ? quantity(worst.name) : t("fleet.no_limits")} />
     <${Tile} what=${t("units.title")} value=${number(fleet.units, 0)} more=${t("fleet.units_more", { lots: fleet.lots, stations: fleet.stations })} />
-    <${Tile} what=${t("fleet.period")} value=${day(fleet.last)} more=${t("fleet.since", { day: day(fleet.first) })} />
+    <${Tile} what=${t("fleet.period")} value=${day(fleet.last)} more=${t("fleet.since_day", { day: day(fleet.first) })} />
   </div>`;
 }
 
@@ -67,17 +67,33 @@ function Capability({ fleet, chosen, choose }) {
 
 function Control({ name, params, anchor }) {
   const { data, error, again } = useGet(url`/fleet/charts/${name}` + query(params));
-  const pick = (x) => data && navigate(`/units/${encodeURIComponent(data.units[Math.round(x) - 1])}`);
+  const pick = (x) => data && navigate(`/verdict/${data.runs[Math.round(x) - 1].split("/").map(encodeURIComponent).join("/")}`);
   const distances = name === "distances";
   const title = distances ? t("fleet.distances") : quantity(name);
   const words = data && (distances ? t("fleet.distances_words", { n: data.units.length }) : t("fleet.chart_words", { name: title, units: data.units.length, n: data.signals.length }));
   return html`<section class="stack" ref=${anchor} aria-label=${title}><h3>${title}</h3>
     <${Trouble} error=${error} retry=${again} />
     ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`fleet ${name}`} height=${distances ? 400 : 460} onPick=${pick} />` : !error && html`<${Busy} />`}
+    ${data?.histogram && html`<${Chart} figure=${data.histogram} words=${t("fleet.histogram_words", { name: title, units: data.units.length })} name=${`fleet ${name} histogram`} height=${280} />`}
     ${data?.signals.length > 0 && html`<details><summary>${t("fleet.signals", { n: data.signals.length })}</summary>
       <div class="scroll st-scroll"><table><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("fleet.rule")}</th></tr></thead>
       <tbody>${data.signals.map((one, i) => html`<tr key=${i}><th scope="row">${unitLink(one.unit)}</th><td>${one.rule}: ${t(`fleet.rule.${one.rule}`)}</td></tr>`)}</tbody></table></div></details>`}
   </section>`;
+}
+
+/** Units outside the limits of each quantity, most first, with the share of all such cases so far. */
+function Failures({ fleet }) {
+  const failing = fleet.quantities.filter((one) => one.capability?.outside > 0).sort((a, b) => b.capability.outside - a.capability.outside);
+  const all = failing.reduce((sum, one) => sum + one.capability.outside, 0);
+  if (!fleet.quantities.some((one) => one.capability)) return html`<p class="soft">${t("fleet.no_limits")}</p>`;
+  if (!all) return html`<p><${Lamp} tone="good">${t("fleet.no_failures")}<//></p>`;
+  let sum = 0;
+  return html`<ol class="st-pareto">${failing.map((one) => {
+    sum += one.capability.outside;
+    return html`<li key=${one.name}><span>${quantity(one.name)}</span>
+      <meter min="0" max=${failing[0].capability.outside} value=${one.capability.outside} aria-label=${quantity(one.name)}></meter>
+      <b class="figures">${one.capability.outside}</b><span class="soft figures">${percent(sum / all)}</span></li>`;
+  })}</ol><p class="soft small">${t("fleet.failures_note")}</p>`;
 }
 
 function Drifts({ fleet }) {
@@ -123,6 +139,7 @@ function Board({ fleet, params }) {
   return html`<${Attention} fleet=${fleet} /><${Headline} fleet=${fleet} />
     <section class="stack" aria-labelledby="cap"><h2 id="cap">${t("fleet.capability")}</h2><${Capability} fleet=${fleet} chosen=${chosen} choose=${choose} />
       <p class="soft small">${t("fleet.cpk_note")}</p></section>
+    <section class="stack" aria-labelledby="failures"><h2 id="failures">${t("fleet.failures")}</h2><${Failures} fleet=${fleet} /></section>
     <section class="stack" aria-labelledby="control"><h2 id="control">${t("fleet.control")}</h2>
       ${chosen ? html`<${Control} name=${chosen} params=${params} anchor=${anchor} /><p class="soft small">${t("fleet.control_note")}</p>` : html`<p class="soft">${t("fleet.too_few_chart")}</p>`}</section>
     <section class="stack" aria-labelledby="drift"><h2 id="drift">${t("fleet.drift")}</h2><${Drifts} fleet=${fleet} /><${Shifts} fleet=${fleet} /></section>
@@ -130,8 +147,18 @@ function Board({ fleet, params }) {
       ${fleet.distances && html`<${Control} name="distances" params=${params} />`}</section>`;
 }
 
+/** Choices of the address: limits, and which runs count. */
+const CHOICES = ["limits", "station", "lot", "plan", "since", "until"];
+
+/** A choice among names; the first one is all. */
+function Choice({ label, all, names, value, onChange }) {
+  return html`<label class="row">${label} <select value=${value} onChange=${(event) => onChange(event.target.value)}>
+    <option value="" selected=${!value}>${all}</option>
+    ${[...new Set([...names, ...(value ? [value] : [])])].map((name) => html`<option key=${name} value=${name} selected=${name === value}>${name}</option>`)}</select></label>`;
+}
+
 export default function Fleet({ query: initial }) {
-  const [limits, setLimits] = useState(initial.limits ?? "");
+  const [chosen, setChosen] = useState(Object.fromEntries(CHOICES.map((name) => [name, initial[name] ?? ""])));
   const [text, setText] = useState(initial.q ?? "");
   const [q, setQ] = useState(text);
   const [trouble, setTrouble] = useState(null);
@@ -139,10 +166,14 @@ export default function Fleet({ query: initial }) {
     const timer = setTimeout(() => setQ(text), 300);
     return () => clearTimeout(timer);
   }, [text]);
-  useEffect(() => remember({ q, limits }), [q, limits]);
-  const params = { q, limits };
+  const params = { q, ...chosen };
+  useEffect(() => remember(params), [q, chosen]);
   const { data: fleet, error, again } = useGet(`/fleet${query(params)}`);
   const build = () => post("/registry").then(again, setTrouble);
+  const set = (name) => (value) => setChosen({ ...chosen, [name]: value });
+  const all = t("fleet.all");
+  const choice = (name, label, names, otherwise = all) => html`<${Choice} label=${label} all=${otherwise} names=${names ?? []} value=${chosen[name]} onChange=${set(name)} />`;
+  const date = (name) => html`<label class="row">${t(`fleet.${name}`)} <input type="date" value=${chosen[name]} onChange=${(event) => set(name)(event.target.value)} /></label>`;
   return html`<div class="page stack">
     <div class="row spread"><h1>${t("fleet.title")}</h1>
       ${fleet?.units > 0 && html`<a class="button narrow" href=${`/api/v1/fleet.csv${query(params)}`} download>${t("fleet.csv")}</a>`}</div>
@@ -151,9 +182,9 @@ export default function Fleet({ query: initial }) {
     ${fleet && !fleet.registry && html`<${NoRegistry} build=${build} may=${may("engineer")} />`}
     ${fleet?.registry && html`<div class="row st-filter">
       <input type="search" aria-label=${t("fleet.search")} placeholder=${t("fleet.search")} value=${text} onInput=${(event) => setText(event.target.value)} />
-      <label class="row">${t("fleet.limits")} <select value=${limits} onChange=${(event) => setLimits(event.target.value)}>
-        <option value="" selected=${!limits}>${t("fleet.own_limits")}</option>
-        ${fleet.known_limits.map((name) => html`<option key=${name} value=${name} selected=${name === limits}>${name}</option>`)}</select></label></div>
-      ${fleet.units ? html`<${Board} fleet=${fleet} params=${params} />` : html`<p class="soft">${t(q ? "units.nothing" : "fleet.empty")}</p>`}`}
+      ${choice("limits", t("fleet.limits"), fleet.known_limits, t("fleet.own_limits"))}
+      ${choice("station", t("fleet.kind.station"), fleet.choices.stations)} ${choice("lot", t("fleet.kind.lot"), fleet.choices.lots)}
+      ${choice("plan", t("fleet.plan"), fleet.choices.plans, t("fleet.most_run"))} ${date("since")} ${date("until")}</div>
+      ${fleet.units ? html`<${Board} fleet=${fleet} params=${params} />` : html`<p class="soft">${t(Object.values(params).some(Boolean) ? "units.nothing" : "fleet.empty")}</p>`}`}
   </div>`;
 }
