@@ -10,8 +10,8 @@ from .certificate.formalities import Lack as Lack
 from .certificate.formalities import lacking as lacking
 from .certificate.imu import imu_dcc as imu_dcc
 from .certificate.imu import imu_facts as imu_facts
-from .certificate.laboratory import InstrumentsFile as InstrumentsFile
 from .certificate.laboratory import Instrument as Instrument
+from .certificate.laboratory import InstrumentsFile as InstrumentsFile
 from .certificate.laboratory import Laboratory as Laboratory
 from .certificate.laboratory import instrument_of_registry as instrument_of_registry
 from .certificate.laboratory import instruments_yaml as instruments_yaml
