@@ -42,6 +42,7 @@ from .files import share_again as share_again
 from .files import staged as staged
 from .files import write_atomically as write_atomically
 from .folder import HASHED_PATTERNS as HASHED_PATTERNS
+from .folder import LAYOUT as LAYOUT
 from .folder import LIVE as LIVE
 from .folder import MANIFEST as MANIFEST
 from .folder import RunFolder as RunFolder

@@ -23,7 +23,9 @@ from bench.record.records.manifest import Manifest
 MANIFEST = Manifest.FILE
 LIVE = "live.json"
 """Of a run that goes on: how it is reached."""
-HASHED_PATTERNS = ("*.parquet", "*.yaml", "*.jsonl", "journal/*", "journal-*/*")
+LAYOUT = "layout.dbc"
+"""The DBC by which the frames of the run are read, where its unit has one."""
+HASHED_PATTERNS = ("*.parquet", "*.yaml", "*.jsonl", LAYOUT, "journal/*", "journal-*/*")
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,9 @@ class RunFolder:
 
 
 def create_run(
-    root: Path, unit: str, profile: str, created: datetime, files: Mapping[str, str] | None = None
+    root: Path, unit: str, profile: str, created: datetime, files: Mapping[str, str | bytes] | None = None
 ) -> RunFolder:
-    """Make a new run folder `root/<unit>/<time>_<profile>` that holds `files` (name: text).
+    """Make a new run folder `root/<unit>/<time>_<profile>` that holds `files` (name: content).
 
     InputError when it cannot be written.
     """
@@ -99,7 +101,8 @@ def create_run(
         parent.mkdir(parents=True, exist_ok=True)
         run = RunFolder(new_folder(parent, stem))
         run.journal.mkdir()
-        put(run.path, {name: text.encode() for name, text in (files or {}).items()}, unit=unit, run=run.path.name)
+        contents = {name: one if isinstance(one, bytes) else one.encode() for name, one in (files or {}).items()}
+        put(run.path, contents, unit=unit, run=run.path.name)
     except OSError as error:
         raise InputError(f"cannot make a run folder: {error.strerror}; choose another place with --out", root) from None
     return run

@@ -1,6 +1,7 @@
 """Gyros that nobody described to the bench before: a DBC beside the station file, and what is said about it at once."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,30 @@ def test_check_counts_samples_at_the_rate_of_the_dbc(station: Path) -> None:
 def test_check_says_what_is_lost_by_what_the_unit_does_not_say(station: Path) -> None:
     (station.parent / "own.dbc").write_text(FAMILY.replace(" SG_ Temperature ", " SG_ Warmth "))
     assert "unit G-1: no thermometer: the air of the chamber takes its place" in check(station, 0)
+
+
+SHORT = """
+name: short
+segments:
+  - {kind: soak, duration_min: 0.3}
+"""
+
+
+def test_a_run_keeps_the_dbc_that_its_frames_are_read_by(tmp_path: Path) -> None:
+    simulated = (ROOT / "profiles" / "stations" / "simulated.yaml").read_text()
+    (tmp_path / "station.yaml").write_text(simulated.replace("identity: 1", "identity: 1\n    gyro: own.dbc"))
+    (tmp_path / "short.yaml").write_text(SHORT)
+    (tmp_path / "own.dbc").write_text(FAMILY)
+    place = ("--station", tmp_path / "station.yaml", "--out", tmp_path / "out", "--quiet")
+    CliRunner().invoke(main, list(map(str, ["run", tmp_path / "short.yaml", *place])))
+    (run,) = (tmp_path / "out" / "SIM-0001").glob("2*")
+    assert "layout.dbc" in json.loads((run / "manifest.json").read_text())["files"]
+    assert re.search(r" SG_ Rate .*\(([^,]+),", FAMILY)
+    (tmp_path / "own.dbc").write_text(re.sub(r"( SG_ Rate [^(]*\()[^,]+,", r"\g<1>2,", FAMILY))
+    again = CliRunner().invoke(main, ["replay", str(run)])
+    assert again.exit_code == 0, again.output
+    (tmp_path / "own.dbc").unlink()
+    assert CliRunner().invoke(main, ["replay", str(run)]).exit_code == 0
 
 
 def test_doctor_names_what_the_layout_has_and_nobody_sends(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from bench.acquisition.recording.parts import Counted
 from bench.acquisition.recording.tables import Grid, write_data
 from bench.acquisition.recording.telling import Found, left_out, told
 from bench.acquisition.recording.validity import LAG_MIN, MARGIN_DEGC, Cleaner, Spell, Validity
-from bench.record import EVENTS, ExecutedSegment, GyroKind, Manifest, RunFolder, write_events, write_means
+from bench.record import EVENTS, LAYOUT, ExecutedSegment, GyroKind, Manifest, RunFolder, write_events, write_means
 from drivers.frames import joined
 from drivers.gyro import GyroBlock, GyroDecoder, SampleClock
 from drivers.journal import Damage, FrameArray
@@ -51,7 +51,7 @@ class _Part:
 
     def decoder(self) -> GyroDecoder:
         """A decoder that has seen nothing yet."""
-        return decoder_of(self.journal.gyro)
+        return decoder_of(self.run.path, self.journal.gyro)
 
     def grid(self, segments: Sequence[ExecutedSegment]) -> Grid:
         """Where readings of chamber and table can be placed: no sample, no clock to place them on."""
@@ -116,9 +116,10 @@ def assemble(run: RunFolder, live: Decoded | None = None, *, keep: bool = False)
     return manifest
 
 
-def decoder_of(gyro: GyroKind) -> GyroDecoder:
-    """A decoder that has seen nothing yet."""
-    return GyroDecoder(gyro.layout or None, gyro.number, gyro.signals)
+def decoder_of(run: Path, gyro: GyroKind) -> GyroDecoder:
+    """A decoder that has seen nothing yet, by the DBC in the run folder; older runs have none."""
+    own = run / LAYOUT
+    return GyroDecoder(str(own) if own.is_file() else gyro.layout or None, gyro.number, gyro.signals)
 
 
 def _capture(said: Sequence[dict[str, Any]]) -> tuple[dict[str, Any] | None, list[dict[str, Any]]]:
@@ -191,13 +192,13 @@ def _part(run: RunFolder, live: Decoded | None, damage: Damage) -> _Part:
     fetch(run, bench.meta, source.relative_to(run.path))
     if live is not None and not live.decoder.counter_bits:
         live = None  # what is counted by times of arrival depends on how the frames were cut into blocks
-    return _Part(run, bench, live or _decode_all(source, bench))
+    return _Part(run, bench, live or _decode_all(run, source, bench))
 
 
-def _decode_all(source: Path, bench: BenchJournal) -> Decoded:
+def _decode_all(run: RunFolder, source: Path, bench: BenchJournal) -> Decoded:
     """A first pass over the frames: their losses and the unit's clock."""
     gyro, on_ns = bench.gyro, bench.power_ons_ns()
-    decoder = decoder_of(gyro)
+    decoder = decoder_of(run.path, gyro)
     clock = SampleClock(decoder.interval_s)
     for decoded in _decoded(decoder, _joined(bus_blocks(source, Damage(), [], bench.sound_until_ns())), on_ns):
         clock.add(decoded.index, decoded.t_ns)

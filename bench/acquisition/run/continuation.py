@@ -24,7 +24,7 @@ from bench.acquisition.recording.journals import BenchJournal, read_bench
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import THERMOMETERS, InputError, finite
-from bench.record import MANIFEST, ExecutedSegment, RunFolder, open_run
+from bench.record import LAYOUT, MANIFEST, ExecutedSegment, RunFolder, open_run
 from drivers.chamber import ChamberReading
 from drivers.journal import Damage
 
@@ -87,7 +87,8 @@ class Continuation:
         def same(unit: UnitSettings) -> UnitSettings:
             known, layout = self.identities.get(unit.serial), self.layouts.get(unit.serial)
             update: dict[str, Any] = {} if known is None or unit.identity is not None else {"identity": known}
-            if layout and unit.dbc is not None and not Path(unit.dbc).is_file():  # it was beside the station file
+            moved = unit.dbc is not None and not Path(unit.dbc).is_file()  # it was beside the station file
+            if layout and unit.dbc is not None and (moved or Path(layout).name == LAYOUT):
                 update["gyro"] = layout
             return unit.model_copy(update=update) if update else unit
 
@@ -141,7 +142,11 @@ def plan(run: RunFolder, profile: Profile, station: StationSettings) -> Continua
         runs=tuple(replace(folder, part=len(folder.parts()) + 1) for folder in folders),
         serials=tuple(known),
         identities={serial: unit.identity for serial, unit in known.items() if unit.identity is not None},
-        layouts={meta.unit: meta.gyro.layout for meta in metas if meta.gyro is not None},
+        layouts={
+            meta.unit: str(own) if (own := folder.path / LAYOUT).is_file() else meta.gyro.layout
+            for meta, folder in zip(metas, folders, strict=True)
+            if meta.gyro is not None
+        },
         legs=tuple(legs),
         zero=_zero(journals[0], run.path),
         ended_s=ended_s,

@@ -38,7 +38,7 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.acquisition.station.station import LiveUnit, Station, open_station
 from bench.base import BenchError, EquipmentError, InputError, package_versions
-from bench.record import Begun, Companion, GyroKind, RunFolder, create_run
+from bench.record import LAYOUT, Begun, Companion, GyroKind, RunFolder, create_run
 from drivers.errors import DriverError
 from drivers.sim.power_ons import PowerOns
 from drivers.sim.sender import Frames
@@ -161,7 +161,10 @@ def _open_recorder(job: Job, station: Station, occasion: Occasion) -> Recorder:
     created = station.clock.utc()
     serials = [unit.serial for unit in station.everyone]
     folders = (
-        [create_run(job.out, serial, job.profile.name, created, texts) for serial in serials]
+        [
+            create_run(job.out, unit.serial, job.profile.name, created, {**texts, **_layout(unit.settings)})
+            for unit in station.everyone
+        ]
         if job.continuation is None
         else list(job.continuation.open(job.station_text))
     )
@@ -209,6 +212,12 @@ def _begun(
         ),
         **people,
     )
+
+
+def _layout(settings: UnitSettings) -> dict[str, bytes]:
+    """A copy of the unit's own DBC: what the frames of the run mean does not change with the file."""
+    file = Path(settings.dbc or "")
+    return {LAYOUT: file.read_bytes()} if file.suffix.lower() == ".dbc" else {}
 
 
 def _kind(settings: UnitSettings) -> GyroKind:
