@@ -65,6 +65,32 @@ def test_a_table_is_read_with_any_usual_delimiter_comments_and_a_byte_order_mark
     assert plan.channels["temperature"].tolist() == [20, 21, 22]
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("Logger: A7\nSerial: 12\n\ntime,rate,temperature\n0,1,20\n1,fault,20\n", "FILE:6: 'rate' is 'fault'"),
+        ("time,rate,temperature\ns,deg/s,degC\n0,1,20\n1,fault,20\n", "FILE:4: 'rate' is 'fault'"),
+        (
+            "time,rate,temperature\nshut,open,shut\n0,1,20\n1,1,20\n",
+            "FILE:2: holds no column of numbers: 'time' is 'shut'",
+        ),
+        ("time,rate,temperature\ns,grad/s,degC\n0,1,20\n1,1,20\n", "FILE: 'grad/s' has two meanings"),
+        ("time,rate,temperature,\n0,1,20,\n1,1,20,7\n", "FILE:1: column 4 has no name"),
+        ("time,rate,temperature\n0,1\n1,1,20\nwarm,cold,mild\n", "FILE:2: has 2 fields, the header 3; delete what is"),
+        ("sep=|\ntime,rate,temperature\n0,1,20\n", "FILE:2: has one column"),
+    ],
+)
+def test_lines_are_counted_from_the_first_whatever_stands_before_the_table(tmp_path, text, message):
+    assert refusal(write(tmp_path, text)).startswith(message)
+
+
+def test_the_units_of_a_header_stand_before_those_below_it(tmp_path):
+    plan = plan_import(write(tmp_path, "time,rate [deg/h],temperature\nmin,deg/s,degC\n0,1,20\n1,1,20\n"))
+    assert plan.time.tolist() == [0, 60]
+    assert plan.channels["rate"].tolist() == [1, 1]
+    assert "line 2 was read as the units of the columns" in plan.warnings
+
+
 def test_a_quoted_header_may_hold_the_delimiter(tmp_path):
     plan = plan_import(write(tmp_path, '"time (s)","rate [deg/s]","T, inner"\n0,1,20\n1,1,21\n'),
                        ColumnMap(temperature=ChannelSource(column="T, inner", unit="degC")))  # fmt: skip

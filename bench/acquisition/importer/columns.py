@@ -14,9 +14,11 @@ from bench.base import CHANNELS, OUTPUTS, RATES, STRICT, THERMOMETERS, InputErro
 from drivers.units import Conversion, is_unit
 
 _SYNONYMS = {
-    "time": "time t timestamp elapsed seconds timesec timens timems",
-    "rate": "rate gyro gyrox gyroy gyroz gx gy gz g omega angularrate rateoutput zro bias wx wy wz ratex ratey ratez",
-    "temperature": "temperature temp tgyro gyrotemp gyrotemperature temperaturegyro sensortemperature unittemperature",
+    "time": "time zeit t timestamp elapsed seconds timesec timens timems",
+    "rate": "rate drehrate gyro gyrox gyroy gyroz gx gy gz g omega angularrate rateoutput zro bias wx wy wz ratex "
+    "ratey ratez",
+    "temperature": "temperature temperatur temp tgyro gyrotemp gyrotemperature temperaturegyro sensortemperature "
+    "unittemperature",
     "frequency": "frequency freq resonancefrequency resonance drivefrequency f0",
     "drive": "drive driveamplitude antinode excitation amplitude",
     "quadrature": "quadrature quad quadratureamplitude",
@@ -168,9 +170,9 @@ class UnclearColumnError(InputError):
 
 def split_header(name: str, stated: str | None = None) -> tuple[str, str | None]:
     """Name and unit of a header such as `rate [deg/h]`, `gx_dph`, `T (°C)`; the unit is None where it has none."""
-    if stated:
-        return name, stated
     bracketed = re.fullmatch(r"\s*(.*?)\s*[\[({]\s*([^\])}]+?)\s*[\])}]\s*", name)
+    if stated:
+        return (bracketed[1] if bracketed and bracketed[1] else name), stated
     if bracketed and bracketed[1]:
         return bracketed[1], bracketed[2]
     parts = re.split(r"[_\s]+", name)

@@ -34,7 +34,11 @@ def _read_xlsx(path: Path, most_bytes: int) -> Table:
 
     sheet = openpyxl.load_workbook(path, read_only=True).worksheets[0]
     refuse_large(sheet.max_row or 0, sheet.max_column or 0, most_bytes, path)
-    return table_of(pd.read_excel(path, sheet_name=0, engine="openpyxl"), path)
+    frame = pd.read_excel(path, sheet_name=0, engine="openpyxl")
+    if frame.select_dtypes("number").empty:
+        text = f"its first sheet, '{sheet.title}', holds no column of numbers; put the table on the first sheet, with"
+        raise InputError(f"{text} the names of the columns in the first row", path)
+    return table_of(frame, path)
 
 
 def _read_tdms(path: Path, most_bytes: int) -> Table:

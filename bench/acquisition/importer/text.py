@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import csv
 import gzip
 import io
 import re
@@ -16,16 +15,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.acquisition.importer.confines import memory_for
-from bench.acquisition.importer.table import MOST_COLUMNS, Table
-from bench.acquisition.importer.values import GAPS, number, numbers
+from bench.acquisition.importer.header import ADVICE, COMMENTS, find_header, split
+from bench.acquisition.importer.table import Table
+from bench.acquisition.importer.values import GAPS, numbers
 from bench.base import InputError, IntArray
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_DELIMITERS = (";", "\t", ",", "|", " ")
-LONGEST_HEADER = 100_000
-"""Bytes of a header line that a person or a logger may have written."""
 _LOOKED_AT = 100_000
 """Bytes of the beginning in which what is no text shows."""
 _NO_TEXT = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")
@@ -38,32 +35,24 @@ def read_text_table(path: Path, most_bytes: int | None = None) -> Table:
     A column that holds neither numbers nor times is unread: an error only where it is wanted.
     """
     data, notes = decoded(path, most_bytes)
-    start = 0
-    line = 1
-    while start < len(data):
-        end = data.find(b"\n", start) + 1 or len(data)
-        if data[start:end].strip() and not data[start:end].lstrip().startswith(b"#"):
-            break
-        start, line = end, line + 1
-    else:
-        raise InputError("holds no table: every line is empty or a comment", path)
-    if end - start > LONGEST_HEADER:
-        raise InputError(f"the header has {end - start:,} bytes, allowed are {LONGEST_HEADER:,}: no table", path, line)
-    header = data[start:end].decode().strip("\r\n")
-    delimiter = _delimiter(header, path, line)
-    names = [name.strip() for name in _split(header, delimiter)]
-    _check_header(names, path, line)
-    body = data[end:].rstrip(b"\r\n")
+    header = find_header(data, path)
+    delimiter, names, line = header.delimiter, [*header.names], header.line
+    read_names = [*names, *[""] * header.trailing]
+    notes += header.notes
+    body = data[header.end :].rstrip(b"\r\n")
     if not body.strip():
         raise InputError("holds zero rows: there is a header, and no data", path)
     if not data.endswith((b"\n", b"\r")):
         notes.append("the last line has no line end: its last number may be cut off")
-    tidy = delimiter != " " and not any(mark in body for mark in (b"#", b"\n\n", b"\n\r"))
-    columns = _parse(body, delimiter, names) if tidy else None
+    marks = (*(mark.encode() for mark in COMMENTS), b"\n\n", b"\n\r")
+    tidy = delimiter != " " and not any(mark in body for mark in marks) and body[:1] not in b"\r\n"
+    columns = _parse(body, delimiter, read_names) if tidy else None
     where: range | IntArray = range(line + 1, line + 2 + body.count(b"\n"))
     del body
     if columns is None or any(len(column) != len(where) for column in columns):
-        where, columns = _read_lines(path, data, line, delimiter, names)
+        where, columns = _read_lines(path, data, line, delimiter, read_names)
+    if header.trailing and not _is_empty(columns.pop()):
+        raise InputError(f"column {len(names) + 1} has no name in the header", path, line)
     read = {name: numbers(name, column) for name, column in zip(names, columns, strict=True)}
     notes += dict.fromkeys(column.note for column in read.values() if column.note)
     unread = {n: (c.reason, int(where[c.row])) for n, c in read.items() if c.values is None}
@@ -73,7 +62,10 @@ def read_text_table(path: Path, most_bytes: int | None = None) -> Table:
         if bad.size:
             text = f"'{name}' is infinite; leave the field empty where there is no value"
             raise InputError(text, path, int(where[int(bad[0])]))
-    units = {name: column.unit for name, column in read.items() if column.unit}
+    if not known:
+        reason, at = next(iter(unread.values()))
+        raise InputError(f"holds no column of numbers: {reason}", path, at)
+    units = header.units | {name: column.unit for name, column in read.items() if column.unit}
     return Table(path, known, units, lines=where, notes=tuple(notes), unread=unread)
 
 
@@ -87,7 +79,9 @@ def decoded(path: Path, most_bytes: int | None) -> tuple[bytes, list[str]]:
         data = _as_utf8(data, "utf-16", path)
     if (found := _NO_TEXT.search(data, 0, _LOOKED_AT)) is not None:
         line = data.count(b"\n", 0, found.start()) + 1
-        raise InputError(f"is no text table (byte {data[found.start()]} in it); known are {KNOWN}", path, line)
+        raise InputError(
+            f"is no text table (byte {data[found.start()]} in it); export it as one of {KNOWN}", path, line
+        )
     try:
         data.decode()
     except UnicodeDecodeError:
@@ -100,7 +94,9 @@ def _as_utf8(data: bytes, encoding: str, path: Path) -> bytes:
         return data.decode(encoding).encode()
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(f"is no text in UTF-8, UTF-16 or Windows-1252; known are {KNOWN}", path, line) from None
+        raise InputError(
+            f"is no text in UTF-8, UTF-16 or Windows-1252; export it as one of {KNOWN}", path, line
+        ) from None
 
 
 def _unpacked(path: Path, most_bytes: int | None) -> bytes:
@@ -132,7 +128,7 @@ def _read_lines(
         if found != len(names) or '"' in row:
             if row.count('"') % 2:
                 raise InputError('a quoted field has no end: the second " is missing', path, line)
-            if len(_split(row, delimiter)) != len(names):
+            if len(split(row, delimiter, path, line)) != len(names):
                 raise _wrong_width(found, len(names), delimiter, next(rows, None) is None, InputError("", path, line))
         tidy += (row if fields is None else "\t".join(fields)).encode() + b"\n"
         where.append(line)
@@ -148,7 +144,7 @@ def _rows(data: bytes, header_line: int) -> Iterator[tuple[int, str]]:
     """Lines with content after the header, with their numbers."""
     for line, raw in enumerate(io.BytesIO(data), 1):
         row = raw.removesuffix(b"\n").removesuffix(b"\r").decode()
-        if line > header_line and row.strip() and not row.lstrip().startswith("#"):
+        if line > header_line and row.strip() and not row.lstrip().startswith(COMMENTS):
             yield line, row
 
 
@@ -171,35 +167,14 @@ def _parse(body: bytes, delimiter: str, names: list[str]) -> list[pa.ChunkedArra
     return None
 
 
-def _delimiter(header: str, path: Path, line: int) -> str:
-    counts = {delimiter: header.strip().count(delimiter) for delimiter in _DELIMITERS}
-    found = next((delimiter for delimiter, count in counts.items() if count), None)
-    if found is None:
-        raise InputError("has one column; a table needs columns separated by comma, semicolon or tab", path, line)
-    return found
+def _is_empty(column: pa.ChunkedArray) -> bool:
+    import pyarrow as pa
+    import pyarrow.compute as pc
 
-
-def _split(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return line.split()
-    try:
-        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
-    except csv.Error as error:  # a NUL byte, or a quoted field without end
-        raise InputError(f"a line is no text table: {error}") from None
-
-
-def _check_header(names: list[str], path: Path, line: int) -> None:
-    if all(number(name) is not None for name in names):
-        raise InputError("the first line holds numbers, not names; add a header line", path, line)
-    if len(names) > MOST_COLUMNS:
-        raise InputError(f"has {len(names):,} columns, allowed are {MOST_COLUMNS:,}", path, line)
-    for name in names:
-        if any(ord(sign) < 32 for sign in name):
-            raise InputError(f"column name {name!r} holds control characters; rename it", path, line)
-        if not name:
-            raise InputError(f"column {names.index(name) + 1} has no name in the header", path, line)
-        if names.count(name) > 1:
-            raise InputError(f"the header names '{name}' twice; rename one of them", path, line)
+    empty: bool = column.null_count == len(column)
+    if empty or pa.types.is_floating(column.type):
+        return empty
+    return not pc.any(pc.not_equal(pc.utf8_trim_whitespace(column), "")).as_py()
 
 
 def _wrong_width(found: int, width: int, delimiter: str, last: bool, place: InputError) -> InputError:
@@ -209,4 +184,6 @@ def _wrong_width(found: int, width: int, delimiter: str, last: bool, place: Inpu
         text += ": the file is truncated; delete that line or export it again"
     elif delimiter == "," and found == 2 * width:
         text += ": decimal commas? export with decimal points"
+    else:
+        text += f"; {ADVICE}"
     return InputError(text, place.file, place.line)

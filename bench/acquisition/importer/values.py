@@ -13,10 +13,12 @@ from bench.base import FloatArray
 if TYPE_CHECKING:
     import pandas as pd
 
-GAPS = ("", "nan", "na", "n/a", "null", "none")
+GAPS = ("", "nan", "na", "n/a", "null", "none", "-nan", "#n/a", "#nv", "-", "--", "---")
+"""What stands where there is no value, in small letters."""
 _SHOWN = 60
 """Characters of a value in a message."""
 _COMMA = r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?"
+_THOUSANDS = r"[+-]?\d{1,3}([,' ]\d{3})+(\.\d*)?|[+-]?\d{1,3}(\.\d{3})+(,\d*)?"
 _CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?"
 _ISO = rf"\d{{4}}-\d{{2}}-\d{{2}}[T ]{_CLOCK}"
 _ZONE = r"\s?(Z|[+-]\d{2}:?\d{2})"
@@ -103,6 +105,12 @@ def _no_numbers(name: str, texts: list[str | None]) -> Column:
     reason = f"'{name}' is '{_short(shown)}', not a number"
     if number(shown.replace(",", ".")) is not None:
         reason += ": decimal commas in some rows and points in others; export with one of them"
+    elif re.fullmatch(_THOUSANDS, shown):
+        reason += ": separators of thousands? export without them"
+    elif shown == name:
+        reason += ": the header stands again; delete that line"
+    else:
+        reason += "; leave a field empty where there is no value, and begin a line that is no row with #"
     return Column(None, reason=reason, row=row)
 
 

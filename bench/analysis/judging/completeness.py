@@ -173,9 +173,15 @@ def completeness(run: RunFolder, manifest: Manifest, base: Dataset | None) -> Co
         missing=missing,
         gaps_s=_gaps(base, manifest),
         temperature=(float(np.nanmin(temperature)), float(np.nanmax(temperature))),
-        heating_s=float(np.sum(base.direction > 0) * base.interval_s),
-        cooling_s=float(np.sum(base.direction < 0) * base.interval_s),
+        heating_s=float(np.sum(base.direction > 0) * _each_s(base)),
+        cooling_s=float(np.sum(base.direction < 0) * _each_s(base)),
     )
+
+
+def _each_s(base: Dataset) -> float:
+    """Time [s] for which a row stands whose slope is known: a log may have a temperature once a minute."""
+    known = base.time[np.isfinite(base.dT_dt)]
+    return max(base.interval_s, float(np.median(np.diff(known)))) if known.size > 1 else base.interval_s
 
 
 def _samples(run: RunFolder, base: Dataset, rate_hz: float | None) -> tuple[int, int | None]:
