@@ -40,7 +40,7 @@ USABLE = """(() => {
   };
   look();
 })()"""
-COUNT = """import('/static/app.js').then(({ live }) => {
+COUNT = """import(document.querySelector('script[type=module]').src).then(({ live }) => {
   live.subscribe(() => {
     globalThis.updates = (globalThis.updates ?? 0) + 1;
     globalThis.seen_s = live.get().runs[0]?.t_s;

@@ -286,6 +286,18 @@ def test_no_path_leads_to_a_file_outside(opened, root, climb):
         assert b"root:" not in body
 
 
+def test_large_answers_are_packed_for_whoever_takes_them_so_and_events_are_not(opened):
+    packed, plain = (opened.get(f"{API}/effects", headers={"Accept-Encoding": kind}) for kind in ("gzip", "identity"))
+    assert (packed.headers["content-encoding"], packed.headers["vary"]) == ("gzip", "Accept-Encoding")
+    assert "content-encoding" not in plain.headers
+    assert packed.json() == plain.json()
+    assert packed.num_bytes_downloaded < 0.5 * plain.num_bytes_downloaded
+    small = opened.get(f"{API}/session", headers={"Accept-Encoding": "gzip"})
+    stream = opened.get(f"{API}/live/stream", params={"events": 1}, headers={"Accept-Encoding": "gzip"})
+    assert stream.headers["content-type"].startswith("text/event-stream")
+    assert not {"content-encoding"} & ({*small.headers} | {*stream.headers})
+
+
 @pytest.mark.parametrize("path", [*PAGES, f"{API}/session", f"{API}/nothing", "/nothing", "/static/nothing"])
 def test_every_answer_carries_the_policy(opened, path):
     headers = opened.get(path).headers

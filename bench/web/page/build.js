@@ -1,6 +1,6 @@
 // Bundles the page: this folder and npm's packages become ../static. `--check` only reports whether that is up to date.
 import { createHash } from "node:crypto";
-import { existsSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
+import { copyFileSync, existsSync, mkdirSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import path from "node:path";
 import { gzipSync } from "node:zlib";
 
@@ -9,6 +9,8 @@ const ROOT = path.join(PAGE, "../../..");
 const STATIC = path.join(PAGE, "../static");
 /** What is also kept packed, for browsers that take it so. */
 const PACKED = /\.(js|css|json|svg)$/;
+/** What index.html asks for; each file's name gets a hash of its content, so that browsers can keep it for ever. */
+const ENTRIES = ["app.js", "lib/early.js", "style/page.css"];
 const STAMP = path.join(STATIC, "sources.sha256");
 
 const lock = path.join(ROOT, "package-lock.json");
@@ -34,30 +36,34 @@ function licences() {
   }).join(`\n${"=".repeat(72)}\n\n`);
 }
 
+/** The HTML with the names that its files have got. */
+function named(text, { outputs }) {
+  const names = Object.entries(outputs).map(([file, { entryPoint }]) => [entryPoint, file.replace("bench/web", "")]);
+  return ENTRIES.reduce((html, entry) => html.replace(`/static/${entry}`, names.find(([from]) => from === `bench/web/page/${entry}`)[1]), text);
+}
+
 async function build() {
   const { build: bundle } = await import("esbuild");
   rmSync(STATIC, { recursive: true, force: true });
-  await bundle({
+  const { metafile } = await bundle({
     absWorkingDir: ROOT,
-    entryPoints: [
-      "app.js",
-      "lib/early.js",
-      "index.html",
-      "style/page.css",
-      "style/icon.svg",
-      "words/*.json",
-    ].map((name) => `bench/web/page/${name}`),
+    entryPoints: ENTRIES.map((name) => `bench/web/page/${name}`),
     outbase: "bench/web/page",
     outdir: "bench/web/static",
+    entryNames: "[dir]/[name]-[hash]",
     chunkNames: "[name]-[hash]",
-    loader: { ".html": "copy", ".svg": "copy", ".json": "copy" },
+    metafile: true,
     bundle: true,
     splitting: true,
     format: "esm",
     target: "es2022",
     minify: true,
+    charset: "utf8",
     logLevel: "warning",
   });
+  mkdirSync(path.join(STATIC, "style"), { recursive: true });
+  copyFileSync(path.join(PAGE, "style/icon.svg"), path.join(STATIC, "style/icon.svg"));
+  writeFileSync(path.join(STATIC, "index.html"), named(readFileSync(path.join(PAGE, "index.html"), "utf8"), metafile));
   for (const file of readdirSync(STATIC, { recursive: true, encoding: "utf8" }).filter((name) => PACKED.test(name)))
     writeFileSync(path.join(STATIC, `${file}.gz`), gzipSync(readFileSync(path.join(STATIC, file)), { level: 9 }));
   writeFileSync(path.join(STATIC, "LICENSES.txt"), licences());

@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 
 from fastapi import Depends, FastAPI
+from fastapi.middleware.gzip import GZipMiddleware
 
 from bench.base import __version__
 from bench.web.ground.problems import RESPONSES, add_problems
@@ -42,6 +43,8 @@ GUARDED = (
     imports.router,
 )
 """Routes that need a role: a viewer to look, an operator to change something, or what a route says itself."""
+PACKED_BYTES, PACKED_LEVEL = 1000, 5
+"""Answers from this size on are packed for browsers that take them so, except events and what is packed already."""
 LIFESPANS = (live.lifespan, runs.lifespan, jobs.lifespan, imports.lifespan)
 """What begins with the server and ends with it."""
 
@@ -75,5 +78,6 @@ def create_app(settings: Settings) -> FastAPI:
     for router in GUARDED:
         app.include_router(router, prefix=API, dependencies=[Depends(at_least)])
     add_pages(app)
+    app.add_middleware(GZipMiddleware, minimum_size=PACKED_BYTES, compresslevel=PACKED_LEVEL)
     app.add_middleware(Gate, settings=settings)
     return app

@@ -18,8 +18,8 @@ from bench.base import InputError
 STATIC = Path(__file__).parents[1] / "static"
 
 _BUILT = re.compile(r"[\w./-]{1,200}(?<!\.gz)")
-_DIGEST = re.compile(r"-[A-Z0-9]{8}\.js$")
-"""Of a file whose name changes with its content (`chunkNames` in build.js)."""
+_DIGEST = re.compile(r"-[A-Z0-9]{8}\.(js|css)$")
+"""Of a file whose name changes with its content (build.js)."""
 
 _NOT_BUILT = (
     "`bench ui` has no page: npm failed when the bench was installed; to build it, install again from the source "

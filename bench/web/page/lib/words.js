@@ -14,13 +14,18 @@ const preferred = () => {
   return known.find((name) => name in LANGUAGES) ?? "en";
 };
 
-const catalogue = async (name) => (await fetch(`/static/words/${name}.json`)).json();
+// Each is a file of its own; its name changes with its words.
+const catalogues = {
+  en: () => import("../words/en.json", { with: { type: "json" } }),
+  uk: () => import("../words/uk.json", { with: { type: "json" } }),
+  zh: () => import("../words/zh.json", { with: { type: "json" } }),
+};
 
 /** Fetch the words of a language and use it; without one: of the one chosen before, else the browser's. */
 export async function speak(name) {
   if (name) chosen.set(name);
   const next = name ?? preferred();
-  words = await catalogue(next); // each has all keys
+  words = (await catalogues[next]()).default; // each has all keys
   document.documentElement.lang = next === "zh" ? "zh-Hans" : next;
   language.set(next);
 }
