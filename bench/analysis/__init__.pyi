@@ -123,6 +123,8 @@ from .judging.quantities import of_data as of_data
 from .judging.quantities import standing as standing
 from .judging.quantities import turning as turning
 from .judging.quantities import zero_rate as zero_rate
+from .judging.short_plan import ShortPlan as ShortPlan
+from .judging.short_plan import shortest as shortest
 from .judging.stored import Source as Source
 from .judging.stored import serial_number as serial_number
 from .judging.stored import source_of as source_of

@@ -271,6 +271,29 @@ def lot_complete(folder: Path, run: Path, out: Path) -> Result:
     return commands.complete_unit(folder, run, out)
 
 
+@lot.command("plan")
+@path_argument("folder", metavar="LOT_FOLDER")
+@click.option(
+    "--target",
+    "target_dph",
+    type=click.FloatRange(0.0, 1e6, min_open=True),
+    required=True,
+    metavar="DEG/H",
+    help="Largest error over the lot's whole run [deg/h RMS], upper end of the 95 % interval.",
+)
+@path_option("--profile", help="Write the profile here. Default: short_<lot>.yaml.")
+@answers
+def lot_plan(folder: Path, target_dph: float, profile: Path | None) -> Result:
+    """Write the shortest profile that calibrates a further unit of the lot well enough.
+
+    Turning points, rates and soaks are chosen by the variance of the prediction; rates are at most those of the lot's
+    runs. Check it with `bench check`, run it, and calibrate the unit with `bench lot complete`.
+    """
+    from bench import commands
+
+    return commands.plan_lot(folder, target_dph, profile)
+
+
 @lot.command("audits")
 @path_argument("folder", metavar="LOT_FOLDER")
 @out_option

@@ -128,6 +128,7 @@ from .fleet import fleet as fleet
 from .fleet import gauge as gauge
 from .lots import calibrate_lot as calibrate_lot
 from .lots import audits as audits
+from .lots import plan_lot as plan_lot
 from .lots import check_lot as check_lot
 from .lots import complete_unit as complete_unit
 from .refitting import RefitOptions as RefitOptions
@@ -146,6 +147,7 @@ from .results.stock import FleetJudged as FleetJudged
 from .results.stock import GaugeJudged as GaugeJudged
 from .results.stock import LotCalibrated as LotCalibrated
 from .results.stock import LotAudited as LotAudited
+from .results.stock import LotPlanned as LotPlanned
 from .results.stock import LotChecked as LotChecked
 from .results.stock import LotCompleted as LotCompleted
 from .results.stock import Noted as Noted

@@ -11,7 +11,8 @@ import numpy as np
 
 from bench.base import FloatArray, InputError, __version__, finite
 from bench.commands.analysis import recovered, usual_means
-from bench.commands.results.stock import LotAudited, LotCalibrated, LotChecked, LotCompleted
+from bench.commands.files import write
+from bench.commands.results.stock import LotAudited, LotCalibrated, LotChecked, LotCompleted, LotPlanned
 from bench.record import (
     EVENTS,
     CalibrationRecord,
@@ -23,6 +24,7 @@ from bench.record import (
     RunFolder,
     create_run,
     load,
+    slug,
     write_events,
     write_means,
     write_samples,
@@ -74,6 +76,35 @@ def audits(folder: Path, out: Path) -> LotAudited:
         held_from=None if share is None else float(share.low),
         held_to=None if share is None else float(share.high),
         over=sum((one.actual_dph or 0.0) > one.limit_dph for one in measured),
+    )
+
+
+def plan_lot(folder: Path, target_dph: float, profile: Path | None) -> LotPlanned:
+    """`bench lot plan`: the shortest profile after which a further unit's error is within the target, as a file.
+
+    InputError where no plan is.
+    """
+    from bench.acquisition import profile_from_text
+    from bench.analysis import shortest
+    from bench.commands.ending_early import prior_of
+
+    prior, lot = prior_of(folder), LotRecord.read(folder)
+    try:
+        found = shortest(prior, target_dph)
+    except InputError as error:
+        raise InputError(f"lot {lot.lot}: {error}", folder) from None
+    path = profile or Path(f"short_{slug(lot.lot)}.yaml")
+    text = found.to_yaml(lot.lot, len(lot.units))
+    write(path, text)
+    return LotPlanned(
+        lot=lot.lot,
+        profile=path,
+        target_dph=target_dph,
+        error_dph=found.error_dph,
+        low_dph=found.low_dph,
+        high_dph=found.high_dph,
+        hours=profile_from_text(text).duration_s / 3600.0,
+        whole_hours=found.whole_s / 3600.0,
     )
 
 

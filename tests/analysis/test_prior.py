@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from bench.analysis import Prior, load_model
+from bench.analysis import Prior, load_model, shortest
 from bench.base import InputError
 from benchmarks.fewer_hours import MODEL, record
 from benchmarks.lots import UNLIKE, member
+from benchmarks.short_plans import reached
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +71,27 @@ def test_a_suspect_whose_height_cannot_be_computed_anywhere_is_as_good_as_none()
     low = _minima([Start((tau,), (0, 0), np.nan) for tau in (3.0, 9.0)])
     assert low
     assert all(np.isinf(start.height) for start in low)
+
+
+def test_a_short_plan_reaches_the_ends_within_the_rates_of_the_lot(prior):
+    plan = shortest(prior, 0.4)
+    assert {move.to_degc for move in plan.plan.moves} >= {-40.0, 85.0}
+    assert max(move.rate_degc_per_min for move in plan.plan.moves) <= 2.0
+    assert plan.seen == 1.0
+    assert plan.high_dph <= 0.4
+    assert plan.plan.duration_s < 0.6 * plan.whole_s
+
+
+def test_a_smaller_target_takes_longer_and_one_that_none_meets_is_refused(prior):
+    first = shortest(prior, 0.6)
+    assert shortest(prior, first.high_dph - 1e-3).plan.duration_s > first.plan.duration_s
+    with pytest.raises(InputError, match="give a larger target"):
+        shortest(prior, 0.01)
+
+
+def test_the_error_that_a_plan_promises_is_about_the_one_that_is_reached(prior, random):
+    plan = shortest(prior, 0.4)
+    found = [reached(prior, plan, member(random), 1000 + i) for i in range(12)]
+    assert np.median([one.error_dph for one in found]) == pytest.approx(plan.error_dph, rel=0.6)
+    assert sum(one.error_dph <= 0.4 for one in found) >= 10
+    assert sum(one.low_dph <= one.error_dph <= one.high_dph for one in found) >= 8

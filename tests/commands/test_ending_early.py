@@ -26,10 +26,10 @@ def schedule():
     return time, np.interp(time, times, ends)
 
 
-def unit(seed, kink=0.0):
+def unit(seed, kink=0.0, way=None):
     """Columns of a unit of the lot: its curve, and noise."""
     random = np.random.default_rng(seed)
-    time, temperature = schedule()
+    time, temperature = schedule() if way is None else way
     x = (temperature - 20.0) / 30.0
     level, slope, bend = random.normal((5.0, 2.0, 0.5), (0.5, 0.3, 0.1))
     rate = level + slope * x + bend * x**2 + kink * np.exp(-(((temperature - 40.0) / 5.0) ** 2))
@@ -162,3 +162,28 @@ def test_until_stands_in_the_profile_and_a_lot_needs_it(tmp_path, lot):
     said = CliRunner().invoke(main, ["run", str(profile), "--lot", str(lot), "--out", str(tmp_path / "out"), "--quiet"])
     assert said.exit_code == 2
     assert "--lot needs `until: {error_dph: …}`" in said.stderr
+
+
+def test_a_planned_profile_is_one_that_check_passes_and_the_unit_is_completed_by_it(lot, tmp_path):
+    profile = tmp_path / "short.yaml"
+    said = CliRunner().invoke(
+        main, ["lot", "plan", str(lot), "--target", "0.5", "--profile", str(profile), "--json"], catch_exceptions=False
+    )
+    found = json.loads(said.stdout)
+    assert set(found) == {"lot", "profile", "target_dph", "error_dph", "low_dph", "high_dph", "hours", "whole_hours"}
+    assert found["high_dph"] <= 0.5
+    assert found["hours"] < found["whole_hours"]
+    plan = profile_from_text(profile.read_text())
+    assert plan.duration_s == pytest.approx(3600.0 * found["hours"], rel=0.01)
+    assert CliRunner().invoke(main, ["check", str(profile)], catch_exceptions=False).exit_code == 0
+    time = np.arange(0.5, plan.duration_s, 1.0)
+    run = folder(tmp_path, "G-07", unit(77, way=(time, plan.setpoint(time))))
+    made = complete_unit(lot, run, tmp_path / "out")
+    assert made.low_dph < made.error_dph < made.high_dph < 0.5
+
+
+def test_a_target_that_no_plan_meets_is_one_line(lot, tmp_path):
+    said = CliRunner().invoke(main, ["lot", "plan", str(lot), "--target", "0.0001"], catch_exceptions=False)
+    assert said.exit_code == 2
+    assert "give a larger target" in said.stderr
+    assert len(said.stderr.strip().splitlines()) == 1

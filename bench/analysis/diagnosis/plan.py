@@ -107,14 +107,19 @@ def chamber_limits(records: Sequence[Dataset]) -> ChamberLimits:
     """
     temperature = np.concatenate([record.channel("temperature") for record in records])
     low, high = float(np.ceil(np.nanmin(temperature))), float(np.floor(np.nanmax(temperature)))
+    heating, cooling = kept_rates(records)
+    return ChamberLimits(low, high, _faster(heating, 2.0), _faster(cooling, 1.5))
+
+
+def kept_rates(records: Sequence[Dataset]) -> tuple[float, float]:
+    """Fastest heating and cooling that a unit kept up for ten minutes [degC/min]."""
     rates = []
     for record in records:
         rows = max(1, round(_STEADY_S / record.interval_s))
         measured = record.channel("temperature")
         rates.append(60.0 * (measured[rows:] - measured[:-rows]) / (record.time[rows:] - record.time[:-rows]))
     slope = np.concatenate(rates)
-    heating, cooling = float(np.nanmax(slope, initial=0.0)), float(-np.nanmin(slope, initial=0.0))
-    return ChamberLimits(low, high, _faster(heating, 2.0), _faster(cooling, 1.5))
+    return float(np.nanmax(slope, initial=0.0)), float(-np.nanmin(slope, initial=0.0))
 
 
 def _faster(seen: float, factor: float) -> float:

@@ -36,6 +36,9 @@ BLOCK_S = 120.0
 """Rows are averaged to this: noise that is faster does not matter."""
 SHARES = tuple(np.arange(0.1, 1.001, 0.1).tolist())
 """Of its run after which each unit of the lot is cut off."""
+_EVERY = 5
+_LATEST = 0.75
+"""Share after which what is left of a run is too little to judge by."""
 LEVEL = 0.95
 _STEP = 1.1  # factor of a nonlinear parameter, up and down, for its slope
 _LEAST_DIRECTION = 1e-5
@@ -84,6 +87,8 @@ class Prior:
     """Whole runs of the lot's units."""
     scale: FloatArray
     """Expected error (k,), and mean and spread of the logarithm of error over expected error there (3, k)."""
+    beyond: FloatArray
+    """The same of what comes after the cut alone: of a calibration by another run than the lot's."""
     duration_s: float
     """Of the lot's whole runs."""
 
@@ -110,18 +115,45 @@ class Prior:
                 raise InputError("the units of this lot have no temperature in common")
             cells = Cells.over(low, high)
             duration_s = float(np.median([record.time[-1] - record.time[0] for record in first]))
-            prior = cls(fit, basis, known, _noise(rows, basis), cells, first, np.zeros((3, 1)), duration_s)
-            return replace(prior, scale=prior._checked(rows))
+            none = np.zeros((3, 1))
+            prior = cls(fit, basis, known, _noise(rows, basis), cells, first, none, none, duration_s)
+            scale, beyond = prior._checked(rows)
+            return replace(prior, scale=scale, beyond=beyond)
 
     def expected(self, record: Dataset) -> Expected:
         """What the rows of a unit so far make of the error of its calibration."""
         with one_blas_thread():
             rows = _rows(self.fit, record)
             amplitudes, left = self._posterior(rows, len(rows.bias), *_moments(self.known))
-        error = self.interval(_size(left))
+        error = self._interval(_size(left), self.scale) if self._same_way(record) else self._of_another(rows, left)
+        return Expected(*error, amplitudes, left * (error[0] / _size(left)) ** 2, self._seen(record))
+
+    def foreseen(self, planned: Dataset) -> tuple[float, float, float, float]:
+        """Error, its 95 % interval [deg/h RMS] and the share of cells seen, of a run that has no bias yet."""
+        with one_blas_thread():
+            blank = replace(planned, channels={**planned.channels, "rate": np.zeros(len(planned))})
+            rows = _rows(self.fit, blank)
+            _, left = self._posterior(rows, len(rows.bias), *_moments(self.known))
+        return (*self._of_another(rows, left), self._seen(planned))
+
+    def _of_another(self, rows: _Rows, left: FloatArray) -> tuple[float, float, float]:
+        """Median and 95 % interval of the error of a whole run after a run that went another way."""
+        after = rows.time[-1] + np.arange(BLOCK_S, self.duration_s, BLOCK_S)
+        return self._interval(np.hypot(_size(left), self._moves(rows.time, after)), self.beyond)
+
+    def _moves(self, seen: FloatArray, after: FloatArray) -> float:
+        """How far slow noise goes from the mean of the times `seen` at the times `after` [deg/h RMS]."""
+        white, ratios = self.noise
+        seen, after = seen[::_EVERY], after[::_EVERY]  # it is slow
+        time = np.concatenate([seen, after])
+        slow, n = white * dense(time, BLOCK_S, ratios, np.zeros(time.size)), seen.size
+        square = np.trace(slow[n:, n:]) / after.size - 2.0 * slow[n:, :n].mean() + slow[:n, :n].mean()
+        return float(np.sqrt(max(square, 0.0)))
+
+    def _seen(self, record: Dataset) -> float:
         temperature = record.channel("temperature")
         visited = np.histogram(temperature[np.isfinite(temperature)], self.cells.borders)[0] > 0
-        return Expected(*error, amplitudes, left * (error[0] / _size(left)) ** 2, float(visited.mean()))
+        return float(visited.mean())
 
     def like(self, record: Dataset) -> Likeness | None:
         """Whether the unit is like its lot as far as it was seen; None where too little was seen to tell.
@@ -163,26 +195,30 @@ class Prior:
         rows = _rows(self.fit, record)
         return self._left(rows, amplitudes)
 
-    def interval(self, expected_dph: float) -> tuple[float, float, float]:
+    def _interval(self, expected_dph: float, scale: FloatArray) -> tuple[float, float, float]:
         """Median and 95 % interval of the error where the posterior expects this one [deg/h]."""
-        at, means, spreads = np.log(self.scale[0]), self.scale[1], self.scale[2]
+        at, means, spreads = np.log(scale[0]), scale[1], scale[2]
         x, n = np.log(expected_dph), len(self.known)
         middle, spread = (float(np.interp(x, at, values)) for values in (means, spreads))
         reach = float(scipy.stats.t.ppf(0.5 + LEVEL / 2, n - 1)) * spread * np.sqrt(1.0 + 1.0 / n)
         low, error, high = np.exp(x + middle + np.array([-reach, 0.0, reach])).tolist()
         return error, low, high
 
-    def _checked(self, rows: Sequence[_Rows]) -> FloatArray:
-        """`scale`: each unit of the lot, cut off and calibrated by the others."""
-        found = np.empty((2, len(SHARES), len(rows)))
+    def _checked(self, rows: Sequence[_Rows]) -> tuple[FloatArray, FloatArray]:
+        """`scale` and `beyond`: each unit of the lot, cut off and calibrated by the others."""
+        found = np.empty((4, len(SHARES), len(rows)))
         for unit, one in enumerate(rows):
             others = _moments(np.delete(self.known, unit, axis=0))
             for i, share in enumerate(SHARES):
-                amplitudes, left = self._posterior(one, max(2, round(share * len(one.bias))), *others)
-                error = _size(left)
-                found[:, i, unit] = error, np.log(self._left(one, amplitudes) / error)
-        table = np.array([found[0].mean(axis=1), found[1].mean(axis=1), found[1].std(axis=1, ddof=1)])
-        return table[:, np.argsort(table[0])]
+                count = max(2, round(share * len(one.bias)))
+                amplitudes, left = self._posterior(one, count, *others)
+                error, rest = _size(left), _Rows(one.time[count:], one.columns[count:], one.bias[count:])
+                found[:2, i, unit] = error, np.log(self._left(one, amplitudes) / error)
+                if share <= _LATEST:
+                    found[2, i, unit] = np.hypot(error, self._moves(one.time[:count], rest.time))
+                    found[3, i, unit] = np.log(self._left(rest, amplitudes) / found[2, i, unit])
+        early = np.array(SHARES) <= _LATEST
+        return _table(found[0], found[1]), _table(found[2, early], found[3, early])
 
     def _posterior(
         self, rows: _Rows, count: int, mean: FloatArray, spread: FloatArray
@@ -202,6 +238,12 @@ class Prior:
     def _left(self, rows: _Rows, amplitudes: FloatArray) -> float:
         square = float(np.mean((rows.bias - rows.columns @ self.basis @ amplitudes) ** 2)) - self.noise[0]
         return float(np.sqrt(max(square, _LEAST_SQUARE)))
+
+
+def _table(expected: FloatArray, off: FloatArray) -> FloatArray:
+    """Mean expected error, mean and spread of the logarithms (k, n) beside it, in its order (3, k)."""
+    table = np.array([expected.mean(axis=1), off.mean(axis=1), off.std(axis=1, ddof=1)])
+    return table[:, np.argsort(table[0])]
 
 
 def _size(covariance: FloatArray) -> float:

@@ -155,7 +155,7 @@ def _shifts(found: Statistics) -> Section:
     note = (
         f"A CUSUM and an EWMA of each station and quantity, each value beside all earlier ones of its station and "
         f"without the level of its lot. Their limits ({limits}) are for so many values: of fleets without a change, "
-        f"{100 * SIGNIFICANT:g} % have an alarm; each chart of a station has one in {found.charts[0].run_length:.3g} "
+        f"{100 * SIGNIFICANT:g} % have an alarm; each chart of a station has one in {found.charts[0].run_length:,.0f} "
         "values."
     )
     if not found.shifts:

@@ -20,6 +20,7 @@ from bench.commands import (
     LotCalibrated,
     LotChecked,
     LotCompleted,
+    LotPlanned,
     Noted,
     Recalled,
     Refitted,
@@ -309,6 +310,20 @@ def _(result: LotCompleted) -> Iterator[str]:
     error, low, high = (number(value) for value in (result.error_dph, result.low_dph, result.high_dph))
     yield f"{error} deg/h RMS expected over the whole run of lot {result.lot} (95 %: {low} to {high})"
     yield f"run     {result.run}"
+
+
+@lines.register(LotPlanned)
+def _(result: LotPlanned) -> Iterator[str]:
+    saved = result.whole_hours - result.hours
+    yield f"wrote   {result.profile}"
+    yield (
+        f"{result.hours:.2f} h instead of {result.whole_hours:.2f} h: {saved:.2f} chamber hours saved a unit "
+        f"({100 * saved / result.whole_hours:.0f} %)"
+    )
+    yield (
+        f"expected error {number(result.error_dph, 3)} deg/h RMS over the lot's whole run, 95 %: "
+        f"{number(result.low_dph, 3)} to {number(result.high_dph, 3)}; target {result.target_dph:g}"
+    )
 
 
 @lines.register(LotAudited)

@@ -184,6 +184,22 @@ class LotCompleted(Result):
 
 
 @dataclass(frozen=True)
+class LotPlanned(Result):
+    """A profile for further units of a lot, and the error to expect of their calibration by `bench lot complete`."""
+
+    lot: str
+    profile: Path
+    target_dph: float
+    error_dph: float
+    low_dph: float
+    """Ends of the 95 % interval."""
+    high_dph: float
+    hours: float
+    whole_hours: float
+    """Of the lot's own runs."""
+
+
+@dataclass(frozen=True)
 class LotAudited(Result):
     """How the runs of a lot with `until` ended, and what the audits among them showed."""
 

@@ -1,0 +1,131 @@
+"""The shortest run that calibrates a further unit of a lot well enough.
+
+Equation: of a planned run only the columns X of the lot's model are needed, with its lag and its loop along the planned
+temperature; they give the covariance S' of the amplitudes that the run will leave of the lot's S (`prior`). In the
+prior's coordinates the trace of S' is the mean variance of the prediction over the lot's whole run: what an I-optimal
+design minimises (W. J. Studden, Ann. Stat. 5 (1977) 1411; Bayesian: K. Chaloner, I. Verdinelli, Stat. Sci. 10 (1995)
+273). The interval of the error is that of the lot's units, each cut off and calibrated by the others.
+
+Candidates go through the whole range of the lot, from its start: turning points in either order, there only or there
+and back, with a small loop on the way or none, at shares of the rates that the lot was driven at, with soaks or none.
+Faster rates than the lot's are not tried: how the lag behaves there was never seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, kept_rates
+from bench.analysis.diagnosis.prediction import ChamberModel, chamber_model, predicted_record
+from bench.analysis.judging.prior import Prior
+from bench.base import InputError
+
+_SPEEDS = (1.0, 0.75, 0.5, 0.25)
+_SOAKS_MIN = (0.0, 10.0, 30.0)
+_BEYOND_DEGC = 0.5
+_ROUND = 20.0  # parts of a degC/min: what the thermometer adds to a rate is below
+_ROW_S = 30.0
+_SETTLE_MIN = 10.0
+
+
+@dataclass(frozen=True)
+class ShortPlan:
+    """A plan, the error of a calibration by it [deg/h RMS over the lot's whole run], and what it saves."""
+
+    plan: Plan
+    limits: ChamberLimits
+    error_dph: float
+    low_dph: float
+    high_dph: float
+    """Ends of the 95 % interval."""
+    seen: float
+    """Share of the lot's cells of temperature that it goes through."""
+    whole_s: float
+    """Duration of the lot's whole runs."""
+    tried: int
+
+    def to_yaml(self, lot: str, units: int) -> str:
+        """The profile's file."""
+        return self.plan.to_yaml(
+            self.limits,
+            f"A run for further units of lot {lot}, made from {units} of its units by `bench lot plan`. With the lot, "
+            f"it is expected to leave {_told(self)} RMS over the lot's whole run (95 % interval). Calibrate the unit "
+            f"with `bench lot complete`.",
+        )
+
+
+def driven_limits(prior: Prior) -> ChamberLimits:
+    """Range and rates that the lot was driven at."""
+    low, high = float(prior.cells.borders[0]), float(prior.cells.borders[-1])
+    rates = [round(_ROUND * rate) / _ROUND for rate in kept_rates(prior.records)]
+    if min(rates) <= 0.0:
+        raise InputError("the runs of this lot do not go through temperatures both ways; a plan needs their rates")
+    return ChamberLimits(low, high, *rates)
+
+
+def shortest(prior: Prior, target_dph: float) -> ShortPlan:
+    """The shortest candidate whose interval ends below the target; InputError where none does."""
+    bounds = driven_limits(prior)
+    chamber = chamber_model(prior.records)
+    plans = sorted(candidates(prior, bounds, chamber), key=lambda plan: plan.duration_s)
+    best: ShortPlan | None = None
+    for tried, plan in enumerate(plans, 1):
+        found = judged(prior, plan, bounds, chamber, tried)
+        if found.seen < 1.0:
+            continue
+        if found.high_dph <= target_dph:
+            return found
+        best = found if best is None or found.high_dph < best.high_dph else best
+    if best is None:
+        raise InputError("no plan goes through all temperatures of this lot")
+    raise InputError(
+        f"none of {len(plans)} plans is sure to leave at most {target_dph:g} deg/h (--target): the best is expected to "
+        f"leave {_told(best)} in {best.plan.duration_s / 3600.0:.1f} h; give a larger target, or calibrate a larger lot"
+    )
+
+
+def _told(plan: ShortPlan) -> str:
+    return f"{plan.error_dph:.3g} ({plan.low_dph:.3g} to {plan.high_dph:.3g}) deg/h"
+
+
+def judged(prior: Prior, plan: Plan, limits: ChamberLimits, chamber: ChamberModel, tried: int = 1) -> ShortPlan:
+    """What a plan leaves."""
+    planned = predicted_record(prior.records, plan.setpoint(), _ROW_S, chamber)
+    error, low, high, seen = prior.foreseen(planned)
+    return ShortPlan(plan, limits, error, low, high, seen, prior.duration_s, tried)
+
+
+def candidates(prior: Prior, limits: ChamberLimits, chamber: ChamberModel) -> Iterator[Plan]:
+    """All plans that are tried; turning points lie so far out that the unit's thermometer gets to the lot's ends."""
+    first_degc = [
+        float(one.channel("temperature")[np.isfinite(one.channel("temperature"))][0]) for one in prior.records
+    ]
+    start = float(round(float(np.median(first_degc)) - chamber.offset_degc))
+    ends = (limits.lowest_degc, limits.highest_degc)
+    low, high = (float(round(2.0 * (end - chamber.offset_degc)) / 2.0) for end in ends)
+    for cold_first, back, loop, speed, soak in product(
+        (True, False), ("none", "start", "other"), (False, True), _SPEEDS, _SOAKS_MIN
+    ):
+        first, second = (low, high) if cold_first else (high, low)
+        plan_name = f"short_{'cold' if cold_first else 'hot'}_first"
+        points = [first, second]
+        if loop:
+            points += [first + 0.5 * (second - first), first + 0.8 * (second - first)]
+        points += {"none": [], "start": [start], "other": [first]}[back]
+        rests = [soak if point in (low, high) else 0.0 for point in points]
+        yield Plan(plan_name, "", start, _moves(start, points, rests, limits, speed), _SETTLE_MIN)
+
+
+def _moves(
+    start: float, points: Sequence[float], rests: Sequence[float], limits: ChamberLimits, speed: float
+) -> tuple[Move, ...]:
+    moves, at = [], start
+    for point, rest in zip(points, rests, strict=True):
+        fastest = limits.heating_degc_per_min if point > at else limits.cooling_degc_per_min
+        moves.append(Move(point, round(speed * fastest, 2), rest))
+        at = point
+    return tuple(moves)
