@@ -92,7 +92,8 @@ def test_outside_the_box_the_surface_is_clamped_and_flagged():
     beyond, outside = found.predict(np.array([400.0, 900.0]), np.array([150.0, 300.0]))
     assert not inside.any()
     assert outside.all()
-    np.testing.assert_allclose(beyond, [at_edge[0], at_edge[0]], rtol=1e-12)  # one row and two: other kernels of the BLAS
+    # One row and two take other kernels of the BLAS.
+    np.testing.assert_allclose(beyond, [at_edge[0], at_edge[0]], rtol=1e-12)
 
 
 def test_bins_are_of_equal_width_and_use_all_their_rows():
