@@ -10,16 +10,15 @@ from __future__ import annotations
 import os
 import re
 import shlex
-import signal
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import ConfigError, DriverError, IdentityError, LimitError, LinkError, ReadBackError, RefusedError
+from drivers.program import Program
 from drivers.unit_memory import LEAST_BYTES, Held, Onlooker, Programmed, UnitMemory, compare, named, serial_of
 
 PLACES: Mapping[str, tuple[str, ...]] = {
@@ -30,7 +29,6 @@ PLACES: Mapping[str, tuple[str, ...]] = {
 """What each command may name in braces; `state` is on or off."""
 MOST_BYTES = 1_000_000
 """Longest output of a command that is taken for an image."""
-_LAST_LINE = 200
 
 
 @dataclass(frozen=True)
@@ -104,26 +102,19 @@ class CommandMemory(UnitMemory):
         argv = [re.sub(r"\{(\w+)\}", lambda place: names[place[1]], word) for word in words]
         what = f"{self._who}: command {shlex.join(argv)}"
         given = os.devnull if image is None or any("{image}" in word for word in words) else image
-        with Path(given).open("rb") as source, tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
+        with Path(given).open("rb") as source, tempfile.TemporaryFile() as output:
             try:
-                process = subprocess.Popen(
-                    argv, stdin=source, stdout=output, stderr=errors, cwd=commands.folder, start_new_session=True
-                )
-            except (OSError, ValueError) as error:
-                why = getattr(error, "strerror", None) or error
-                raise ConfigError(f"{what} cannot be started in {commands.folder}: {why}") from None
-            try:
-                code = process.wait(commands.timeout_s)
-            except subprocess.TimeoutExpired:
-                raise LinkError(f"{what} did not end within {commands.timeout_s:g} s") from None
-            finally:
-                if process.poll() is None:  # with what it started
-                    os.killpg(process.pid, signal.SIGKILL)
-                    process.wait()
-            if code:
-                how = f"ended with exit code {code}" if code > 0 else f"was ended by signal {-code}"
-                errors.seek(0)
-                raise RefusedError(f"{what} {how}{_last_line(errors.read())}", code)
+                program = Program(argv, commands.folder, commands.timeout_s, source, output)
+            except ConfigError as error:
+                raise ConfigError(f"{what} {error}") from None
+            with closing(program):
+                program.wait()
+            if program.code is None:
+                raise LinkError(f"{what} did not end within {commands.timeout_s:g} s")
+            if program.code:
+                how = "ended with exit code" if program.code > 0 else "was ended by signal"
+                said = f": {program.last_line}" if program.last_line else ", without a word on its standard error"
+                raise RefusedError(f"{what} {how} {abs(program.code)}{said}", program.code)
             output.seek(0)
             told = output.read(MOST_BYTES + 1)
         if len(told) > MOST_BYTES:
@@ -142,10 +133,3 @@ def _step(name: str, left: str, done: Programmed, onlooker: Onlooker) -> Iterato
         raise named(error, f"step '{name}' failed: {error}; {left}") from error
     finally:
         done.took_s[name] = round(time.monotonic() - started_s, 3)
-
-
-def _last_line(said: bytes) -> str:
-    """The last line of what a command said, in brackets of the sentence."""
-    lines = [line.strip() for line in said.decode("utf-8", "replace").splitlines() if line.strip()]
-    printable = "".join(sign for sign in lines[-1] if sign.isprintable()) if lines else ""
-    return f": {printable[:_LAST_LINE]}" if printable else ", without a word on its standard error"

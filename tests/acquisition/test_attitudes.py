@@ -247,7 +247,8 @@ def test_a_program_that_does_not_turn_is_told_and_leaves_nothing_behind(program,
     journal = Journal()
     fixture = Fixture(settings, SimClock(), journal)
     fixture.ask("x_up")
-    process = fixture._program._process
+    started = fixture._program._program
+    process = started and started._process
     while "go on to measure as it is" not in fixture.waiting:
         fixture.tick()
     assert said in journal.said[0]
