@@ -127,11 +127,9 @@ class CoefficientStore(UnitMemory):
                 if serial != done.serial:
                     raise IdentityError(f"serial number in {origin} is {serial}, the image is for {done.serial}")
         with steps("archive"):
-            done.old_bank, done.old_set = self.active(), heartbeat.coefficient_set or 0
-            done.old = self.read(done.old_bank) if done.old_bank else b""
+            self._look(done, heartbeat)
             steps.left = f"the unit is unchanged ({_calibration(done)})"
             archive(done.old)
-        done.bank = 2 if done.old_bank == 1 else 1
         with steps("write"):
             self.put_image(done.bank, image)
         with steps("read back"):
@@ -157,14 +155,18 @@ class CoefficientStore(UnitMemory):
                 text = f"serial number in its memory is {done.serial}, in its heartbeat it is {heartbeat.serial}"
                 raise IdentityError(text)
         with steps("archive"):
-            done.old_bank, done.old_set = self.active(), heartbeat.coefficient_set or 0
-            done.old = self.read(done.old_bank) if done.old_bank else b""
-            done.bank = 2 if done.old_bank == 1 else 1
+            self._look(done, heartbeat)
             previous = self.read(done.bank) if done.old_bank else b""
             steps.left = f"the unit is unchanged ({_calibration(done)})"
             archive(done, previous)
         _put_in_force(self, done, previous, steps)
         return done
+
+    def _look(self, done: Programmed, heartbeat: Identity) -> None:
+        """What is in force, and the bank that is not."""
+        done.old_bank, done.old_set = self.active(), heartbeat.coefficient_set or 0
+        done.old = self.read(done.old_bank) if done.old_bank else b""
+        done.bank = 2 if done.old_bank == 1 else 1
 
 
 def _put_in_force(store: CoefficientStore, done: Programmed, image: bytes, steps: _Steps) -> None:
