@@ -3,7 +3,6 @@ from .centre.entries import newest as newest
 from .centre.fetching import Fetched as Fetched
 from .centre.fetching import bring_back as bring_back
 from .centre.fetching import fetch as fetch
-from .centre.fetching import is_id as is_id
 from .centre.fetching import located as located
 from .centre.keeping import Released as Released
 from .centre.keeping import Scrubbed as Scrubbed

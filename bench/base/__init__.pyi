@@ -27,6 +27,7 @@ from .errors import CentreError as CentreError
 from .errors import EquipmentError as EquipmentError
 from .errors import InputError as InputError
 from .errors import RunAborted as RunAborted
+from .ids import is_run_id as is_run_id
 from .processes import locked as locked
 from .processes import process_alive as process_alive
 from .processes import user_name as user_name

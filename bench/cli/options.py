@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import click
 
-from bench.base import BenchError
+from bench.base import BenchError, is_run_id
 from bench.cli import completion
 from drivers.errors import DriverError
 
@@ -43,7 +42,7 @@ class RunPath(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """What stands there."""
-        at_centre = isinstance(value, str) and ("#" in value or _ID.fullmatch(value)) and not Path(value).exists()
+        at_centre = isinstance(value, str) and ("#" in value or is_run_id(value)) and not Path(value).exists()
         return AtCentre(value, run=True) if at_centre else super().convert(value, param, ctx)
 
 
@@ -54,9 +53,6 @@ class ArchivePath(click.Path):
         """What stands there."""
         at_centre = isinstance(value, str) and ("://" in value or (Path(value) / "centre.json").is_file())
         return AtCentre(value, run=False) if at_centre else super().convert(value, param, ctx)
-
-
-_ID = re.compile(r"[0-9a-f]{12}/[^/]+/[^/]+")
 
 
 def fetched(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.base import CentreError, InputError
+from bench.base import CentreError, InputError, is_run_id
 from bench.commands.registering import open_in
 from bench.commands.results.centre import (
     CentreListed,
@@ -110,11 +110,11 @@ def archive_of_centre(url: str) -> Path:
 
 def run_of_centre(text: str) -> Path:
     """The folder of a run, given as CENTRE#ID, or as its id where the environment names the centre."""
-    from bench.archive import archive, is_id, located
+    from bench.archive import archive, located
 
     url, _, run = text.rpartition("#")
     url = url or os.environ.get(ENVIRONMENT, "")
-    if not url or not is_id(run):
+    if not url or not is_run_id(run):
         raise InputError(
             f"{text}: no such run folder, nor a run of a centre; give CENTRE#ARCHIVE/UNIT/RUN, or the id alone with "
             f"{ENVIRONMENT} set"

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.archive.centre.claim import LEDGERS, last_ledger
 from bench.archive.centre.entries import Name, newest, read
 from bench.archive.centre.origin import Origin, chain_hash, origin_of
-from bench.archive.centre.store import Centre, DamagedError
+from bench.archive.centre.store import Centre, DamagedError, Tell
 from bench.archive.registry.ledger import Entry, Ledger
 from bench.base import InputError
 from bench.record import MANIFEST, ElsewhereRecord, sha256, staged
@@ -24,9 +24,6 @@ from bench.record import MANIFEST, ElsewhereRecord, sha256, staged
 LARGE = re.compile(r"data\.parquet|journal(-\d+)?/.*|report\.html")
 """What stays at the centre."""
 _TOLD = {"equipment", "operator", "lot", "withdrawal"}
-_ID = re.compile(r"[0-9a-f]{12}/[^/]+/[^/]+")
-
-Tell = Callable[[str], None]
 
 
 @dataclass
@@ -38,11 +35,6 @@ class Fetched:
     kept: list[Path] = field(default_factory=list)
     damaged: list[str] = field(default_factory=list)
     """A line for each folder that the centre cannot give."""
-
-
-def is_id(text: str) -> bool:
-    """Whether a text may be the id of a run: archive/unit/folder."""
-    return _ID.fullmatch(text) is not None
 
 
 def fetch(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,12 +17,10 @@ from typing import Any
 from bench.archive.centre.claim import claim
 from bench.archive.centre.entries import FLASH, Name, files_of, folders, newest, stamp, unfinished
 from bench.archive.centre.origin import origin_of
-from bench.archive.centre.store import Centre, content, named
+from bench.archive.centre.store import Centre, Tell, content, named
 from bench.archive.registry.ledger import Ledger
 from bench.base import BenchError, CentreError, InputError, __version__
 from bench.record import ElsewhereRecord, EntryRecord, FileAt, write_atomically
-
-Tell = Callable[[str], None]
 
 
 @dataclass

@@ -16,7 +16,7 @@ from __future__ import annotations
 import hashlib
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,8 @@ from urllib.parse import urlsplit, urlunsplit
 from bench.base import BenchError, CentreError, InputError
 from bench.record import sha256, share
 
+Tell = Callable[[str], None]
+"""Takes a line about what is being done."""
 MARK = "centre.json"
 _BLOCK = 1 << 20
 _ATOMIC = {"s3", "s3a", "gs", "gcs", "abfs", "az", "memory"}
