@@ -77,7 +77,8 @@ class Problem:
     """A record of means, the columns of its present model and what else is known of the noise.
 
     Rows are complete: gaps are left out before, memory effects having seen the whole record. `white` (n,) scales the
-    white variance of means over fewer samples. `statics` are isothermal records of the same gyro, own columns.
+    white variance of means over fewer samples. `statics` are isothermal records with columns of their own: that of the
+    same gyro, then those of its sisters.
     Several runs are stacked with their times set days apart (a month, say): flicker is forgotten by then, and a walk
     leaves each run a constant of its own; where a gyro's turn-on scatters, each further run has a constant in `base`.
     """

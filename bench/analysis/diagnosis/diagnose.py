@@ -212,8 +212,7 @@ class _Case:
         """The noise floor of the run [deg/h], where its white noise was found to differ from the isothermal run's."""
         if self.layout.white is None:
             return self.floor_dph
-        still = [np.diff(r.y)[np.diff(r.time_s) < 1.5 * self.layout.problem.interval_s] for r in self.layout.statics]
-        white = 0.5 * float(np.mean(np.concatenate(still) ** 2))
+        white = 0.5 * float(np.mean(self.layout.statics[0].steps(self.layout.problem.interval_s) ** 2))
         return float(np.sqrt(max(self.floor_dph**2 + white * (float(np.mean(self.layout.white)) - 1.0), 0.0)))
 
     def _formulas(

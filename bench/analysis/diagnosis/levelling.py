@@ -25,7 +25,7 @@ def levelled(layout: Layout) -> tuple[Layout, str]:
     problem = layout.problem
     near = np.flatnonzero(np.diff(problem.time_s) < 1.5 * problem.interval_s)
     square = (np.diff(layout.beyond(problem.y))[near] / np.sqrt(_pairs(problem.white, near))) ** 2
-    still = np.concatenate([np.diff(r.y)[np.diff(r.time_s) < 1.5 * problem.interval_s] for r in problem.statics]) ** 2
+    still = problem.statics[0].steps(problem.interval_s) ** 2  # the unit's own; sisters have a white noise of theirs
     temperature = layout.temperature
     edges = np.quantile(temperature[near], np.linspace(0.0, 1.0, _BINS + 1))
     which = np.clip(np.searchsorted(edges, temperature[near]) - 1, 0, _BINS - 1)

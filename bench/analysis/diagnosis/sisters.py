@@ -31,7 +31,7 @@ def sister_records(
     kept, notes = [], []
     for sister in sisters:
         record = isothermal(sister, interval_s)
-        whiter = _white(record, interval_s) / _white(own, interval_s)
+        whiter = float(np.mean(record.steps(interval_s) ** 2) / np.mean(own.steps(interval_s) ** 2))
         record = replace(record, white=whiter * (np.ones(len(record.y)) if record.white is None else record.white))
         statistic, _ = unlike((own,), (record,), NoiseLattice((own, record), interval_s))
         p, size = chi2_tail(statistic, UNLIKE_FREEDOM), float(np.sqrt(whiter))
@@ -41,9 +41,3 @@ def sister_records(
         how = f"drifts otherwise (p {p:.1g}) than" if p < _LEVEL else f"has {size:.2f} times the white noise of"
         notes.append(f"{sister.name} was left out: it {how} the unit's own isothermal run")
     return tuple(kept), tuple(notes)
-
-
-def _white(record: Record, interval_s: float) -> float:
-    """Half the mean square difference of neighbouring rows: nearly all of it is white noise."""
-    near = np.diff(record.time_s) < 1.5 * interval_s
-    return float(0.5 * np.mean(np.diff(record.y)[near] ** 2))

@@ -41,6 +41,10 @@ class Record:
     X: FloatArray
     white: FloatArray | None = None
 
+    def steps(self, interval_s: float) -> FloatArray:
+        """Differences (m,) of neighbouring means over `interval_s`: nearly all of them is white noise."""
+        return np.asarray(np.diff(self.y)[np.diff(self.time_s) < 1.5 * interval_s])
+
 
 class Gls(NamedTuple):
     """Generalised least squares: coefficients (p,), covariance (p, p), square sum of the whitened residual (n,)."""
