@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ ENTRIES = "entries"
 _SHORT = 16
 """So many digits of a hash stand in a name."""
 FLASH = "flash"
+RAW = re.compile(r"data\.parquet|journal(-\d+)?/.*")
+"""What was captured, sample by sample."""
 
 
 @dataclass(frozen=True, order=True)

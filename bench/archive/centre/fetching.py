@@ -14,14 +14,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.archive.centre.claim import LEDGERS, last_ledger
-from bench.archive.centre.entries import Name, newest, read
+from bench.archive.centre.entries import RAW, Name, newest, read
 from bench.archive.centre.origin import Origin, chain_hash, origin_of
 from bench.archive.centre.store import Centre, DamagedError, Tell
 from bench.archive.registry.ledger import Entry, Ledger
 from bench.base import InputError
 from bench.record import MANIFEST, ElsewhereRecord, sha256, staged
 
-LARGE = re.compile(r"data\.parquet|journal(-\d+)?/.*|report\.html")
+LARGE = re.compile(rf"{RAW.pattern}|report\.html")
 """What stays at the centre."""
 _TOLD = {"equipment", "operator", "lot", "withdrawal"}
 

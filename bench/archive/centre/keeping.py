@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from bench.archive.centre.entries import ENTRIES, Name, folders, newest, read
+from bench.archive.centre.entries import ENTRIES, RAW, Name, folders, newest, read
 from bench.archive.centre.store import Centre, DamagedError, content
 from bench.archive.registry.ledger import Ledger
 from bench.base import InputError
 from bench.record import MANIFEST, ElsewhereRecord, EntryRecord, FileAt, Manifest, listed
 
-RAW = re.compile(r"data\.parquet|journal(-\d+)?/.*")
-"""What was captured, sample by sample; the means stay."""
 ASIDE = "damaged"
 
 
