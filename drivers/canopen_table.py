@@ -1,134 +1,28 @@
-"""A rate table with a CiA 402 drive in profile velocity mode, through `canopen`, on a separate CAN channel.
-
-The drive reports its encoder on a transmit PDO with each reading's time of arrival; one SDO read of the status word
-ends every poll, so that everything the drive sent before has been received. The drive is configured to stop by itself
-when our heartbeat is missing (0x1016, 0x6007). `poll` sends our heartbeat, so a hung bench stops the axis, too.
-"""
+"""A rate table with a CiA 402 drive in profile velocity mode; see `drivers.canopen_drive`."""
 
 from __future__ import annotations
 
-import contextlib
-import struct
-from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
-
-import can
-import canopen
-
 from drivers import cia402
-from drivers.clock import Clock
-from drivers.errors import ConfigError, IdentityError, LinkError, ReadBackError, RefusedError
-from drivers.rate_table import STOPPED_DPS, SafeStep, TableArray, TableLimits, attempt, table_array
+from drivers.canopen_drive import CanopenDrive
+from drivers.errors import IdentityError
+from drivers.rate_table import STOPPED_DPS
 
-MASTER = 0x7F
-"""Our node number, for the heartbeat that the drive supervises."""
-ANSWER_S, ANSWERS = 0.5, 3
-"""Timeout of an answer [s], and attempts: together less than the drive's heartbeat timeout."""
 PROBE_DPS, PROBE_S = 1.0, 2.0
-_PDO, _BEAT = 0x180, 0x700
 
 
-@dataclass(frozen=True)
-class Drive:
-    """Settings that cannot be read from the drive."""
+class CanopenTable(CanopenDrive):
+    """One axis that turns. See `drivers.rate_table.RateTable`."""
 
-    node: int
-    counts_per_degree: float
-    """Units of position per degree of the table, gear included; velocity in the same units per second."""
-    sample_ms: int = 20
-    """Interval of the encoder readings."""
-    heartbeat_s: float = 3.0
-    """Longest interval without a heartbeat, in either direction, before the axis is stopped."""
-    latency_s: float = 0.0
-    """Lag of a reading's velocity behind the motion."""
-    vendor: int | None = None
-    """Required vendor number (0x1018:1); None: any."""
-
-
-class CanopenTable:
-    """One axis. The caller owns the bus; nothing else may send on it. See `drivers.rate_table.RateTable`."""
-
-    def __init__(
-        self,
-        bus: can.BusABC,
-        drive: Drive,
-        limits: TableLimits,
-        clock: Clock,
-        stamp: Callable[[float], float] = lambda timestamp_s: timestamp_s,
-    ) -> None:
-        """`stamp` converts the time stamp of a message at its arrival to bench time [s]."""
-        self.limits = limits
-        self.commanded_dps = 0.0
-        self.enabled = False
-        self._drive, self._clock, self._stamp = drive, clock, stamp
-        self._readings: deque[tuple[float, float, float]] = deque()
-        self._turns = 0  # of the 32-bit position register
-        self._last_counts = 0
-        self._last_sign_s = clock.now()
-        self._beats = 0
-        self._by_pdo = False
-        if limits.rate_dps * drive.counts_per_degree >= 1 << 31:
-            text = f"{limits.rate_dps:g} deg/s at {drive.counts_per_degree:g} counts per degree"
-            raise ConfigError(f"{self}: {text} does not fit the drive's 32 bits; lower the limit or the resolution")
-        self._network = canopen.Network(bus)
-        self._network.NOTIFIER_CYCLE = 0.05
-        self._network.subscribe(_PDO + drive.node, self._on_reading)
-        self._network.subscribe(_BEAT + drive.node, self._on_beat)
-        self._network.connect()
-        self._node = self._network.add_node(canopen.RemoteNode(drive.node, cia402.dictionary()))
-        self._node.sdo.RESPONSE_TIMEOUT, self._node.sdo.MAX_RETRIES = ANSWER_S, ANSWERS
-
-    # ---- before it turns --------------------------------------------------------------------------------------------
-
-    def identify(self) -> str:
-        """Check device profile 402 and its profile velocity mode; writes nothing."""
-        profile = self._get(cia402.DEVICE_TYPE) & 0xFFFF
-        if profile != cia402.PROFILE_402:
-            raise IdentityError(f"{self}: device profile {profile}, not {cia402.PROFILE_402}: not a CiA 402 drive")
-        if not self._get(cia402.SUPPORTED_MODES) >> (cia402.PROFILE_VELOCITY - 1) & 1:
-            raise IdentityError(f"{self}: the drive has no profile velocity mode")
-        return f"CiA 402 drive, node {self._drive.node}, {self._state()}"
-
-    def prepare(self) -> tuple[str, ...]:
-        """Set up encoder readings by PDO, heartbeats in both directions, quick stop when ours is missing."""
-        missing = []
-        consumer = MASTER << 16 | round(1000 * self._drive.heartbeat_s)
-        for what, action in (
-            ("readings by PDO (they are polled)", self._map_readings),
-            ("heartbeat", lambda: self._set(cia402.PRODUCER_HEARTBEAT, round(250 * self._drive.heartbeat_s))),
-            ("supervision of our heartbeat", lambda: self._set(cia402.CONSUMER_HEARTBEAT, consumer, 1)),
-            (
-                "quick stop when our heartbeat is missing",
-                lambda: self._set(cia402.ABORT_OPTION, cia402.ON_ABORT_QUICK_STOP),
-            ),
-            ("quick stop that holds", lambda: self._set(cia402.QUICK_STOP_OPTION, cia402.QUICK_STOP_AND_STAY)),
-            ("quick stop ramp", lambda: self._set(cia402.QUICK_STOP_DECELERATION, self._counts(self._accel(None)))),
-        ):
-            try:
-                action()
-            except RefusedError as error:
-                missing.append(f"{what}: {error}")
-        self._node.nmt.send_command(0x01)  # operational
-        self._last_sign_s = self._clock.now()
-        return tuple(missing)
+    MODE, MODE_NAME, NAME = cia402.PROFILE_VELOCITY, "profile velocity", "rate table"
 
     def enable(self) -> None:
         """Go through the state machine to `operation enabled`, target rate 0 first; a fault is never cleared.
 
         Then verify the unit of velocity at a slow rate: it is a setting of the drive that no object reports.
         """
-        self._refuse_fault()
-        self._set(cia402.MODE, cia402.PROFILE_VELOCITY)
-        if (mode := self._get(cia402.MODE_DISPLAY)) != cia402.PROFILE_VELOCITY:
-            raise ReadBackError(f"{self}: mode of operation is {mode}, commanded {cia402.PROFILE_VELOCITY}")
+        self._set_mode()
         self.set_rate(0.0)
-        self.enabled = True
-        for command in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
-            self._command(command)
-        self._await(lambda: self._state() == cia402.ENABLED, 5.0, "operation enabled")
+        self._switch_on()
         self._verify_unit()
 
     def _verify_unit(self) -> None:
@@ -144,8 +38,6 @@ class CanopenTable:
             text = f"commanded {commanded:g} deg/s, its position moves by {measured:.4g} deg/s"
             raise IdentityError(f"{self}: {text}; set the drive's velocity to counts per second, correct the gear")
 
-    # ---- turning ----------------------------------------------------------------------------------------------------
-
     def set_rate(self, rate_dps: float, accel_dps2: float | None = None) -> None:
         """Set the acceleration, then the target rate; each is read back."""
         accel = self._accel(accel_dps2)
@@ -155,170 +47,8 @@ class CanopenTable:
         self._set(cia402.TARGET_VELOCITY, self._counts(rate_dps))
         self.commanded_dps = rate_dps
 
-    def rate(self) -> float:
-        """Current rate by the drive's encoder [deg/s]."""
-        return self._get(cia402.VELOCITY) / self._drive.counts_per_degree
-
-    def position(self) -> float:
-        """Current position by the drive's encoder [deg]."""
-        return self._get(cia402.POSITION) / self._drive.counts_per_degree
-
-    def poll(self) -> TableArray:
-        """Readings since the last call.
-
-        Raises RefusedError for a fault, ReadBackError for an axis that was switched off, LinkError when the drive does
-        not answer.
-        """
-        self._beat()
-        self._refuse_fault()
-        if self.enabled and (now := self._state()) != cia402.ENABLED:
-            raise ReadBackError(
-                f"{self}: the axis is in state '{now}', not '{cia402.ENABLED}': it was switched off externally"
-            )
-        if not self._by_pdo:
-            self._on_reading(0, struct.pack("<ii", self._get(cia402.POSITION), self._get(cia402.VELOCITY)), None)
-        beats, self._beats = self._beats, 0
-        rows = [self._readings.popleft() for _ in range(len(self._readings))]
-        now_s = self._clock.now()
-        if beats or rows:
-            self._last_sign_s = now_s
-        if now_s - self._last_sign_s > self._drive.heartbeat_s:
-            raise LinkError(f"{self}: neither readings nor a heartbeat for {now_s - self._last_sign_s:.0f} s")
-        return table_array(rows)
-
-    # ---- the end ----------------------------------------------------------------------------------------------------
-
     def stop(self) -> None:
         """Go to rate 0 with the usual acceleration; ReadBackError when the table does not come to a standstill."""
         limit_s = abs(self.rate()) / self.limits.accel_dps2 + 5.0
         self.set_rate(0.0)
         self._await(lambda: abs(self.rate()) < STOPPED_DPS, limit_s, "standing")
-
-    def safe(self) -> list[SafeStep]:
-        """Quick stop, verify the standstill, switch the voltage off; a drive that was never enabled is not changed."""
-        if not self.enabled:
-            return []
-        steps = [
-            attempt("rate table quick stop", self._quick_stop),
-            attempt("rate table stands", self._stand),
-            attempt("rate table off", self._disable),
-        ]
-        self.enabled = not all(step.ok for step in steps)
-        return steps
-
-    def close(self) -> None:
-        """Stop receiving; the drive continues to supervise our heartbeat."""
-        if self._network.notifier is not None:
-            self._network.notifier.stop()
-            self._network.notifier = None
-
-    def __str__(self) -> str:
-        return f"rate table node {self._drive.node}"
-
-    def _quick_stop(self) -> str:
-        self.commanded_dps = 0.0
-        self._command(cia402.QUICK_STOP)
-        self._await(lambda: self._state() != cia402.ENABLED, 2.0, "quick stop")
-        return f"state {self._state()}"
-
-    def _stand(self) -> str:
-        limit_s = abs(self.rate()) / self.limits.accel_dps2 + 5.0
-        self._await(lambda: abs(self.rate()) < STOPPED_DPS, limit_s, "standing")
-        return f"encoder reads {self.rate():.3f} deg/s"
-
-    def _disable(self) -> str:
-        with contextlib.suppress(RefusedError):
-            self._set(cia402.TARGET_VELOCITY, 0)  # so that it stands still when it is enabled next
-        self._command(cia402.DISABLE_VOLTAGE)
-        self._await(lambda: self._state() in {"switch on disabled", cia402.FAULT}, 2.0, "voltage off")
-        return f"state {self._state()}"
-
-    # ---- inside -----------------------------------------------------------------------------------------------------
-
-    def _map_readings(self) -> None:
-        """Position and velocity on the first transmit PDO, by its event timer (CiA 301, 7.5.2.35)."""
-        cob_id = _PDO + self._drive.node
-        self._set(cia402.TPDO1, 1 << 31 | cob_id, 1)
-        self._set(cia402.TPDO1_MAP, 0, 0)
-        for sub, index in ((1, cia402.POSITION), (2, cia402.VELOCITY)):
-            self._set(cia402.TPDO1_MAP, cia402.mapped(index), sub)
-        self._set(cia402.TPDO1_MAP, 2, 0)
-        self._set(cia402.TPDO1, 255, 2)
-        self._set(cia402.TPDO1, self._drive.sample_ms, 5)
-        self._set(cia402.TPDO1, cob_id, 1)
-        self._by_pdo = True
-
-    def _on_reading(self, cob_id: int, data: bytes | bytearray, timestamp_s: float | None) -> None:
-        counts, velocity = struct.unpack_from("<ii", data)
-        t_s = self._clock.now() if timestamp_s is None else self._stamp(timestamp_s)
-        if abs(counts - self._last_counts) > 1 << 31:  # the register overflowed
-            self._turns += 1 if counts < self._last_counts else -1
-        self._last_counts = counts
-        per_degree = self._drive.counts_per_degree
-        position = (counts + (self._turns << 32)) / per_degree
-        self._readings.append((t_s - self._drive.latency_s, velocity / per_degree, position))
-
-    def _on_beat(self, cob_id: int, data: bytearray, timestamp_s: float) -> None:
-        self._beats += 1
-
-    def _beat(self) -> None:
-        with self._wire("heartbeat"):
-            self._network.send_message(_BEAT + MASTER, b"\5")
-            self._network.check()  # the receiving thread does not report its end
-
-    def _refuse_fault(self) -> None:
-        if self._state() in {cia402.FAULT, "fault reaction active"}:
-            code = self._get(cia402.ERROR_CODE)
-            raise RefusedError(f"{self}: drive fault 0x{code:04X}; find the cause and reset it at the drive", code)
-
-    def _await(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
-        until_s = self._clock.now() + limit_s
-        while not condition():
-            if self._clock.now() >= until_s:
-                text = f"not '{what}' within {limit_s:.1f} s: state '{self._state()}', {self.rate():.2f} deg/s"
-                raise ReadBackError(f"{self}: {text}")
-            self._wait(0.1)
-
-    def _wait(self, time_s: float) -> None:
-        """Wait [s], sending heartbeats."""
-        until_s = self._clock.now() + time_s
-        while self._clock.now() < until_s - 1e-6:
-            self._beat()
-            self._clock.sleep_until(min(self._clock.now() + 0.1, until_s))
-
-    def _accel(self, given: float | None) -> float:
-        return self.limits.accel_dps2 if given is None else given
-
-    def _counts(self, degrees: float) -> int:
-        return round(degrees * self._drive.counts_per_degree)
-
-    def _state(self) -> str:
-        return cia402.state(self._get(cia402.STATUS))
-
-    def _command(self, control: int) -> None:
-        with self._wire("controlword"):
-            self._node.sdo[cia402.CONTROL].raw = control
-
-    def _get(self, index: int, sub: int = 0) -> int:
-        with self._wire(f"0x{index:04X}:{sub}"):
-            return int(self._entry(index, sub).raw)
-
-    def _set(self, index: int, value: int, sub: int = 0) -> None:
-        """Write and read back."""
-        with self._wire(f"0x{index:04X}:{sub}"):
-            self._entry(index, sub).raw = value
-        if (read := self._get(index, sub)) != value:
-            raise ReadBackError(f"{self}: 0x{index:04X}:{sub}: wrote {value}, reads back {read}")
-
-    def _entry(self, index: int, sub: int) -> Any:
-        entry = self._node.sdo[index]
-        return entry[sub] if index in cia402.RECORDS else entry
-
-    @contextmanager
-    def _wire(self, what: str) -> Iterator[None]:
-        try:
-            yield
-        except canopen.SdoAbortedError as error:
-            raise RefusedError(f"{self}: {what}: {error}", error.code) from error
-        except (canopen.SdoCommunicationError, can.CanError, OSError) as error:
-            raise LinkError(f"{self}: {what}: {' '.join(str(error).split()) or type(error).__name__}") from error

@@ -1,4 +1,4 @@
-"""Objects, states and commands of a CiA 402 drive in profile velocity mode.
+"""Objects, states and commands of a CiA 402 drive in profile velocity and profile position mode.
 
 Source: CiA 402 (IEC 61800-7-201, -301), objects 0x6040-0x60FF, and CiA 301 for 0x1000-0x1A00. Rates and positions are
 in units of the drive; the station file gives the units per degree. Driver and simulated drive share only this
@@ -22,12 +22,13 @@ QUICK_STOP_OPTION = 0x605A
 MODE, MODE_DISPLAY = 0x6060, 0x6061
 POSITION, VELOCITY = 0x6064, 0x606C
 ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION = 0x6083, 0x6084, 0x6085
+TARGET_POSITION, PROFILE_SPEED = 0x607A, 0x6081
 TARGET_VELOCITY = 0x60FF
 SUPPORTED_MODES = 0x6502
 
 PROFILE_402 = 402
-PROFILE_VELOCITY = 3
-"""Mode of operation; bit 2 of the supported modes."""
+PROFILE_POSITION, PROFILE_VELOCITY = 1, 3
+"""Modes of operation; bits 0 and 2 of the supported modes."""
 ON_ABORT_QUICK_STOP = 3
 """Abort option: a lost master causes a quick stop."""
 QUICK_STOP_AND_STAY = 6
@@ -35,6 +36,10 @@ QUICK_STOP_AND_STAY = 6
 
 SHUTDOWN, SWITCH_ON, ENABLE_OPERATION = 0x06, 0x07, 0x0F
 QUICK_STOP, DISABLE_VOLTAGE = 0x02, 0x00
+NEW_SET_POINT = 0x3F
+"""Control word in profile position mode: operation enabled, new set point, at once, absolute position."""
+TARGET_REACHED, SET_POINT_TAKEN = 1 << 10, 1 << 12
+"""Bits of the status word in profile position mode."""
 
 ENABLED, STOPPING, FAULT = "operation enabled", "quick stop active", "fault"
 _STATES = (
@@ -65,8 +70,10 @@ _VARIABLES: tuple[tuple[int, str, int, str, int], ...] = (
     (ACCELERATION, "profile acceleration", od.UNSIGNED32, "rw", 0),
     (DECELERATION, "profile deceleration", od.UNSIGNED32, "rw", 0),
     (QUICK_STOP_DECELERATION, "quick stop deceleration", od.UNSIGNED32, "rw", 0),
+    (TARGET_POSITION, "target position", od.INTEGER32, "rw", 0),
+    (PROFILE_SPEED, "profile velocity", od.UNSIGNED32, "rw", 0),
     (TARGET_VELOCITY, "target velocity", od.INTEGER32, "rw", 0),
-    (SUPPORTED_MODES, "supported drive modes", od.UNSIGNED32, "ro", 1 << (PROFILE_VELOCITY - 1)),
+    (SUPPORTED_MODES, "supported drive modes", od.UNSIGNED32, "ro", 1 << 0 | 1 << 2),
 )
 _RECORDS: tuple[tuple[int, str, tuple[tuple[int, str, int, int], ...]], ...] = (
     (CONSUMER_HEARTBEAT, "consumer heartbeat time", ((1, "master", od.UNSIGNED32, 0),)),

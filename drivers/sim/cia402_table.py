@@ -1,6 +1,8 @@
-"""Simulated rate table: a CiA 402 drive on a CAN bus with an axis behind it, stepped by the simulated clock.
+"""Simulated rate table or axis of a fixture: a CiA 402 drive on a CAN bus with an axis behind it, stepped by the
+simulated clock.
 
-The axis follows its target with limited acceleration and a small wobble; an encoder with finite resolution and noise
+The axis follows its target velocity with limited acceleration and a small wobble, or goes to its target position by a
+trapezoidal profile; an encoder with finite resolution and noise
 reads it, and the drive sends its readings on a transmit PDO by its event timer. The thread of the CANopen network
 answers requests; apart from this, nothing happens between two steps, so a run is deterministic.
 """
@@ -24,6 +26,11 @@ IntArray = npt.NDArray[np.int64]
 NODE_S = 0.02
 """Interval of encoder readings [s]; between two readings the rate is a straight line."""
 _MASTER = 0x77F
+_SET_POINT = 1 << 4
+_WINDOW, _STANDS_DPS = 20, 0.01
+"""Position window [counts] and rate [deg/s] within which the target is reached."""
+_GAIN_HZ = 8.0
+"""Of the position controller."""
 _QUICK = {cia402.STOPPING, cia402.FAULT}
 
 
@@ -74,6 +81,8 @@ class SimulatedTable:
         self._beat_due_s = self._pdo_due_s = 0.0
         self._error_code = 0
         self._is_cut = False
+        self._set_point: int | None = None
+        self._taken = False
 
     def advance(self, t0_s: float, t1_s: float) -> FloatArray:
         """Advance from `t0_s` to `t1_s`; returns the rate [deg/s] at nodes every 20 ms, (n + 1,)."""
@@ -123,6 +132,8 @@ class SimulatedTable:
         target = self._raw(cia402.TARGET_VELOCITY) / per_dps
         if self.state != cia402.ENABLED or self._raw(cia402.MODE) != cia402.PROFILE_VELOCITY:
             target = 0.0
+        if self._goes:
+            return self._way(n, step_s)
         change = target - self._profile_dps
         which = cia402.ACCELERATION if abs(target) > abs(self._profile_dps) else cia402.DECELERATION
         if self.state in _QUICK:
@@ -136,6 +147,33 @@ class SimulatedTable:
         rates: FloatArray = profile + np.where(moving, wobble, 0.0)
         rates[0] = self.rate_dps
         return rates
+
+    @property
+    def _goes(self) -> bool:
+        """Whether it goes to a position, or has gone there and holds it."""
+        return self.state == cia402.ENABLED and self._raw(cia402.MODE) == cia402.PROFILE_POSITION
+
+    def _way(self, n: int, step_s: float) -> FloatArray:
+        """Rate at the nodes [deg/s] on the way to the set point: no faster than what still stops in time."""
+        speed, accel = (self._raw(index) for index in (cia402.PROFILE_SPEED, cia402.ACCELERATION))
+        per = self.settings.true_counts_per_degree
+        rates, angle = np.zeros(n + 1), self.angle_deg
+        rates[0] = rate = self.rate_dps
+        for i in range(1, n + 1):
+            left = 0.0 if self._set_point is None else self._set_point / per - angle
+            brakes = np.sqrt(1.8 * accel / per * abs(left))  # 2 would leave no reserve for a whole step
+            wanted = float(np.copysign(min(speed / per, brakes, _GAIN_HZ * abs(left)), left))
+            new = min(max(wanted, rate - accel / per * step_s), rate + accel / per * step_s)
+            angle += 0.5 * (rate + new) * step_s
+            rates[i] = rate = new
+        self._profile_dps = rate
+        return rates
+
+    @property
+    def _reached(self) -> bool:
+        per = self.settings.true_counts_per_degree
+        near = self._set_point is None or abs(self.angle_deg * per - self._set_point) <= _WINDOW
+        return self._goes and near and abs(self.rate_dps) < _STANDS_DPS
 
     def _supervise(self, t_s: float) -> None:
         """Supervise the heartbeat of the master, if the drive is configured to."""
@@ -177,7 +215,10 @@ class SimulatedTable:
 
     def _read(self, index: int, subindex: int, **_: object) -> int | None:
         answers = {
-            cia402.STATUS: cia402.STATUS_OF[self.state] | 0x0200,
+            cia402.STATUS: cia402.STATUS_OF[self.state]
+            | 0x0200
+            | (cia402.TARGET_REACHED if self._reached else 0)
+            | (cia402.SET_POINT_TAKEN if self._taken else 0),
             cia402.MODE_DISPLAY: self._raw(cia402.MODE),
             cia402.POSITION: int(_wrapped(np.array(self._counts))),
             cia402.VELOCITY: self._velocity,
@@ -187,7 +228,12 @@ class SimulatedTable:
 
     def _written(self, index: int, subindex: int, data: bytes, **_: object) -> None:
         if index == cia402.CONTROL and self.state != cia402.FAULT:
-            self.state = _next_state(self.state, int.from_bytes(data, "little"))
+            control = int.from_bytes(data, "little")
+            self.state = _next_state(self.state, control)
+            asked = bool(control & _SET_POINT)
+            if asked and not self._taken and self._goes:
+                self._set_point = self._raw(cia402.TARGET_POSITION)
+            self._taken = asked and self._goes
 
 
 def _wrapped(counts: IntArray) -> IntArray:

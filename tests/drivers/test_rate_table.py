@@ -8,7 +8,8 @@ import pytest
 
 from drivers import cia402
 from drivers.aerosmith_table import AerosmithTable, Line
-from drivers.canopen_table import CanopenTable, Drive
+from drivers.canopen_drive import Drive
+from drivers.canopen_table import CanopenTable
 from drivers.clock import SimClock
 from drivers.errors import ConfigError, IdentityError, LimitError, LinkError, ReadBackError, RefusedError
 from drivers.rate_table import TableLimits

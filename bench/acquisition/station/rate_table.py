@@ -12,7 +12,8 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.turning import Turntable
 from drivers.aerosmith_table import AerosmithTable, Line
 from drivers.canbus import open_bus
-from drivers.canopen_table import CanopenTable, Drive
+from drivers.canopen_drive import Drive
+from drivers.canopen_table import CanopenTable
 from drivers.clock import Clock, SimClock, WallClock
 from drivers.errors import DriverError
 from drivers.rate_table import RateTable, SafeStep, TableLimits
