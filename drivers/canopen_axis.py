@@ -33,7 +33,9 @@ class CanopenAxis(CanopenDrive):
         LimitError where the drive's 32 bits do not hold it; nothing is sent then.
         """
         if not abs(self._counts(position_deg)) < 1 << 31:
-            raise LimitError(f"{self}: position {position_deg:g} deg does not fit the drive's 32 bits; nothing was sent")
+            raise LimitError(
+                f"{self}: position {position_deg:g} deg does not fit the drive's 32 bits; nothing was sent"
+            )
         self._commanded_deg = position_deg
         self._set(cia402.TARGET_POSITION, self._counts(position_deg))
         self._command(cia402.NEW_SET_POINT)

@@ -19,7 +19,7 @@ import can
 import canopen
 
 from drivers import cia402
-from drivers.clock import Clock
+from drivers.clock import Clock, SimClock
 from drivers.errors import ConfigError, IdentityError, LinkError, ReadBackError, RefusedError
 from drivers.rate_table import STOPPED_DPS, SafeStep, TableArray, TableLimits, attempt, table_array
 
@@ -62,13 +62,11 @@ class CanopenDrive:
         drive: Drive,
         limits: TableLimits,
         clock: Clock,
-        stamp: Callable[[float], float] = lambda timestamp_s: timestamp_s,
     ) -> None:
-        """`stamp` converts the time stamp of a message at its arrival to bench time [s]."""
         self.limits = limits
         self.commanded_dps = 0.0
         self.enabled = False
-        self._drive, self._clock, self._stamp = drive, clock, stamp
+        self._drive, self._clock = drive, clock
         self._readings: deque[tuple[float, float, float]] = deque()
         self._turns = 0  # of the 32-bit position register
         self._last_counts = 0
@@ -225,7 +223,10 @@ class CanopenDrive:
 
     def _on_reading(self, cob_id: int, data: bytes | bytearray, timestamp_s: float | None) -> None:
         counts, velocity = struct.unpack_from("<ii", data)
-        t_s = self._clock.now() if timestamp_s is None else self._stamp(timestamp_s)
+        # A simulated message carries bench time. What stamps a real one has depends on the interface; when it reached
+        # us does not.
+        simulated = timestamp_s is not None and isinstance(self._clock, SimClock)
+        t_s = timestamp_s if simulated and timestamp_s is not None else self._clock.now()
         if abs(counts - self._last_counts) > 1 << 31:  # the register overflowed
             self._turns += 1 if counts < self._last_counts else -1
         self._last_counts = counts

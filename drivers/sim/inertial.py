@@ -67,7 +67,7 @@ class InertialUnit:
         self._thermometers = [name for name in layout.channels if THERMOMETERS.fullmatch(name)]
         if others := layout.channels.keys() - self._columns.keys() - {*self._thermometers}:
             raise ConfigError(f"signals: a simulated inertial unit does not send {', '.join(sorted(others))}")
-        self._standing: tuple[tuple[int, float], tuple[FloatArray, FloatArray]] | None = None
+        self._standing: tuple[tuple[int, float, bytes], tuple[FloatArray, FloatArray]] | None = None
         self._sample_s = layout.interval_ms * 1e-3
         self.imu = SimulatedImu(settings.truth(), settings.place(latitude_deg), seed, self._sample_s * DIVIDER)
 
@@ -96,7 +96,7 @@ class InertialUnit:
         """
         if np.ptp(angles) > 0.0:
             return self.imu.mounting.turned(stand, angles, rate_hz)
-        key = stand.visit, float(angles[0])
+        key = stand.visit, float(angles[0]), stand.attitude.tobytes()
         if self._standing is None or self._standing[0] != key:
             self._standing = key, self.imu.mounting.turned(stand, angles[:2], rate_hz)
         rate, force = (np.repeat(one, len(angles) - 1, axis=0) for one in self._standing[1])

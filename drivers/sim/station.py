@@ -16,6 +16,7 @@ import numpy as np
 
 from drivers.registers import RegisterMap
 from drivers.sim.cia402_table import SimulatedTable
+from drivers.sim.fixture import SimulatedFixture
 from drivers.sim.flash_port import FlashPort, serve
 from drivers.sim.modbus_chamber import ModbusChamber
 from drivers.sim.plant import Plant
@@ -98,7 +99,7 @@ class SimulatedUnit:
 class SimulatedStation:
     """A chamber and the units in it; the chamber listens on `modbus_port`."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913, PLR0917 - what a station has
         self,
         register_map: RegisterMap,
         plant: Plant,
@@ -106,9 +107,10 @@ class SimulatedStation:
         modbus_port: int = 0,
         table: SimulatedTable | None = None,
         supply: ScpiSupply | None = None,
+        fixture: SimulatedFixture | None = None,
     ) -> None:
         self.plant = plant
-        self.table, self.supply = table, supply
+        self.table, self.supply, self.fixture = table, supply, fixture
         self.units = list(units)
         self.chamber = ModbusChamber(
             register_map, limits=plant.parameters.reach, port=modbus_port, temperature=plant.state.process_value
@@ -137,6 +139,9 @@ class SimulatedStation:
         ramp = commands.ramp_rate_degc_per_min
         after = self.plant.step(t1_s - t0_s, commands.setpoint, on=commands.on, ramp_degc_per_min=ramp)
         self._publish()
+        if self.fixture is not None:
+            self.fixture.advance(t0_s, t1_s)
+            self._attitude, self._visit = self.fixture.attitude, self.fixture.visit
         turned = (0.0, 0.0) if self.table is None else self.table.advance(t0_s, t1_s)
         self._samples_due += (t1_s - t0_s) * SAMPLE_RATE_HZ
         samples = int(self._samples_due + 1e-6)
@@ -176,5 +181,7 @@ class SimulatedStation:
         self.chamber.close()
         if self.table is not None:
             self.table.close()
+        if self.fixture is not None:
+            self.fixture.close()
         if self.supply is not None:
             self.supply.close()

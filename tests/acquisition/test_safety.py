@@ -155,6 +155,6 @@ def test_a_rate_table_is_stopped_before_the_chamber_and_again_when_it_did_not(at
     bench = at(80.0)
     answers = [[SafeStep("rate table stands", False, "turns")], [SafeStep("rate table stands", True, "0 deg/s")]]
     order = []
-    bench.way.stop_table = lambda: order.append(bench.commands()[1]) or answers.pop(0)
+    bench.way.stop_moving = lambda: order.append(bench.commands()[1]) or answers.pop(0)
     assert failures(bench.way.make()) == ""
     assert order == [True, False]

@@ -17,8 +17,8 @@ class Reach:
 
     attitudes: tuple[str, ...]
     takes_s: float
-    driven: bool = False
-    """Whether a program turns it."""
+    driven: str = ""
+    """What turns it, for people; empty: people do."""
 
 
 def changes(legs: Sequence[Leg]) -> list[Leg]:
@@ -47,7 +47,7 @@ def attitude_findings(
         text = f"{leg.name}: the station's fixture does not reach {name}; it has {', '.join(reach.attitudes)}"
         yield "error", text, leg
     each = len({leg.attitude for leg in turned})
-    who = "the fixture's program" if reach.driven else "the operator"
+    who = reach.driven or "the operator"
     text = f"{len(turned)} changes of position by {who} ({each} attitudes), {reach.takes_s:g} s each"
     yield "info", f"{text}; the chamber holds meanwhile, until each is confirmed", first
     away = [leg for leg in turned if abs(leg.from_degc - ambient_degc) > _AWAY_DEGC]

@@ -68,7 +68,7 @@ def _go_to_safe_state(station: Station, recorder: Recorder, sequencer: Sequencer
         settings.safe_state,
         settings.ambient_degc,
         60.0 * settings.safe_state.retry_min,
-        stop_table=list if station.turntable is None else station.turntable.safe,
+        stop_moving=station.stop_moving,
         beat=lambda: watch.allow(60.0 + 4.0 * settings.safe_state.step_s),
         hurry=lambda: sequencer.asked_to_stop,
         report=recorder.event,

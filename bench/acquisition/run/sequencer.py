@@ -175,6 +175,7 @@ class Sequencer:
             leg.rate_degc_per_min,
             leg.direction,
             attitude=leg.attitude,
+            heading_deg=0.0 if self._wiring.placing is None else self._wiring.placing.heading_deg,
         )
         self._recorder.event("segment", f"start {leg.name}", phase="start", segment=vars(result))
         outcome: Outcome = "interrupted"

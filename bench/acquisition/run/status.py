@@ -27,6 +27,7 @@ class SegmentResult:
     outcome: Outcome = "interrupted"
     reason: str = ""
     attitude: str | None = None
+    heading_deg: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -79,6 +79,10 @@ class Placing(Protocol):
         """The one that they stand in; None: nobody said."""
 
     @property
+    def heading_deg(self) -> float:
+        """By how much they are turned against the heading that belongs to its name [deg]."""
+
+    @property
     def waiting(self) -> str:
         """What is waited for; empty: nothing."""
 

@@ -81,6 +81,9 @@ def examine(settings: StationSettings, listen_s: float = 2.0) -> Examination:
             _bus(found, name, bus, [unit for unit in real.units if unit.bus == name], clock, listen_s)
         if settings.rate_table is not None:
             found.add("rate table", "unknown", "not asked: a drive is only spoken to when a run begins")
+        if settings.fixture is not None and settings.fixture.axes:
+            reached = f"reaches {len(settings.fixture.names)} attitudes"
+            found.add("fixture", "unknown", f"{reached}; not asked: a drive is only spoken to when a run begins")
         return found
 
 

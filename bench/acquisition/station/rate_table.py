@@ -14,7 +14,7 @@ from drivers.aerosmith_table import AerosmithTable, Line
 from drivers.canbus import open_bus
 from drivers.canopen_drive import Drive
 from drivers.canopen_table import CanopenTable
-from drivers.clock import Clock, SimClock, WallClock
+from drivers.clock import Clock, WallClock
 from drivers.errors import DriverError
 from drivers.rate_table import RateTable, SafeStep, TableLimits
 from drivers.sim.cia402_table import SimulatedTable, TableSettings
@@ -73,7 +73,4 @@ def _driver(chosen: RateTableSettings, clock: Clock, buses: Mapping[str, Bus], s
     stack.callback(bus.shutdown)
     latency_s = chosen.latency_ms / 1000
     drive = Drive(chosen.node, chosen.counts_per_degree, chosen.sample_ms, chosen.heartbeat_s, latency_s)
-    if isinstance(clock, SimClock):  # its messages carry bench time
-        return CanopenTable(bus, drive, limits, clock)
-    # What stamps a message has depends on the interface; when it reached us does not.
-    return CanopenTable(bus, drive, limits, clock, stamp=lambda timestamp_s: clock.now())
+    return CanopenTable(bus, drive, limits, clock)

@@ -59,8 +59,8 @@ class SafeState:
     ambient_degc: float
     retry_s: float
     """A chamber that does not answer is tried again for this long [s]."""
-    stop_table: Callable[[], list[SafeStep]] = list
-    """Quick stop of a rate table, verified."""
+    stop_moving: Callable[[], list[SafeStep]] = list
+    """Quick stop of a rate table and of the axes of a fixture, verified."""
     beat: Callable[[], None] = lambda: None
     """Called before every step: the heartbeat that a watchdog listens to."""
     hurry: Callable[[], bool] = lambda: False
@@ -72,14 +72,14 @@ class SafeState:
     def make(self) -> list[SafeStep]:
         """Go there; the steps of the last attempt, each verified or not."""
         until_s, failures = self.clock.now() + self.retry_s, 0
-        table = self.stop_table()  # takes a second, and what turns does more harm than what is warm
+        moving = self.stop_moving()  # takes a second, and what turns does more harm than what is warm
         while True:
             self.beat()
             self._warm_up()
             steps = self.chamber.safe(self.ambient_degc, self.settings.step_s)
-            if not all(step.ok for step in table):
-                table = self.stop_table()
-            failed = [step for step in (*table, *steps) if not step.ok]
+            if not all(step.ok for step in moving):
+                moving = self.stop_moving()
+            failed = [step for step in (*moving, *steps) if not step.ok]
             if not failed or self.clock.now() >= until_s or self.hurry():
                 break
             failures += 1
@@ -87,10 +87,10 @@ class SafeState:
                 text = f"not reached yet, trying again for {self.retry_s:.0f} s: {_listed(failed)}"
                 self.report("safe_state", text)
             self._wait(RETRY.wait_s(failures), until_s)
-        for step in (*table, *steps):
+        for step in (*moving, *steps):
             sent = {"sent": True} if step.sent else {}
             self.report("safe_state", f"{step.what}: {step.detail}", ok=step.ok, **sent)
-        return [*table, *steps]
+        return [*moving, *steps]
 
     def _wait(self, wait_s: float, until_s: float) -> None:
         """Wait in small pieces, alive and ready to be hurried."""
@@ -134,9 +134,9 @@ def failures(steps: list[SafeStep]) -> str:
     failed = [step for step in steps if not step.ok]
     if not failed:
         return ""
-    table = [step for step in failed if step.what.startswith("rate table")]
-    orders = ["press the emergency stop of the rate table"] if table else []
-    orders += ["switch the chamber off by hand"] if len(table) < len(failed) else []
+    moving = {what: [step for step in failed if step.what.startswith(what)] for what in ("rate table", "fixture axis")}
+    orders = [f"press the emergency stop of the {what}" for what, steps in moving.items() if steps]
+    orders += ["switch the chamber off by hand"] if sum(map(len, moving.values())) < len(failed) else []
     return f"SAFE STATE NOT VERIFIED: {_listed(failed)}; {' and '.join(orders)}"
 
 

@@ -14,6 +14,7 @@ from bench.acquisition.station.rate_table import simulate_table
 from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
+from bench.acquisition.station.turning_axes import simulate_axes
 from drivers.canbus import open_bus
 from drivers.layout import Layout, layout_of
 from drivers.registers import load_map
@@ -71,8 +72,9 @@ def simulate(
         counted = PowerOns(power_ons_file(settings, unit), number)
         simulated.append(SimulatedUnit(Resonator(physics, seed + place, power=power), wire, port, counted))
     table = simulate_table(settings, buses, stack, seed)
+    fixture = simulate_axes(settings.fixture, buses, stack, seed)
     supply = ScpiSupply() if settings.supply is not None and occasion.switches_power else None
-    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table, supply)
+    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table, supply, fixture)
 
 
 def _several_axes(

@@ -26,6 +26,7 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.acquisition.station.stage import open_stage
 from bench.acquisition.station.turning import Turntable
+from bench.acquisition.station.turning_axes import FixtureAxes, open_axes
 from bench.acquisition.station.unit import LiveUnit, Trouble
 from bench.base import EquipmentError, FloatArray
 from bench.record import share
@@ -34,6 +35,7 @@ from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
 from drivers.journal import FrameArray, JournalWriter
 from drivers.modbus import ModbusLink
+from drivers.rate_table import SafeStep
 from drivers.registers import RegisterMap, load_map
 from drivers.sim.station import SimulatedStation
 
@@ -64,6 +66,8 @@ class Opened:
     """What switches the units' power, where the occasion needs it."""
     turn: Callable[[FloatArray], None] | None = None
     """Turns a simulated fixture into an attitude."""
+    axes: FixtureAxes | None = None
+    """The driven axes of the fixture, where it has such."""
     claim: int | None = None
     """Descriptor of the claim on the chamber of a real station."""
     injection: FaultInjection | None = None
@@ -103,7 +107,9 @@ class Station:
         if self.power is not None:
             self.power.units = self.units
         own = settings.fixture
-        self.fixture = None if own is None else Fixture(own, clock, opened.records, self.units, opened.turn)
+        self.fixture = (
+            None if own is None else Fixture(own, clock, opened.records, self.units, opened.turn, opened.axes)
+        )
         self.buses = opened.buses
         self.local_buses, self._records = opened.local_buses, opened.records
         self._recorder: Recorder | None = None
@@ -139,10 +145,12 @@ class Station:
 
         Raises EquipmentError when no unit is left on a bus that works, InputError when another unit than the
         described one answers before all were heard, or in the place of the last one; DriverError or EquipmentError
-        when the rate table fails.
+        when the rate table or an axis of the fixture fails.
         """
         if self.turntable is not None:
             self.turntable.poll()
+        if self.fixture is not None:
+            self.fixture.poll()
         for name, capture in self._captures.items():
             self._take(name, capture.poll())
         lost = self._lost_buses()
@@ -156,6 +164,11 @@ class Station:
         for unit in self.units:
             unit.check_identity()
         self._complete = self._complete or not any(unit.missing() for unit in self.units)
+
+    def stop_moving(self) -> list[SafeStep]:
+        """Stop the rate table and the axes of the fixture, verified."""
+        table = [] if self.turntable is None else self.turntable.safe()
+        return table if self.fixture is None else [*table, *self.fixture.safe()]
 
     @property
     def bus_failed_s(self) -> float:
@@ -272,8 +285,9 @@ def open_station(
         local_buses = _local_buses(units, buses, injection, stack)
         turntable = open_table(settings, clock, buses, stack, records)
         power = _power(settings, occasion, simulation, (clock, records), stack)
-        turn = None if simulation is None else simulation.turn
-        opened = Opened(buses, local_buses, turntable, power, turn, claim, injection, records)
+        axes = open_axes(settings.fixture, clock, buses, stack, records)
+        turn = None if simulation is None or axes is not None else simulation.turn
+        opened = Opened(buses, local_buses, turntable, power, turn, axes, claim, injection, records)
         station = Station(settings, clock, link, registers, units, opened)
         station.chamber.identify()
         stack.callback(station.stop_capture)

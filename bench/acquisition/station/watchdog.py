@@ -28,6 +28,7 @@ from pydantic import TypeAdapter
 from bench.acquisition.station.rate_table import halt
 from bench.acquisition.station.safety import SafeState, failures
 from bench.acquisition.station.settings.station import StationSettings
+from bench.acquisition.station.turning_axes import halt_axes
 from bench.base import EquipmentError
 from drivers.chamber import Chamber, Known, SafeStep, Write
 from drivers.clock import WallClock
@@ -274,7 +275,7 @@ class _Safe:
                 settings=settings.safe_state,
                 ambient_degc=settings.ambient_degc,
                 retry_s=60.0 * settings.watchdog.retry_min,
-                stop_table=lambda: halt(settings),
+                stop_moving=lambda: [*halt(settings), *halt_axes(settings.fixture, settings.buses)],
                 report=log.event,
             ).make()
 

@@ -68,7 +68,7 @@ def _plan(folder: Path, record: Dataset, manifest: Manifest, options: RunOptions
             continue
         if stays and stays[-1].attitude == name and from_s - stays[-1].to_s <= _TOGETHER_S:
             from_s = stays.pop().from_s
-        stays.append(StaySettings(from_s=from_s, to_s=to_s, attitude=name))
+        stays.append(StaySettings(from_s=from_s, to_s=to_s, attitude=name, heading_deg=segment.heading_deg))
     if not stays:
         text = "names no attitudes: run a profile with `attitude`, or give a table and a plan that says them"
         raise InputError(text, folder)

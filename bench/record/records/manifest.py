@@ -59,6 +59,8 @@ class ExecutedSegment(Stored):
     settled: bool = True
     attitude: str | None = None
     """Name of the attitude that the unit stood in; null: nobody said."""
+    heading_deg: float = 0.0
+    """By how much it was turned against the heading that belongs to the name, counter-clockwise from above [deg]."""
     turn_on: int = 1
     """Which turn-on of the run it belongs to; a power cycle belongs to the one that it ends with."""
 

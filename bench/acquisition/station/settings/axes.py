@@ -60,7 +60,7 @@ class AxisSettings(BaseModel):
     @property
     def direction(self) -> FloatArray:
         """Unit vector (3,) of the axis."""
-        return np.asarray(self.about) / np.linalg.norm(self.about)
+        return np.asarray(np.asarray(self.about) / np.linalg.norm(self.about))
 
 
 @dataclass(frozen=True)

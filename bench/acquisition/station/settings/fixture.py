@@ -76,6 +76,11 @@ class FixtureSettings(BaseModel):
         return self.model_copy(update={"folder": str((folder / (self.folder or "")).absolute())})
 
     @property
+    def driven(self) -> str:
+        """What turns it, for people; empty: people do."""
+        return "the fixture's drives" if self.axes else "the fixture's program" if self.turn else ""
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Its attitudes, written out."""
         stated = names_of(self.attitudes)

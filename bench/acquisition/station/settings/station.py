@@ -100,6 +100,7 @@ class StationSettings(BaseModel):
                 raise PlacedError(text, ("buses", name, "interface"))
         self._check_units()
         self._check_table()
+        self._check_axes()
         self._check_faults()
         if self.fixture is not None and self.fixture.operator == "simulated" and not self.simulated:
             text = "a simulated operator turns only a simulated fixture; this station is real, remove `operator`"
@@ -132,6 +133,20 @@ class StationSettings(BaseModel):
             if unit.bus == table.bus:
                 text = f"{unit.serial} is on {unit.bus}, the bus of the rate table, whose frames may have the same"
                 raise PlacedError(f"{text} identifiers; give the table a bus of its own", ("units", i, "bus"))
+
+    def _check_axes(self) -> None:
+        nodes = {(table.bus, table.node) for table in (self.rate_table,) if table is not None and table.bus is not None}
+        for i, axis in enumerate(() if self.fixture is None else self.fixture.axes):
+            place = ("fixture", "axes", i)
+            if axis.bus not in self.buses:
+                text = f"bus {axis.bus!r} is not in this station; known: {', '.join(self.buses)}"
+                raise PlacedError(text, (*place, "bus"))
+            if any(unit.bus == axis.bus for unit in self.units):
+                text = f"units are on {axis.bus}, too, whose frames may have the same identifiers; choose another bus"
+                raise PlacedError(text, (*place, "bus"))
+            if (axis.bus, axis.node) in nodes:
+                raise PlacedError(f"node {axis.node} stands twice on {axis.bus}", (*place, "node"))
+            nodes.add((axis.bus, axis.node))
 
     def _check_units(self) -> None:
         for i, unit in enumerate(self.units):
@@ -198,7 +213,7 @@ class StationSettings(BaseModel):
             orientation=self.orientation,
             fixture=None
             if self.fixture is None
-            else Reach(self.fixture.names, self.fixture.takes_s, bool(self.fixture.turn)),
+            else Reach(self.fixture.names, self.fixture.takes_s, self.fixture.driven),
         )
 
     def standing_guards(self) -> tuple[Standing, ...]:
