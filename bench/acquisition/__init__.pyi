@@ -62,6 +62,9 @@ from .station.doctor import Examination as Examination
 from .station.doctor import examine as examine
 from .station.memory import Compensated as Compensated
 from .station.memory import open_alone as open_alone
+from .station.notices import Mood as Mood
+from .station.notices import Notifier as Notifier
+from .station.notices import try_out as try_out
 from .station.occasion import Occasion as Occasion
 from .station.proposal import Proposal as Proposal
 from .station.proposal import propose as propose
@@ -71,6 +74,7 @@ from .station.serve import serve_station as serve_station
 from .station.serve import until_signal as until_signal
 from .station.settings.faults import OF_CHAMBER as OF_CHAMBER
 from .station.settings.faults import OF_UNIT as OF_UNIT
+from .station.settings.notify import NotifyFile as NotifyFile
 from .station.settings.station import StationSettings as StationSettings
 from .station.settings.unit import UnitSettings as UnitSettings
 from .station.stage import Stage as Stage

@@ -176,11 +176,14 @@ def _ready(served: Served) -> None:
 @click.option("--listen", "listen_s", type=click.FloatRange(0.1, 600.0), default=2.0, help="Seconds at each bus.")
 @click.option("--contract", is_flag=True, help="Test the station's register map on a simulated controller instead.")
 @path_option("--propose", help="Instead: listen to units that nobody described, and write their mapping to this file.")
+@click.option("--notify", is_flag=True, help="Instead: send a trial to everybody whom the station tells of its runs.")
 @answers
-def doctor(station: Path | None, listen_s: float, contract: bool, propose: Path | None) -> Result:
+def doctor(station: Path | None, listen_s: float, contract: bool, propose: Path | None, notify: bool) -> Result:
     """Read the identity of the equipment of STATION and compare it with the file; writes nothing to it."""
     from bench import commands
 
+    if notify:
+        return commands.try_notices(station)
     if propose is not None:
         return commands.propose(station, listen_s, propose)
     return commands.contract(station) if contract else commands.doctor(station, listen_s)

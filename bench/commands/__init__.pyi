@@ -12,10 +12,12 @@ from .acquisition import sim as sim
 from .examination import contract as contract
 from .examination import doctor as doctor
 from .examination import propose as propose
+from .examination import try_notices as try_notices
 from .results.measure import Checked as Checked
 from .results.measure import ContractTried as ContractTried
 from .results.measure import Copied as Copied
 from .results.measure import Examined as Examined
+from .results.measure import NoticesTried as NoticesTried
 from .results.measure import Proposed as Proposed
 from .results.measure import StationServed as StationServed
 from .results.result import Result as Result

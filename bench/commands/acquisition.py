@@ -210,9 +210,10 @@ def _registered(out: Path, where: str | None) -> str:
 
 def check(profile_path: Path, station_path: Path | None) -> Checked:
     """`bench check`: everything about a profile that can be known before anything moves."""
-    from bench.acquisition import check_profile, load_profile, refuse_errors, wire_findings
+    from bench.acquisition import Notifier, check_profile, load_profile, refuse_errors, wire_findings
 
     profile, station = load_profile(profile_path), load_station(station_path)
+    Notifier(station.notify)  # wrong recipients are told now, not when a run begins
     refuse_errors([*check_profile(profile, station.limits()), *wire_findings(station)])
     return check_on(profile, station)
 

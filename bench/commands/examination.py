@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bench.base import InputError
 from bench.commands.acquisition import load_station
 from bench.commands.files import write
-from bench.commands.results.measure import ContractTried, Examined, Proposed
+from bench.commands.results.measure import ContractTried, Examined, NoticesTried, Proposed
 
 
 def doctor(station_path: Path | None, listen_s: float) -> Examined:
@@ -23,6 +24,17 @@ def propose(station_path: Path | None, listen_s: float, target: Path) -> Propose
     found = propose(load_station(station_path), listen_s)
     write(target, found.yaml())
     return Proposed(found, target)
+
+
+def try_notices(station_path: Path | None) -> NoticesTried:
+    """Send a trial to everybody whom a station tells of its runs; InputError where it tells nobody."""
+    from bench.acquisition import try_out
+
+    station = load_station(station_path)
+    if station.notify is None:
+        text = "this station tells nobody: `notify: FILE` in it names a notification file (docs/howto/production.md)"
+        raise InputError(text, station_path)
+    return NoticesTried(station.notify, dict(try_out(station.notify)))
 
 
 def contract(station_path: Path | None) -> ContractTried:

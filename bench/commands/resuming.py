@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from bench.commands.several import report_on_units
 from bench.record import RunFolder, use
 
 if TYPE_CHECKING:
-    from bench.acquisition import Job, RunResult
+    from bench.acquisition import Job, RunResult, StationSettings
     from bench.commands.results.analyse import Reported, UnitsReported
 
 QUIET_S = 3.0
@@ -41,7 +42,7 @@ def _rest(run: RunFolder, given: Path | Document | None) -> Job:
     profile_file = read_yaml(run.path / "profile.yaml")
     station_file = given if isinstance(given, Document) else read_yaml(given or run.path / "station.yaml")
     profile = load_profile(profile_file)
-    station = station_of(station_file) if given else load_config(station_file, StationSettings)
+    station = station_of(station_file) if given else _unmoved(load_config(station_file, StationSettings))
     refuse_errors(check_profile(profile, station.limits()))
     continuation = plan(run, profile, station)
     if not station.simulated:
@@ -56,6 +57,15 @@ def _rest(run: RunFolder, given: Path | Document | None) -> Job:
         compensation="on" if run.manifest().purpose == "verification" else "off",
         continuation=continuation,
     )
+
+
+def _unmoved(station: StationSettings) -> StationSettings:
+    """A station by its copy in the run folder: what the station file names beside itself is not beside the copy."""
+    if station.notify is None or Path(station.notify).is_file():
+        return station
+    text = f"{station.notify} is not found from here: nobody is told how this run ends; --station FILE finds it"
+    print(f"bench: {text}", file=sys.stderr)
+    return station.model_copy(update={"notify": None})
 
 
 def _refuse_growing(run: RunFolder) -> None:

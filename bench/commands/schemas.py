@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from bench.acquisition import ColumnMap, Profile, StationSettings
+from bench.acquisition import ColumnMap, NotifyFile, Profile, StationSettings
 from bench.analysis import ImuPlan, Limits
 from bench.base import export_schema
 from bench.commands.calibration.plan import Plan
@@ -26,6 +26,7 @@ SCHEMAS: dict[str, type[Any]] = {
     "plan": Plan,
     "imu": ImuPlan,
     "chamber_map": RegisterMap,
+    "notify": NotifyFile,
 }
 """Kinds of files, by the name of their schema."""
 

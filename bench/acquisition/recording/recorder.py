@@ -11,7 +11,7 @@ import json
 import math
 import struct
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -45,11 +45,19 @@ class Recorder:
     disk does not take it.
     """
 
-    def __init__(self, run: RunFolder, clock: Clock, meta: Begun, *others: tuple[RunFolder, Begun]) -> None:
+    def __init__(
+        self,
+        run: RunFolder,
+        clock: Clock,
+        meta: Begun,
+        *others: tuple[RunFolder, Begun],
+        heard: Callable[[Mapping[str, Any]], None] = lambda event: None,
+    ) -> None:
+        """`heard` is called with the content of each event, and must not wait."""
         folders = ((run, meta), *others)
         self.run = run
         self.runs = tuple(folder for folder, _ in folders)
-        self._clock = clock
+        self._clock, self._heard = clock, heard
         self._journals = {folder: JournalWriter(folder.journal / BENCH_JOURNAL) for folder in self.runs}
         self._shared: list[JournalWriter] = []
         self._held_back: list[tuple[bytes, float, int]] | None = None  # payload, bench time [s], wall time [ns]
@@ -65,6 +73,7 @@ class Recorder:
     def event(self, kind: str, text: str, **facts: Any) -> None:
         """Record something that happened, with its numbers."""
         content = self._event(kind, text, facts)
+        self._heard(content)
         if self._held_back is None:
             self._append_json(Kind.EVENT, content)
         else:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from bench.acquisition.profile.profile import Profile
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.recording.recorder import BENCH_JOURNAL, Recorder
 from bench.acquisition.run import signals
+from bench.acquisition.run.bell import Bell
 from bench.acquisition.run.continuation import Continuation
 from bench.acquisition.run.control import Desk, serve_desk
 from bench.acquisition.run.ending import as_bench_error, cannot_record, make_safe
@@ -106,6 +108,7 @@ class _Others:
     onlooker: Callable[[Station, Status], None]
     desk: Desk
     decider: Decider | None
+    bell: Bell
 
 
 def run_job(
@@ -121,14 +124,15 @@ def run_job(
     after the safe state and with the run folders finished.
     """
     chosen = job.station.chosen(job.serials)
+    bell = Bell(job.station, [unit.serial for unit in chosen], job.profile.name)
     occasion = _occasion(job)
     with open_station(job.station, chosen, occasion) as station:
         guards = _guards(job, station)
-        recorder = _open_recorder(job, station, occasion)
+        recorder = _open_recorder(job, station, occasion, bell)
         failures: tuple[BenchError | None, ...] = ()
         try:
             with _control(desk, recorder):
-                error = _conduct(job, station, guards, recorder, _Others(onlooker, desk or Desk(), decider))
+                error = _conduct(job, station, guards, recorder, _Others(onlooker, desk or Desk(), decider, bell))
         finally:
             recorder.close()
             failures = tuple(map(_finish, recorder.runs, station.everyone))
@@ -155,7 +159,7 @@ def _occasion(job: Job) -> Occasion:
     return Occasion(job.profile.name, power_ons=power_ons, switches_power=switches, senders=job.senders)
 
 
-def _open_recorder(job: Job, station: Station, occasion: Occasion) -> Recorder:
+def _open_recorder(job: Job, station: Station, occasion: Occasion, bell: Bell) -> Recorder:
     """A run folder for each unit; each knows where its companions in the chamber have theirs."""
     texts = {"profile.yaml": job.profile_text, "station.yaml": job.station_text, **job.model_texts}
     created = station.clock.utc()
@@ -174,7 +178,8 @@ def _open_recorder(job: Job, station: Station, occasion: Occasion) -> Recorder:
         for unit, folder in zip(station.everyone, folders, strict=True)
     ]
     try:
-        return Recorder(folders[0], station.clock, metas[0], *zip(folders[1:], metas[1:], strict=True))
+        others = zip(folders[1:], metas[1:], strict=True)
+        return Recorder(folders[0], station.clock, metas[0], *others, heard=partial(bell.hear, folders[0]))
     except OSError as error:
         raise InputError(cannot_record(error, folders[0].path), folders[0].path) from None
 
@@ -267,6 +272,7 @@ def _conduct(
 
     def look(status: Status) -> None:
         watched(station, status)
+        others.bell.record(recorder)
         if power is None or not power.cycling:
             output.check()
 
@@ -304,6 +310,7 @@ def _conduct(
             desk.ends(str(error or sequencer.decision or "the profile is over"))
             error = make_safe(station, recorder, error, sequencer, watch)
             output.restore()
+            others.bell.end(recorder)
     return error
 
 

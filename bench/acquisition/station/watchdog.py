@@ -25,11 +25,12 @@ from typing import IO, Any
 
 from pydantic import TypeAdapter
 
+from bench.acquisition.station.notices import Notifier
 from bench.acquisition.station.rate_table import halt
 from bench.acquisition.station.safety import SafeState, failures
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.turning_axes import halt_axes
-from bench.base import EquipmentError
+from bench.base import BenchError, EquipmentError
 from drivers.chamber import Chamber, Known, SafeStep, Write
 from drivers.clock import WallClock
 from drivers.errors import DriverError
@@ -190,6 +191,7 @@ class Log:
     """Events into the run folder and onto stderr; a disk or a terminal that is gone keeps nothing from being safe."""
 
     def __init__(self, folder: Path, started_monotonic_ns: int) -> None:
+        self.run = f"{folder.parent.name}/{folder.name}"
         self._path = folder / EVENTS
         self._start_ns = started_monotonic_ns
 
@@ -226,18 +228,33 @@ def main() -> int:
     prepare()
     load_map(settings.chamber.map)  # what cannot be loaded now could not be when it is needed
     listener = Listener(sys.stdin.fileno(), settings.watchdog.silent_s)
+    notices = _notices(settings, log)
     os.write(sys.stdout.fileno(), b"ready\n")
     why = listener.wait()
     if not why or not listener.armed:
         return 0
     known = None if task["known"] is None else TypeAdapter(Known).validate_python(task["known"])
-    return _replace(bench, listener, _Safe(settings, log, known), why)
+    code = _replace(bench, listener, _Safe(settings, log, known, notices), why)
+    notices.close()
+    for text in notices.troubles():
+        log.event("notify", text)
+    return code
+
+
+def _notices(settings: StationSettings, log: Log) -> Notifier:
+    """Who is told; nobody where their file was spoilt since the bench read it."""
+    try:
+        return Notifier(settings.notify)
+    except BenchError as error:
+        log.event("notify", str(error))
+        return Notifier(None)
 
 
 def _replace(bench: _Process, listener: Listener, safe: _Safe, why: str) -> int:
     """The bench is gone or hangs: make the equipment safe in its place."""
     started_s, log = time.monotonic(), safe.log
     log.event("watchdog", f"{why}: making the equipment safe", reason=why)
+    safe.tell(f"{why}: the watchdog makes the equipment safe")
     grace_s = 0.0 if listener.hangs else KILLED_S  # a pipe closes a moment before its process is gone
     if not listener.failed and bench.kill(grace_s):  # a bench that gave up closes its link and writes its report
         log.event("watchdog", "killed the bench, which hung")
@@ -249,6 +266,7 @@ def _replace(bench: _Process, listener: Listener, safe: _Safe, why: str) -> int:
     trouble = failures(steps)
     text = trouble or f"equipment is safe, verified after {took_s:.1f} s"
     log.event("watchdog", text, ok=not trouble, took_s=round(took_s, 3))
+    safe.tell(f"{why}; {text}")
     return UNVERIFIED if trouble else 0
 
 
@@ -259,6 +277,12 @@ class _Safe:
     settings: StationSettings
     log: Log
     known: Known | None
+    notices: Notifier
+
+    def tell(self, text: str) -> None:
+        """Tell people who are not beside the bench."""
+        title = f"{self.log.run}: the watchdog took over"
+        self.notices.tell("trip", title, f"{text}\non station {self.settings.name}", "failure")
 
     def make(self) -> list[SafeStep]:
         settings, log = self.settings, self.log

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from bench.cli.rendering.printing import content, lines, table
-from bench.commands import Checked, ContractTried, Copied, Examined, Proposed, StationServed
+from bench.commands import Checked, ContractTried, Copied, Examined, NoticesTried, Proposed, StationServed
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -93,6 +93,13 @@ def _(result: Proposed) -> dict[str, Any]:
     heard = {bus: [_message(message) for message in messages] for bus, messages in found.heard.items()}
     return {"file": str(result.file), "air_degc": found.air_degc, "heard": heard, "units": units,
             "missing": {bus: list(texts) for bus, texts in found.missing.items()}}  # fmt: skip
+
+
+@lines.register(NoticesTried)
+def _(result: NoticesTried) -> Iterator[str | Table]:
+    rows = [("!!" if said else "ok", name, said or "taken") for name, said in result.recipients.items()]
+    yield table(("", "", ""), rows)
+    yield "whether it arrived, only the recipient can see"
 
 
 @lines.register(ContractTried)

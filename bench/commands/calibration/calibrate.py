@@ -6,7 +6,9 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
+from bench.acquisition import Mood, Notifier
 from bench.base import BenchError, InputError
+from bench.commands.acquisition import station_of
 from bench.commands.calibration.imu_steps import CertifyImu, DiagnoseImu, FitImu, VerifyImu
 from bench.commands.calibration.job import ENDED, HELD, JobFile
 from bench.commands.calibration.order import Order
@@ -40,12 +42,25 @@ def calibrate(
         raise InputError("no job of this unit by this plan is held: nothing to release", unit)
     if job is None:
         job = JobFile.create(unit, order.serial, order.plan.name, order.digest())
+    notifier = Notifier(station_of(order.station_file()).notify)
     with job.locked():
         if release is not None:
             job.release(release)
         if job.state not in {ENDED, HELD}:
             _go_on(order, job, steps_of(order) if steps is None else steps, boundary)
+            _tell(order, job, notifier)
     return job
+
+
+def _tell(order: Order, job: JobFile, notifier: Notifier) -> None:
+    """Tell people who are not beside the bench how the calibration ended, or that it waits for one of them."""
+    word = job.content["verdict"] or job.state
+    mood: Mood = "success" if word == "PASS" else "warning" if word in {"MARGINAL", "HOLD"} else "failure"
+    text = f"{job.content['sentence']}\njob {job.folder.parent.name}/{job.folder.name}"
+    notifier.tell("calibration", f"{order.serial} {order.plan.name}: calibration {word}", text, mood)
+    notifier.close()
+    for trouble in notifier.troubles():
+        print(f"bench: {trouble}", file=sys.stderr)
 
 
 def steps_of(order: Order) -> Sequence[Step]:

@@ -72,6 +72,19 @@ class Proposed(Result):
 
 
 @dataclass(frozen=True)
+class NoticesTried(Result):
+    """A trial of the notices of a station: what went wrong by recipient, empty where the trial was taken."""
+
+    file: str
+    recipients: Mapping[str, str]
+
+    @property
+    def exit_code(self) -> int:
+        """4 where a trial was not taken."""
+        return 4 if any(self.recipients.values()) else 0
+
+
+@dataclass(frozen=True)
 class ContractTried(Result):
     """The contract of register maps, tried with the map of a station."""
 

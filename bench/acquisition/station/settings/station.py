@@ -76,6 +76,8 @@ class StationSettings(BaseModel):
     """Laboratory file of certificates, beside the station file, or the name of a shipped one; each run keeps a copy."""
     equipment: Text | None = None
     """Equipment file, beside the station file, or the name of a shipped one; each run keeps a copy."""
+    notify: Text | None = None
+    """Notification file, beside the station file: who is told of ends, trips and holds. It is not copied anywhere."""
     unit_silent_s: Annotated[float, Field(gt=0, le=3600)] = 5.0
     """A unit that sends nothing sound for this long leaves a run of several units [s]."""
 
@@ -191,6 +193,8 @@ class StationSettings(BaseModel):
         for name in ("laboratory", "equipment"):
             if (given := getattr(self, name)) is not None and is_map_file(given):
                 found[name] = str(folder / given)
+        if self.notify is not None:
+            found["notify"] = str((folder / self.notify).absolute())
         return self.model_copy(update=found)
 
     def remembering(self, out: Path) -> StationSettings:
