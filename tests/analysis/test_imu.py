@@ -294,3 +294,39 @@ def test_rows_that_cannot_be_fitted_are_refused():
         fit_triad(gyro, FLAT)
     with pytest.raises(InputError, match=r"temperature has shape \(6, 1\)"):
         replace(gyro, temperature=gyro.temperature[:, :1])
+
+
+def curved(seed=3):
+    """Rows of triads whose axes answer to the powers of their input and of the temperature, up to total degree 5."""
+    plan = [imu_data.Move(a, 0.0, degc) for degc in (-40.0, -10.0, 20.0, 50.0, 85.0, 60.0) for a in tumble(24)]
+    rates = (-180.0, -90.0, -45.0, 45.0, 90.0, 180.0)
+    plan += [imu_data.Move(a, r, degc) for degc in (-40.0, -10.0, 20.0, 50.0, 85.0, 60.0) for a in UP for r in rates]
+    rng = np.random.default_rng(seed)
+    triads = imu_data.record(ImuSettings(), imu_data.at_home(), seed, plan)
+    added = []
+    for data, at, size in zip(triads, (360_000.0, 9.80665), (30.0, 3e-3), strict=True):
+        warm, u = (data.temperature - 22.5) / 62.5, data.driving / at
+        factors = {(i, j): rng.normal(0.0, size, 3) for i in range(6) for j in range(6 - i)}
+        added.append(sum(factors[i, j] * warm**i * u**j for i, j in factors))
+    return tuple(replace(data, output=data.output + more) for data, more in zip(triads, added, strict=True)), added
+
+
+def test_the_surface_of_21_coefficients_fits_each_axis_and_says_what_is_left():
+    triads, _ = curved()
+    seen = triads[0].visit % 5 != 0  # every fifth stay is held out
+    for data, plain_noise in zip(triads, (15.0, 1e-3), strict=True):
+        left = {}
+        for name, model in (("surface", TriadModel(surface=5)), ("curves", TriadModel())):
+            fit = fit_triad(data.rows(seen), model)
+            left[name] = np.sqrt(np.mean((fit.corrected(data.rows(~seen)) - data.driving[~seen]) ** 2, axis=0))
+            own = [t for t in fit.axes[0].terms if t.kind in {"bias", "scale factor"} or "order" in t.kind]
+            if name == "surface":
+                assert sum(term.curve.size for term in own) == 21
+        assert np.all(left["surface"] < plain_noise), (data.kind, left)
+        assert np.all(left["curves"] > 3 * left["surface"]), (data.kind, left)
+
+
+def test_a_surface_says_by_name_what_the_positions_do_not_determine():
+    data = still(ImuSettings(), [*tumble(6)] * 4, rates=(90.0, -90.0))
+    named = {one.parameter for one in identify.before(data[1], TriadModel(surface=5))}
+    assert {"accelerometer x: third order", "accelerometer x: fifth order"} <= named

@@ -14,8 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.effects.base import Effect
-from bench.analysis.imu.attitudes import STANDARD_GRAVITY
-from bench.analysis.imu.triad import Term, Triad
+from bench.analysis.imu.triad import AT, POWERS, Term, Triad
 from bench.base import FloatArray
 
 COVERAGE = 2.0
@@ -106,7 +105,7 @@ class TriadCurves:
         return out + np.eye(3)
 
     def rest(self, data: Triad) -> FloatArray:
-        """What an axis adds to its matrix times the input (n, 3): bias, g-sensitivity, effects; no second order."""
+        """What an axis adds to its matrix times the input (n, 3): bias, g-sensitivity, effects; no powers of it."""
         out = np.zeros((len(data.time), 3))
         for i, axis in enumerate(self.axes):
             warm = abscissa(data, i, axis.effects, axis.theta)
@@ -121,13 +120,15 @@ class TriadCurves:
         """Outputs (n, 3) turned back into rate or specific force; of gyros with `data.force`, measured or corrected."""
         warm = np.stack([abscissa(data, i, axis.effects, axis.theta) for i, axis in enumerate(self.axes)], axis=1)
         matrix, left = self.matrix(warm), data.output - self.rest(data)
-        second = np.zeros_like(left)
+        factors = {kind: np.zeros_like(left) for kind in POWERS}
         for i, axis in enumerate(self.axes):
-            for term in (term for term in axis.terms if term.kind == "second order"):
-                second[:, i] = axis.curve(term, warm[:, i]) / STANDARD_GRAVITY
-        found = np.linalg.solve(matrix, left[..., None])[..., 0]
-        for _ in range(3 if second.any() else 0):  # the second order is small: each pass wins four digits
-            found = np.linalg.solve(matrix, (left - second * found**2)[..., None])[..., 0]
+            for term in (term for term in axis.terms if term.kind in POWERS):
+                factors[term.kind][:, i] = axis.curve(term, warm[:, i])
+        found, at = np.linalg.solve(matrix, left[..., None])[..., 0], AT[self.kind]
+        used = {POWERS[kind]: factor * at for kind, factor in factors.items() if factor.any()}
+        for _ in range(3 if used else 0):  # powers of the input are small: each pass wins three digits or more
+            more = sum(factor * (found / at) ** k for k, factor in used.items())
+            found = np.linalg.solve(matrix, (left - more)[..., None])[..., 0]
         return np.asarray(found)
 
 

@@ -23,6 +23,7 @@ _PART = 1e-3
 """Share of a direction that is not determined from which on a parameter belongs to it."""
 LARGEST = {
     "scale factor": 10_000.0, "misalignment": 20.0, "g-sensitivity": 200.0, "second order": 2000.0,
+    "third order": 5000.0, "fourth order": 5000.0, "fifth order": 5000.0,
 }  # fmt: skip
 """U above which a parameter counts as not determined: more than it is in a bad unit, in its unit."""
 LARGEST_BIAS = {"gyro": 2000.0, "accelerometer": 0.5}

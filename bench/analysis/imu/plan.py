@@ -68,11 +68,15 @@ class OrderSettings(BaseModel):
     misalignment: Order = 1
     g_sensitivity: Order | None = 1
     second_order: Order | None = 1
+    surface: Annotated[int, Field(ge=1, le=5)] | None = None
+    """Total degree of a polynomial in temperature and the axis's own input, in the place of bias, scale_factor and
+    second_order; 5 has 21 coefficients an axis."""
 
     def model(self) -> TriadModel:
         """The model that is fitted."""
-        optional = [None if order is None else Curve(order) for order in (self.g_sensitivity, self.second_order)]
-        return TriadModel(Curve(self.bias), Curve(self.scale_factor), Curve(self.misalignment), *optional)
+        g, second = (None if order is None else Curve(order) for order in (self.g_sensitivity, self.second_order))
+        own = Curve(self.bias), Curve(self.scale_factor), Curve(self.misalignment)
+        return TriadModel(*own, g, second, self.surface)
 
 
 class ImuOptions(BaseModel):

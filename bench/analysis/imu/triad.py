@@ -12,11 +12,15 @@ from scipy.interpolate import BSpline
 
 from bench.analysis.imu.attitudes import STANDARD_GRAVITY, Stay
 from bench.analysis.thresholds import LEAST_RANGE_DEGC
-from bench.base import FloatArray, InputError, IntArray
+from bench.base import DPH_PER_DPS, FloatArray, InputError, IntArray
 from bench.record import AXES, Dataset
 
 Kind = Literal["gyro", "accelerometer"]
 UNITS = {"gyro": "deg/h", "accelerometer": "m/s^2"}
+POWERS = {"second order": 2, "third order": 3, "fourth order": 4, "fifth order": 5}
+"""Of the input of an axis, by the kind of parameter that multiplies them."""
+AT = {"gyro": 100.0 * DPH_PER_DPS, "accelerometer": STANDARD_GRAVITY}
+"""Inputs for which the factors of powers are stated: 100 deg/s and 1 g, in the units of the triads."""
 MOST_ROWS = 800
 """The covariance of the rows is a full matrix; longer rows are as good."""
 _BEYOND_DEGC = 1.0
@@ -133,6 +137,9 @@ class TriadModel:
     """Of gyros, (3 x 3)."""
     second_order: Curve | None = Curve(1)
     """Of accelerometers."""
+    surface: int | None = None
+    """Total degree of a polynomial in temperature and the axis's own input, in the place of bias, scale and second order;
+    degree 5 has 21 coefficients."""
 
 
 @dataclass(frozen=True)
@@ -152,8 +159,8 @@ class Term:
         """What the parameter multiplies (n,)."""
         if self.kind == "bias":
             return np.ones(len(data.time))
-        if self.kind == "second order":
-            return data.force[:, axis] ** 2 / STANDARD_GRAVITY
+        if self.kind in POWERS:
+            return np.asarray(data.driving[:, axis] ** POWERS[self.kind] / AT[data.kind] ** (POWERS[self.kind] - 1))
         if self.kind == "g-sensitivity":
             return data.force[:, self.towards or 0] / STANDARD_GRAVITY
         return data.driving[:, axis if self.towards is None else self.towards]
@@ -162,8 +169,10 @@ class Term:
 def terms(model: TriadModel, kind: Kind, axis: int, span: tuple[float, float]) -> Iterator[Term]:
     """The parameters of one axis in their order, curves over `span` [degC]."""
     own = f"{kind} {AXES[axis]}"
-    yield Term(f"{own}: bias", "bias", UNITS[kind], 1.0, model.bias.over(*span))
-    yield Term(f"{own}: scale factor", "scale factor", "ppm", 1e6, model.scale.over(*span))
+    degree = model.surface
+    bias, scale = (model.bias, model.scale) if degree is None else (Curve(degree), Curve(degree - 1))
+    yield Term(f"{own}: bias", "bias", UNITS[kind], 1.0, bias.over(*span))
+    yield Term(f"{own}: scale factor", "scale factor", "ppm", 1e6, scale.over(*span))
     for other in (k for k in range(3) if k != axis):
         name = f"{own}: misalignment towards {AXES[other]}"
         yield Term(name, "misalignment", "mrad", 1e3, model.misalignment.over(*span), other)
@@ -171,5 +180,9 @@ def terms(model: TriadModel, kind: Kind, axis: int, span: tuple[float, float]) -
         for k in range(3):
             name = f"{own}: g-sensitivity along {AXES[k]}"
             yield Term(name, "g-sensitivity", "deg/h/g", 1.0, model.g_sensitivity.over(*span), k)
-    if kind == "accelerometer" and model.second_order is not None:
-        yield Term(f"{own}: second order", "second order", "ug/g^2", 1e6, model.second_order.over(*span))
+    powers = {name: Curve(degree - k) for name, k in POWERS.items() if degree is not None and k <= degree}
+    if degree is None and kind == "accelerometer" and model.second_order is not None:
+        powers = {"second order": model.second_order}
+    for name, curve in powers.items():
+        unit = f"ug/g^{POWERS[name]}" if kind == "accelerometer" else "ppm"
+        yield Term(f"{own}: {name}", name, unit, 1e6, curve.over(*span))

@@ -119,11 +119,14 @@ def _curve(axis: ImuAxis, kind: str) -> Chebyshev:
     return Chebyshev(own.coefficients, domain=list(axis.range_degc))
 
 
+_POWERS = ("second order", "third order", "fourth order", "fifth order")
+
+
 def _lost(record: ImuRecord, gyro: _Biases, accelerometer: _Biases, at: float) -> Iterator[str]:
     """What the parameters cannot hold, with its greatest size over the calibrated range."""
     for triad, kinds in zip(
         record.triads,
-        (("scale factor", "misalignment", "g-sensitivity"), ("misalignment", "second order")),
+        (("scale factor", "misalignment", "g-sensitivity", *_POWERS), ("misalignment", *_POWERS)),
         strict=True,
     ):
         for kind in kinds:

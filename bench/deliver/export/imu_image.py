@@ -92,13 +92,16 @@ def _place(kind: str, parameter: ImuParameter, own: int) -> tuple[int, float]:
     """Slot of a parameter, and what turns its coefficients into deg/s and m/s^2."""
     output = 1.0 / DPH_PER_DPS if kind == "gyro" else 1.0
     towards = own if parameter.towards is None else parameter.towards
-    return {
+    places = {
         "bias": (0, output),
         "scale factor": (1 + towards, 1.0),
         "misalignment": (1 + towards, 1.0),
         "g-sensitivity": (4 + towards, output / STANDARD_GRAVITY),
         "second order": (7, 1.0 / STANDARD_GRAVITY),
-    }[parameter.kind]
+    }
+    if parameter.kind not in places or (kind, parameter.kind) == ("gyro", "second order"):
+        raise InputError(f"the image has no place for {parameter.name}; calibrate without `orders: {{surface: …}}`")
+    return places[parameter.kind]
 
 
 def words_of(image: ImuImage) -> list[int]:

@@ -27,7 +27,7 @@ class ImuParameter(Stored):
 
     name: str
     kind: str
-    """bias, scale factor, misalignment, g-sensitivity or second order."""
+    """bias, scale factor, misalignment, g-sensitivity, or second to fifth order."""
     unit: str
     factor: float
     """Its value in `unit` for a coefficient of one."""
