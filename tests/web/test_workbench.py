@@ -385,3 +385,78 @@ def test_the_residual_before_is_drawn_pale_behind_the_new_one() -> None:
     ghost = drawn["data"][0]
     assert (ghost["yaxis"], ghost["x"], ghost["line"]["width"]) == ("y2", [1], 3)
     assert ghost["line"]["color"] != "blue"
+
+
+LATIN = r"[A-Za-z]{3,}"
+KEPT = {"SIM-0001", "ramp", "spline", "RMS", "Allan", "loop", "min", "span", "soak", "again"}
+"""Names and signs that every language writes so."""
+
+
+def in_chinese(answers: list[dict[str, Any]]) -> list[list[Any]]:
+    """Caption and labels of each answer as the page shows them in Chinese."""
+    script = """
+    globalThis.document = { documentElement: {} };
+    const words = await import(new URL("../../lib/words.js", process.argv[1]));
+    await words.speak("zh");
+    const said = (answer) => {
+      const { data, layout } = page.spoken(answer.figure);
+      const bars = data.flatMap((trace) => [trace.colorbar, trace.marker?.colorbar]).map((bar) => bar?.title?.text);
+      const axes = Object.entries(layout).filter(([key]) => /^[xy]axis/.test(key)).map(([, axis]) => axis.title?.text);
+      const labels = [...data.flatMap((trace) => [trace.name, trace.hovertemplate]), ...bars, ...axes,
+        ...(layout.annotations ?? []).map((one) => one.text)];
+      return [page.caption(answer), ...new Set(labels.filter(Boolean))];
+    };
+    console.log(JSON.stringify(given.map(said)));
+    """
+    thin = [
+        {"said": answer["said"], "figure": {
+            "data": [{key: value for key, value in trace.items() if key not in {"x", "y"}} for trace in
+                     ({**trace, "z": [] if "z" in trace else None} for trace in answer["figure"]["data"])],
+            "layout": answer["figure"]["layout"],
+        }} for answer in answers
+    ]  # fmt: skip
+    found: list[list[Any]] = told("pages/workbench/spoken.js", script, thin)
+    return found
+
+
+def test_figures_and_captions_are_in_the_language_of_the_page(client: httpx.Client) -> None:
+    """Nothing English is left, and the English caption is made of the same words."""
+    kinds = [
+        {"kind": kind, "runs": [RUN], "model": model}
+        for kind in ("time", "temperature", "map", "loop", "axes", "allan", "channels") for model in (SPLINE, None)
+    ]  # fmt: skip
+    wanted = [*kinds, *({**kinds[8], "over": over} for over in ("time", "dT_dt", "drive"))]
+    found = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE})
+    pictures = [*found["figures"].values(), *(one["partial"] for one in found["suspects"] if one["partial"])]
+    answers = [*(done(client, "/figures", body) for body in wanted), *pictures]
+    assert [sorted(answer) for answer in answers if "said" not in answer] == []
+    assert len(answers) > 19
+    for caption, *labels in in_chinese(answers):
+        assert re.search("[\u4e00-\u9fff]", caption)
+        assert not re.search(r"[{}]|undefined|NaN|workbench\.", caption)
+        for text in (caption, *labels):
+            left = re.sub(r"%\{[^}]*\}|<[^>]*>|\S*SIM-000\S*", " ", text)
+            assert not set(re.findall(LATIN, left)) - KEPT, text
+
+
+def test_a_diagnosis_is_said_in_the_language_of_the_page(client: httpx.Client) -> None:
+    found = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE})
+    wide = {**found, "verdict": "unknown_effect", "nearest": None}
+    bare = {**found, "suspects": [], "unexplained": []}
+    cases = [found, wide, *({**bare, "verdict": word} for word in ("adequate", "undecided", "unknown_effect"))]
+    script = """
+    globalThis.document = { documentElement: {} };
+    const words = await import(new URL("../../lib/words.js", process.argv[1]));
+    const said = [];
+    for (const name of ["en", "uk", "zh"]) { await words.speak(name); said.push(given.map(page.sentences)); }
+    console.log(JSON.stringify(said));
+    """
+    english, ukrainian, chinese = told("pages/workbench/sentence.js", script, cases)
+    assert english[0][0].startswith("Missing: Hysteresis (loop width 5.0")
+    assert english[0][0].endswith("deg/h).")
+    assert number(found["suspects"][0]["proof"]["after_dph"]) in english[0][1]
+    assert ukrainian[0][0].startswith("Бракує: Гістерезис (ширина петлі 5,0")
+    assert [len(case) for case in english] == [len(case) for case in ukrainian] == [len(case) for case in chinese]
+    for sentence in (text for case in chinese for text in case):
+        assert re.search("[\u4e00-\u9fff]", sentence)
+        assert not re.search(rf"[{{}}]|undefined|{LATIN}", sentence.replace("RMS", "")), sentence

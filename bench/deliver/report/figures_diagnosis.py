@@ -17,6 +17,8 @@ from bench.deliver.report.figures_run import HOUR_S, TEMPERATURE
 from bench.deliver.report.plotting import BLUE, GREEN, ORANGE, PURPLE, VERMILION, Plot, axis
 from bench.record import Dataset
 
+EFFECT = "effect"
+"""Mark (`meta`) of the curves that have the name of an effect."""
 _SLOPE = "dT/dt [°C/min]"
 _CELL_ROWS = 3
 _LEAST_SCALE = 2.0  # floors at full colour: means of a few rows scatter by half a floor
@@ -119,9 +121,9 @@ def partial_residual(data: Dataset, x: Coordinate, left: FloatArray, shape: Floa
     if not x.title.startswith("time"):
         traces += _means_by_direction(data, x.values, left + shape)
     if x.ordered:
-        traces.append(plotting.line_trace(x.values, shape, name, ORANGE, width=3))
+        traces.append(plotting.line_trace(x.values, shape, name, ORANGE, width=3, meta=EFFECT))
     else:
-        traces.append(plotting.dot_trace(x.values, shape, name, ORANGE, size=5, opacity=1.0))
+        traces.append(plotting.dot_trace(x.values, shape, name, ORANGE, size=5, opacity=1.0, meta=EFFECT))
     return plotting.plot(traces, {"xaxis": axis(x.title), "yaxis": axis("effect [deg/h]", zeroline=True)}, 380)
 
 
@@ -210,7 +212,7 @@ def suspects_by_leg(suspects: Sequence[SuspectedEffect]) -> Plot:
     traces = [
         go.Bar(
             x=plotting.plain([own[i] for i in shown]), y=labels, orientation="h", name=suspect.effect,
-            marker={"color": colour},
+            marker={"color": colour}, meta=EFFECT,
         )
         for suspect, own, colour in zip(suspects, gains, _SUSPECTS, strict=False)
     ]  # fmt: skip

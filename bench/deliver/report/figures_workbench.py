@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from bench.base import BoolArray, FloatArray, number
+from bench.base import BoolArray, FloatArray
 from bench.deliver.report import plotting
-from bench.deliver.report.described import described
 from bench.deliver.report.figures_diagnosis import Coordinate, by_direction
 from bench.deliver.report.figures_model import LEFT, RESIDUAL, band
 from bench.deliver.report.figures_run import BIAS, HOUR_S, TEMPERATURE
@@ -150,18 +149,11 @@ def over_axis(dataset: Dataset, x: Coordinate, y: FloatArray, floor_dph: float |
     return plotting.plot(traces, layout, 520)
 
 
-def difference(curves: Mapping[str, Any], a: str, b: str) -> dict[str, Any] | None:
-    """Model curves of two runs, B minus A, over temperature; None when they could not be compared."""
-    if curves["reason"]:
-        return None
+def difference(curves: Mapping[str, Any]) -> Plot:
+    """Model curves of two runs, B minus A, over temperature."""
     x = np.array([point["degc"] for point in curves["curve"]])
     y = np.array([point["difference_dph"] for point in curves["curve"]])
     layout: dict[str, Any] = {"xaxis": axis(TEMPERATURE), "yaxis": axis("B − A [deg/h]", zeroline=True)}
     if curves["floor_dph"] is not None:
         layout["shapes"] = [plotting.shade(-curves["floor_dph"], curves["floor_dph"], GREEN, "y")]
-    plot = plotting.plot([plotting.line_trace(x, y, "B − A", VERMILION, width=2.5)], layout, 400)
-    words = (
-        f"Model of {b} minus model of {a} over {number(x.min())} to {number(x.max())} °C: {number(curves['rms_dph'])} "
-        f"deg/h RMS, constant part {number(curves['offset_dph'])}; noise floor {number(curves['floor_dph'])} deg/h."
-    )
-    return described(plot, words)
+    return plotting.plot([plotting.line_trace(x, y, "B − A", VERMILION, width=2.5)], layout, 400)

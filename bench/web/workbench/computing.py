@@ -21,6 +21,7 @@ from bench.base import BenchError, FloatArray, InputError, finite
 from bench.deliver import described, ladder_words, model_ladder
 from bench.record import DEFAULT_INTERVAL_S, Dataset, Manifest, load
 from bench.web.workbench.asking import model_json
+from bench.web.workbench.captions import captioned, floor_said, said, span
 
 FINE_S = 1.0
 
@@ -152,7 +153,6 @@ def _unit(run: Run) -> str:
 def difference(inputs: dict[str, Any]) -> dict[str, Any]:
     """The result of `bench diff`, and the difference of the model curves as a figure."""
     from bench.archive import difference_of as differing
-    from bench.deliver import difference as drawn
 
     a, b = runs_of([inputs["a"], inputs["b"]])
     try:
@@ -161,5 +161,14 @@ def difference(inputs: dict[str, Any]) -> dict[str, Any]:
         raise InputError(named(str(error), a, b)) from None
     content["a"]["run"], content["b"]["run"] = a.id, b.id
     content["curves"]["reason"] = named(content["curves"]["reason"], a, b)
-    content["figure"] = drawn(content["curves"], a.id, b.id)
+    content["figure"] = None if content["curves"]["reason"] else _difference_figure(content["curves"], a.id, b.id)
     return content
+
+
+def _difference_figure(curves: Mapping[str, Any], a: str, b: str) -> dict[str, Any]:
+    from bench.deliver import difference as drawn
+
+    degc = span(np.array([point["degc"] for point in curves["curve"]]))
+    sizes = {"rms": curves["rms_dph"], "offset": curves["offset_dph"]}
+    parts = [said("difference", a=a, b=b, temperature=degc, **sizes), floor_said(curves["floor_dph"] or float("nan"))]
+    return captioned(drawn(curves), parts)

@@ -14,7 +14,6 @@ from bench.analysis import (
     Proposal,
     SuspectedEffect,
     diagnose,
-    improvement_rungs,
     next_experiment,
     rivals,
 )
@@ -22,11 +21,8 @@ from bench.base import FloatArray, finite, listed, number
 from bench.deliver import (
     columns,
     coordinate,
-    described,
+    coordinate_over,
     drawable_coordinates,
-    floor_words,
-    improvement_ladder,
-    ladder_words,
     misfit_figure,
     partial_residual,
     residual_map,
@@ -36,6 +32,7 @@ from bench.deliver import (
 from bench.record import Dataset, slug, write_atomically
 from bench.web.workbench import computing
 from bench.web.workbench.asking import model_json
+from bench.web.workbench.captions import captioned, effects_said, floor_said, said, span
 
 _SIDE_BY_SIDE = 3
 """Suspects whose evidence is drawn side by side, as in the report."""
@@ -59,7 +56,7 @@ def diagnosis(inputs: dict[str, Any]) -> dict[str, Any]:
     content["suspects"] = [{**entry, **_pictured(data, found, suspect)} for entry, suspect in suspects]
     formulas = zip(content["formulas"], found.formulas, strict=True)
     content["formulas"] = [{**entry, **_drawn(data[0], formula)} for entry, formula in formulas]
-    content["figures"] = _figures(data, checks, found)
+    content["figures"] = _figures(data, found)
     content["model_json"], content["improved"] = model_json(found.model), model_json(found.improved)
     proposal = next_experiment(found, data, static=still)
     content["next_experiment"] = None if proposal is None else planned(proposal, Path(inputs["plans"]), data[0].name)
@@ -85,10 +82,10 @@ def _drawn(data: Dataset, formula: DescribedFormula) -> dict[str, Any]:
     answer: dict[str, Any] = {"add": model_json(formula.model)["effects"][-1], "partial": None}
     if formula.residuals and formula.contribution:
         x, shape = coordinate(data, added), formula.contribution[0]
-        words = f"{formula.formula} over {x.title}: dots are data, diamonds their means while heating and cooling."
+        caption = said("formula", formula=formula.formula, over={"label": x.title})
         table = columns({x.title: x.values, "data [deg/h]": formula.residuals[0] + shape, "formula [deg/h]": shape})
         plot = partial_residual(data, x, formula.residuals[0], shape, "formula")
-        answer["partial"] = described(plot, words, table)
+        answer["partial"] = captioned(plot, [caption], table)
     return answer
 
 
@@ -97,16 +94,11 @@ def _partial(data: Dataset, found: Diagnosis, suspect: SuspectedEffect) -> dict[
     left, shape = _left(found, suspect), suspect.shape[0]
     if left is None or not np.any(np.isfinite(shape)):
         return None
-    x = coordinate(data, added := suspect.model.effects[-1])
+    x = coordinate(data, suspect.model.effects[-1])
     plot = partial_residual(data, x, left, shape, suspect.effect)
-    span = shape[np.isfinite(shape)]
-    words = (
-        f"{suspect.effect} alone over {x.title}: dots are data, diamonds their means while heating and cooling; the "
-        f"fitted effect goes from {number(float(span.min()))} to {number(float(span.max()))} deg/h "
-        f"({added.family})."
-    )
+    caption = said("partial", effect={"effect": suspect.effect}, over={"label": x.title}, span=span(shape))
     table = columns({x.title: x.values, "data [deg/h]": left + shape, f"{suspect.effect} [deg/h]": shape})
-    return described(plot, words, table)
+    return captioned(plot, [caption], table)
 
 
 def _left(found: Diagnosis, suspect: SuspectedEffect) -> FloatArray | None:
@@ -135,24 +127,20 @@ def why(found: Diagnosis, suspect: SuspectedEffect) -> str:
     return text + alike
 
 
-def _figures(data: Sequence[Dataset], checks: Sequence[Dataset], found: Diagnosis) -> dict[str, Any]:
-    """Map before and after, ladder, evidence by leg, where it fails; if available."""
+def _figures(data: Sequence[Dataset], found: Diagnosis) -> dict[str, Any]:
+    """Map before and after, evidence by leg, where it fails; if available."""
     floor_dph = finite(found.floor_dph)
     figures: dict[str, Any] = {}
     if found.residuals:
         after = found.unexplained_residuals[0] if found.found and found.unexplained_residuals else None
         plot = residual_map(data[0], found.residuals[0], after, floor_dph)
-        words = f"Mean residual of {found.model.name} by temperature and its rate of change"
-        more = f", and with {listed([s.effect for s in found.found])} added" if after is not None else ""
-        figures["map"] = described(plot, f"{words}{more}. {floor_words(found.floor_dph)}")
-    rungs = improvement_rungs(found, data, checks)
-    inside, outside = (np.array([getattr(r, key) for r in rungs]) for key in ("in_sample_dph", "held_out_dph"))
-    words = ladder_words([rung.name for rung in rungs], inside, outside, found.floor_dph)
-    figures["ladder"] = described(improvement_ladder(rungs, floor_dph), words)
+        added = [] if after is None else [said("map_added", effects=effects_said([s.effect for s in found.found]))]
+        parts = [said("map", model=found.model.name), *added, floor_said(found.floor_dph)]
+        figures["map"] = captioned(plot, parts)
     if found.suspects and found.suspects[0].evidence > found.threshold:
         shown = [*found.found, *rivals(found, found.suspects[0])][:_SIDE_BY_SIDE]
-        words = f"Evidence that each segment gives for {listed([s.effect for s in shown])}."
-        figures["legs"] = described(suspects_by_leg(shown), words)
+        caption = said("legs", effects=effects_said([s.effect for s in shown]))
+        figures["legs"] = captioned(suspects_by_leg(shown), [caption])
     if (worst := _misfit(data[0], found)) is not None:
         figures["misfit"] = worst
     return figures
@@ -165,11 +153,11 @@ def _misfit(data: Dataset, found: Diagnosis) -> dict[str, Any] | None:
         return None
     place = places[0]
     plot = misfit_figure(data, found.residuals[0], place)
-    words = (
-        f"Residual of {found.model.name} over {place.channel.replace('_', ' ')}: largest from {number(place.low)} to "
-        f"{number(place.high)} {place.unit}, {number(place.misfit_dph)} deg/h systematic."
-    )
-    return described(plot, words)
+    caption = said(
+        "misfit", model=found.model.name, over={"label": coordinate_over(data, place.channel).title}, low=place.low,
+        high=place.high, unit={"unit": place.unit}, misfit=place.misfit_dph,
+    )  # fmt: skip
+    return captioned(plot, [caption])
 
 
 def planned(proposal: Proposal, plans: Path, run: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.analysis import error_of
 from bench.analysis import ladder as usual_models
-from bench.base import CHANNELS, BoolArray, FloatArray, InputError, finite, listed, number
+from bench.base import CHANNELS, BoolArray, FloatArray, InputError, finite
 from bench.deliver import (
     DIRECTIONS,
     allan_figure,
@@ -19,9 +19,7 @@ from bench.deliver import (
     columns,
     compensation,
     coordinate_over,
-    described,
     drawable_coordinates,
-    floor_words,
     has_channel,
     loop_figure,
     measured_figure,
@@ -35,6 +33,7 @@ from bench.deliver import (
 from bench.record import DEFAULT_INTERVAL_S, Dataset
 from bench.web.workbench import computing
 from bench.web.workbench.asking import ModelJson, model_json
+from bench.web.workbench.captions import Said, captioned, floor_said, said, span
 from bench.web.workbench.computing import FINE_S, Run, Runs
 from bench.web.workbench.zoom import View, view
 
@@ -128,25 +127,30 @@ def time(drawing: Drawing) -> Figure:
         "model [deg/h]": shown.fitted, "temperature [degC]": shown.temperature,
     })  # fmt: skip
     facts = {"from_s": float(shown.time[0]), "to_s": float(shown.time[-1]), "interval_s": shown.interval_s}
-    return {**described(plot, _time_words(drawing, shown, floor_dph), table), **facts, "of": shown.of}
+    return {**captioned(plot, _time_caption(drawing, shown, floor_dph), table), **facts, "of": shown.of}
 
 
-def _time_words(drawing: Drawing, shown: View, floor_dph: float) -> str:
-    ends = [f"{t / 3600:.2f} h" if np.ptp(shown.time) > 600 else f"{t:.3f} s" for t in shown.time[[0, -1]].tolist()]
-    words = (
-        f"Run {drawing.of.id} from {ends[0]} to {ends[1]} in means over {number(shown.interval_s)} s: bias "
-        f"{_range(shown.bias)} deg/h, temperature {_range(shown.temperature)} °C; band from lowest to highest of "
-        f"the {shown.of}, {_range(np.concatenate([shown.low, shown.high]))} deg/h."
+def _time_caption(drawing: Drawing, shown: View, floor_dph: float) -> list[Said]:
+    hours = np.ptp(shown.time) > 600
+    begin, end = (
+        {"number": t / 3600, "decimals": 2} if hours else {"number": t, "decimals": 3}
+        for t in shown.time[[0, -1]].tolist()
     )
+    measured = said(
+        "time_h" if hours else "time_s", run=drawing.of.id, begin=begin, end=end, interval=shown.interval_s,
+        bias=span(shown.bias), temperature=span(shown.temperature),
+        of=said("samples" if shown.of == "samples" else "means"), band=span(np.concatenate([shown.low, shown.high])),
+    )  # fmt: skip
     if shown.fitted is None:
-        return words
+        return [measured]
     left = shown.bias - shown.fitted
     worst = int(np.nanargmax(np.abs(left))) if np.any(np.isfinite(left)) else 0
-    return (
-        f"{words} Residual of model {drawing.name}: {number(drawing.rms_dph())} deg/h RMS of the whole run in "
-        f"{DEFAULT_INTERVAL_S:g} s means; largest here at {shown.time[worst]:.0f} s: {number(float(left[worst]))} "
-        f"deg/h. {floor_words(floor_dph)}"
-    )
+    residual = said(
+        "time_residual", model=drawing.name, rms=drawing.rms_dph(),
+        interval={"number": DEFAULT_INTERVAL_S, "digits": 2}, at={"number": float(shown.time[worst]), "decimals": 0},
+        largest=float(left[worst]),
+    )  # fmt: skip
+    return [measured, residual, floor_said(floor_dph)]
 
 
 def temperature(drawing: Drawing) -> Figure:
@@ -169,18 +173,18 @@ def temperature(drawing: Drawing) -> Figure:
     for sign, (text, _) in DIRECTIONS.items():
         own = _inside(whole, drawing) & (whole.direction == sign) & np.isfinite(left)
         if own.any():
-            parts.append(f"{text} {_rms(left[own])} RMS with a mean of {number(float(left[own].mean()))}")
-    words = (
-        f"Run {drawing.of.id} over {_range(data.channel('temperature')[shown])} °C in means over "
-        f"{data.interval_s:g} s; residual of model {drawing.name} in {DEFAULT_INTERVAL_S:g} s means, in deg/h: "
-        f"{'; '.join(parts)}. "
-        f"{floor_words(floor_dph)}"
-    )
+            rms, mean = float(np.sqrt(np.mean(left[own] ** 2))), float(left[own].mean())
+            parts.append(said("direction", direction={"label": text}, rms=rms, mean=mean))
+    caption = said(
+        "temperature", run=drawing.of.id, temperature=span(data.channel("temperature")[shown]), model=drawing.name,
+        interval={"number": data.interval_s, "digits": 2}, means={"number": DEFAULT_INTERVAL_S, "digits": 2},
+        parts=parts,
+    )  # fmt: skip
     table = columns({
         "time [s]": data.time[shown], "temperature [degC]": data.channel("temperature")[shown],
         "dT/dt [degC/min]": data.dT_dt[shown], "bias [deg/h]": data.bias[shown], "model [deg/h]": fitted[shown],
     })  # fmt: skip
-    return {**described(plot, words, table), "interval_s": data.interval_s}
+    return {**captioned(plot, [caption, floor_said(floor_dph)], table), "interval_s": data.interval_s}
 
 
 def _intervals(drawing: Drawing) -> tuple[float, ...]:
@@ -200,9 +204,10 @@ def _inside(data: Dataset, drawing: Drawing) -> BoolArray:
 def _side_by_side(drawing: Drawing) -> Figure:
     pairs = [(run.id, computing.dataset(run)) for run in dict.fromkeys((*drawing.runs, *drawing.check))]
     zeros = zeros_of([data for _, data in pairs])
-    spans = [f"{name} {_range(data.bias - zero)}" for (name, data), zero in zip(pairs, zeros, strict=True)]
-    words = f"Bias over temperature, each run minus its mean over their common range, in deg/h: {'; '.join(spans)}."
-    return described(side_by_side(pairs), words)
+    spans = [
+        said("of", name=name, span=span(data.bias - zero)) for (name, data), zero in zip(pairs, zeros, strict=True)
+    ]
+    return captioned(side_by_side(pairs), [said("side_by_side", spans=spans)])
 
 
 def map_(drawing: Drawing) -> Figure:
@@ -211,8 +216,8 @@ def map_(drawing: Drawing) -> Figure:
     left = data.bias - (drawing.fitted() if drawing.model else np.full(len(data), np.nanmean(data.bias)))
     floor_dph = drawing.floor_dph()
     plot = residual_map(data, left, None, finite(floor_dph))
-    what = f"the residual of model {drawing.name}" if drawing.model else "the bias minus its mean"
-    unit = "floors" if np.isfinite(floor_dph) else "deg/h"
+    what = said("map_residual", model=drawing.name) if drawing.model else said("map_bias")
+    unit = "floors" if np.isfinite(floor_dph) else "dph"
     cells = [
         (z, x, y)
         for y, line in zip(plot["data"][0]["y"], plot["data"][0]["z"], strict=True)
@@ -220,11 +225,9 @@ def map_(drawing: Drawing) -> Figure:
         if z is not None
     ]
     worst = max(cells, key=lambda cell: abs(cell[0]), default=(float("nan"),) * 3)
-    words = (
-        f"Mean of {what} in run {drawing.of.id} by temperature and its rate of change; worst {number(worst[0])} {unit} "
-        f"at {number(worst[1])} °C and {number(worst[2])} °C/min. {floor_words(floor_dph)}"
-    )
-    return described(plot, words)
+    z, degc, slope = (float(at) for at in worst)
+    caption = said(f"map_{unit}", what=what, run=drawing.of.id, worst=z, temperature=degc, slope=slope)
+    return captioned(plot, [caption, floor_said(floor_dph)])
 
 
 def loop(drawing: Drawing) -> Figure:
@@ -234,17 +237,17 @@ def loop(drawing: Drawing) -> Figure:
     if not shown.any():
         raise InputError(f"{drawing.of.id}: nothing was captured in this range of temperature and time")
     if drawing.model is None:
-        plot, values, what = loop_figure(data.select(shown)), data.bias[shown], "Bias"
+        plot, values, what = loop_figure(data.select(shown)), data.bias[shown], said("bias")
     else:
         values = (data.bias - drawing.fitted())[shown]
         plot = residuals_figure(data.select(shown), values, finite(drawing.floor_dph()))
-        what = f"Residual of model {drawing.name}"
+        what = said("residual", model=drawing.name)
     table = columns({
         "time [s]": data.time[shown], "temperature [degC]": data.channel("temperature")[shown], "deg/h": values,
     })  # fmt: skip
-    degc = _range(data.channel("temperature")[shown])
-    words = f"{what} over temperature in run {drawing.of.id}, in order of time: {_range(values)} deg/h over {degc} °C."
-    return described(plot, words, table)
+    degc = span(data.channel("temperature")[shown])
+    caption = said("loop", what=what, run=drawing.of.id, values=span(values), temperature=degc)
+    return captioned(plot, [caption], table)
 
 
 def axes(drawing: Drawing) -> Figure:
@@ -257,13 +260,13 @@ def axes(drawing: Drawing) -> Figure:
     y = data.bias - drawing.fitted() if fitted else data.bias
     floor_dph = drawing.floor_dph()
     what = "residual" if fitted else "bias"
-    words = (
-        f"{what.capitalize()} over {x.title} in run {drawing.of.id}: {_range(y)} deg/h over {_range(x.values)}; "
-        f"dots are {DEFAULT_INTERVAL_S:g} s means, lines their means while heating, cooling and constant. "
-        f"{floor_words(floor_dph)}"
-    )
+    caption = said(
+        "axes", what=said("residual", model=drawing.name) if fitted else said("bias"), over={"label": x.title},
+        run=drawing.of.id, values=span(y), range=span(x.values), interval={"number": DEFAULT_INTERVAL_S, "digits": 2},
+    )  # fmt: skip
+    plot = over_axis(data, x, y, finite(floor_dph), fitted)
     table = columns({"time [s]": data.time, x.title: x.values, f"{what} [deg/h]": y})
-    return {**described(over_axis(data, x, y, finite(floor_dph), fitted), words, table), "axes": known}
+    return {**captioned(plot, [caption, floor_said(floor_dph)], table), "axes": known}
 
 
 def allan(drawing: Drawing) -> Figure:
@@ -272,13 +275,10 @@ def allan(drawing: Drawing) -> Figure:
     if not floor.curves:
         raise InputError(f"no Allan deviation: {floor.reason}; name an isothermal run of the unit as the static run")
     plot = allan_figure(floor.curves, floor.noise)
-    parts = [] if floor.noise is None else [
-        f"white {number(floor.noise.white)} deg/√h", f"flicker {number(floor.noise.flicker)} deg/h",
-        f"random walk {number(floor.noise.walk)} deg/h/√h",
-    ]  # fmt: skip
-    names = listed([name for name, _ in floor.curves])
-    words = f"Allan deviation of {names}: {', '.join(parts)}; for 30 s means: {floor_words(floor.floor_dph)}"
-    return described(plot, words)
+    noise = floor.noise
+    parts = [] if noise is None else [said("noise", white=noise.white, flicker=noise.flicker, walk=noise.walk)]
+    caption = said("allan", names=[name for name, _ in floor.curves])
+    return captioned(plot, [caption, *parts, floor_said(floor.floor_dph)])
 
 
 def ladder(drawing: Drawing) -> Figure:
@@ -301,23 +301,15 @@ def channels(drawing: Drawing) -> Figure:
     if plot is None:
         raise InputError(f"{drawing.of.id} has no channels other than rate and temperature")
     names = [name for name in ("frequency", "drive", "quadrature", "supply") if has_channel(data, name)]
-    spans = [f"{name} {_range(data.channels[name])}" for name in names]
-    words = f"Channels of run {drawing.of.id} over temperature, heating and cooling separately: {'; '.join(spans)}."
+    spans = [
+        said("of", name={"label": f"{name} [{CHANNELS[name].unit}]"}, span=span(data.channels[name])) for name in names
+    ]
+    caption = said("channels", run=drawing.of.id, spans=spans)
     table = columns({
         "temperature [degC]": data.channel("temperature"),
         **{f"{name} [{CHANNELS[name].unit}]": data.channels[name] for name in names},
     })  # fmt: skip
-    return described(plot, words, table)
-
-
-def _range(values: FloatArray) -> str:
-    known = values[np.isfinite(values)]
-    return f"{number(float(known.min()), 4)} to {number(float(known.max()), 4)}" if known.size else "–"
-
-
-def _rms(values: FloatArray) -> str:
-    known = values[np.isfinite(values)]
-    return number(float(np.sqrt(np.mean(known**2)))) if known.size else "–"
+    return captioned(plot, [caption], table)
 
 
 BARE = {"time", "temperature", "map", "loop", "axes"}

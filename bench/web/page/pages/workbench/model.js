@@ -1,6 +1,7 @@
 // The current model: its effects, another model to start with, a name to save it.
 import { html, t, api, measured, useEffect, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
+import { parameterWord } from "./sentence.js";
 import { offered } from "./offered.js";
 import { typed, written } from "./typed.js";
 import { OwnTerm } from "./term.js";
@@ -63,7 +64,7 @@ function Save({ model, onSaved }) {
 /** Nonlinear parameters of one effect of the fit. */
 function Found({ fitted, effect }) {
   const own = (fitted?.parameters ?? []).filter(({ key }) => key.split(".")[0].replace(/_\d+$/, "") === effect);
-  return own.map((one) => html`<span key=${one.key} class="wb-parameter"><code>${one.key.split(".")[1]}</code> ${measured(one)}${
+  return own.map((one) => html`<span key=${one.key} class="wb-parameter"><span title=${one.key.split(".")[1]}>${parameterWord(one.key.split(".")[1])}</span> ${measured(one)}${
     one.at_bound ? html` <span class="wb-warn">${t("workbench.suspect.at_bound")}</span>` : null}</span>`);
 }
 

@@ -1,6 +1,7 @@
 // Shared by all parts of the workbench: preact, words, the API, formatted numbers.
 export { html, useEffect, useLayoutEffect, useMemo, useReducer, useRef, useState } from "../../lib/preact.js";
-import { duration, language, moment, or, t } from "../../lib/words.js";
+import { duration, language, moment, number as plain, or, t } from "../../lib/words.js";
+import { symbols } from "./spoken.js";
 import * as api from "../../lib/api.js";
 export { api, duration, moment, or, t };
 
@@ -14,10 +15,10 @@ export const number = (value, digits = 3) =>
 /** "8.6 ± 1.2 s": as many digits as the uncertainty allows. */
 export function measured({ value, std, unit }) {
   if (value === null || value === undefined) return "–";
-  if (!std || !Number.isFinite(std)) return `${number(value, 4)} ${unit ?? ""}`.trim();
+  if (!std || !Number.isFinite(std)) return `${number(value, 4)} ${symbols(unit)}`.trim();
   const digits = Math.max(0, 1 - Math.floor(Math.log10(std)));
-  const written = digits > 6 ? [value.toExponential(2), std.toExponential(1)] : [value.toFixed(digits), std.toFixed(digits)];
-  return `${written[0].replace("-", "−")} ± ${written[1]} ${unit ?? ""}`.trim();
+  const written = digits > 6 ? [value.toExponential(2), std.toExponential(1)] : [plain(value, digits), plain(std, digits)];
+  return `${written[0].replace("-", "−")} ± ${written[1]} ${symbols(unit)}`.trim();
 }
 
 /** Folder of a run without its time stamp. */

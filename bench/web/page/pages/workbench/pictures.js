@@ -1,7 +1,9 @@
 // The figures of the chosen runs: one at a time, under tabs. Zooming in time or temperature fetches finer data.
-import { html, or, runName, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
+import { html, runName, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
 import { haunted } from "./ghost.js";
 import { useJob } from "./session.js";
+import { quantity } from "./sentence.js";
+import { caption, spoken } from "./spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 
 const KINDS = ["time", "temperature", "map", "loop", "axes", "allan", "channels"];
@@ -36,7 +38,7 @@ export function Picture({ answer, name, title, running, waiting, onZoom, keep, r
   }, []);
   useEffect(() => {
     if (!answer) return;
-    drawn.current.show(answer.figure, keep, range).then(() => setFailed(""), (error) => setFailed(error.message));
+    drawn.current.show(spoken(answer.figure), keep, range).then(() => setFailed(""), (error) => setFailed(error.message));
   }, [answer]);
   const key = (event) => {
     if (!event.ctrlKey && !event.metaKey && !event.altKey && drawn.current.key(event.key)) event.preventDefault();
@@ -49,7 +51,7 @@ export function Picture({ answer, name, title, running, waiting, onZoom, keep, r
       ${waiting && html`<p class="wb-veil" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.figure.waiting")}</p>`}
     </div>
     <figcaption>
-      <p class="wb-words" lang="en">${failed ? html`<span class="wb-bad">${failed}</span>` : answer?.words ?? ""}</p>
+      <p class="wb-words">${failed ? html`<span class="wb-bad">${failed}</span>` : answer ? caption(answer) : ""}</p>
       <p class="wb-tools">
         <button type="button" class="narrow" disabled=${none} onClick=${() => drawn.current.reset()}>${t("workbench.figure.reset")}</button>
         <button type="button" class="narrow" disabled=${none} onClick=${() => save("PNG")}>PNG</button>
@@ -82,9 +84,6 @@ function spanOf(kind, range) {
   if (kind === "time") return { from_s: Math.max(0, range[0] * HOUR_S), to_s: range[1] * HOUR_S };
   return kind === "temperature" || kind === "loop" ? { from_degc: range[0], to_degc: range[1] } : {};
 }
-
-/** A quantity of an axis in the reader's language. */
-const quantity = (name) => (name === "dT_dt" ? "dT/dt" : or(`import.channel.${name}`, name.replaceAll("_", " ")));
 
 /** Choice of the drawn run, of bias or residual in the loop, of the abscissa. */
 function Choices({ session, kind, of, axes }) {

@@ -1,6 +1,8 @@
 // Missing effects: the verdict, the suspects in order of evidence, and their actions.
 import { html, t, useState, measured, number } from "./parts.js";
 import { effectWord } from "./effects.js";
+import { parameterWord, quantity, sentences } from "./sentence.js";
+import { symbols } from "./spoken.js";
 
 const SHOWN = 4;
 const TONES = { adequate: "good", missing_effect: "warn", unknown_effect: "bad", undecided: "warn" };
@@ -29,7 +31,7 @@ function Parameters({ parameters }) {
   const names = Object.keys(parameters ?? {});
   if (!names.length) return null;
   return html`<dl class="wb-parameters">${names.map((name) => html`<div key=${name}>
-    <dt>${name}</dt>
+    <dt title=${name}>${parameterWord(name)}</dt>
     <dd>${measured(parameters[name])}${parameters[name].interval
       ? html` <span class="wb-soft">[${parameters[name].interval.map((end) => number(end)).join(" … ")}]</span>` : null}
       ${parameters[name].at_bound ? html` <span class="wb-warn">${t("workbench.suspect.at_bound")}</span>` : null}</dd>
@@ -39,7 +41,7 @@ function Parameters({ parameters }) {
 /** Change of the error on unseen data when it is added. */
 function Gain({ suspect }) {
   if (suspect.held_out_rms_dph === null) return suspect.reason ? html`<p class="wb-soft" lang="en">${suspect.reason}</p>` : null;
-  return html`<p><b>${number(suspect.held_out_before_dph)} → ${number(suspect.held_out_rms_dph)} deg/h</b> ${t("workbench.suspect.unseen")}${
+  return html`<p><b>${number(suspect.held_out_before_dph)} → ${number(suspect.held_out_rms_dph)} ${symbols("deg/h")}</b> ${t("workbench.suspect.unseen")}${
     suspect.removes === null ? "" : `, ${t("workbench.suspect.removes", { percent: Math.round(100 * suspect.removes) })}`}</p>`;
 }
 
@@ -75,7 +77,7 @@ function Formulas({ formulas, busy, picked, onAdd, onPicture }) {
       <button type="button" class="narrow" disabled=${busy} onClick=${() => onAdd({ effect: "expression", add: one.add })}
         aria-label=${t("workbench.suspect.add_named", { effect: one.formula })}>${t("workbench.suspect.add")}</button></div>
     <p><span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(one.evidence) })}</span>,${" "}
-      <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} deg/h</b> ${t("workbench.suspect.unseen")}</p>
+      <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${t("workbench.suspect.unseen")}</p>
     <p class="wb-soft" lang="en">${[one.words, one.like].filter(Boolean).join("; ")}</p>
     ${one.equivalent.length > 0 && html`<p class="wb-warn">⇄ ${one.equivalent.slice(0, 3).map((text) => html`<code key=${text}>${text}</code> `)}</p>`}
     ${one.caution && html`<p class="wb-warn" lang="en">${one.caution}</p>`}
@@ -117,8 +119,8 @@ function Where({ places }) {
   if (!places?.length) return null;
   return html`<details class="wb-where" open><summary>${t("workbench.where.title")}</summary><ul>
     ${places.slice(0, 5).map((place, i) => html`<li key=${i}>
-      <b>${place.channel.replaceAll("_", " ")}</b> ${span(place)}:${" "}
-      ${place.floor_ratio === null ? `${number(place.rms_dph)} deg/h` : t("workbench.where.ratio", { ratio: number(place.floor_ratio, 2) })}
+      <b>${quantity(place.channel)}</b> ${span(place)}:${" "}
+      ${place.floor_ratio === null ? `${number(place.rms_dph)} ${symbols("deg/h")}` : t("workbench.where.ratio", { ratio: number(place.floor_ratio, 2) })}
       ${place.note ? html` <span class="wb-soft">${place.note}</span>` : null}</li>`)}
   </ul></details>`;
 }
@@ -129,13 +131,13 @@ export function Suspects({ found, failed, busy, picked, onAdd, onPicture }) {
   if (failed) return html`<p class="wb-bad" role="alert">${failed}</p>`;
   if (!found) return html`<div class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.diagnosis.running")}</div>`;
   const most = Math.max(found.threshold * 1.5, ...found.suspects.map((suspect) => suspect.evidence ?? 0));
-  const [, first, rest] = found.sentence.replaceAll("+-", "±").match(/^(.*?[.:])(?:\s+(?=[A-Z])(.*))?$/s) ?? [null, found.sentence, ""];
+  const [first, ...rest] = sentences(found);
   const shown = all ? found.suspects : found.suspects.slice(0, Math.max(SHOWN, found.suspects.filter((s) => s.found).length));
   return html`<div class="wb-diagnosis">
     <div class=${`wb-verdict wb-${TONES[found.verdict] ?? "warn"}`} role="status">
       <p class="wb-word">${VERDICTS()[found.verdict] ?? found.verdict}</p>
-      <p lang="en">${first}</p>
-      ${rest && html`<details><summary>${t("workbench.diagnosis.whole")}</summary><p lang="en">${rest}</p></details>`}
+      <p>${first}</p>
+      ${rest.length > 0 && html`<details><summary>${t("workbench.diagnosis.whole")}</summary><p>${rest.join(" ")}</p></details>`}
     </div>
     <${Formulas} formulas=${found.formulas} busy=${busy} picked=${picked} onAdd=${onAdd} onPicture=${onPicture} />
     ${found.suspects.length > 0 && html`<h3>${t("workbench.suspect.title")}</h3>`}

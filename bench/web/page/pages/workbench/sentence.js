@@ -1,0 +1,69 @@
+// What a diagnosis says, in the reader's language, made of its numbers.
+import { or, t } from "../../lib/words.js";
+import { effectWord } from "./effects.js";
+import { measured, number } from "./parts.js";
+import { labelled, symbols } from "./spoken.js";
+
+/** Name of a fitted parameter of an effect, as people read it. */
+export const parameterWord = (name) => or(`workbench.parameter.${name}`, name.replaceAll("_", " "));
+
+/** Name of a quantity that something is drawn or fails over. */
+export const quantity = (name) => (name === "dT_dt" ? "dT/dt" : or(`import.channel.${name}`, labelled(name.replaceAll("_", " "))));
+
+const named = ({ effect, parameters }) => {
+  const values = Object.entries(parameters ?? {}).map(([name, value]) => `${parameterWord(name)} ${measured(value)}`);
+  return values.length ? `${effectWord(effect)} (${values.join(", ")})` : effectWord(effect);
+};
+const list = (suspects) => suspects.map(named).join(", ");
+const unseen = (proof) => t(`workbench.say.unseen.${proof?.by ?? "other"}`);
+const errors = ({ proof }, scale = 1) => ({ unseen: unseen(proof), before: number(proof.before_dph / scale), after: number(proof.after_dph / scale) });
+
+const alike = ({ effect, look_alikes }) => (look_alikes.length
+  ? [t("workbench.say.alike", { effect: effectWord(effect), others: look_alikes.map(effectWord).join(", ") })] : []);
+
+const doubt = (suspect) => (suspect.proof.before_dph === null ? t("workbench.say.unjudged", { effect: effectWord(suspect.effect) })
+  : t("workbench.say.changes", { effect: effectWord(suspect.effect), ...errors(suspect) }));
+
+const where = ({ channel, from, to, misfit_dph }) => t("workbench.say.where", {
+  channel: quantity(channel), low: number(from, 4), high: number(to, 4), misfit: number(misfit_dph),
+  unit: { dT_dt: symbols("degC/min"), time: symbols("s") }[channel] ?? (channel.includes("temperature") ? "°C" : ""),
+}).replace("  ", " ");
+
+function missing(found) {
+  const judged = found.suspects.filter((one) => one.found);
+  const [proved, doubtful] = [judged.filter((one) => one.proved), judged.filter((one) => !one.proved)];
+  return [
+    ...(proved.length ? [t("workbench.say.missing", { effects: list(proved) })] : []),
+    ...proved.flatMap((one) => [t("workbench.say.proof", { effect: effectWord(one.effect), ...errors(one) }), ...alike(one)]),
+    ...(doubtful.length ? [t("workbench.say.suspected", { effects: list(doubtful) })] : []),
+    ...doubtful.flatMap((one) => [doubt(one), ...alike(one)]),
+    ...(proved.length ? [] : [t("workbench.say.record")]),
+    ...(judged.length > 1 ? [t("workbench.say.several")] : []),
+    ...found.unexplained.slice(0, 1).map((place) => t("workbench.say.small", { where: where(place) })),
+  ];
+}
+
+function unknown(found) {
+  const near = found.suspects.filter((one) => one.found);
+  const first = t("workbench.say.unknown");
+  if (found.nearest && near.length && found.floor_dph)
+    return [first, t("workbench.say.nearest", { effect: list(near), ...errors(near[0], found.floor_dph) })];
+  return [
+    first,
+    ...found.unexplained.slice(0, 1).map((place) => t("workbench.say.unknown_where", { where: where(place) })),
+    ...(near.length ? [t("workbench.say.part", { effect: effectWord(near[0].effect) })]
+      : found.suspects.length ? [t("workbench.say.chance", { effect: effectWord(found.suspects[0].effect) })] : []),
+  ];
+}
+
+/** Sentences about `found`, the content of `bench diagnose`; the first is the one that matters most. */
+export function sentences(found) {
+  const sizes = { rms: number(found.rms_dph), floor: number(found.floor_dph) };
+  if (found.verdict === "adequate")
+    return [found.floor_dph === null ? t("workbench.say.adequate_no_floor", sizes) : t("workbench.say.adequate", sizes), ...(found.static ? [] : [t("workbench.say.slow")])];
+  if (found.verdict === "missing_effect") return missing(found);
+  if (found.verdict === "undecided")
+    return found.suspects.some((one) => one.found) ? missing(found)
+      : [t("workbench.say.cause_or_noise", sizes), found.static ? t("workbench.say.record_next") : t("workbench.say.record_static")];
+  return unknown(found);
+}

@@ -1,0 +1,83 @@
+// Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
+import { known, language, t } from "../../lib/words.js";
+import { effectWord } from "./effects.js";
+
+const NAMED = /^(.*?)(?: ?\[([^\]]+)\])?$/s;
+
+/** A unit (deg/h/degC) with the symbols of the language. */
+export const symbols = (unit) =>
+  known(`symbol.${unit}`) ? t(`symbol.${unit}`) : (unit ?? "").replace(/[A-Za-z]+/g, (one) => (known(`symbol.${one}`) ? t(`symbol.${one}`) : one));
+
+const separators = () => {
+  const parts = new Intl.NumberFormat(language.get()).formatToParts(12345.6);
+  return { decimal: parts.find(({ type }) => type === "decimal").value, group: parts.find(({ type }) => type === "group")?.value ?? "" };
+};
+
+/** A number with fixed decimals, or to significant digits as the bench writes it: no digit before the point is dropped. */
+function written({ number, digits = 3, decimals = undefined }) {
+  if (number === null || number === undefined) return "–";
+  if (number === 0) return "0";
+  const exponent = Math.floor(Math.log10(Math.abs(number)));
+  if (decimals === undefined && (exponent < -4 || exponent >= 7)) return number.toExponential(digits - 1).replaceAll("-", "−");
+  return number.toFixed(decimals ?? Math.max(0, digits - 1 - exponent)).replace(".", separators().decimal).replace("-", "−");
+}
+
+/** A value of a caption, or a whole one (`{key, values}`), as text. */
+function told(value) {
+  if (value === null || typeof value === "number") return written({ number: value });
+  if (typeof value === "string") return value;
+  if (Array.isArray(value)) {
+    const parts = value.map(told);
+    return value.some((part) => part?.key) ? parts.join("; ") : new Intl.ListFormat(language.get()).format(parts);
+  }
+  if ("number" in value) return written(value);
+  if ("effect" in value) return effectWord(value.effect);
+  if ("unit" in value) return symbols(value.unit);
+  if ("label" in value) return labelled(value.label);
+  return t(`workbench.caption.${value.key}`, Object.fromEntries(Object.entries(value.values).map(([name, part]) => [name, told(part)])));
+}
+
+/** The caption of an answer. */
+export const caption = ({ said, words }) => (said ? said.map(told).join(language.get() === "zh" ? "" : " ") : words ?? "");
+
+/** A label of a figure: the parts that have a word in it, and units; names stay. */
+export const labelled = (text) =>
+  text.split("<br>").map((line) => line.split(", ").map((part) => {
+    const [, name, unit] = part.match(NAMED);
+    const word = known(`figure.label.${name}`) ? t(`figure.label.${name}`) : name;
+    return unit ? `${word}${word && " "}[${symbols(unit)}]` : word;
+  }).join(", ")).join("<br>");
+
+const titled = (holder) => (holder?.title?.text ? { ...holder, title: { ...holder.title, text: labelled(holder.title.text) } } : holder);
+
+/** Quantity and value of an axis below the mouse, to four digits with its unit. */
+function hovered(axis, side) {
+  const [, name, unit] = (axis?.title?.text ?? "").split(/<br>|, /)[0].match(NAMED);
+  const value = axis?.type === "category" || !unit ? `%{${side}}` : `%{${side}:.4~r}`;
+  return `${name ? `${labelled(name)} ` : ""}${value}${unit ? ` ${symbols(unit)}` : ""}`;
+}
+
+const nameOf = ({ name = "", meta }) => (meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : labelled(name));
+
+function spokenTrace(trace, layout) {
+  const axes = { x: layout[`xaxis${(trace.xaxis ?? "x").slice(1)}`], y: layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`] };
+  const next = { ...trace, name: nameOf(trace) };
+  if (trace.colorbar) next.colorbar = titled(trace.colorbar);
+  if (trace.marker?.colorbar) next.marker = { ...trace.marker, colorbar: titled(trace.marker.colorbar) };
+  if (trace.hoverinfo === "skip") return next;
+  const z = trace.z ? `<br>%{z:.3~r} ${symbols((trace.colorbar?.title?.text ?? "").match(/\[(.*)\]/)?.[1] ?? "")}` : "";
+  next.hovertemplate = `${hovered(axes.x, "x")}<br>${hovered(axes.y, "y")}${z}<extra>${z ? "" : next.name}</extra>`;
+  return next;
+}
+
+/** A figure {data, layout} in the language of the page. */
+export function spoken({ data, layout }) {
+  const { decimal, group } = separators();
+  const said = { ...layout, separators: decimal + group, hoverlabel: { ...layout.hoverlabel, namelength: -1 } };
+  for (const key of Object.keys(layout).filter((name) => /^[xy]axis\d*$/.test(name))) {
+    said[key] = titled(layout[key]);
+    if (layout[key].ticktext) said[key] = { ...said[key], ticktext: layout[key].ticktext.map((text) => text.replace(".", decimal)) };
+  }
+  if (layout.annotations) said.annotations = layout.annotations.map((one) => ({ ...one, text: labelled(one.text) }));
+  return { data: data.map((trace) => spokenTrace(trace, layout)), layout: said };
+}
