@@ -95,6 +95,7 @@ from .judging.diagnosed import Rung as Rung
 from .judging.diagnosed import rivals as rivals
 from .judging.earlier import BEFORE as BEFORE
 from .judging.earlier import SAVED as SAVED
+from .judging.expressed import Measurements as Measurements
 from .judging.imu_verification import verify_imu as verify_imu
 from .judging.judge import BASELINES as BASELINES
 from .judging.judge import analyse as analyse
@@ -102,13 +103,10 @@ from .judging.judge import judged_by as judged_by
 from .judging.likeness import Cells as Cells
 from .judging.likeness import Likeness as Likeness
 from .judging.likeness import likeness as likeness
-from .judging.limits import COVERAGE as COVERAGE
 from .judging.limits import DECISION_RULE as DECISION_RULE
-from .judging.limits import MEANING as MEANING
 from .judging.limits import PROBABILITY as PROBABILITY
 from .judging.limits import Judgement as Judgement
 from .judging.limits import Limits as Limits
-from .judging.limits import Quantity as Quantity
 from .judging.limits import Result as Result
 from .judging.limits import Verdict as Verdict
 from .judging.limits import judge_limits as judge_limits
@@ -122,6 +120,9 @@ from .judging.quantities import of_data as of_data
 from .judging.quantities import standing as standing
 from .judging.quantities import turning as turning
 from .judging.quantities import zero_rate as zero_rate
+from .judging.quantity import COVERAGE as COVERAGE
+from .judging.quantity import MEANING as MEANING
+from .judging.quantity import Quantity as Quantity
 from .judging.short_plan import ShortPlan as ShortPlan
 from .judging.short_plan import shortest as shortest
 from .judging.stored import Source as Source

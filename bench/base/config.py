@@ -115,8 +115,8 @@ def _explain(detail: ErrorDetails, document: Document, schema: dict[str, Any]) -
     else:
         value = json.dumps(detail["input"], ensure_ascii=False)
         value = value if len(value) < 60 else _kind(detail["input"])
-        allowed = _PYDANTIC_WORDS.get(kind) or re.sub(r"^Input should be", "must be", detail["msg"])
-        allowed = allowed.format(**context)
+        said = re.sub(r"^(Input|String) should", "must", detail["msg"])
+        allowed = _PYDANTIC_WORDS[kind].format(**context) if kind in _PYDANTIC_WORDS else said
         text = f"{where} is {value}: {allowed}"
         if context.get("expected") and isinstance(detail["input"], str):
             text += nearest(detail["input"], re.findall(r"'([^']*)'", context["expected"]))

@@ -55,7 +55,7 @@ def gauge(
         raise InputError(f"no run has the quantity '{quantity}'{nearest_or_all(quantity, sorted(units))}", out)
     tolerance = None
     if limits is not None:
-        tolerance = next((one.room for one in load_limits(limits).limits if one.quantity == quantity), np.inf)
+        tolerance = next((one.room for one in load_limits(limits).limits if one.subject == quantity), np.inf)
         if not np.isfinite(tolerance):
             raise InputError(f"has no lower and upper limit of '{quantity}'; add both, or leave --limits out", limits)
     values = np.array([run.values[quantity] for run in runs])

@@ -6,6 +6,7 @@ The list is the table of docs/howto/runs.md.
 from __future__ import annotations
 
 import gzip
+import json
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,10 +21,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import scipy.io
+from click.testing import CliRunner
 
-from bench.acquisition.importer.plan import plan_import, write_import
+from bench.acquisition.importer.plan import plan_import
 from bench.analysis import analyse, load_model
 from bench.base import InputError
+from bench.cli import main
 from bench.record import CalibrationRecord
 
 ROOT = Path(__file__).parents[2]
@@ -266,20 +269,47 @@ def test_a_log_that_is_refused_is_one_line_that_says_what_to_do(tmp_path: Path, 
     assert log.advice in said
 
 
-def test_what_was_imported_is_reported(tmp_path: Path) -> None:
-    """One coefficient of each kind of file; all are the same record, rounded as its file rounds."""
-    path = tmp_path / "x"
-    found = {}
-    for log in READ:
-        path = tmp_path / log.name
-        log.write(path)
-        plan = plan_import(path, dbc=DBC if path.suffix == ".blf" else None, serial=log.name)
-        run = write_import(plan, tmp_path / "reports")
-        analyse(run.path, [load_model("polynomial")], diagnose=False)
-        found[log.name] = CalibrationRecord.read(run.path)
-    assert {name for name, record in found.items() if record.refusals} == set()
-    rms = {name: record.residual.rms_dph for name, record in found.items()}
-    assert rms == pytest.approx(dict.fromkeys(rms, rms["plain.csv"]), rel=0.05)
+PAPERS = {
+    "laboratory": "laboratory: {name: Example Laboratory}\nauthorised_by: {name: A. Example, function: head}\n",
+    "equipment": "equipment:\n"
+    "- {name: Pt100, serial: T-1, certificate: C-1, calibrated: 2000-01-01, due: 2999-01-01}\n",
+    "limits": "name: log\nlimits:\n- {quantity: residual_rms_dph, unit: deg/h, upper: 2, reason: test}\n"
+    "- {name: hottest, expression: max(temperature), unit: degC, lower: 69, upper: 71, reason: test}\n",
+}
+
+
+@pytest.mark.parametrize("log", READ, ids=lambda log: log.name)
+def test_what_was_imported_is_reported_exported_and_certified(tmp_path: Path, log: Log) -> None:
+    """The exported curve is numpy's through the other program's numbers; the laboratory's limits judge it."""
+    path = tmp_path / log.name
+    log.write(path)
+    dbc = ["--dbc", DBC] if path.suffix == ".blf" else []
+    bench("import", path, "--unit", "LOG-0007", "--out", tmp_path / "reports", *dbc)
+    (run,) = (tmp_path / "reports" / "LOG-0007").iterdir()
+    analyse(run, [load_model("polynomial")], diagnose=False)
+    assert CalibrationRecord.read(run).refusals == ()
+    bench("export", run, "--format", "json", "--out", tmp_path / "export")
+    exported = json.loads((tmp_path / "export" / "calibration.json").read_text())
+    curve = np.polynomial.Polynomial([one["value"] for one in exported["physical"]])
+    assert log.peer is not None
+    _, rate, degc = log.peer(path)
+    known = np.isfinite(degc)
+    at = np.linspace(-30, 70, 11)
+    np.testing.assert_allclose(curve(at), np.polynomial.Polynomial.fit(degc[known], rate[known], 3)(at), atol=0.3)
+    given = []
+    for name, text in PAPERS.items():
+        (tmp_path / f"{name}.yaml").write_text(text)
+        given += [f"--{name}", tmp_path / f"{name}.yaml"]
+    bench("certificate", run, *given)
+    said = json.loads((run / "certificate.json").read_text())
+    assert (said["verdict"], said["item"]["serial"]) == ("PASS", "LOG-0007")
+    assert [one["name"] for one in said["conformity"]["results"]] == ["residual_rms_dph", "hottest"]
+    assert (run / "certificate.pdf").read_bytes().startswith(b"%PDF")
+
+
+def bench(*args: object) -> None:
+    result = CliRunner().invoke(main, [str(arg) for arg in args])
+    assert result.exit_code == 0, result.output
 
 
 def test_the_page_lists_these_files() -> None:
@@ -290,7 +320,9 @@ def test_the_page_lists_these_files() -> None:
 def lines() -> Iterator[str]:
     """Rows of the table of the page."""
     for log in LOGS:
-        done = f"imported; the numbers are those that {log.peer_name} reads" if log.peer else f"refused: {log.advice}"
+        done = (
+            f"imported, certified; the numbers are those of {log.peer_name}" if log.peer else f"refused: {log.advice}"
+        )
         yield f"| `{log.name}` | {log.how} | {done} |"
 
 

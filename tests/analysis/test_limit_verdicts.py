@@ -12,8 +12,9 @@ import pytest
 from bench.analysis.judging import limits
 from bench.analysis.judging.analysis import Analysis
 from bench.analysis.judging.judge import judged_by
-from bench.analysis.judging.limits import MEANING, Limit, Limits, Quantity, QuantityName, Verdict, judge_limits
+from bench.analysis.judging.limits import Limit, Limits, Verdict, judge_limits
 from bench.analysis.judging.quantities import quantities
+from bench.analysis.judging.quantity import MEANING, Quantity, QuantityName
 from bench.analysis.judging.validity import refusals
 from bench.base.errors import InputError
 from bench.cli import rendering

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.analysis.judging.limits import Quantity
+from bench.analysis.judging.quantity import Quantity
 from bench.base.errors import InputError
 from bench.deliver.certificate.budget import _earth_per_degree
 from bench.deliver.certificate.combined import with_table

@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, cast
 
 import numpy as np
@@ -63,17 +64,13 @@ class Formula:
 
     @cached_property
     def _follows_rate(self) -> bool:
-        return any(_names(factor) & {"dT_dt", "direction"} for factor in self.factors)
+        return any(names_of(factor) & {"dT_dt", "direction"} for factor in self.factors)
 
     def columns(self, record: Dataset, theta: Mapping[str, float]) -> FloatArray:
         """Factors (n, k) of the whole record, NaN in gaps; InputError where one has no value in a row without a gap."""
-        data: dict[str, Any] = {name: record.channel(name) for name in self.needs}
-        data |= {"time": record.time, "pi": math.pi, **theta}
-        if self._follows_rate:
-            data["dT_dt"] = 60.0 * slope(record.time, data["temperature"], 60.0)
-            data["direction"] = np.where(np.abs(data["dT_dt"]) < STILL_DEGC_PER_MIN, 0.0, np.sign(data["dT_dt"]))
+        data = {**data_of(record, self.needs, follows_rate=self._follows_rate), **theta}
         with np.errstate(all="ignore"):
-            values = [np.broadcast_to(_value(factor, data), len(record)) for factor in self.factors]
+            values = [np.broadcast_to(value_of(factor, data), len(record)) for factor in self.factors]
         columns: FloatArray = np.column_stack(values).astype(np.float64)
         complete = np.all([np.isfinite(data[name]) for name in self.needs], axis=0) if self.needs else np.True_
         if not np.all(np.isfinite(columns[np.broadcast_to(complete, len(record))])):
@@ -83,9 +80,19 @@ class Formula:
         return columns
 
 
+def data_of(record: Dataset, needs: Collection[str], *, follows_rate: bool) -> dict[str, Any]:
+    """Values (n,) of the names of a formula; `follows_rate`: and dT_dt, direction. InputError: no such channel."""
+    data: dict[str, Any] = {name: record.channel(name) for name in needs}
+    data |= {"time": record.time, "pi": math.pi}
+    if follows_rate:
+        data["dT_dt"] = 60.0 * slope(record.time, record.channel("temperature"), 60.0)
+        data["direction"] = np.where(np.abs(data["dT_dt"]) < STILL_DEGC_PER_MIN, 0.0, np.sign(data["dT_dt"]))
+    return data
+
+
 def parse(text: str, bounded: Collection[str] = ()) -> Formula:
     """Formula of this text, with `bounded` names nonlinear. InputError that says what is not understood, and why."""
-    tree = _tree(text)
+    tree = checked(text)
     names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)} - set(FUNCTIONS)
     for name in bounded:
         if name in variables() or name in FUNCTIONS or name not in names:
@@ -101,7 +108,7 @@ def parse(text: str, bounded: Collection[str] = ()) -> Formula:
             f"expression: '{ast.unparse(terms[''])}' has no amplitude; write k * ({ast.unparse(terms[''])})"
         )
     for name, factor in terms.items():
-        if not _names(factor) & set(variables()):
+        if not names_of(factor) & set(variables()):
             raise InputError(f"expression: '{name}' multiplies no channel: that is the model's constant; leave it out")
     used = names & set(variables())
     needs = tuple(n for n in CHANNELS if n in used - {"time"} or (n == "temperature" and used & {"dT_dt", "direction"}))
@@ -109,8 +116,9 @@ def parse(text: str, bounded: Collection[str] = ()) -> Formula:
     return Formula(text, tuple(terms), tuple(terms.values()), ordered, needs)
 
 
-def _tree(text: str) -> ast.expr:
-    """Expression tree with allowed nodes only."""
+def checked(text: str, more: Mapping[str, int] = MappingProxyType({}), *, dotted: bool = False) -> ast.expr:
+    """Expression tree with allowed nodes only: also functions of `more`, and `dotted` names. InputError otherwise."""
+    functions = {**FUNCTIONS, **more}
     if not isinstance(text, str) or not 0 < len(text) <= _MAX_LENGTH:
         raise InputError(f"expression: a formula is a text of 1 to {_MAX_LENGTH} characters, such as 'k * dT_dt'")
     try:
@@ -125,15 +133,16 @@ def _tree(text: str) -> ast.expr:
         raise InputError(f"expression: '{text[:40]}...' is too long; write an effect in a file instead")
     called = {id(node.func) for node in nodes if isinstance(node, ast.Call)}
     for node in nodes:
-        _allow(node, called)
+        if not (dotted and isinstance(node, ast.Attribute)):
+            _allow(node, called, functions)
     return tree
 
 
-def _allow(node: ast.AST, called: set[int]) -> None:
+def _allow(node: ast.AST, called: set[int], functions: Mapping[str, int]) -> None:
     if isinstance(node, ast.Call):
-        _allow_call(node)
+        _allow_call(node, functions)
     elif isinstance(node, ast.Name):
-        if node.id in FUNCTIONS and id(node) not in called:
+        if node.id in functions and id(node) not in called:
             raise InputError(f"expression: '{node.id}' is a function: write {node.id}(...)")
     elif isinstance(node, ast.Constant):
         if type(node.value) not in {int, float} or not abs(cast(float, node.value)) < 1e300:
@@ -146,23 +155,23 @@ def _allow(node: ast.AST, called: set[int]) -> None:
         raise InputError(f"expression: {kind} is not allowed; use channels, parameters, + - * / ** and functions")
 
 
-def _allow_call(node: ast.Call) -> None:
-    known = ", ".join(FUNCTIONS)
-    if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS:
+def _allow_call(node: ast.Call, functions: Mapping[str, int]) -> None:
+    known = ", ".join(functions)
+    if not isinstance(node.func, ast.Name) or node.func.id not in functions:
         raise InputError(f"expression: no function '{ast.unparse(node.func)[:40]}'; known are {known}")
-    wanted = FUNCTIONS[node.func.id]
+    wanted = functions[node.func.id]
     if node.keywords or len(node.args) != wanted:
         raise InputError(f"expression: {node.func.id} takes {wanted} argument{'s' * (wanted > 1)}, in order")
     if wanted == 1:
         return
-    inside, data = _names(node.args[1]) - set(FUNCTIONS), set(variables())
+    inside, data = names_of(node.args[1]) - set(FUNCTIONS), set(variables())
     if inside & data and (node.func.id != "lag" or inside <= data):
         raise InputError(f"expression: the second argument of {node.func.id} is a number or a parameter, not a channel")
 
 
 def _terms(node: ast.expr, free: set[str]) -> Terms:
     """The expression as a sum over amplitudes; InputError where a free name is not simply a factor."""
-    inside = _names(node) & free
+    inside = names_of(node) & free
     if not inside:
         return {"": node}
     if isinstance(node, ast.Name):
@@ -185,7 +194,7 @@ def _sum(node: ast.BinOp, free: set[str]) -> Terms:
 
 
 def _product(node: ast.BinOp, free: set[str]) -> Terms:
-    left, right = _names(node.left) & free, _names(node.right) & free
+    left, right = names_of(node.left) & free, names_of(node.right) & free
     if not right:
         return {name: _times(factor, node.op, node.right) for name, factor in _terms(node.left, free).items()}
     if isinstance(node.op, ast.Div):
@@ -195,14 +204,14 @@ def _product(node: ast.BinOp, free: set[str]) -> Terms:
         return {name: _times(factor, node.op, node.left) for name, factor in others.items()}
     _terms(node.left, free)
     both = " and ".join(f"'{name}'" for name in sorted(left | right))
-    raise InputError(f"expression: {both} multiply each other: one amplitude is enough{_hint(left | right)}")
+    raise InputError(f"expression: {both} multiply each other: one amplitude is enough{hint(left | right)}")
 
 
 def _no_factor(node: ast.expr, names: Collection[str]) -> InputError:
     one = min(names)
     return InputError(
         f"expression: '{one}' is not simply a factor in '{ast.unparse(node)}': give it bounds, such as "
-        f"bounds: {{{one}: [10, 1000]}}{_hint(names)}"
+        f"bounds: {{{one}: [10, 1000]}}{hint(names)}"
     )
 
 
@@ -212,27 +221,28 @@ def _times(factor: ast.expr, op: ast.operator, other: ast.expr) -> ast.expr:
     return ast.BinOp(factor, op, other)
 
 
-def _hint(names: Collection[str]) -> str:
+def hint(names: Collection[str]) -> str:
     """A likely slip of the pen: a parameter that nearly is a channel."""
     known = (*variables(), *FUNCTIONS)
     close = {name: closest(name, known, 0.8) for name in sorted(names)}
     return "".join(f"; did you mean '{near}' by '{name}'?" for name, near in close.items() if near)
 
 
-def _names(node: ast.AST) -> set[str]:
+def names_of(node: ast.AST) -> set[str]:
+    """All names in a tree, also those of functions."""
     return {item.id for item in ast.walk(node) if isinstance(item, ast.Name)}
 
 
-def _value(node: ast.expr, data: Mapping[str, Any]) -> Any:
+def value_of(node: ast.expr, data: Mapping[str, Any]) -> Any:
     """Value of a checked node: an array (n,) or a number."""
     if isinstance(node, ast.Name):
         return data[node.id]
     if isinstance(node, ast.BinOp):
-        return _BINARY[type(node.op)](_value(node.left, data), _value(node.right, data))
+        return _BINARY[type(node.op)](value_of(node.left, data), value_of(node.right, data))
     if isinstance(node, ast.UnaryOp):
-        return _value(node.operand, data) * (-1.0 if isinstance(node.op, ast.USub) else 1.0)
+        return value_of(node.operand, data) * (-1.0 if isinstance(node.op, ast.USub) else 1.0)
     if isinstance(node, ast.Call):
-        return _called(cast(ast.Name, node.func).id, [_value(argument, data) for argument in node.args], data["time"])
+        return _called(cast(ast.Name, node.func).id, [value_of(argument, data) for argument in node.args], data["time"])
     return np.float64(cast(float, cast(ast.Constant, node).value))
 
 

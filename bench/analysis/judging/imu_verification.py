@@ -18,7 +18,8 @@ from bench.analysis.imu.curves import TriadCurves
 from bench.analysis.imu.rows import ImuRows
 from bench.analysis.imu.stored import curves_of
 from bench.analysis.imu.triad import Triad
-from bench.analysis.judging.limits import COVERAGE, Limits, Quantity, Verdict, judge_limits
+from bench.analysis.judging.limits import Limits, Verdict, judge_limits
+from bench.analysis.judging.quantity import COVERAGE, Quantity
 from bench.analysis.noise.whitening import Ratios, covariance
 from bench.analysis.thresholds import VERIFIED_RATIO
 from bench.base import BoolArray, FloatArray, InputError
@@ -178,7 +179,7 @@ def _judged(
     axes: tuple[ImuAxisError, ...], quantities: tuple[Quantity, ...], limits: Limits | None
 ) -> tuple[Verdict, dict[str, Any]]:
     if limits is not None:
-        own = tuple(limit for limit in limits.limits if limit.quantity in {q.name for q in quantities})
+        own = tuple(limit for limit in limits.limits if limit.within({q.name for q in quantities}))
         if not own:
             names = ", ".join(quantity.name for quantity in quantities)
             raise InputError(

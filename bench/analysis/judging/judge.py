@@ -17,6 +17,7 @@ from bench.analysis.judging.change import Figures
 from bench.analysis.judging.completeness import completeness
 from bench.analysis.judging.diagnosed import diagnosed
 from bench.analysis.judging.earlier import set_aside
+from bench.analysis.judging.expressed import Measurements
 from bench.analysis.judging.joints import joints
 from bench.analysis.judging.limits import Limits, judge_limits
 from bench.analysis.judging.quantities import quantities, standing
@@ -90,7 +91,11 @@ def analyse(
 
 def judged_by(analysis: Analysis, limits: Limits) -> Analysis:
     """The analysis with the limits' verdict, written as limits.json beside the data."""
-    judged = replace(analysis, judgement=judge_limits(limits, quantities(analysis), refusals(analysis, limits)))
+    measured = None
+    if analysis.dataset is not None:
+        measured = Measurements(analysis.dataset, None if analysis.best is None else analysis.best.fit)
+    judgement = judge_limits(limits, quantities(analysis), refusals(analysis, limits), measured)
+    judged = replace(analysis, judgement=judgement)
     if judged.judgement is not None:
         LimitsRecord.model_validate(judged.judgement.to_json()).write(analysis.run.path)
     return judged

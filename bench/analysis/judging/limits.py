@@ -13,112 +13,25 @@ A unit that passes is outside with a probability of at most 2.5 % (normal distri
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, Field, field_validator, model_validator
+from pydantic import BaseModel, Field, model_validator
 
-from bench.base import STRICT, Document, PlacedError, finite, load_config
-from bench.record import StoredQuantity
+from bench.analysis.judging.expressed import Expressed, Measurements, expressed
+from bench.analysis.judging.quantity import COVERAGE, MEANING, Quantity, QuantityName
+from bench.base import STRICT, Document, InputError, PlacedError, load_config
 
-COVERAGE = 2.0
-"""Coverage factor k of every expanded uncertainty."""
 PROBABILITY = 0.95
 DECISION_RULE = (
     "Guarded acceptance, guard band = expanded uncertainty (k = 2, 95 %): PASS when the whole coverage interval is "
     "within the limits and the marginal band is kept; MARGINAL when only the value is; FAIL when the value is outside; "
     "INVALID when no admissible value exists. Risk that a PASS is outside a limit: at most 2.5 %."
 )
-
-QuantityName = Literal[
-    "bias_span_dph",
-    "bias_max_dph",
-    "residual_rms_dph",
-    "residual_peak_dph",
-    "residual_over_floor",
-    "thermal_hysteresis_dph",
-    "residual_hysteresis_dph",
-    "noise_floor_dph",
-    "angle_random_walk_dprh",
-    "bias_instability_dph",
-    "rate_random_walk_dphrh",
-    "quantisation_deg",
-    "rate_ramp_dphh",
-    "scale_factor_error_ppm",
-    "scale_factor_temperature_ppm_per_degc",
-    "scale_factor_nonlinearity_ppm",
-    "samples_lost",
-    "samples_missing_ppm",
-    "longest_gap_s",
-    "lowest_temperature_degc",
-    "highest_temperature_degc",
-    "temperature_hole_degc",
-    "temperature_step_error_dph",
-    "heating_min",
-    "cooling_min",
-    "extrapolated_percent",
-    "condition",
-    "gyro_error_rms_dph",
-    "gyro_error_peak_dph",
-    "gyro_error_over_floor",
-    "accelerometer_error_rms_mps2",
-    "accelerometer_error_peak_mps2",
-    "accelerometer_error_over_floor",
-]
-
-MEANING: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        "bias_span_dph": ("deg/h", "bias over temperature, highest less lowest"),
-        "bias_max_dph": ("deg/h", "bias over temperature, greatest absolute value"),
-        "residual_rms_dph": ("deg/h", "model error on held-out data, RMS"),
-        "residual_peak_dph": ("deg/h", "model error on held-out data, peak"),
-        "residual_over_floor": ("1", "held-out model error over the noise floor"),
-        "thermal_hysteresis_dph": ("deg/h", "thermal hysteresis, loop width"),
-        "residual_hysteresis_dph": ("deg/h", "thermal hysteresis left by the model, loop width"),
-        "noise_floor_dph": ("deg/h", "noise floor of the averaged data"),
-        "angle_random_walk_dprh": ("deg/sqrt(h)", "angle random walk"),
-        "bias_instability_dph": ("deg/h", "bias instability"),
-        "rate_random_walk_dphrh": ("deg/h/sqrt(h)", "rate random walk"),
-        "quantisation_deg": ("deg", "quantisation noise"),
-        "rate_ramp_dphh": ("deg/h^2", "rate ramp"),
-        "scale_factor_error_ppm": ("ppm", "scale factor error at 25 °C"),
-        "scale_factor_temperature_ppm_per_degc": ("ppm/degC", "temperature sensitivity of the scale factor"),
-        "scale_factor_nonlinearity_ppm": ("ppm", "scale factor nonlinearity, of the highest rate"),
-        "samples_lost": ("1", "samples lost or damaged"),
-        "samples_missing_ppm": ("ppm", "samples missing between the first and the last"),
-        "longest_gap_s": ("s", "longest gap without a sample"),
-        "lowest_temperature_degc": ("degC", "lowest temperature of the unit"),
-        "highest_temperature_degc": ("degC", "highest temperature of the unit"),
-        "temperature_hole_degc": ("degC", "widest range of temperature without data"),
-        "temperature_step_error_dph": ("deg/h", "error from the steps of the temperature sensor"),
-        "heating_min": ("min", "time spent heating"),
-        "cooling_min": ("min", "time spent cooling"),
-        "extrapolated_percent": ("%", "held-out data outside the fitted range"),
-        "condition": ("1", "condition of the fit"),
-        "gyro_error_rms_dph": ("deg/h", "error of the worst gyro of an inertial unit, RMS"),
-        "gyro_error_peak_dph": ("deg/h", "error of the worst gyro of an inertial unit, peak"),
-        "gyro_error_over_floor": ("1", "error of the worst gyro of an inertial unit over its floor"),
-        "accelerometer_error_rms_mps2": ("m/s^2", "error of the worst accelerometer, RMS"),
-        "accelerometer_error_peak_mps2": ("m/s^2", "error of the worst accelerometer, peak"),
-        "accelerometer_error_over_floor": ("1", "error of the worst accelerometer over its floor"),
-    }
-)
-"""Unit and meaning of each quantity, in the terms of IEEE 528 and 952."""
-
-_IN_VERIFICATION: Mapping[str, str] = MappingProxyType(
-    {
-        "residual_rms_dph": "error in the verification run, RMS",
-        "residual_peak_dph": "error in the verification run, peak",
-        "residual_over_floor": "error in the verification run over the noise floor",
-        "extrapolated_percent": "verification data outside the fitted range",
-    }
-)
-"""Meanings where a verification run, not data held out of the fit, gave the number."""
 
 
 class Verdict(StrEnum):
@@ -140,68 +53,20 @@ class Verdict(StrEnum):
         return self is not Verdict.INVALID
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A number, the interval that holds it with 95 % probability, and how it was found; NaN and a reason without one.
-
-    A count has no uncertainty: its interval is itself.
-    """
-
-    name: str
-    value: float = np.nan
-    low: float = np.nan
-    high: float = np.nan
-    reason: str = ""
-    in_verification: bool = False
-    """An independent run gave it, not data held out of the fit."""
-
-    @classmethod
-    def expanded(cls, name: str, value: float, standard_uncertainty: float) -> Quantity:
-        """A number with a symmetric interval, k = 2."""
-        return cls(name, value, value - COVERAGE * standard_uncertainty, value + COVERAGE * standard_uncertainty)
-
-    @classmethod
-    def positive(cls, name: str, value: float, standard_uncertainty: float) -> Quantity:
-        """An absolute value: its interval ends at zero."""
-        symmetric = cls.expanded(name, value, standard_uncertainty)
-        return cls(name, value, max(0.0, symmetric.low), symmetric.high)
-
-    @classmethod
-    def exact(cls, name: str, value: float) -> Quantity:
-        """A number without uncertainty."""
-        return cls(name, value, value, value)
-
-    @classmethod
-    def of(cls, stored: StoredQuantity) -> Quantity:
-        """The quantity that a record keeps."""
-        value, low, high = (np.nan if end is None else end for end in (stored.value, stored.low, stored.high))
-        return cls(stored.name, value, low, high, stored.reason)
-
-    @property
-    def unit(self) -> str:
-        """Unit of the number."""
-        return MEANING[self.name][0]
-
-    @property
-    def meaning(self) -> str:
-        """What it is, in words."""
-        usual = MEANING[self.name][1]
-        return _IN_VERIFICATION.get(self.name, usual) if self.in_verification else usual
-
-    def to_json(self) -> dict[str, Any]:
-        """All of it; null where there is no number."""
-        numbers = {"value": self.value, "low": self.low, "high": self.high}
-        known = {key: finite(value) for key, value in numbers.items()}
-        return {"name": self.name, "unit": self.unit, "meaning": self.meaning, **known, "reason": self.reason}
-
-
 class Limit(BaseModel):
-    """One limit of one quantity."""
+    """One limit of one quantity, or of an expression."""
 
     model_config = STRICT
 
-    quantity: QuantityName
-    """What is limited; its unit is the end of its name."""
+    quantity: QuantityName | None = None
+    """What is limited; its unit is the end of its name. Left out: an expression, with a name of your own."""
+    name: Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,59}$")] | None = None
+    """With an expression: what it is called in verdict, certificate and fleet."""
+    expression: str | None = None
+    """A formula of quantities (`residual_rms_dph / bias_span_dph`), of coefficients of the model (`polynomial.a1`), and
+    of `min`, `max`, `mean` and `rms` of channels (`max(abs(dT_dt))`)."""
+    meaning: str = ""
+    """With an expression: what it is, in words; left out: the expression."""
     unit: str
     """Unit of the numbers below, to be read by people and checked against the quantity's own."""
     lower: float | None = None
@@ -215,24 +80,52 @@ class Limit(BaseModel):
     reason: str
     """Why this limit: a requirement, a data sheet, experience."""
 
-    @field_validator("unit")
-    @classmethod
-    def _known_unit(cls, unit: str, info: Any) -> str:
-        own = MEANING.get(info.data.get("quantity", ""), (unit, ""))[0]
-        if unit != own:
-            raise ValueError(f"unit is '{unit}', {info.data['quantity']} is in '{own}'")
-        return unit
+    @model_validator(mode="after")
+    def _one_thing(self) -> Limit:
+        given = self.name is not None and self.expression is not None
+        if (self.quantity is None) != given or (self.name is None) != (self.expression is None):
+            raise ValueError("give either `quantity`, or `name` and `expression`")
+        if self.quantity is not None:
+            if self.unit != (own := MEANING[self.quantity][0]):
+                raise PlacedError(f"unit is '{self.unit}', {self.quantity} is in '{own}'", ("unit",))
+            if self.meaning:
+                raise PlacedError(f"{self.quantity} has a meaning already; only an expression needs one", ("meaning",))
+            return self
+        if self.name in MEANING:
+            raise PlacedError(f"'{self.name}' is a quantity; give the expression another name", ("name",))
+        try:
+            expressed(self.expression or "")
+        except InputError as error:
+            raise PlacedError(str(error).removeprefix("expression: "), ("expression",)) from None
+        return self
 
     @model_validator(mode="after")
     def _some_room(self) -> Limit:
         if self.lower is None and self.upper is None:
-            raise ValueError(f"limit of {self.quantity} has neither lower nor upper: give at least one")
+            raise ValueError(f"limit of {self.subject} has neither lower nor upper: give at least one")
         room = self.room
         if not room > 0.0:
-            raise ValueError(f"limit of {self.quantity}: lower {self.lower:g} is not below upper {self.upper:g}")
+            raise ValueError(f"limit of {self.subject}: lower {self.lower:g} is not below upper {self.upper:g}")
         if not 2.0 * self.marginal < room:
-            raise ValueError(f"limit of {self.quantity}: marginal bands of {self.marginal:g} leave nothing to pass")
+            raise ValueError(f"limit of {self.subject}: marginal bands of {self.marginal:g} leave nothing to pass")
         return self
+
+    @property
+    def subject(self) -> str:
+        """Name of what is limited."""
+        return str(self.quantity or self.name)
+
+    @property
+    def parsed(self) -> Expressed | None:
+        """The expression; None where a quantity is limited."""
+        return None if self.expression is None else expressed(self.expression)
+
+    def within(self, names: Collection[str]) -> bool:
+        """Whether it needs these quantities only, and no coefficient of a model."""
+        formula = self.parsed
+        return (
+            self.quantity in names if formula is None else not formula.coefficients and formula.quantities <= {*names}
+        )
 
     @property
     def room(self) -> float:
@@ -253,13 +146,18 @@ class Limits(BaseModel):
     """The limits."""
 
     @property
+    def expressions(self) -> bool:
+        """Whether one is of an expression."""
+        return any(limit.expression is not None for limit in self.limits)
+
+    @property
     def quantities(self) -> frozenset[str]:
         """What is limited."""
-        return frozenset(limit.quantity for limit in self.limits)
+        return frozenset(limit.subject for limit in self.limits)
 
     @model_validator(mode="after")
     def _once_each(self) -> Limits:
-        names = [limit.quantity for limit in self.limits]
+        names = [limit.subject for limit in self.limits]
         for i, name in enumerate(names):
             if name in names[:i]:
                 raise PlacedError(f"{name} is limited twice; give lower and upper in one entry", ("limits", i))
@@ -278,7 +176,8 @@ class Result:
         """Quantity, limit and word."""
         limit = {key: getattr(self.limit, key) for key in ("lower", "upper", "marginal", "required")}
         word = None if self.verdict is None else self.verdict.value
-        return {**self.quantity.to_json(), **limit, "why": self.limit.reason, "verdict": word}
+        known = {**self.quantity.to_json(), **limit, "why": self.limit.reason, "verdict": word}
+        return known | ({"expression": self.limit.expression} if self.limit.expression else {})
 
 
 @dataclass(frozen=True)
@@ -315,14 +214,26 @@ def load_limits(source: Path | str | Document) -> Limits:
     return load_config(source, Limits)
 
 
-def judge_limits(limits: Limits, quantities: Iterable[Quantity], refusals: Sequence[str] = ()) -> Judgement:
-    """Every limit applied to its quantity."""
+def judge_limits(
+    limits: Limits, quantities: Iterable[Quantity], refusals: Sequence[str] = (), measured: Measurements | None = None
+) -> Judgement:
+    """Every limit applied to its quantity; expressions also use what was `measured`, where that is at hand."""
     known = {quantity.name: quantity for quantity in quantities}
     results = []
     for limit in limits.limits:
-        quantity = known.get(limit.quantity, Quantity(limit.quantity, reason="not measured by this run"))
+        quantity = _computed(limit, known, measured)
         results.append(Result(limit, quantity, _word(limit, quantity)))
     return Judgement(limits, tuple(results), tuple(refusals))
+
+
+def _computed(limit: Limit, known: Mapping[str, Quantity], measured: Measurements | None) -> Quantity:
+    formula = limit.parsed
+    if formula is None:
+        return known.get(limit.subject, Quantity(limit.subject, reason="not measured by this run"))
+    found = formula.computed(known, measured)
+    if not np.isfinite(found.value) and limit.subject in known:  # computed when the run was judged
+        found = known[limit.subject]
+    return replace(found, name=limit.subject, about=(limit.unit, limit.meaning or formula.text))
 
 
 def _word(limit: Limit, quantity: Quantity) -> Verdict | None:

@@ -20,7 +20,7 @@ from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
 from bench.analysis.judging.completeness import Completeness
-from bench.analysis.judging.limits import Quantity
+from bench.analysis.judging.quantity import Quantity
 from bench.analysis.thresholds import LEAST_COVERED_DEGC, LEAST_RATES, TURNING_DPS
 from bench.base import DPH_PER_DPS, BoolArray, FloatArray, InputError
 from bench.record import Dataset

@@ -16,8 +16,10 @@ import numpy as np
 from bench.analysis.diagnosis.compare import HeldOut, error_of
 from bench.analysis.judging.change import Change, Figures
 from bench.analysis.judging.completeness import Completeness, completeness
-from bench.analysis.judging.limits import Limits, Quantity, Verdict, judge_limits
+from bench.analysis.judging.expressed import Measurements
+from bench.analysis.judging.limits import Limits, Verdict, judge_limits
 from bench.analysis.judging.quantities import of_data
+from bench.analysis.judging.quantity import Quantity
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.analysis.thresholds import VERIFIED_RATIO
 from bench.base import Document, InputError, finite, read_yaml
@@ -115,12 +117,12 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
     if limits is None:
         verdict, judged = _by_floor(error, floor, refusals)
     else:
-        own = tuple(limit for limit in limits.limits if limit.quantity in _MEASURED)
+        own = tuple(limit for limit in limits.limits if limit.within(_MEASURED))
         if not own:
             raise InputError(
                 f"limits {limits.name}: none is for a quantity of a verification: {', '.join(sorted(_MEASURED))}"
             )
-        judgement = judge_limits(limits.model_copy(update={"limits": own}), quantities, refusals)
+        judgement = judge_limits(limits.model_copy(update={"limits": own}), quantities, refusals, Measurements(data))
         verdict, judged = judgement.verdict, {"limits": judgement.to_json()}
     content = {**judged, "in_unit": dict(serials), "calibration_run": None if calibration is None else str(calibration)}
     content["quantities"] = [quantity.to_json() for quantity in quantities]

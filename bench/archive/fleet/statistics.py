@@ -110,7 +110,7 @@ def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
     """Yield, capability, charts, drifts and distances of a fleet."""
     verdicts = tuple(words(fleet.newest, limits))
     bounds: dict[str, tuple[float | None, float | None]] = {}
-    bounds |= {limit.quantity: (limit.lower, limit.upper) for limit in limits.limits} if limits else {}
+    bounds |= {limit.subject: (limit.lower, limit.upper) for limit in limits.limits} if limits else {}
     measured = tuple(_measured(fleet, name, *bounds.get(name, (None, None))) for name in sorted(fleet.units))
     charts = charts_for(sum(one.values.size for one in measured if one.chart is not None))
     found: list[Drift] = []
@@ -126,7 +126,7 @@ def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
     distances, odd = unlike(table, [one.name for one in whole], [one.lot for one in fleet.newest])
     name = limits.name if limits else None
     passes = _yield(fleet, limits, verdicts)
-    wanted = [limit.quantity for limit in limits.limits if limit.required] if limits else []
+    wanted = [limit.subject for limit in limits.limits if limit.required] if limits else []
     missing = tuple(quantity for quantity in wanted if quantity not in fleet.units)
     return Statistics(fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd), missing,
                       tuple(sorted(moved, key=lambda one: one.since)), charts)  # fmt: skip

@@ -21,6 +21,7 @@ from bench.analysis import (
     HeldOut,
     Judgement,
     Limits,
+    Measurements,
     Quantity,
     Source,
     Verdict,
@@ -160,7 +161,8 @@ def gather(
             _refuse(folder, _other_coefficients(found, one))
     if limits is None:
         return found
-    judgement = judge_limits(limits, found.quantities())
+    measured = Measurements(load(folder, stored.averaging_s), source.fit) if limits.expressions else None
+    judgement = judge_limits(limits, found.quantities(), measured=measured)
     # A required number that is missing makes the run INVALID, and an INVALID run gets no certificate.
     missing = [r for r in judgement.results if r.verdict == "INVALID"]
     _refuse(folder, [f"{r.quantity.name} is required by the limits: {r.quantity.reason}" for r in missing])

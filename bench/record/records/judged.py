@@ -18,6 +18,8 @@ class JudgedQuantity(StoredQuantity):
     upper: float | None = None
     marginal: float | None = None
     required: bool = True
+    expression: str | None = None
+    """By which the limits compute it; null for a quantity of the bench."""
     why: str = ""
     """Why this limit."""
     verdict: str | None = None
