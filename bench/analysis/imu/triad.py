@@ -138,8 +138,8 @@ class TriadModel:
     second_order: Curve | None = Curve(1)
     """Of accelerometers."""
     surface: int | None = None
-    """Total degree of a polynomial in temperature and the axis's own input, in the place of bias, scale and second order;
-    degree 5 has 21 coefficients."""
+    """Total degree of a polynomial in temperature and the axis's own input, in the place of bias, scale and second
+    order; degree 5 has 21 coefficients."""
 
 
 @dataclass(frozen=True)
