@@ -20,26 +20,39 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from benchmarks.rounds import Table
+from drivers.can_record import FD_BYTES, frame_type
 from drivers.canbus import BusSettings, ProcessCapture
 from drivers.health import CaptureHealth
-from drivers.journal import FRAME, Kind, read_blocks
+from drivers.journal import FLAG_FAST, FLAG_FD, FRAME, Kind, read_blocks
 
 PERIOD_NS = 1_000_000
 """Frames leave in packets of this long, as those of a USB adapter do."""
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
-def send(rate: float, seconds: float, parent: Connection) -> None:
-    """The sender's process: a broker, and counted frames at the given rate (0: as fast as possible)."""
+class Sending(NamedTuple):
+    """What one bus carries."""
+
+    rate: float
+    """Frames per second; 0: as fast as possible."""
+    seconds: float
+    frames_of: Callable[[int, int], np.ndarray]
+    """Makes the frames with numbers from one to below another."""
+    fd: bool
+
+
+def send(sending: Sending, parent: Connection) -> None:
+    """The sender's process: a broker, and numbered frames."""
     from drivers.sim.loopcan import Broker, LoopBus
 
-    broker = Broker()
-    bus = LoopBus(broker.port)
+    rate, seconds, frames_of, fd = sending
+    broker = Broker(fd=fd)
+    bus = LoopBus(broker.port, fd=fd)
     parent.send(broker.port)
     parent.recv()
     sent, begun = 0, time.monotonic_ns()
@@ -47,7 +60,7 @@ def send(rate: float, seconds: float, parent: Connection) -> None:
     while (now := time.monotonic_ns()) < end:
         due = round((now - begun) * 1e-9 * rate) if rate else sent + 256
         if due > sent:
-            bus.send_block(counted(sent, min(due, sent + 4096)))
+            bus.send_block(frames_of(sent, min(due, sent + 4096)))
             sent = min(due, sent + 4096)
         if rate:
             time.sleep(max(PERIOD_NS - (time.monotonic_ns() - now), 0) * 1e-9)
@@ -63,6 +76,21 @@ def counted(start: int, end: int) -> np.ndarray:
     frames = np.zeros(end - start, dtype=FRAME)
     frames["id"], frames["len"] = 0x120, 8
     frames["data"] = np.arange(start, end, dtype="<u8").view(np.uint8).reshape(-1, 8)
+    return frames
+
+
+IMU_FRAME = frame_type(FD_BYTES)
+
+
+def of_two_units(start: int, end: int) -> np.ndarray:
+    """Frames of two inertial units in turn, as `profiles/stations/imu.yaml` maps them: six outputs, four temperatures,
+    counter and status in 35 bytes of a frame with 48; the number of the frame is in the last eight.
+    """
+    frames, number = np.zeros(end - start, dtype=IMU_FRAME), np.arange(start, end)
+    frames["id"], frames["len"], frames["flags"] = 0x200 + 0x10 * (number % 2), 48, FLAG_FD | FLAG_FAST
+    frames["data"][:, 32:34] = (number // 2 % 65536).astype("<u2").view(np.uint8).reshape(-1, 2)
+    frames["data"][:, 34] = 1
+    frames["data"][:, 40:48] = number.astype("<u8").view(np.uint8).reshape(-1, 8)
     return frames
 
 
@@ -107,13 +135,14 @@ def render(folder: str, count: str) -> None:
 class Line:
     """One bus: its sender and its capture."""
 
-    def __init__(self, context: Any, folder: Path, number: int, rate: float, seconds: float) -> None:
+    def __init__(self, context: Any, folder: Path, number: int, sending: Sending) -> None:
         self._pipe, theirs = context.Pipe()
-        self.sender = context.Process(target=send, args=(rate, seconds, theirs), daemon=True)
+        self.sender = context.Process(target=send, args=(sending, theirs), daemon=True)
         self.sender.start()
         self.journal = folder / f"bus{number}.gtbj"
         port = self._pipe.recv()
-        self.capture = ProcessCapture(BusSettings("loopcan", f"127.0.0.1:{port}"), self.journal, time.monotonic_ns())
+        settings = BusSettings("loopcan", f"127.0.0.1:{port}", fd=sending.fd)
+        self.capture = ProcessCapture(settings, self.journal, time.monotonic_ns())
         self.cpu = (0.0, 0.0)
         self.seen: list[CaptureHealth] = []
         self.polled = 0
@@ -170,19 +199,27 @@ def journalled(path: Path) -> tuple[np.ndarray, list[str]]:
     frames, events = [np.zeros(0, dtype="<u8")], []
     for block in read_blocks(path):
         if block.kind is Kind.FRAMES:
-            frames.append(np.ascontiguousarray(block.frames()["data"]).view("<u8")[:, 0])
+            data, length = block.frames()["data"], int(block.frames()["len"][0])
+            frames.append(np.ascontiguousarray(data[:, length - 8 : length]).view("<u8")[:, 0])
         else:
             events.append(json.loads(block.payload)["text"])
     return np.concatenate(frames), events
 
 
-def trial(buses: int, rate: float, seconds: float, report: bool = True) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def trial(
+    buses: int,
+    rate: float,
+    seconds: float,
+    report: bool = True,
+    frames_of: Callable[[int, int], np.ndarray] = counted,
+    fd: bool = False,
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """A trial with the given number of buses and frame rate; result of each bus, and the load beside it."""
     context = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "runs").mkdir()
-        lines = [Line(context, folder, k, rate, seconds) for k in range(buses)]
+        lines = [Line(context, folder, k, Sending(rate, seconds, frames_of, fd)) for k in range(buses)]
         if not report:
             return _watch(lines), {}
         with reporting(folder / "runs") as (pid, made):
@@ -213,6 +250,26 @@ def unit_cpu(seconds: float) -> list[str]:
         decoder.decode(block)
     decode = (time.process_time() - begun) / 200
     return ["one unit at 500 Hz", "601", f"{one['capture_cpu']:.2%}", f"{decode:.2%}", f"{one['lost']}"]
+
+
+def imu_cpu(seconds: float) -> list[str]:
+    """The same of four inertial units at 500 Hz, two on each of two buses with CAN FD; shares are of one unit."""
+    found, _ = trial(2, 1000.0, seconds, report=False, frames_of=of_two_units, fd=True)
+    from bench.base import parse_yaml
+    from bench.commands.acquisition import load_station
+
+    text = Path("profiles/stations/imu.yaml").read_text().replace("cycle_ms: 20}", "cycle_ms: 2}")
+    decoder, seconds_of = load_station(parse_yaml(text, "imu.yaml")).units[0].decoder(), 200
+    frames = of_two_units(0, 1000 * seconds_of)
+    frames["t_ns"] = np.arange(len(frames)) * 1_000_000
+    begun = time.process_time()
+    for block in np.split(frames, seconds_of):  # with those of the other unit on the bus
+        decoder.decode(block)
+    decode = (time.process_time() - begun) / seconds_of
+    assert decoder.samples == len(frames) // 2, decoder.losses
+    capture = sum(one["capture_cpu"] for one in found) / 4
+    name = "an inertial unit of four on two CAN FD buses, 6 outputs at 500 Hz"
+    return [name, "500", f"{capture:.2%}", f"{decode:.2%}", str(sum(one["lost"] for one in found))]
 
 
 HEAD = (
@@ -263,7 +320,7 @@ def tables(seconds: float) -> list[Table]:
     head = ("what", "frames/s", "CPU of the capture", "CPU of decoding and placing", "lost")
     return [
         Table("Saturated buses while reports are rendered", reading, HEAD, rows),
-        Table("One unit", "Shares of one core.", head, [unit_cpu(seconds / 3)]),
+        Table("One unit", "Shares of one core for each unit.", head, [unit_cpu(seconds / 3), imu_cpu(seconds / 3)]),
     ]
 
 

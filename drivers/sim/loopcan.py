@@ -1,7 +1,8 @@
 """python-can interface `loopcan`: a CAN bus between processes over TCP on 127.0.0.1, without loss and without drivers.
 
 A broker in one process (`bench sim`) forwards every frame of one client to all others, in the same order for all. The
-sockets carry FRAME records of 24 bytes. The broker stamps frames with calendar time unless the sender stamps them.
+sockets carry FRAME records of 24 bytes, of 80 on a bus with CAN FD. The broker stamps frames with calendar time unless
+the sender stamps them.
 """
 
 from __future__ import annotations
@@ -18,29 +19,36 @@ from typing import Any
 import can
 import numpy as np
 
+from drivers.can_record import CLASSICAL_BYTES, FD_BYTES, frame_type
 from drivers.frames import to_messages, to_record
-from drivers.journal import FRAME, FrameArray
+from drivers.journal import FrameArray
 
-HELLO = b"GTBCAN1\n"
-"""The broker's first bytes; a client that has read them receives every later frame."""
+HELLO, HELLO_FD = b"GTBCAN1\n", b"GTBCANF\n"
+"""The broker's first bytes, without and with CAN FD; a client that has read them receives every later frame."""
 
 MAX_BACKLOG = 64 << 20
 """A client that is this many bytes behind is dropped: it hangs, and its backlog would fill the simulator's memory."""
 
 
+def _format(fd: bool) -> tuple[bytes, np.dtype[np.void]]:
+    """The broker's first bytes, and the record that its sockets carry."""
+    return (HELLO_FD, frame_type(FD_BYTES)) if fd else (HELLO, frame_type(CLASSICAL_BYTES))
+
+
 class _Client:
     """The broker's end of one connection."""
 
-    def __init__(self, connection: socket.socket) -> None:
+    def __init__(self, connection: socket.socket, hello: bytes) -> None:
         self.socket = connection
         self.received = b""
-        self.backlog = bytearray(HELLO)
+        self.backlog = bytearray(hello)
 
 
 class Broker:
-    """Serves one bus on 127.0.0.1, TCP port `port`, in a separate thread."""
+    """Serves one bus on 127.0.0.1, TCP port `port`, in a separate thread; with `fd`, one with CAN FD."""
 
-    def __init__(self, port: int = 0) -> None:
+    def __init__(self, port: int = 0, fd: bool = False) -> None:
+        self._hello, self._type = _format(fd)
         self._listener = socket.create_server(("127.0.0.1", port))
         self._listener.setblocking(False)
         self.port: int = self._listener.getsockname()[1]
@@ -80,7 +88,7 @@ class Broker:
         connection, _ = self._listener.accept()
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client = _Client(connection)
+        client = _Client(connection, self._hello)
         self._clients.append(client)
         self._selector.register(connection, selectors.EVENT_READ | selectors.EVENT_WRITE, client)
 
@@ -102,9 +110,9 @@ class Broker:
             self._drop(sender)
             return
         data = sender.received + new
-        whole = len(data) // FRAME.itemsize * FRAME.itemsize
+        whole = len(data) // self._type.itemsize * self._type.itemsize
         sender.received = data[whole:]
-        frames = np.frombuffer(data[:whole], dtype=FRAME).copy()
+        frames = np.frombuffer(data[:whole], dtype=self._type).copy()
         frames["t_ns"][frames["t_ns"] == 0] = time.time_ns()
         for client in [client for client in self._clients if client is not sender]:
             client.backlog += frames.tobytes()
@@ -125,19 +133,26 @@ class Broker:
 
 
 class LoopBus(can.BusABC):
-    """One client; `channel` is the broker's port, or 127.0.0.1:port.
+    """One client; `channel` is the broker's port, or 127.0.0.1:port; `fd` as the broker has it.
 
     With `preserve_timestamps` a message keeps the `timestamp` of its sender (for 0 the broker still stamps it).
     """
 
     def __init__(
-        self, channel: Any, can_filters: Any = None, preserve_timestamps: bool = False, timeout: float = 5.0, **_: Any
+        self,
+        channel: Any,
+        can_filters: Any = None,
+        preserve_timestamps: bool = False,
+        timeout: float = 5.0,
+        fd: bool = False,
+        **_: Any,
     ) -> None:
         host, port = str(channel).rpartition(":")[::2]
         if host not in ("", "127.0.0.1", "localhost") or not port.isdigit():
             raise ValueError(f"loopcan channel '{channel}': must be a port on 127.0.0.1")
         self.channel_info = f"loopcan 127.0.0.1:{port}"
         self.preserve_timestamps = preserve_timestamps
+        expected, self._type = _format(fd)
         self._messages: Iterator[can.Message] = iter(())
         self._rest = b""
         self._sending = threading.Lock()
@@ -147,16 +162,20 @@ class LoopBus(can.BusABC):
             hello = self._socket.recv(len(HELLO), socket.MSG_WAITALL)
         except OSError as error:
             raise can.CanInitializationError(f"{self.channel_info}: no broker ({error})") from error
-        if hello != HELLO:
+        if hello != expected:
             self._socket.close()
-            raise can.CanInitializationError(f"{self.channel_info}: the server there is not a loopcan broker")
+            text = "the server there is not a loopcan broker"
+            if hello in {HELLO, HELLO_FD}:
+                text = f"the bus there is {'classical, remove' if fd else 'one with CAN FD, state'} `fd: true`"
+            raise can.CanInitializationError(f"{self.channel_info}: {text}")
         self._socket.settimeout(None)
         super().__init__(channel=channel, can_filters=can_filters)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send one message; CanOperationError for CAN FD or without a broker."""
+        """Send one message; CanOperationError without a broker, or for CAN FD on a classical bus."""
+        room = self._type["data"].itemsize
         try:
-            self._write(to_record(msg, round(msg.timestamp * 1e9) if self.preserve_timestamps else 0))
+            self._write(to_record(msg, round(msg.timestamp * 1e9) if self.preserve_timestamps else 0, room=room))
         except ValueError as error:
             raise can.CanOperationError(str(error)) from None
 
@@ -195,10 +214,10 @@ class LoopBus(can.BusABC):
             if not new:
                 raise can.CanOperationError(f"{self.channel_info}: the broker has closed the connection")
             data = self._rest + new
-            whole = len(data) // FRAME.itemsize * FRAME.itemsize
+            whole = len(data) // self._type.itemsize * self._type.itemsize
             self._rest = data[whole:]
             if whole:
-                self._messages = to_messages(np.frombuffer(data[:whole], dtype=FRAME), self.channel_info)
+                self._messages = to_messages(np.frombuffer(data[:whole], dtype=self._type), self.channel_info)
                 return True
 
     def _write(self, data: bytes) -> None:

@@ -6,6 +6,7 @@ import json
 import threading
 from contextlib import contextmanager
 from importlib.resources import files
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -46,6 +47,17 @@ def test_a_simulated_station_agrees_with_itself():
     assert found.exit_code == 0
     assert said(found, "unit SIM-0001").detail.endswith("as number 0, serial number 1")
     assert said(found, "register compressor").uncertain
+
+
+@pytest.mark.parametrize(
+    "station", sorted((Path(__file__).parents[2] / "profiles" / "stations").glob("*.yaml")), ids=lambda p: p.stem
+)
+def test_every_shipped_simulated_station_agrees_with_itself(station):
+    settings = load_station(station)
+    if not settings.simulated:
+        pytest.skip("describes real equipment")
+    found = examine(settings, 0.3)
+    assert found.exit_code == 0, [one for one in found.findings if one.verdict in {"disagrees", "no link"}]
 
 
 def test_the_servers_of_bench_sim_agree_with_their_station_file_and_nothing_is_written():

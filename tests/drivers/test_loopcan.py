@@ -94,3 +94,17 @@ def test_no_broker_and_a_foreign_server_are_told_apart(broker):
 def test_can_fd_is_refused(broker):
     with LoopBus(broker.port) as a, pytest.raises(can.CanOperationError, match="classical"):
         a.send(can.Message(is_fd=True, data=bytes(12)))
+
+
+def test_a_bus_with_can_fd_carries_48_bytes_and_the_other_kind_of_client_is_refused(broker):
+    fd = Broker(fd=True)
+    data = bytes(range(48))
+    with LoopBus(fd.port, fd=True) as a, LoopBus(fd.port, fd=True) as b:
+        a.send(can.Message(arbitration_id=0x200, is_extended_id=False, is_fd=True, bitrate_switch=True, data=data))
+        message = b.recv(10.0)
+        assert (bytes(message.data), message.is_fd, message.bitrate_switch) == (data, True, True)
+    with pytest.raises(can.CanInitializationError, match="one with CAN FD, state `fd: true`"):
+        LoopBus(fd.port)
+    with pytest.raises(can.CanInitializationError, match="is classical, remove `fd: true`"):
+        LoopBus(broker.port, fd=True)
+    fd.close()

@@ -45,11 +45,15 @@ class Served:
         content["name"] = f"{self.settings.name}-remote"
         content["chamber"]["connection"] = {"url": f"tcp://127.0.0.1:{self.station.modbus_port}"}
         content["buses"] = {
-            name: {"interface": "loopcan", "channel": str(port)} for name, port in self.can_ports.items()
+            name: {"interface": "loopcan", "channel": str(port), "fd": self.settings.buses[name].fd}
+            for name, port in self.can_ports.items()
         } | {name: content["buses"][name] | {"channel": channel} for name, channel in self.lines.items()}
         if self.station.supply is not None:
             content["supply"] = {"port": f"socket://127.0.0.1:{self.station.supply.port}"}
-        content.get("rate_table", {}).pop("simulation", None)
+        simulated = {"chamber": ["simulation"], "rate_table": ["simulation"], "fixture": ["operator", "forgets"]}
+        for section, names in simulated.items():
+            for name in names:
+                content.get(section, {}).pop(name, None)
         units = [unit.model_dump(mode="json", exclude_defaults=True) for unit in self.settings.units]
         content["units"] = [{key: value for key, value in unit.items() if key != "simulation"} for unit in units]
         return content
@@ -71,11 +75,12 @@ def serve_station(settings: StationSettings, modbus_port: int = 0, can_port: int
                 buses[name], lines[name] = _line(bus, stack)
                 continue
             try:
-                broker = stack.enter_context(closing(Broker(port=can_port if not ports else 0)))
+                broker = stack.enter_context(closing(Broker(port=can_port if not ports else 0, fd=bus.fd)))
             except OSError as error:
                 raise EquipmentError(f"cannot serve bus {name} on 127.0.0.1:{can_port}: {error.strerror}") from None
             ports[name] = broker.port
-        buses |= {name: Bus(interface="loopcan", channel=str(port)) for name, port in ports.items()}
+        for name, port in ports.items():
+            buses[name] = Bus(interface="loopcan", channel=str(port), fd=settings.buses[name].fd)
         simulated = simulate(
             settings, settings.units, buses, stack, Occasion(switches_power=True), modbus_port=modbus_port
         )
