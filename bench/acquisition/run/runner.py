@@ -249,7 +249,7 @@ def _finish(folder: RunFolder, unit: LiveUnit) -> BenchError | None:
 
 def _guards(job: Job, station: Station) -> Guards:
     """The guards of the run. InputError when one watches what this controller, asked now, does not tell."""
-    told = signals.told(station.chamber.poll())
+    told = {*signals.told(station.chamber.poll()), *station.instruments.channels}
     patience_s = job.station.chamber.link.lost_after_s + 30.0
     standing = [one.guard for one in job.station.standing_guards()]
     return Guards(guards_of(job.station.guards, job.profile.guards, told, patience_s, standing))
@@ -295,6 +295,7 @@ def _conduct(
         try:
             station.start_capture(recorder)
             recorder.event("run", "start", who=job.operator or whoami())
+            station.instruments.start()
             sequencer.check_before_start()
             output.establish()
             _record_gap(job, station, recorder)

@@ -47,8 +47,8 @@ class Served:
         content["buses"] = {
             name: {"interface": "loopcan", "channel": str(port)} for name, port in self.can_ports.items()
         } | {name: content["buses"][name] | {"channel": channel} for name, channel in self.lines.items()}
-        if self.station.supply is not None:
-            content["supply"] = {"port": f"socket://127.0.0.1:{self.station.supply.port}"}
+        for one in content.get("instruments", []):
+            one["address"] = self.station.instruments[one["name"]].address
         content.get("rate_table", {}).pop("simulation", None)
         units = [unit.model_dump(mode="json", exclude_defaults=True) for unit in self.settings.units]
         content["units"] = [{key: value for key, value in unit.items() if key != "simulation"} for unit in units]
