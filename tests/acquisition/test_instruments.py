@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from click.testing import CliRunner
 
 from bench.acquisition.recording.assemble import assemble
@@ -287,7 +286,10 @@ def test_a_real_station_records_them_too(tmp_path):
             over.set()
             thread.join()
     assert result.error is None
-    assert load(result.run.path, 1.0).channel("humidity") == pytest.approx(12.0)
+    humidity = load(result.run.path, 1.0).channel("humidity")
+    read = humidity[np.isfinite(humidity)]
+    assert len(read) >= 4
+    assert read == pytest.approx(12.0)
 
 
 @pytest.mark.slow
@@ -308,7 +310,7 @@ def test_the_commands_of_the_page_run(tmp_path):
 
 def test_the_example_of_the_page_is_a_station():
     page = (ROOT / "docs" / "howto" / "instruments.md").read_text()
-    section = yaml.safe_load(page.split("```yaml")[1].split("```")[0])
+    section = parse_yaml(page.split("```yaml")[1].split("```")[0], "page").content
     connection = {"url": "tcp://127.0.0.1:1"}
     content = acquisition.station_content(simulated=False, **section)
     content["chamber"] = content["chamber"] | {"connection": connection}
