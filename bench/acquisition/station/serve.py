@@ -85,7 +85,7 @@ def serve_station(settings: StationSettings, modbus_port: int = 0, can_port: int
 
 def _line(bus: Bus, stack: ExitStack) -> tuple[Bus, str]:
     """A line that carries packets: the simulator's end, and the channel of the other one."""
-    if bus.channel.startswith("udp:"):
+    if bus.channel.startswith(("udp:", "daq:")):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
             found.bind(("127.0.0.1", 0))
             where = f"127.0.0.1:{found.getsockname()[1]}"
