@@ -293,9 +293,7 @@ def _conduct(
     error: BenchError | None = None
     with _stop_signals(sequencer):
         try:
-            station.start_capture(recorder)
-            recorder.event("run", "start", who=job.operator or whoami())
-            station.instruments.start()
+            _begin(job, station, recorder)
             sequencer.check_before_start()
             output.establish()
             _record_gap(job, station, recorder)
@@ -313,6 +311,13 @@ def _conduct(
             output.restore()
             others.bell.end(recorder)
     return error
+
+
+def _begin(job: Job, station: Station, recorder: Recorder) -> None:
+    """Everything is recorded from now on, and the instruments are set: units may have their power from one."""
+    station.start_capture(recorder)
+    recorder.event("run", "start", who=job.operator or whoami())
+    station.instruments.start()
 
 
 def _record_gap(job: Job, station: Station, recorder: Recorder) -> None:

@@ -14,8 +14,8 @@ from bench.acquisition.station.rate_table import simulate_table
 from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
-from bench.acquisition.station.turning_axes import simulate_axes
 from bench.acquisition.station.simulated_instruments import SimulatedInstrument
+from bench.acquisition.station.turning_axes import simulate_axes
 from drivers.canbus import open_bus
 from drivers.layout import Layout, layout_of
 from drivers.registers import load_map
