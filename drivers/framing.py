@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import xor
 from typing import Literal, NamedTuple
 
 from anycrc import CRC
@@ -69,6 +70,47 @@ class Check:
         return value.to_bytes(self.size, self.order)
 
 
+Kind = Literal["add", "inverted", "negated", "xor", "fletcher", "fletcher_256"]
+
+
+@dataclass(frozen=True)
+class Sum:
+    """A sum of bytes in the last bytes of a packet.
+
+    `add`: the sum, `inverted`: its one's complement, `negated`: its two's complement, `xor`: the exclusive or of all
+    bytes; `fletcher`: two sums modulo 255, of 8 bits each (Fletcher, IEEE Trans. Communications 30 (1982) 247);
+    `fletcher_256`: the same modulo 256 (RFC 1145).
+    """
+
+    kind: Kind
+    size: int = 1
+    """Bytes that it has; Fletcher has 2."""
+    init: int = 0
+    """What it begins with."""
+    order: Order = "little"
+    """Order of its own bytes; of Fletcher, `little` has the plain sum first."""
+    start: int = 0
+    """First byte that it covers."""
+
+    def of(self, packet: bytes) -> bytes:
+        """What the last bytes of a packet must be."""
+        covered = bytes(packet[self.start : -self.size])
+        value = self._value(covered) % (1 << 8 * self.size)
+        return value.to_bytes(self.size, self.order)
+
+    def _value(self, covered: bytes) -> int:
+        if self.kind == "xor":
+            return reduce(xor, covered, self.init)
+        if self.kind in ("fletcher", "fletcher_256"):
+            first, second, modulus = self.init, self.init, 255 if self.kind == "fletcher" else 256
+            for byte in covered:
+                first = (first + byte) % modulus
+                second = (second + first) % modulus
+            return second << 8 | first
+        total = self.init + sum(covered)
+        return {"add": total, "inverted": ~total, "negated": -total}[self.kind]
+
+
 @dataclass(frozen=True)
 class Framing:
     """Packets on a line."""
@@ -86,7 +128,8 @@ class Framing:
     """… and how many bytes more there are than that says."""
     id_at: Number | None = None
     """Where a packet says which one it is; None: there is one kind of packet, number 0."""
-    crc: Check | None = None
+    crc: Check | Sum | None = None
+    """What is in its last bytes to check it by."""
 
     @property
     def room(self) -> int:

@@ -66,6 +66,7 @@ class Kind(IntEnum):
     META = 4  # one JSON object: what is needed to decode this file by itself
     TABLE = 5  # encoder readings of the rate table, TABLE records
     PACKED = 6  # blocks of a finished journal
+    INSTRUMENT = 7  # readings of instruments, INSTRUMENT records
 
 
 _KINDS = frozenset(Kind)

@@ -2,7 +2,8 @@
 
 A packet is a frame with its number as identifier and up to 248 bytes of data; bytes that are no whole packet are an
 error frame with the first eight of them. The channel is a serial port or any URL of pyserial, `udp://[HOST]:PORT` to
-listen at, or `memory:NAME`, a line inside this process that keeps the time stamps of its sender.
+listen at, `daq:NAME/DEVICE` for a device that a package of others opens, or `memory:NAME`, a line inside this process
+that keeps the time stamps of its sender.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import can
 import serial
 
 from drivers.can_record import FLAG_ERROR, FLAG_EXTENDED
+from drivers.daq import SCHEME, DaqLine
 from drivers.errors import ConfigError
 from drivers.frames import NO_FRAMES, to_frames
 from drivers.framing import Deframer, Framing
@@ -143,6 +145,25 @@ class MemoryLine:
                 del self._members[self._channel]
 
 
+class _Daq:
+    """A data acquisition device, which is only read."""
+
+    def __init__(self, channel: str, options: dict[str, Any], length: int | None) -> None:
+        self._line = DaqLine(channel, options, length)
+
+    def read(self, timeout: float | None) -> Chunk | None:
+        """The next sample within a time [s]; None: nothing."""
+        found = self._line.read(timeout)
+        return None if found is None else Chunk(*found)
+
+    def write(self, data: bytes, t_s: float) -> None:
+        """Nothing is sent to it."""
+
+    def close(self) -> None:
+        """Release it."""
+        self._line.close()
+
+
 class PacketBus(can.BusABC):
     """Packets of a line, as a bus; nothing is filtered: a line carries what its one unit sends."""
 
@@ -155,6 +176,8 @@ class PacketBus(can.BusABC):
         self._byte_s = 0.0 if baudrate is None else _BITS_PER_BYTE / baudrate
         if channel.startswith("memory:"):
             self._line: Line = MemoryLine(channel)
+        elif channel.startswith(SCHEME):
+            self._line = _Daq(channel, options, framing.length)
         elif channel.startswith(("udp:", "udp-to:")):
             self._line = UdpLine(channel)
         else:

@@ -21,6 +21,10 @@ USUAL: Mapping[str, tuple[str, ...]] = {
     "s": ("s", "ms", "us", "ns", "min", "h"),
     "Hz": ("Hz", "kHz"),
     "V": ("V", "mV"),
+    "A": ("A", "mA"),
+    "ohm": ("ohm", "kohm"),
+    "hPa": ("hPa", "kPa", "bar"),
+    "%": ("%",),
 }
 """Units that a quantity is usually given in, by the unit that the bench keeps it in."""
 
@@ -40,7 +44,7 @@ _FORCES = {"g": "standard_gravity", "mg": "millistandard_gravity", "ug": "micros
 """Spellings of accelerations; the gram is none."""
 _MEANINGS = {"grad": ": degree, or gon, the 400th part of a turn (gon/s)", "mhz": ": mHz or MHz"}
 _GOALS = {"degC": "degC", "deg/h": "degree/hour", "deg/s": "degree/second", "Hz": "hertz", "V": "volt", "s": "second",
-          "m/s^2": "meter/second**2"}  # fmt: skip
+          "m/s^2": "meter/second**2", "A": "ampere", "ohm": "ohm", "hPa": "hectopascal", "%": "percent"}  # fmt: skip
 _AT_ONCE = {("deg/s", "deg/h"): 3600.0, ("rad/s", "deg/h"): 3600.0 * 180.0 / np.pi, ("mV", "V"): 1e-3,
             ("kHz", "Hz"): 1e3, ("g", "m/s^2"): 9.80665, ("mg", "m/s^2"): 9.80665e-3, ("m/s²", "m/s^2"): 1.0,
             ("ms", "s"): 1e-3, ("us", "s"): 1e-6, ("µs", "s"): 1e-6, ("ns", "s"): 1e-9}  # fmt: skip

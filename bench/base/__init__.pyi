@@ -2,6 +2,7 @@ from .channels import ACCELERATIONS as ACCELERATIONS
 from .channels import CHANNELS as CHANNELS
 from .channels import DPH_PER_DPS as DPH_PER_DPS
 from .channels import DPH_PER_RADPS as DPH_PER_RADPS
+from .channels import INSTRUMENTS as INSTRUMENTS
 from .channels import OUTPUTS as OUTPUTS
 from .channels import RATES as RATES
 from .channels import THERMOMETERS as THERMOMETERS
@@ -9,6 +10,7 @@ from .channels import BoolArray as BoolArray
 from .channels import Channel as Channel
 from .channels import FloatArray as FloatArray
 from .channels import IntArray as IntArray
+from .channels import Measured as Measured
 from .config import STRICT as STRICT
 from .config import PlacedError as PlacedError
 from .config import export_schema as export_schema

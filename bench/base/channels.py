@@ -6,6 +6,7 @@ A dataset, an imported table and `data.parquet` use these names as columns. Miss
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +47,7 @@ CHANNELS: dict[str, Channel] = {
         Channel("drive", "V", "excitation (antinode) amplitude"),
         Channel("quadrature", "V", "quadrature amplitude"),
         Channel("supply", "V", "supply voltage"),
+        Channel("supply_current", "A", "supply current, by an instrument"),
         Channel("chamber_temperature", "degC", "chamber air"),
         Channel("chamber_setpoint", "degC", "set point in force"),
         Channel("compressor", "0/1", "compressor running"),
@@ -54,6 +56,13 @@ CHANNELS: dict[str, Channel] = {
         *(Channel(f"rate_{axis}", "deg/h", f"output of the gyro {axis}, raw") for axis in "xyz"),
         *(Channel(f"acceleration_{axis}", "m/s^2", f"output of the accelerometer {axis}, raw") for axis in "xyz"),
         *(Channel(f"temperature_{number}", "degC", f"thermometer {number} of the unit") for number in range(1, 10)),
+        Channel("reference_temperature", "degC", "reference thermometer of the station"),
+        *(Channel(f"reference_temperature_{n}", "degC", f"its reference thermometer {n}") for n in range(2, 5)),
+        Channel("humidity", "%", "relative humidity, by an instrument"),
+        Channel("pressure", "hPa", "pressure of the air, by an instrument"),
+        Channel("voltage", "V", "voltage that a multimeter measures"),
+        Channel("current", "A", "current that a multimeter measures"),
+        Channel("resistance", "ohm", "resistance that a multimeter measures"),
     )
 }
 
@@ -65,5 +74,21 @@ OUTPUTS = (*RATES, *ACCELERATIONS)
 """What a unit measures; every unit has one of them or more."""
 THERMOMETERS = ("temperature", *(f"temperature_{number}" for number in range(1, 10)))
 """A unit's own sensors; the first that it has is the one of its models."""
+
+Measured = Literal[
+    "supply",
+    "supply_current",
+    "reference_temperature",
+    "reference_temperature_2",
+    "reference_temperature_3",
+    "reference_temperature_4",
+    "humidity",
+    "pressure",
+    "voltage",
+    "current",
+    "resistance",
+]
+INSTRUMENTS: tuple[str, ...] = get_args(Measured)
+"""What instruments of a station may measure; `supply` where no unit sends it itself."""
 
 REQUIRED = tuple(name for name, channel in CHANNELS.items() if channel.required)

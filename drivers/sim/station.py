@@ -7,7 +7,7 @@ then updates the registers and sends the frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -22,7 +22,6 @@ from drivers.sim.modbus_chamber import ModbusChamber
 from drivers.sim.plant import Plant
 from drivers.sim.power_ons import PowerOns
 from drivers.sim.resonator import DIVIDER, Environment
-from drivers.sim.scpi_supply import ScpiSupply
 from drivers.sim.truth.base import FloatArray
 
 SAMPLE_RATE_HZ = 500
@@ -47,6 +46,26 @@ class Wire(Protocol):
 
     def reboot(self) -> None:
         """Start anew."""
+
+
+class Instrument(Protocol):
+    """An instrument beside chamber and units."""
+
+    settings: Any
+
+    @property
+    def address(self) -> str:
+        """Where it listens."""
+
+    @property
+    def on(self) -> bool:
+        """Whether its output is on."""
+
+    def follow(self) -> None:
+        """Take in the state of the plant."""
+
+    def close(self) -> None:
+        """Stop its server."""
 
 
 @dataclass
@@ -106,11 +125,11 @@ class SimulatedStation:
         units: Sequence[SimulatedUnit],
         modbus_port: int = 0,
         table: SimulatedTable | None = None,
-        supply: ScpiSupply | None = None,
+        instruments: Mapping[str, Instrument] | None = None,
         fixture: SimulatedFixture | None = None,
     ) -> None:
         self.plant = plant
-        self.table, self.supply, self.fixture = table, supply, fixture
+        self.table, self.instruments, self.fixture = table, dict(instruments or {}), fixture
         self.units = list(units)
         self.chamber = ModbusChamber(
             register_map, limits=plant.parameters.reach, port=modbus_port, temperature=plant.state.process_value
@@ -132,7 +151,7 @@ class SimulatedStation:
 
     def advance(self, t0_s: float, t1_s: float) -> None:
         """Advance the simulation from `t0_s` to `t1_s` [s]."""
-        powered = self.supply is None or self.supply.on
+        powered = all(one.on for one in self.instruments.values() if one.settings.powers_units)
         serve([unit.port for unit in self.units if unit.port is not None and powered], t0_s)
         commands = self.chamber.commands()
         before = self.plant.state
@@ -142,6 +161,8 @@ class SimulatedStation:
         if self.fixture is not None:
             self.fixture.advance(t0_s, t1_s)
             self._attitude, self._visit = self.fixture.attitude, self.fixture.visit
+        for instrument in self.instruments.values():
+            instrument.follow()
         turned = (0.0, 0.0) if self.table is None else self.table.advance(t0_s, t1_s)
         self._samples_due += (t1_s - t0_s) * SAMPLE_RATE_HZ
         samples = int(self._samples_due + 1e-6)
@@ -183,5 +204,5 @@ class SimulatedStation:
             self.table.close()
         if self.fixture is not None:
             self.fixture.close()
-        if self.supply is not None:
-            self.supply.close()
+        for instrument in self.instruments.values():
+            instrument.close()

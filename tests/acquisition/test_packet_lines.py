@@ -38,7 +38,7 @@ def content(kind: str = "header", channel: str = "/dev/ttyUSB0", **framing: obje
     line = {"interface": "packets", "channel": channel, "bitrate": 921600, "framing": LINES[kind] | framing}
     unit = {"serial": "LINE-1", "bus": "line0", "signals": copy.deepcopy(SIGNALS)}
     found = acquisition.station_content(units=[unit], buses={"line0": line})
-    found.pop("supply")
+    found.pop("instruments")
     return found
 
 

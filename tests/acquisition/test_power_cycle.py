@@ -22,9 +22,6 @@ from bench.cli import main
 from bench.record import RunFolder, averaged, load, open_run, seconds_of
 from bench.record.samples import read_samples
 from drivers.clock import SimClock
-from drivers.errors import IdentityError, LinkError, ReadBackError
-from drivers.power_supply import PowerSupply, SupplyLine
-from drivers.sim.scpi_supply import ScpiSupply
 from tests.support import acquisition
 
 CYCLES = """\
@@ -117,7 +114,7 @@ def test_seconds_in_which_the_power_is_switched_are_in_no_fit(run):
 
 def test_a_station_without_a_supply_refuses_the_profile_in_one_line(tmp_path):
     content = acquisition.station_content()
-    del content["supply"]
+    del content["instruments"]
     (tmp_path / "station.yaml").write_text(json.dumps(content))
     (tmp_path / "cycles.yaml").write_text(CYCLES)
     arguments = [str(tmp_path / "cycles.yaml"), "--station", str(tmp_path / "station.yaml")]
@@ -126,8 +123,8 @@ def test_a_station_without_a_supply_refuses_the_profile_in_one_line(tmp_path):
         assert answer.exit_code == 2
         assert answer.stderr.splitlines() == [
             f"bench: {tmp_path / 'cycles.yaml'}:8: power cycle at 23: switches the units' power, but the station has "
-            "no supply that the bench can switch; name a station with `supply`, on a real one with its `port`, or "
-            "leave the segment out"
+            "no supply that the bench can switch; name a station with an instrument that has `powers_units`, or leave "
+            "the segment out"
         ]
 
 
@@ -167,7 +164,7 @@ def test_a_unit_that_has_its_power_from_elsewhere_ends_the_run(world, tmp_path):
 
     result = run_job(acquisition.job(tmp_path, CYCLES), look)
     assert "unit SIM-0001 still sends 2 s after the supply was switched off" in str(result.error)
-    assert world[0].supply.on
+    assert world[0].instruments["supply"].on
 
 
 def test_a_unit_that_does_not_come_back_ends_the_run(world, tmp_path):
@@ -182,17 +179,17 @@ def test_a_unit_that_does_not_come_back_ends_the_run(world, tmp_path):
 
 def test_a_run_that_is_stopped_without_power_leaves_it_on(world, tmp_path):
     def look(station, status):
-        if status.leg.kind == "power_cycle" and not world[0].supply.on:
+        if status.leg.kind == "power_cycle" and not world[0].instruments["supply"].on:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         run_job(acquisition.job(tmp_path, CYCLES), look)
-    assert world[0].supply.told[-2:] == ["OUTP ON", "OUTP?"]
+    assert world[0].instruments["supply"].server.told[-2:] == ["OUTP ON", "OUTP?"]
 
 
 def test_a_profile_without_power_cycles_leaves_the_supply_alone(world, tmp_path):
     assert run_job(acquisition.job(tmp_path)).error is None
-    assert world[0].supply is None
+    assert world[0].instruments == {}
 
 
 def test_the_event_comes_before_the_power(run):
@@ -230,45 +227,3 @@ def test_power_cycles_of_another_process_lose_nothing(tmp_path):
     assert [segment.turn_on for segment in manifest.segments] == [1, 2, 2]
     assert (manifest.losses["resets"], manifest.losses["invalid"]) == (0, 0)
     assert manifest.losses["lost"] < 500  # of a machine that is busy; a gap that is not planned would be 2000
-
-
-# ---- the driver ------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def supply():
-    server = ScpiSupply()
-    yield server
-    server.close()
-
-
-def line(server):
-    return SupplyLine(f"socket://127.0.0.1:{server.port}", timeout_s=5.0)
-
-
-def test_the_output_is_switched_and_read_back(supply):
-    driver = PowerSupply(line(supply), output=2)
-    assert driver.identify().startswith("BENCH,")
-    driver.switch(False)
-    assert not supply.on
-    driver.switch(True)
-    assert (supply.on, driver.is_on()) == (True, True)
-    driver.close()
-    assert [text for text in supply.told if text.startswith("OUTP")] == [
-        "OUTP OFF,(@2)", "OUTP? (@2)", "OUTP ON,(@2)", "OUTP? (@2)", "OUTP? (@2)",
-    ]  # fmt: skip
-
-
-def test_a_supply_that_does_not_obey_or_answer_is_said(supply, monkeypatch):
-    driver = PowerSupply(SupplyLine(line(supply).port, timeout_s=0.3))
-    monkeypatch.setattr(supply, "take", lambda text: "1" if "?" in text else None)
-    with pytest.raises(ReadBackError, match="switched off and reads otherwise"):
-        driver.switch(False)
-    with pytest.raises(IdentityError, match="not with maker, model, serial and version"):
-        driver.identify()
-    monkeypatch.setattr(supply, "take", lambda text: None)
-    with pytest.raises(LinkError, match="no answer within"):
-        driver.is_on()
-    driver.close()
-    with pytest.raises(LinkError, match="does not open"):
-        PowerSupply(SupplyLine("socket://127.0.0.1:1"))

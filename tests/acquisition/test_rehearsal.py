@@ -19,7 +19,7 @@ def test_it_predicts_the_segments_of_the_run(short_run):
 
 def test_a_guard_that_could_never_trip_is_refused_before_anything_is_opened():
     text = "name: p\nguards: [{name: shut, signal: door, above: 0.5}]\nsegments: [{kind: soak, duration_min: 1}]\n"
-    with pytest.raises(InputError, match="guard 'shut' watches door, which the controller of this station does not"):
+    with pytest.raises(InputError, match="guard 'shut' watches door, which nothing of this station tells"):
         rehearse(profile_from_text(text), acquisition.station())
 
 

@@ -94,7 +94,7 @@ class FakeBench:
             chamber=SimpleNamespace(link=link or LinkSettings(degraded_after_s=5.0, lost_after_s=10.0)),
         )
         self.events, self.readings, self.seen, self.disk_mb = [], 0, [], 1e6
-        self.bus_failed_s = 0.0
+        self.bus_failed_s, self.instruments = 0.0, SimpleNamespace(latest={})
         self.hooks, self.lag_degc = hooks or {}, 0.0
         disk = lambda: {"disk_free_mb": Signal(self.disk_mb, self.clock.now())}  # noqa: E731
         wired = Wiring(onlooker=self.seen.append, surroundings=disk, **wiring)

@@ -434,7 +434,7 @@ def test_a_table_of_another_process_is_turned_and_halted_from_outside():
 
 def test_a_table_that_cannot_be_reached_is_said():
     settings = station()
-    fields = settings.model_dump(mode="json", exclude_defaults=True) | {"simulated": False}
+    fields = settings.model_dump(mode="json", exclude_defaults=True) | {"simulated": False, "instruments": []}
     fields["chamber"]["connection"] = {"url": "tcp://127.0.0.1:1"}
     fields["buses"] = {name: {"interface": "loopcan", "channel": "1"} for name in fields["buses"]}
     (step,) = halt(config.load_config(config.parse_yaml(json.dumps(fields), "s.yaml"), StationSettings))

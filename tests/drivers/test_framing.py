@@ -6,12 +6,13 @@ import socket
 import numpy as np
 import pytest
 import sliplib
+from crccheck.checksum import Checksum8, ChecksumXor8
 from crccheck.crc import Crc16CcittFalse, Crc32
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import ConfigError
-from drivers.framing import Check, Deframer, Framing, Number
+from drivers.framing import Check, Deframer, Framing, Number, Sum
 from drivers.packet_bus import PacketBus
 from drivers.sim.ptys import PtyPair
 
@@ -25,6 +26,7 @@ KINDS = {
     "header": HEADER,
     "sized": SIZED,
     "datagram": Framing("datagram", crc=CRC),
+    "sum": Framing("header", b"\xfa\xff", 12, crc=Sum("negated", start=1)),
 }
 
 COBS = [  # Cheshire and Baker 1999, and the examples of Wikipedia's "Consistent Overhead Byte Stuffing"
@@ -70,6 +72,32 @@ def test_the_crc_is_that_of_crccheck(body):
     assert CRC32.of(padded) == Crc32.calc(body).to_bytes(4, "little")
 
 
+@given(st.binary(max_size=40))
+def test_sums_are_those_of_crccheck(body):
+    packet = body + bytes(1)
+    assert Sum("add").of(packet) == bytes([Checksum8.calc(body)])
+    assert Sum("xor").of(packet) == bytes([ChecksumXor8.calc(body)])
+    assert Sum("add", 2, order="big").of(packet + bytes(1)) == sum(body).to_bytes(2, "big")
+    whole = body + Sum("negated").of(packet)
+    assert Checksum8.calc(whole) == 0
+    assert Checksum8.calc(body + Sum("inverted").of(packet)) == 0xFF
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "value"),
+    [  # the examples of Wikipedia's "Fletcher's checksum"; a poll of UBX-MON-VER (B5 62 0A 04 00 00 0E 34)
+        ("fletcher", b"abcde", "F0C8"),
+        ("fletcher", b"abcdef", "5720"),
+        ("fletcher", b"abcdefgh", "2706"),
+        ("fletcher_256", bytes.fromhex("0A040000"), "0E34"),
+    ],
+)
+def test_fletcher_is_that_of_published_examples(kind, body, value):
+    assert Sum(kind, 2).of(body + bytes(2)).hex().upper() == value
+    assert Sum(kind, 2, order="big").of(b"\xaa" + body + bytes(2)) != bytes.fromhex(value)
+    assert Sum(kind, 2, start=1).of(b"\xaa" + body + bytes(2)) == bytes.fromhex(value)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @given(data=st.data())
 def test_packets_are_found_however_their_bytes_are_cut(kind, data):
@@ -86,7 +114,7 @@ def test_packets_are_found_however_their_bytes_are_cut(kind, data):
         assert {framing.number(packet) for packet in packets} == {7}
 
 
-@pytest.mark.parametrize("kind", ["slip", "cobs", "header", "sized"])
+@pytest.mark.parametrize("kind", ["slip", "cobs", "header", "sized", "sum"])
 def test_one_flipped_bit_costs_one_packet_and_is_told(kind):
     framing = KINDS[kind]
     wires = [framing.encode(1, bytes([1 + n] * 12)) for n in range(5)]

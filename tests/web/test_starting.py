@@ -179,7 +179,7 @@ def test_a_run_that_was_killed_says_how_to_go_on(settings):
         ({"plan": "/etc/passwd"}, "no plan '/etc/passwd'"),
         (
             {"plan": "short", "station": "nowhere"},
-            "no station 'nowhere'; there are four_units, imu, other_gyros, rate_table, simulated",
+            "no station 'nowhere'; there are four_units, imu, instruments, other_gyros, rate_table, simulated",
         ),
         ({"plan": "short", "units": ["X-1"]}, "unit 'X-1' is not in station 'simulated'"),
         ({"plan": "short", "models": ["../x"]}, "no model '../x'"),
@@ -260,12 +260,13 @@ def test_two_station_files_of_one_chamber_are_one_station():
     one = catalog.station(library() / "stations" / "simulated.yaml")
     real = text.replace("simulated: true", "simulated: false").replace("interface: blocks", "interface: socketcan")
     real = real.replace("  map: watlow_f4t", "  map: watlow_f4t\n  connection: {url: 'tcp://10.0.0.5:502'}")
+    real = real.replace("{name: supply,", "{name: supply, address: 'socket://10.0.0.6:5025',")
     stations = [
         config.load_config(config.parse_yaml(real.replace("name: simulated", f"name: {name}"), "s"), type(one))
         for name in "ab"
     ]
     shared = catalog.equipment(stations[0]) & catalog.equipment(stations[1])
-    assert shared == {"chamber tcp://10.0.0.5:502"}
+    assert shared == {"chamber tcp://10.0.0.5:502", "instrument socket://10.0.0.6:5025"}
 
 
 def test_the_wrapper_leaves_the_exit_code_of_the_bench(tmp_path):

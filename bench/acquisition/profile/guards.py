@@ -24,7 +24,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import BaseModel, Field, model_validator
 
-from bench.base import STRICT, InputError
+from bench.base import INSTRUMENTS, STRICT, InputError, Measured
 
 Action = Literal["hold", "safe", "abort"]
 Name = Literal[
@@ -46,6 +46,7 @@ Name = Literal[
     "override",
     "chamber_silent_s",
     "bus_failed_s",
+    Measured,
 ]
 OF_UNITS: frozenset[str] = frozenset(
     {
@@ -56,11 +57,13 @@ OF_UNITS: frozenset[str] = frozenset(
         "sensor_disagreement",
         "frame_age",
         "display_degf",
+        "supply",
+        "supply_current",
     }
 )
-"""Signals that come from units: guards on them do not watch while the units' power is off on purpose."""
-OPTIONAL: frozenset[str] = frozenset({"power", "frozen_s", "door", "sensor_break"})
-"""Signals that not every controller tells."""
+"""Signals that come from units or their supply: guards on them do not watch while its power is off on purpose."""
+OPTIONAL: frozenset[str] = frozenset({"power", "frozen_s", "door", "sensor_break", *INSTRUMENTS})
+"""Signals that not every station tells."""
 Seconds = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -80,7 +83,8 @@ class GuardSettings(BaseModel):
     unit [K], age of the unit's newest frame [s], free space where the run is written [MB], 1 while the chamber reports
     an alarm, its output [%] (heating positive), how long its temperature has not changed by a bit although its output
     is not 0 [s], 1 while its door is open, 1 while its sensor is broken, 1 while set point or mode are not ours, how
-    long the chamber has not answered [s], how long the capture of a bus has failed [s]."""
+    long the chamber has not answered [s], how long the capture of a bus has failed [s]; or a channel that an instrument
+    of the station measures, in the unit of the channel."""
     above: float | None = None
     """Trips above this value."""
     below: float | None = None
@@ -154,7 +158,7 @@ def guards_of(
     for rule in (*station, *profile):
         if not _is_told(rule, told):
             known = ", ".join(sorted({*get_args(Name)} - OPTIONAL | {*told}))
-            text = f"guard {rule.name!r} watches {rule.signal}, which the controller of this station does not tell"
+            text = f"guard {rule.name!r} watches {rule.signal}, which nothing of this station tells"
             raise InputError(f"{text}; remove the guard or watch one of {known}")
     return (*default, *station, *profile)
 

@@ -202,7 +202,7 @@ def _power(profile: Profile, limits: Limits) -> Iterator[Finding]:
         return
     if not limits.switches_power:
         text = f"{cycles[0].name}: switches the units' power, but the station has no supply that the bench can switch"
-        yield _find(profile, "error", f"{text}; name a station with `supply`, on a real one with its `port`, "
+        yield _find(profile, "error", f"{text}; name a station with an instrument that has `powers_units`, "
                     "or leave the segment out", cycles[0])  # fmt: skip
         return
     off_s = sum(leg.duration_s for leg in cycles)

@@ -56,7 +56,9 @@ class _Part:
     def grid(self, segments: Sequence[ExecutedSegment]) -> Grid:
         """Where readings of chamber and table can be placed: no sample, no clock to place them on."""
         kept = None if self.seen.decoder.samples else 0
-        return Grid(self.journal.readings[:kept], self.journal.table[:kept], segments, self.seen.clock)
+        journal = self.journal
+        sources = journal.readings[:kept], journal.table[:kept], journal.instruments[:kept]
+        return Grid(*sources, segments, self.seen.clock)
 
     def counted(self) -> Counted:
         """What it tells of the unit's counter."""

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.acquisition.recording.recorder import BENCH_JOURNAL, READING
+from bench.acquisition.recording.recorder import BENCH_JOURNAL, INSTRUMENT, READING
 from bench.base import InputError
 from bench.record import (
     MANIFEST,
@@ -50,6 +50,8 @@ class BenchJournal:
     readings: Readings
     table: Readings
     """Encoder of the rate table."""
+    instruments: Readings
+    """Values of the instruments of the station."""
     watchdog: list[dict[str, Any]]
     """What the watchdog did after the bench was killed."""
 
@@ -109,6 +111,7 @@ def read_bench(run: RunFolder, damage: Damage) -> BenchJournal:
     events: list[dict[str, Any]] = []
     rows: list[bytes] = []
     turned: list[bytes] = []
+    measured: list[bytes] = []
     if path.exists():
         for block in read_blocks(path, damage):
             if block.kind is Kind.META:
@@ -119,11 +122,14 @@ def read_bench(run: RunFolder, damage: Damage) -> BenchJournal:
                 rows.append(block.payload)
             elif block.kind is Kind.TABLE:
                 turned.append(block.payload)
+            elif block.kind is Kind.INSTRUMENT:
+                measured.append(block.payload)
     if meta is None:
         raise InputError("not a run folder: no manifest and no readable journal", run.path)
     fetch(run, meta, Path(WATCHDOG))
     readings, table = np.frombuffer(b"".join(rows), READING), np.frombuffer(b"".join(turned), TABLE)
-    return BenchJournal(meta, events, readings, table, _read_watchdog(run.path / WATCHDOG))
+    instruments = np.frombuffer(b"".join(measured), INSTRUMENT)
+    return BenchJournal(meta, events, readings, table, instruments, _read_watchdog(run.path / WATCHDOG))
 
 
 def _read_watchdog(path: Path) -> list[dict[str, Any]]:

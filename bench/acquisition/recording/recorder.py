@@ -33,6 +33,10 @@ READING = np.dtype(
 
 _ROW = struct.Struct(f"<{len(READING.names or ())}d")
 
+INSTRUMENT = np.dtype([("t_s", "<f8"), ("channel", "S32"), ("value", "<f8")])
+"""One value of an instrument in the journal, in the unit of its channel."""
+InstrumentArray = np.ndarray[Any, np.dtype[np.void]]
+
 BENCH_JOURNAL = "bench.gtbj"
 SYNC_INTERVAL_S = 1.0
 
@@ -108,6 +112,10 @@ class Recorder:
     def table(self, readings: TableArray) -> None:
         """Record what the encoder of the rate table said, (n,)."""
         self._append(Kind.TABLE, readings.tobytes(), float(readings["t_s"][-1]))
+
+    def instrument(self, readings: InstrumentArray) -> None:
+        """Record what an instrument measured, INSTRUMENT records (n,)."""
+        self._append(Kind.INSTRUMENT, readings.tobytes(), float(readings["t_s"][-1]))
 
     def write(self, write: Write) -> None:
         """Record a register of the chamber that was written, and what it reads back."""

@@ -36,7 +36,12 @@ class Grid:
     """Readings of chamber and rate table, and segments, on the sample grid of the unit."""
 
     def __init__(
-        self, readings: Readings, table: Readings, segments: Sequence[ExecutedSegment], clock: SampleClock
+        self,
+        readings: Readings,
+        table: Readings,
+        instruments: Readings,
+        segments: Sequence[ExecutedSegment],
+        clock: SampleClock,
     ) -> None:
         self.clock, self.readings = clock, readings
         self.turns = len(table) > 0
@@ -59,6 +64,13 @@ class Grid:
             if self.placed:
                 turned["table_angle"] = table["position_deg"][new]
             self._sources.append((index[new], turned))
+        self.measured = {name.decode() for name in np.unique(instruments["channel"])}
+        """Channels of instruments."""
+        for name in sorted(self.measured):
+            own = instruments[instruments["channel"] == name.encode()]
+            index = self.nearest(own["t_s"])
+            new = np.diff(index, prepend=-1) > 0
+            self._sources.append((index[new], {name: own["value"][new]}))
 
     def air_for_unit(self) -> None:
         """The air of the chamber is the temperature of a unit that sends none."""
@@ -137,7 +149,8 @@ def write_data(path: Path, parts: Sequence[tuple[Iterator[GyroBlock], Grid]], wi
     usual = USUAL if "rate" in sent else {"time", *_CHAMBER}
     turned = {"applied_rate"} if turns else set()
     turned |= {"table_angle"} if any(grid.placed for _, grid in parts) else set()
-    names = [name for name in CHANNELS if name in usual | sent | turned]
+    measured = {name for _, grid in parts for name in grid.measured}
+    names = [name for name in CHANNELS if name in usual | sent | turned | measured]
     if not sent & set(THERMOMETERS):  # the air of the chamber takes its place
         names.insert(2, "temperature")
         for _, grid in parts:

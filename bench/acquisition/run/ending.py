@@ -9,7 +9,7 @@ from pathlib import Path
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.sequencer import Sequencer
 from bench.acquisition.run.watch import Watch
-from bench.acquisition.station.safety import SafeState, failures
+from bench.acquisition.station.safety import SafeState, failures, tell
 from bench.acquisition.station.station import Station
 from bench.base import BenchError, EquipmentError, InputError, RunAborted
 from drivers.errors import DriverError
@@ -38,7 +38,10 @@ def make_safe(
     Equipment that was not commanded yet is left as it was found. The disk may be full: equipment first, records then.
     """
     recorder.hold_back()
-    trouble = _go_to_safe_state(station, recorder, sequencer, watch) if sequencer.moved else ""
+    if sequencer.moved:
+        trouble = _go_to_safe_state(station, recorder, sequencer, watch)
+    else:
+        trouble = _switched_off(station, recorder)
     watch.end(verified=not trouble)
     if trouble:
         further = "; the watchdog goes on trying" if watch.over else ""
@@ -69,11 +72,21 @@ def _go_to_safe_state(station: Station, recorder: Recorder, sequencer: Sequencer
         settings.ambient_degc,
         60.0 * settings.safe_state.retry_min,
         stop_moving=station.stop_moving,
+        switch_off=station.instruments.safe,
         beat=lambda: watch.allow(60.0 + 4.0 * settings.safe_state.step_s),
         hurry=lambda: sequencer.asked_to_stop,
         report=recorder.event,
     )
     return failures(way.make())
+
+
+def _switched_off(station: Station, recorder: Recorder) -> str:
+    """The instruments of a run that ended before the chamber was commanded: off again what was switched on."""
+    if not station.instruments.commanded:
+        return ""
+    steps = station.instruments.safe()
+    tell(steps, recorder.event)
+    return failures(steps)
 
 
 def cannot_record(error: OSError, folder: Path) -> str:

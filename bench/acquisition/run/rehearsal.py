@@ -128,7 +128,12 @@ def rehearse(profile: Profile, settings: StationSettings) -> Sequence[SegmentRes
     for unit in settings.units:
         unit.decoder()
     standing = [one.guard for one in settings.standing_guards()]
-    guards_of(settings.guards, profile.guards, told_by(load_map(settings.chamber.map)), standing=standing)
+    guards_of(
+        settings.guards,
+        profile.guards,
+        {*told_by(load_map(settings.chamber.map)), *settings.measured()},
+        standing=standing,
+    )
     bench = _Bench(settings)
     sequencer = Sequencer(
         cast("Station", bench), Guards(()), cast(Recorder, _NoRecorder()), Wiring(placing=bench.placing())

@@ -249,7 +249,7 @@ def _finish(folder: RunFolder, unit: LiveUnit) -> BenchError | None:
 
 def _guards(job: Job, station: Station) -> Guards:
     """The guards of the run. InputError when one watches what this controller, asked now, does not tell."""
-    told = signals.told(station.chamber.poll())
+    told = {*signals.told(station.chamber.poll()), *station.instruments.channels}
     patience_s = job.station.chamber.link.lost_after_s + 30.0
     standing = [one.guard for one in job.station.standing_guards()]
     return Guards(guards_of(job.station.guards, job.profile.guards, told, patience_s, standing))
@@ -293,8 +293,7 @@ def _conduct(
     error: BenchError | None = None
     with _stop_signals(sequencer):
         try:
-            station.start_capture(recorder)
-            recorder.event("run", "start", who=job.operator or whoami())
+            _begin(job, station, recorder)
             sequencer.check_before_start()
             output.establish()
             _record_gap(job, station, recorder)
@@ -312,6 +311,13 @@ def _conduct(
             output.restore()
             others.bell.end(recorder)
     return error
+
+
+def _begin(job: Job, station: Station, recorder: Recorder) -> None:
+    """Everything is recorded from now on, and the instruments are set: units may have their power from one."""
+    station.start_capture(recorder)
+    recorder.event("run", "start", who=job.operator or whoami())
+    station.instruments.start()
 
 
 def _record_gap(job: Job, station: Station, recorder: Recorder) -> None:

@@ -65,7 +65,13 @@ class Signals:
         silent_s = self._link.link.silent_s(now_s)
         failed_s = self._station.bus_failed_s
         signals = {"chamber_silent_s": Signal(silent_s, now_s), "bus_failed_s": Signal(failed_s, now_s)}
-        return {**signals, **self._of_units(now_s), **self._of_chamber(), **self._surroundings()}
+        return {
+            **signals,
+            **self._station.instruments.latest,
+            **self._of_units(now_s),
+            **self._of_chamber(),
+            **self._surroundings(),
+        }
 
     def _of_chamber(self) -> dict[str, Signal]:
         reading = self._reading

@@ -20,14 +20,17 @@ import numpy as np
 from bench.acquisition.station.serve import serve_station
 from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.chamber import ChamberSettings
+from bench.acquisition.station.settings.instrument import InstrumentSettings
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
+from bench.base import CHANNELS
 from drivers.can_record import FD_BYTES, FrameArray
 from drivers.canbus import open_bus
 from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
-from drivers.errors import DriverError, IdentityError, LimitError, LinkError, RefusedError
+from drivers.errors import ConfigError, DriverError, IdentityError, LimitError, LinkError, RefusedError
 from drivers.frames import to_frames, to_record
+from drivers.instrument import plausible
 from drivers.modbus import ModbusLink
 from drivers.registers import RegisterMap, load_map
 
@@ -79,6 +82,8 @@ def examine(settings: StationSettings, listen_s: float = 2.0) -> Examination:
         _chamber(found, real, clock)
         for name, bus in real.buses.items():
             _bus(found, name, bus, [unit for unit in real.units if unit.bus == name], clock, listen_s)
+        for one in real.instruments:
+            _instrument(found, one)
         if settings.rate_table is not None:
             found.add("rate table", "unknown", "not asked: a drive is only spoken to when a run begins")
         if settings.fixture is not None and settings.fixture.axes:
@@ -218,6 +223,43 @@ def _latency(found: Examination, registers: RegisterMap, link: ModbusLink, timeo
         found.add("latency", "disagrees", f"{detail}: raise timeout_s above {3 * worst:.1f}")
     else:
         found.add("latency", "agrees", detail)
+
+
+# ---- instruments ----------------------------------------------------------------------------------------------------
+
+
+def _instrument(found: Examination, one: InstrumentSettings) -> None:
+    """Who it is, each of its values once, and how it is set now."""
+    what = f"instrument {one.name}"
+    try:
+        driver = one.open()
+    except ConfigError as error:
+        found.add(what, "disagrees", str(error))
+        return
+    with closing(driver):
+        try:
+            said = one.identify(driver)
+        except (LinkError, IdentityError) as error:
+            silent: Verdict = "unknown" if one.optional else "no link"
+            found.add(what, silent if isinstance(error, LinkError) else "disagrees", str(error))
+            return
+        found.add(what, "agrees", said or f"{one.address} is not asked who it is")
+        for reading in one.read:
+            try:
+                convert = reading.conversion()
+                value = plausible(reading, convert.factor * driver.read(reading) + convert.offset)
+            except DriverError as error:
+                found.add(f"{what} {reading.channel}", "disagrees", str(error))
+            else:
+                found.add(f"{what} {reading.channel}", "told", f"{value:g} {CHANNELS[reading.channel].unit}")
+        switch = one.switch if one.powers_units else ((one.on,) if one.on is not None else ())
+        for setting in (*one.set, *switch[:1]):
+            try:
+                state = "is set already" if driver.is_set(setting) else "is not set now; a run sets it"
+            except DriverError as error:
+                found.add(f"{what} {setting.what}", "disagrees", str(error))
+            else:
+                found.add(f"{what} {setting.what}", "told", state)
 
 
 # ---- buses ----------------------------------------------------------------------------------------------------------

@@ -7,16 +7,13 @@ watch, no unit leaves the run, and what is missing is planned. However a leg end
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
 from typing import Protocol
 
 from bench.acquisition.profile.legs import Leg
 from bench.acquisition.station.records import Journal
-from bench.acquisition.station.settings.supply import SupplySettings
 from bench.acquisition.station.unit import LiveUnit
 from bench.base import EquipmentError
 from drivers.clock import Clock
-from drivers.power_supply import PowerSupply, SupplyLine
 
 SILENT_S = 2.0
 """A unit without power that still sends after this time has its power from somewhere else [s]."""
@@ -24,16 +21,6 @@ BACK_S = 30.0
 """A unit has to be heard within this time after its power came on [s]."""
 SAID_S = 3.0
 """After this time it has said twice in its heartbeat who it is [s]."""
-
-
-def open_power(settings: SupplySettings, clock: Clock, stack: ExitStack, journal: Journal) -> UnitPower:
-    """The supply of a station, identified and on; `stack` closes it. DriverError when it is not there."""
-    line = SupplyLine(str(settings.port), settings.baudrate, settings.timeout_s)
-    supply = stack.enter_context(closing(PowerSupply(line, settings.output)))
-    supply.identify()
-    power = UnitPower(supply, clock, journal)
-    power.ensure_on()
-    return power
 
 
 class Cycling(Protocol):
@@ -46,10 +33,17 @@ class Cycling(Protocol):
         """The leg is over, however it ended."""
 
 
-class UnitPower:
-    """The supply of the units during a run; `supply` is identified."""
+class Supply(Protocol):
+    """What the units have their power from."""
 
-    def __init__(self, supply: PowerSupply, clock: Clock, journal: Journal) -> None:
+    def switch(self, on: bool) -> None:
+        """Switch it and read it back; DriverError when it is not as it was told."""
+
+
+class UnitPower:
+    """The supply of the units during a run."""
+
+    def __init__(self, supply: Supply, clock: Clock, journal: Journal) -> None:
         """`journal` takes an event for each switch."""
         self.supply = supply
         self.units: Sequence[LiveUnit] = ()
@@ -80,12 +74,6 @@ class UnitPower:
         self.supply.switch(True)
         return now_s
 
-    def ensure_on(self) -> None:
-        """Switch the power on where a bench that was killed has left it off."""
-        if not self.supply.is_on():
-            self.supply.switch(True)
-            self._journal.event("power", "the units' power was found off and is on", on=True)
-
 
 class _OneCycle:
     """One leg: off for its time, on, and heard."""
@@ -104,7 +92,7 @@ class _OneCycle:
                 if (unit.newest_frame_s or 0.0) > self._off_s + SILENT_S:
                     raise EquipmentError(
                         f"unit {unit.serial} still sends {SILENT_S:g} s after the supply was switched off; "
-                        "connect it to that output, or name the right one in `supply` of the station file"
+                        "connect it to that output, or name the right one in `instruments` of the station file"
                     )
             if now_s - self._off_s >= self._duration_s:
                 self._on_s = power.switch_on()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+from bench.acquisition.recording.recorder import InstrumentArray
 from drivers.chamber import Write
 from drivers.rate_table import TableArray
 
@@ -22,6 +23,9 @@ class Journal(Protocol):
 
     def table(self, readings: TableArray) -> None:
         """Readings of the rate table's encoder (n,)."""
+
+    def instrument(self, readings: InstrumentArray) -> None:
+        """What an instrument measured (n,)."""
 
 
 class Records:
@@ -48,3 +52,8 @@ class Records:
         """Readings of the rate table's encoder (n,)."""
         if self._journal is not None:
             self._journal.table(readings)
+
+    def instrument(self, readings: InstrumentArray) -> None:
+        """What an instrument measured (n,)."""
+        if self._journal is not None:
+            self._journal.instrument(readings)

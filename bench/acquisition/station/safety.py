@@ -24,6 +24,8 @@ Event = tuple[str, str, dict[str, Any]]
 HOME = "return to ambient"
 """Name of the leg that takes a chamber there."""
 RETRY = BackOff(first_s=1.0, most_s=10.0)
+INSTRUMENT = "instrument"
+"""What the steps of instruments begin with."""
 LOOK_S = 1.0
 """Time between two looks at a chamber that warms up [s]."""
 
@@ -61,6 +63,8 @@ class SafeState:
     """A chamber that does not answer is tried again for this long [s]."""
     stop_moving: Callable[[], list[SafeStep]] = list
     """Quick stop of a rate table and of the axes of a fixture, verified."""
+    switch_off: Callable[[], list[SafeStep]] = list
+    """Switches instruments off, verified."""
     beat: Callable[[], None] = lambda: None
     """Called before every step: the heartbeat that a watchdog listens to."""
     hurry: Callable[[], bool] = lambda: False
@@ -73,13 +77,16 @@ class SafeState:
         """Go there; the steps of the last attempt, each verified or not."""
         until_s, failures = self.clock.now() + self.retry_s, 0
         moving = self.stop_moving()  # takes a second, and what turns does more harm than what is warm
+        off = self.switch_off()
         while True:
             self.beat()
             self._warm_up()
             steps = self.chamber.safe(self.ambient_degc, self.settings.step_s)
             if not all(step.ok for step in moving):
                 moving = self.stop_moving()
-            failed = [step for step in (*moving, *steps) if not step.ok]
+            if not all(step.ok for step in off):
+                off = self.switch_off()
+            failed = [step for step in (*moving, *off, *steps) if not step.ok]
             if not failed or self.clock.now() >= until_s or self.hurry():
                 break
             failures += 1
@@ -87,10 +94,9 @@ class SafeState:
                 text = f"not reached yet, trying again for {self.retry_s:.0f} s: {_listed(failed)}"
                 self.report("safe_state", text)
             self._wait(RETRY.wait_s(failures), until_s)
-        for step in (*moving, *steps):
-            sent = {"sent": True} if step.sent else {}
-            self.report("safe_state", f"{step.what}: {step.detail}", ok=step.ok, **sent)
-        return [*moving, *steps]
+        every = [*moving, *off, *steps]
+        tell(every, self.report)
+        return every
 
     def _wait(self, wait_s: float, until_s: float) -> None:
         """Wait in small pieces, alive and ready to be hurried."""
@@ -129,14 +135,24 @@ class SafeState:
         return sound and reading.temperature < self.ambient_degc - self.settings.near_degc
 
 
+def tell(steps: Sequence[SafeStep], report: Callable[..., None]) -> None:
+    """Each step as an event."""
+    for step in steps:
+        sent = {"sent": True} if step.sent else {}
+        report("safe_state", f"{step.what}: {step.detail}", ok=step.ok, **sent)
+
+
 def failures(steps: list[SafeStep]) -> str:
     """What could not be verified, and what to do; empty when all was."""
     failed = [step for step in steps if not step.ok]
     if not failed:
         return ""
     moving = {what: [step for step in failed if step.what.startswith(what)] for what in ("rate table", "fixture axis")}
+    instruments = [step.what for step in failed if step.what.startswith(INSTRUMENT)]
     orders = [f"press the emergency stop of the {what}" for what, steps in moving.items() if steps]
-    orders += ["switch the chamber off by hand"] if sum(map(len, moving.values())) < len(failed) else []
+    orders += [f"switch {', '.join(instruments)} off by hand"] if instruments else []
+    others = len(failed) - len(instruments) - sum(map(len, moving.values()))
+    orders += ["switch the chamber off by hand"] if others else []
     return f"SAFE STATE NOT VERIFIED: {_listed(failed)}; {' and '.join(orders)}"
 
 

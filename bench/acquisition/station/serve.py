@@ -48,8 +48,8 @@ class Served:
             name: {"interface": "loopcan", "channel": str(port), "fd": self.settings.buses[name].fd}
             for name, port in self.can_ports.items()
         } | {name: content["buses"][name] | {"channel": channel} for name, channel in self.lines.items()}
-        if self.station.supply is not None:
-            content["supply"] = {"port": f"socket://127.0.0.1:{self.station.supply.port}"}
+        for one in content.get("instruments", []):
+            one["address"] = self.station.instruments[one["name"]].address
         simulated = {"chamber": ["simulation"], "rate_table": ["simulation"], "fixture": ["operator", "forgets"]}
         for section, names in simulated.items():
             for name in names:
@@ -90,7 +90,7 @@ def serve_station(settings: StationSettings, modbus_port: int = 0, can_port: int
 
 def _line(bus: Bus, stack: ExitStack) -> tuple[Bus, str]:
     """A line that carries packets: the simulator's end, and the channel of the other one."""
-    if bus.channel.startswith("udp:"):
+    if bus.channel.startswith(("udp:", "daq:")):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
             found.bind(("127.0.0.1", 0))
             where = f"127.0.0.1:{found.getsockname()[1]}"

@@ -14,6 +14,7 @@ from bench.acquisition.station.rate_table import simulate_table
 from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
+from bench.acquisition.station.simulated_instruments import SimulatedInstrument
 from bench.acquisition.station.turning_axes import simulate_axes
 from drivers.canbus import open_bus
 from drivers.layout import Layout, layout_of
@@ -28,7 +29,6 @@ from drivers.sim.memory import CalibrationMemory
 from drivers.sim.power_ons import PowerOns
 from drivers.sim.resonator import PowerOn, Resonator, default_unit
 from drivers.sim.resonator import UnitSettings as GyroPhysics
-from drivers.sim.scpi_supply import ScpiSupply
 from drivers.sim.sender import Sender
 from drivers.sim.station import Physics, SimulatedStation, SimulatedUnit
 
@@ -73,8 +73,8 @@ def simulate(
         simulated.append(SimulatedUnit(Resonator(physics, seed + place, power=power), wire, port, counted))
     table = simulate_table(settings, buses, stack, seed)
     fixture = simulate_axes(settings.fixture, buses, stack, seed)
-    supply = ScpiSupply() if settings.supply is not None and occasion.switches_power else None
-    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table, supply, fixture)
+    instruments = {one.name: SimulatedInstrument(one, plant) for one in settings.opened(occasion.switches_power)}
+    return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table, instruments, fixture)
 
 
 def _several_axes(

@@ -16,14 +16,16 @@ from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.station.claim import claimed
 from bench.acquisition.station.fault_injection import FaultInjection
 from bench.acquisition.station.fixture import Fixture
+from bench.acquisition.station.instruments import Instruments
 from bench.acquisition.station.links import Link
 from bench.acquisition.station.occasion import Occasion
-from bench.acquisition.station.powering import UnitPower, open_power
+from bench.acquisition.station.powering import UnitPower
 from bench.acquisition.station.rate_table import open_table
 from bench.acquisition.station.records import Records
 from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
+from bench.acquisition.station.simulated_instruments import located
 from bench.acquisition.station.stage import open_stage
 from bench.acquisition.station.turning import Turntable
 from bench.acquisition.station.turning_axes import FixtureAxes, open_axes
@@ -62,6 +64,8 @@ class Opened:
     """Those that live inside this process."""
     turntable: Turntable | None = None
     """The rate table that the units are on, where there is one."""
+    instruments: Instruments | None = None
+    """The instruments that the occasion needs."""
     power: UnitPower | None = None
     """What switches the units' power, where the occasion needs it."""
     turn: Callable[[FloatArray], None] | None = None
@@ -104,6 +108,7 @@ class Station:
         self.dropped: list[Dropped] = []
         self.injection, self.claim = opened.injection, opened.claim
         self.turntable, self.power = opened.turntable, opened.power
+        self.instruments = opened.instruments or Instruments((), clock, opened.records, ExitStack())
         if self.power is not None:
             self.power.units = self.units
         own = settings.fixture
@@ -151,6 +156,7 @@ class Station:
             self.turntable.poll()
         if self.fixture is not None:
             self.fixture.poll()
+        self.instruments.poll()
         for name, capture in self._captures.items():
             self._take(name, capture.poll())
         lost = self._lost_buses()
@@ -284,10 +290,14 @@ def open_station(
         stack.enter_context(closing(link))
         local_buses = _local_buses(units, buses, injection, stack)
         turntable = open_table(settings, clock, buses, stack, records)
-        power = _power(settings, occasion, simulation, (clock, records), stack)
+        chosen = settings.opened(occasion.switches_power)
+        chosen = located(chosen, {} if simulation is None else simulation.instruments)
+        instruments = Instruments(chosen, clock, records, stack)
+        switch = instruments.unit_switch() if occasion.switches_power else None
+        power = None if switch is None else UnitPower(switch, clock, records)
         axes = open_axes(settings.fixture, clock, buses, stack, records)
         turn = None if simulation is None or axes is not None else simulation.turn
-        opened = Opened(buses, local_buses, turntable, power, turn, axes, claim, injection, records)
+        opened = Opened(buses, local_buses, turntable, instruments, power, turn, axes, claim, injection, records)
         station = Station(settings, clock, link, registers, units, opened)
         station.chamber.identify()
         stack.callback(station.stop_capture)
@@ -309,20 +319,3 @@ def _local_buses(
                 bus = injection.around(name, bus, unit)
             found[name] = bus
     return found
-
-
-def _power(
-    settings: StationSettings,
-    occasion: Occasion,
-    simulation: SimulatedStation | None,
-    equipment: tuple[Clock, Records],
-    stack: ExitStack,
-) -> UnitPower | None:
-    """What switches the units' power, where the occasion needs it."""
-    supply = settings.supply
-    if supply is None or not occasion.switches_power:
-        return None
-    if simulation is not None and simulation.supply is not None:
-        supply = supply.model_copy(update={"port": f"socket://127.0.0.1:{simulation.supply.port}"})
-    clock, records = equipment
-    return open_power(supply, clock, stack, records)

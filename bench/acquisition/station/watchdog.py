@@ -25,6 +25,7 @@ from typing import IO, Any
 
 from pydantic import TypeAdapter
 
+from bench.acquisition.station.instruments import switch_off
 from bench.acquisition.station.notices import Notifier
 from bench.acquisition.station.rate_table import halt
 from bench.acquisition.station.safety import SafeState, failures
@@ -300,6 +301,7 @@ class _Safe:
                 ambient_degc=settings.ambient_degc,
                 retry_s=60.0 * settings.watchdog.retry_min,
                 stop_moving=lambda: [*halt(settings), *halt_axes(settings.fixture, settings.buses)],
+                switch_off=lambda: switch_off(settings),
                 report=log.event,
             ).make()
 

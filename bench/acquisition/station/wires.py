@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator, Mapping
 
 from bench.acquisition.profile.preflight import Finding, Recording
 from bench.acquisition.station.settings.framing import FramingSettings
+from bench.acquisition.station.settings.instrument import InstrumentSettings
 from bench.acquisition.station.settings.station import StationSettings
 from drivers.bus_load import load
+from drivers.errors import ConfigError
 from drivers.layout import layout_of
 from drivers.sim.axes import SAMPLE_MS as SIMULATED_MS
 from drivers.wire import Message, load_dbc
@@ -59,6 +61,28 @@ def wire_findings(station: StationSettings, sent: Container[str] = ()) -> Iterat
             yield from _load(name, bits_per_s[name] / bus.bitrate)
         elif bus.bitrate is not None and traffic[name]:
             yield from _load(name, load(traffic[name], bus.bitrate, bus.data_bitrate, bus.fd))
+    yield from _instruments(station)
+
+
+def _instruments(station: StationSettings) -> Iterator[Finding]:
+    """What each instrument does; an error where its address cannot be used here, or units send what it measures."""
+    sent = {unit.serial: layout_of(unit.dbc, unit.mapping).channels for unit in station.units}
+    for instrument in station.instruments:
+        yield from _instrument(instrument, sent)
+
+
+def _instrument(instrument: InstrumentSettings, sent: Mapping[str, Container[str]]) -> Iterator[Finding]:
+    if instrument.address is not None:
+        try:
+            instrument.open()
+        except ConfigError as error:
+            yield Finding("error", f"instrument {instrument.name}: {error}")
+    for reading in instrument.read:
+        if both := [serial for serial, channels in sent.items() if reading.channel in channels]:
+            text = f"instrument {instrument.name}: unit {', '.join(both)} sends {reading.channel} itself"
+            yield Finding("error", f"{text}; measure it as `voltage`, or leave it out")
+    if instrument.needed:
+        yield Finding("info", f"instrument {instrument.told()}")
 
 
 def _packets(serial: str, messages: Iterable[Message], framing: FramingSettings) -> Iterator[Finding]:

@@ -19,14 +19,16 @@ from bench.analysis.diagnosis.blocks import Block, Bounds, lagged, lags, loop, u
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.effects.base import Parameter
 from bench.analysis.effects.expression import Expression
-from bench.base import BoolArray
+from bench.base import INSTRUMENTS, BoolArray
 from bench.record import Dataset
 
 _INNER_S = (60.0, 120.0, 220.0, 400.0)
 _PLACES = 11  # of a window, over the range of the channel
 _PERIODS = 48  # of a line over temperature
 _LEAST_RUN_S = 30.0
-_FURTHER = ("frequency", "drive", "quadrature", "supply", "applied_rate")
+_FURTHER = ("frequency", "drive", "quadrature", "supply", "applied_rate",
+            *(name for name in INSTRUMENTS[1:] if "temperature" not in name))  # fmt: skip
+"""Not thermometers: each would be a look-alike of the unit's own."""
 _SWITCHED = ("compressor",)
 
 

@@ -193,6 +193,8 @@ def _through(
 
 
 _EXCITE = {
+    "humidity": "let dry or moist air into the chamber at a constant temperature",
+    "supply_current": "switch a load of the units on and off, every 10 minutes",
     "supply": "step the supply by a few percent, up and down, every 10 minutes",
     "drive": "change the amplitude set point of the drive by a few percent, up and down, every 10 minutes",
     "frequency": "change the drive (amplitude set point, phase) so that the frequency moves, every 10 minutes",

@@ -23,14 +23,15 @@ from bench.analysis.fit import design
 from bench.analysis.fit.solve import solve
 from bench.analysis.noise.likelihood import Record
 from bench.analysis.thresholds import LEAST_PRESENT, LEAST_STATIC_ROWS, SETTLED_DEGC_PER_MIN
-from bench.base import BoolArray, FloatArray, InputError
+from bench.base import INSTRUMENTS, BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
 _APART_S = 30 * 86400.0
 _SETTLES_S = 900.0  # of an isothermal run's first part: warm-up and gradients that the thermometer does not see
 _POINTS_OF_TWO = 14  # grid points of each parameter of a change point with a width
 _POINTS_OF_PLACE = 64  # of a place in temperature: about two degrees apart, what happens there is wider
-_CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate")
+_CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate",
+             *INSTRUMENTS[1:])  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

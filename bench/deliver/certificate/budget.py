@@ -242,8 +242,11 @@ def _digital(evidence: Evidence) -> Iterator[Contribution]:
 
 
 def compared_thermometers(data: Dataset) -> list[dict[str, float]]:
-    """The unit's thermometer less the air in the chamber [degC], where both stand still in a soak."""
-    air = data.channels.get("chamber_temperature")
+    """The unit's thermometer less the air in the chamber [degC], where both stand still in a soak.
+
+    The air is that of the station's reference thermometer where the run has one.
+    """
+    air = data.channels.get("reference_temperature", data.channels.get("chamber_temperature"))
     if air is None:
         return []
     rows = []

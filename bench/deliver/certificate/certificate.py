@@ -195,12 +195,21 @@ def _validity(evidence: Evidence) -> dict[str, Any]:
     return {"certified_degc": [max(low, fitted["from"]), min(high, fitted["to"])], "fitted": stored}
 
 
+_SURROUNDINGS = (
+    ("chamber_temperature", "Air in the chamber", "°C"),
+    ("reference_temperature", "Reference thermometer", "°C"),
+    ("humidity", "Relative humidity", "%"),
+    ("pressure", "Pressure of the air", "hPa"),
+    ("supply", "Supply voltage", "V"),
+)
+
+
 def _conditions(evidence: Evidence) -> list[dict[str, str]]:
     data = evidence.source.dataset
     rows = [("Temperature of the unit", *_range(data.channel("temperature")), "°C")]
     slope = data.dT_dt[np.isfinite(data.dT_dt)]
     rows.append(("Rate of change of temperature", *_range(slope), "°C/min"))
-    for name, words, unit in (("chamber_temperature", "Air in the chamber", "°C"), ("supply", "Supply voltage", "V")):
+    for name, words, unit in _SURROUNDINGS:
         if np.any(np.isfinite(data.channels.get(name, np.array([np.nan])))):
             rows.append((words, *_range(data.channels[name]), unit))
     texts = {name: f"{low:.4g} to {high:.4g} {unit}" for name, low, high, unit in rows}

@@ -164,7 +164,9 @@ def station(path: Path) -> StationSettings:
 def equipment(settings: StationSettings) -> frozenset[str]:
     """Equipment that only one run may use at a time, by names that stations with a common chamber share."""
     connection = settings.chamber.connection
-    return frozenset({f"station {settings.name}", *([] if connection is None else [f"chamber {connection.url}"])})
+    chamber = [] if connection is None else [f"chamber {connection.url}"]
+    instruments = [f"instrument {one.address}" for one in settings.instruments if one.address is not None]
+    return frozenset({f"station {settings.name}", *chamber, *instruments})
 
 
 def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:

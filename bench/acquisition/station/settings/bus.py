@@ -11,6 +11,7 @@ from bench.acquisition.station.settings.framing import FramingSettings
 from bench.acquisition.station.settings.link import LinkSettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import STRICT, PlacedError
+from drivers.daq import COLUMN_BYTES, COUNTER_BYTES, SCHEME
 from drivers.interfaces import BusSettings, unit_filters
 from drivers.packet_bus import INTERFACE as PACKETS
 
@@ -29,7 +30,7 @@ class Bus(BaseModel):
     """python-can interface: socketcan, pcan, kvaser, …; `blocks` or `virtual` in a simulated station; `packets` for a
     serial line or UDP."""
     channel: Text
-    """Channel of that interface, such as can0; of `packets` a serial port or udp://0.0.0.0:5005."""
+    """Channel of that interface, such as can0; of `packets` a serial port, udp://0.0.0.0:5005 or daq:NAME/DEVICE."""
     bitrate: Annotated[int, Field(gt=0)] | None = None
     """Bit rate [bit/s]; left out where the operating system sets it; of a serial port its baud rate."""
     fd: bool = False
@@ -58,12 +59,21 @@ class Bus(BaseModel):
         if self.framing is not None and self.channel.startswith(("memory:", "udp-to:")):
             text = f"channel {self.channel!r} is no line of a unit; write a serial port, or udp://0.0.0.0:PORT"
             raise PlacedError(text, ("channel",))
+        if self.channel.startswith(SCHEME) and self.framing is not None:
+            self._samples(self.framing)
         if (self.framing is not None) != (self.interface == PACKETS):
             text = "needs `framing`" if self.framing is None else f"has no framing; only {PACKETS!r} has one"
             raise PlacedError(f"interface {self.interface!r} {text}", ("interface",))
         if self.framing is not None and (self.fd or self.timing is not None):
             raise PlacedError("packets are no CAN: leave out `fd` and `timing`", ("fd" if self.fd else "timing",))
         return self
+
+    def _samples(self, framing: FramingSettings) -> None:
+        """The framing of a data acquisition device: a number and columns of float64."""
+        columns = ((framing.length or 0) - COUNTER_BYTES) / COLUMN_BYTES
+        if framing.kind != "datagram" or columns < 1 or columns % 1:
+            text = f"samples of a device are `kind: datagram` with `length: {COUNTER_BYTES}` + {COLUMN_BYTES} a column"
+            raise PlacedError(text, ("framing",))
 
     @property
     def local(self) -> bool:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, Field, model_validator
 
 from bench.base import STRICT, PlacedError
-from drivers.framing import Check, Framing, Number
+from drivers.framing import Check, Framing, Kind, Number, Sum
 
 LONGEST = 248
 Byte = Annotated[int, Field(ge=0, le=LONGEST - 1)]
@@ -65,6 +65,39 @@ class CrcSettings(BaseModel):
         return Check(**self.model_dump())
 
 
+class SumSettings(BaseModel):
+    """A sum of bytes in the last bytes of a packet."""
+
+    model_config = STRICT
+
+    kind: Kind
+    """`add`: the sum, `inverted`: its one's complement, `negated`: its two's complement, so that all bytes add up to 0;
+    `xor`: the exclusive or of all bytes; `fletcher`: Fletcher-16, modulo 255;
+    `fletcher_256`: modulo 256, as in UBX and MIP."""
+    bytes: Annotated[int, Field(ge=1, le=2)] = 1
+    """How many it has; Fletcher has 2, an exclusive or 1."""
+    init: Annotated[int, Field(ge=0, le=0xFFFF)] = 0
+    """What it begins with."""
+    order: Order = "little"
+    """Order of its own bytes; of Fletcher, `little` has the plain sum first."""
+    start: Byte = 0
+    """First byte that it covers; it covers all from there to itself."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> SumSettings:
+        needed = {"fletcher": 2, "fletcher_256": 2, "xor": 1}.get(self.kind, self.bytes)
+        if self.bytes != needed:
+            raise PlacedError(f"is {self.bytes}: {self.kind} has {needed}", ("bytes",))
+        most = {"fletcher": 254, "fletcher_256": 255}.get(self.kind, (1 << 8 * self.bytes) - 1)
+        if self.init > most:
+            raise PlacedError(f"is {self.init}: it has to be at most {most}", ("init",))
+        return self
+
+    def to_driver(self) -> Sum:
+        """The same for the driver."""
+        return Sum(self.kind, self.bytes, self.init, self.order, self.start)
+
+
 class FramingSettings(BaseModel):
     """How packets lie in the bytes of a line; bytes count from the first of the packet, header and CRC included."""
 
@@ -86,6 +119,8 @@ class FramingSettings(BaseModel):
     """Where a packet says which one it is: the `id` of its signals; left out: all are 0."""
     crc: CrcSettings | None = None
     """CRC in its last bytes."""
+    sum: SumSettings | None = None
+    """Instead of a CRC: a sum of bytes in its last bytes."""
 
     @model_validator(mode="after")
     def _complete(self) -> FramingSettings:
@@ -94,6 +129,8 @@ class FramingSettings(BaseModel):
         if self.kind == "header" and (self.length is None) == (self.length_at is None):
             text = "packets with a header end by `length`, or by `length_at`; state one of them"
             raise PlacedError(text, ("kind",))
+        if self.crc is not None and self.sum is not None:
+            raise PlacedError("has a `crc`, too: state what stands in the last bytes, one of the two", ("sum",))
         if self.length is not None:
             inside = {"length_at": self.length_at, "id_at": self.id_at}
             for name, one in inside.items():
@@ -111,5 +148,5 @@ class FramingSettings(BaseModel):
             None if self.length_at is None else self.length_at.to_driver(),
             self.length_adds,
             None if self.id_at is None else self.id_at.to_driver(),
-            None if self.crc is None else self.crc.to_driver(),
+            None if (check := self.crc or self.sum) is None else check.to_driver(),
         )

@@ -18,9 +18,9 @@ from bench.acquisition.station.settings.bus import LOCAL_INTERFACES, Bus
 from bench.acquisition.station.settings.chamber import ChamberSettings, Degc
 from bench.acquisition.station.settings.faults import FaultSettings
 from bench.acquisition.station.settings.fixture import FixtureSettings
+from bench.acquisition.station.settings.instrument import InstrumentSettings
 from bench.acquisition.station.settings.rate_table import RateTableSettings
 from bench.acquisition.station.settings.safety import SafeStateSettings, WatchdogSettings
-from bench.acquisition.station.settings.supply import SupplySettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import STRICT, InputError, PlacedError
 from drivers.registers import is_map_file
@@ -56,8 +56,8 @@ class StationSettings(BaseModel):
     """The rate table, where there is one."""
     fixture: FixtureSettings | None = None
     """What holds the units in their attitudes, where there is such."""
-    supply: SupplySettings | None = None
-    """The supply that switches the units' power, where there is one."""
+    instruments: tuple[InstrumentSettings, ...] = ()
+    """Instruments beside chamber and units: thermometer, supply, multimeter, hygrometer."""
     units: Annotated[tuple[UnitSettings, ...], Field(min_length=1)]
     """Gyros that may be tested here."""
     guards: tuple[GuardSettings, ...] = ()
@@ -104,6 +104,7 @@ class StationSettings(BaseModel):
         self._check_table()
         self._check_axes()
         self._check_faults()
+        self._check_instruments()
         if self.fixture is not None and self.fixture.operator == "simulated" and not self.simulated:
             text = "a simulated operator turns only a simulated fixture; this station is real, remove `operator`"
             raise PlacedError(text, ("fixture", "operator"))
@@ -119,6 +120,22 @@ class StationSettings(BaseModel):
         for i, fault in enumerate(self.faults):
             if text := fault.wrong(set(self.buses), {unit.serial for unit in self.units}):
                 raise PlacedError(text, ("faults", i))
+
+    def _check_instruments(self) -> None:
+        measured: dict[str, str] = {}
+        for i, one in enumerate(self.instruments):
+            if one.name in {other.name for other in self.instruments[:i]}:
+                raise PlacedError(f"name {one.name!r} stands twice", ("instruments", i, "name"))
+            if one.powers_units and any(other.powers_units for other in self.instruments[:i]):
+                raise PlacedError("only one instrument switches the units", ("instruments", i, "powers_units"))
+            if self.simulated != (one.address is None):
+                text = "is simulated: remove the address" if self.simulated else "is real: it needs an address"
+                place = ("instruments", i, *(("address",) if self.simulated else ()))
+                raise PlacedError(f"instrument {one.name!r} of this station {text}", place)
+            for k, reading in enumerate(one.read):
+                if (other := measured.setdefault(reading.channel, one.name)) != one.name or reading in one.read[:k]:
+                    text = f"{reading.channel} is measured by {other!r} already"
+                    raise PlacedError(text, ("instruments", i, "read", k, "channel"))
 
     def _check_table(self) -> None:
         table = self.rate_table
@@ -213,12 +230,20 @@ class StationSettings(BaseModel):
             chamber.cooling_degc_per_min,
             self.ambient_degc,
             None if self.rate_table is None else self.rate_table.highest_dps,
-            switches_power=self.supply is not None and (self.simulated or self.supply.port is not None),
+            switches_power=any(one.powers_units for one in self.instruments),
             orientation=self.orientation,
             fixture=None
             if self.fixture is None
             else Reach(self.fixture.names, self.fixture.takes_s, self.fixture.driven),
         )
+
+    def measured(self) -> tuple[str, ...]:
+        """Channels that its instruments measure."""
+        return tuple(reading.channel for one in self.instruments for reading in one.read)
+
+    def opened(self, switches_power: bool) -> tuple[InstrumentSettings, ...]:
+        """The instruments that a run needs, which may switch the units' power."""
+        return tuple(one for one in self.instruments if one.needed or (one.powers_units and switches_power))
 
     def standing_guards(self) -> tuple[Standing, ...]:
         """The guards that every run on this station has."""
