@@ -125,7 +125,7 @@ def render(folder: str, count: str) -> None:
     done = acquisition.conduct(Path("profiles/quick.yaml"), None, acquisition.Task((), {}, Path(folder)), quiet=True)
     made = 0
     while True:
-        Path(count).write_text(str(made))
+        Path(count).write_text(str(made), encoding="utf-8")
         if not made:
             print("ready", flush=True)
         analysis.report_on(done.run, models, done.error)

@@ -91,7 +91,9 @@ def _table() -> dict[str, np.ndarray[Any, Any]]:
 
 def _csv(path: Path) -> None:
     rows = zip(*_table().values(), strict=True)
-    path.write_text("time,rate,temperature\n" + "".join(f"{t:.3f},{r:.4f},{d:.3f}\n" for t, r, d in rows))
+    path.write_text(
+        "time,rate,temperature\n" + "".join(f"{t:.3f},{r:.4f},{d:.3f}\n" for t, r, d in rows), encoding="utf-8"
+    )
 
 
 def _parquet(path: Path) -> None:
@@ -128,7 +130,7 @@ def _copied(source: Path) -> Callable[[Path], None]:
 
 
 def _columns(path: Path) -> None:
-    path.write_text(COLUMNS)
+    path.write_text(COLUMNS, encoding="utf-8")
 
 
 PROFILES = library()
@@ -240,9 +242,9 @@ def _child(case: Case, file: Path, scratch: Path, answer: Path) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (3 * int(MOST_CPU_S), 3 * int(MOST_CPU_S)))
     try:
         os.chdir(scratch)
-        answer.write_text(json.dumps(_act(case, file, scratch)))
+        answer.write_text(json.dumps(_act(case, file, scratch)), encoding="utf-8")
     except BaseException:
-        answer.write_text(json.dumps((-1, traceback.format_exc()[-1500:])))
+        answer.write_text(json.dumps((-1, traceback.format_exc()[-1500:])), encoding="utf-8")
     finally:
         os._exit(0)
 

@@ -9,12 +9,10 @@ writer per file. Readers may follow a file while it grows. `drivers.packing` pac
 
 from __future__ import annotations
 
-import fcntl
 import os
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -33,6 +31,7 @@ from drivers.can_record import (
     records,
     unpacked,
 )
+from drivers.system import hold
 
 __all__ = [
     "FLAG_ERROR",
@@ -102,8 +101,7 @@ class JournalWriter:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(self._fd, fcntl.LOCK_SH | fcntl.LOCK_NB)  # a journal that is written is not packed
+        hold(self._fd, shared=True)  # a journal that is written is not packed
         self._sequence = 0
 
     def append(self, kind: Kind, payload: bytes, count: int, t_s: float, wall_ns: int = 0) -> None:

@@ -7,7 +7,6 @@ old file, and it can be called again.
 
 from __future__ import annotations
 
-import fcntl
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -15,6 +14,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 from drivers.journal import Block, Damage, Kind, packed_block, read_blocks, stored_blocks
+from drivers.system import hold, sync_folder
 
 FRAMES_AT_ONCE, BLOCKS_AT_ONCE = 1 << 16, 1 << 12
 """Frames and blocks of one packed block, some two minutes of a unit: what a damaged byte costs later."""
@@ -32,7 +32,7 @@ def pack(path: Path) -> bool:
     partial = path.with_name(f".{path.name}.part")
     handle = os.open(path, os.O_RDONLY)
     try:
-        if _is_written(handle):
+        if not hold(handle):  # a `JournalWriter` has it open
             return False
         damage = Damage()
         with partial.open("wb") as file:
@@ -44,7 +44,7 @@ def pack(path: Path) -> bool:
             return False
         partial.chmod(0o644)
         partial.replace(path)
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
     except (OSError, ValueError):  # a full disk; frames that are none
         return False
     finally:
@@ -52,17 +52,6 @@ def pack(path: Path) -> bool:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
     return True
-
-
-def _is_written(handle: int) -> bool:
-    """Whether a `JournalWriter` has the file open."""
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:  # a file system without locks
-        return False
-    return False
 
 
 def _groups(blocks: Iterable[Block]) -> Iterator[list[Block]]:
@@ -84,11 +73,3 @@ def _groups(blocks: Iterable[Block]) -> Iterator[list[Block]]:
 def _same(path: Path, partial: Path) -> bool:
     """Whether the packed file gives every block of the other one."""
     return all(old == new for old, new in zip_longest(read_blocks(path), read_blocks(partial)))
-
-
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

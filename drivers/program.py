@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import tempfile
 import time
@@ -12,6 +10,7 @@ from pathlib import Path
 from typing import IO
 
 from drivers.errors import ConfigError
+from drivers.system import end_group
 
 _LAST_LINE = 200
 
@@ -65,6 +64,6 @@ class Program:
     def close(self) -> None:
         """End it, with what it started."""
         if self._process.poll() is None:
-            os.killpg(self._process.pid, signal.SIGKILL)
+            end_group(self._process)
             self._process.wait()
         self._said.close()

@@ -30,8 +30,10 @@ from .errors import EquipmentError as EquipmentError
 from .errors import InputError as InputError
 from .errors import RunAborted as RunAborted
 from .ids import is_run_id as is_run_id
+from .processes import hold as hold
 from .processes import locked as locked
 from .processes import process_alive as process_alive
+from .processes import sync_folder as sync_folder
 from .processes import user_name as user_name
 from .shipped import library as library
 from .spelling import closest as closest

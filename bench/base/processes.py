@@ -6,9 +6,17 @@ import getpass
 import os
 from pathlib import Path
 
+from drivers.system import hold, sync_folder
+
+__all__ = ["hold", "locked", "process_alive", "sync_folder", "user_name"]
+
 
 def process_alive(pid: int) -> bool:
     """Whether there is such a process, ours or somebody else's."""
+    if os.name == "nt":  # a signal, be it 0, would reach the process there
+        import psutil
+
+        return bool(psutil.pid_exists(pid))
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
@@ -20,16 +28,11 @@ def process_alive(pid: int) -> bool:
 
 def locked(file: Path) -> bool:
     """Whether a process holds the lock of this file for itself; a file that cannot be opened has none."""
-    import fcntl  # POSIX alone has it, and this module is imported everywhere
-
     try:
         with file.open("rb") as opened:
-            fcntl.flock(opened, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+            return not hold(opened, shared=True)
     except OSError:
         return False
-    return False
 
 
 def user_name() -> str:

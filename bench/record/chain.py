@@ -7,17 +7,16 @@ run folders are read and made here. A look compares what it uses with these list
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 
-from bench.base import InputError, __version__
+from bench.base import InputError, __version__, hold
 from bench.record.files import sha256, write_atomically
 from bench.record.records.centre import ElsewhereRecord
 from bench.record.records.chain import ChainRecord, Link
@@ -306,10 +305,9 @@ def _parsed(folder: str, mtime_ns: int, size: int, inode: int) -> ChainRecord | 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """One writer at a time; a file system without locks is one with a single writer."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        with suppress(OSError):
-            fcntl.flock(handle, fcntl.LOCK_EX)
+    with ExitStack() as stack:
+        if os.name != "nt":  # which opens no folders
+            handle = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, handle)
+            hold(handle, wait=True)
         yield
-    finally:
-        os.close(handle)

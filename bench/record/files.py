@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from bench.base import process_alive
+from bench.base import process_alive, sync_folder
 
 _STAGED = re.compile(r"\.staged-(\d+)-.+")
 """Names of folders of `staged`, with the number of the process that made them."""
@@ -36,13 +36,8 @@ def write_atomically(path: Path, data: bytes, *, sync: bool = True) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
-    if not sync:
-        return
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # the new name, too, survives a power cut
-    finally:
-        os.close(folder)
+    if sync:
+        sync_folder(path.parent)
 
 
 def clear_partial(folder: Path) -> None:

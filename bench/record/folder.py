@@ -129,6 +129,11 @@ def open_run(path: Path) -> RunFolder:
     return run
 
 
+_DEVICE = re.compile(r"(?i)con|prn|aux|nul|(com|lpt)\d")
+"""Names that Windows gives to devices, with any ending."""
+
+
 def slug(text: str) -> str:
     """A name that is safe as one part of a path."""
-    return re.sub(r"[^A-Za-z0-9._+-]+", "-", text).strip(".-") or "unnamed"
+    name = re.sub(r"[^A-Za-z0-9._+-]+", "-", text).strip(".-") or "unnamed"
+    return f"_{name}" if _DEVICE.fullmatch(name.partition(".")[0]) else name

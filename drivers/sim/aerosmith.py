@@ -6,8 +6,9 @@ import contextlib
 import os
 import select
 import threading
-import tty
 from collections.abc import Callable
+
+from drivers.sim.ptys import raw
 
 STEP_DEG = 0.0001
 
@@ -23,7 +24,7 @@ class SimulatedAerosmith:
         self._accel_dps2 = 50.0
         self._at_s = now()
         self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
+        raw(self._slave)
         self.port = os.ttyname(self._slave)
         self._stop, self._wake = os.pipe()
         self._thread = threading.Thread(target=self._serve, name="aerosmith", daemon=True)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from pathlib import Path
 
 from drivers.errors import ConfigError
+from drivers.system import hold
 
 
 class PowerOns:
@@ -24,7 +24,7 @@ class PowerOns:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
         with os.fdopen(handle, "r+b", buffering=0) as file:
-            fcntl.flock(file, fcntl.LOCK_EX)  # two benches may power the same simulated unit
+            hold(file, wait=True)  # two benches may power the same simulated unit
             stored = file.read().strip()
             if stored and not stored.isdigit():
                 text = f"{self._path}: must hold how often the unit was powered, a whole number, not {stored[:20]!r}"

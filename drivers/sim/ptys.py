@@ -6,7 +6,13 @@ import contextlib
 import os
 import select
 import threading
-import tty
+
+
+def raw(slave: int) -> None:
+    """Let a pseudo terminal pass every byte as it is."""
+    import tty  # Windows has none
+
+    tty.setraw(slave)
 
 
 class PtyPair:
@@ -17,7 +23,7 @@ class PtyPair:
         masters, self._slaves = zip(*(os.openpty() for _ in range(2)), strict=True)
         self._masters: tuple[int, int] = (masters[0], masters[1])
         for slave in self._slaves:
-            tty.setraw(slave)  # and kept open, so that a program that closes its end does not hang up the line
+            raw(slave)  # and kept open, so that a program that closes its end does not hang up the line
         self.left, self.right = (os.ttyname(slave) for slave in self._slaves)
         self._wake, self._wake_up = os.pipe()
         self._thread = threading.Thread(target=self._pump, name="pty-pair", daemon=True)

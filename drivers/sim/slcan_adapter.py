@@ -11,9 +11,10 @@ import contextlib
 import os
 import select
 import threading
-import tty
 
 import can
+
+from drivers.sim.ptys import raw
 
 _OK, _REFUSED = b"\r", b"\a"
 _ANSWERS = {"V": b"V1013\r", "N": b"NA123\r", "F": b"F00\r"}
@@ -30,7 +31,7 @@ class SlcanAdapter:
         self.is_open = False
         self._bus = bus
         self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
+        raw(self._slave)
         self.path = os.ttyname(self._slave)
         self._running = True
         self._threads = [threading.Thread(target=work, daemon=True) for work in (self._from_host, self._to_host)]

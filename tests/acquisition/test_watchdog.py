@@ -142,8 +142,8 @@ def test_ctrl_c_and_sigterm_to_everybody_leave_it_to_the_bench(world):
     bench, run = world.run()
     (child,) = [
         int(pid)
-        for pid in Path(f"/proc/{bench.pid}/task/{bench.pid}/children").read_text().split()
-        if "bench.acquisition.station.watchdog" in Path(f"/proc/{pid}/cmdline").read_text()
+        for pid in Path(f"/proc/{bench.pid}/task/{bench.pid}/children").read_text(encoding="utf-8").split()
+        if "bench.acquisition.station.watchdog" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8")
     ]
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         os.kill(child, number)

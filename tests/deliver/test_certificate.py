@@ -178,7 +178,7 @@ def flashed(made, tmp_path, **changes):
     shutil.copytree(made / "run", tmp_path / "run")
     papers(made, tmp_path)
     own = json.loads(certificate(made, "--out", tmp_path / "first.pdf", "--json").stdout)["json"]
-    calibration = json.loads(Path(own).read_text())["calibration"]["id"]
+    calibration = json.loads(Path(own).read_text(encoding="utf-8"))["calibration"]["id"]
     record = {"state": "done", "calibration_id": calibration, "coefficient_set": 7, "crc": "0x12345678", "bank": 1}
     keep(tmp_path / "run", "flash.json", {**record, **changes})
     return tmp_path

@@ -43,7 +43,9 @@ def until(condition, limit_s: float = 30.0) -> None:
 def is_running(pid: int) -> bool:
     stat = Path(f"/proc/{pid}/stat")
     try:
-        return stat.read_text().rpartition(")")[2].split()[0] != "Z"  # an orphan may wait for its reaper
+        return (
+            stat.read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
+        )  # an orphan may wait for its reaper
     except OSError:
         return False
 

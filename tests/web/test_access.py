@@ -367,8 +367,8 @@ def test_a_new_token_is_printed_once_and_stored_as_a_hash_in_a_file_of_its_owner
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
     people.add_person(Path("good.yaml"), "A", "viewer")
-    Path("odd.yaml").write_text("people: 5\n")
-    Path("loose.yaml").write_text("people: []\n")
+    Path("odd.yaml").write_text("people: 5\n", encoding="utf-8")
+    Path("loose.yaml").write_text("people: []\n", encoding="utf-8")
     for name, mode in (("odd.yaml", 0o600), ("loose.yaml", 0o666)):
         Path(name).chmod(mode)
     answer = bench("ui", "--no-browser", *arguments)

@@ -276,5 +276,5 @@ def test_the_wrapper_leaves_the_exit_code_of_the_bench(tmp_path):
         done = subprocess.run(command, pass_fds=[lock], capture_output=True, text=True, check=False)
     finally:
         os.close(lock)
-    assert (done.returncode, Path(tmp_path / "exit_code").read_text()) == (2, "2\n")
+    assert (done.returncode, Path(tmp_path / "exit_code").read_text(encoding="utf-8")) == (2, "2\n")
     assert done.stderr.startswith("bench: nothing.yaml: ")

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.base import BenchError, InputError
+from drivers.system import end_group
 
 GIB = 2**30
 ANSWER_BYTES = 4 * 2**20
@@ -120,8 +121,11 @@ def answering(do: Callable[[Mapping[str, Any]], dict[str, Any]], request: Path, 
 def confine(limits: Mapping[str, float]) -> None:
     """Set limits that this process cannot lift; it ends with its parent, or at the alarm."""
     import ctypes
-    import resource
 
+    try:
+        import resource
+    except ImportError:  # Windows: who waits for this process ends it in time
+        return
     with contextlib.suppress(OSError, AttributeError):  # not Linux: the alarm remains
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
     signal.setitimer(signal.ITIMER_REAL, limits["wall_s"] + 1.0)
@@ -159,21 +163,26 @@ def _run(command: list[str], folder: Path, within: Path | None, confines: Confin
             code = None
         finally:
             if child.poll() is None:
-                os.killpg(child.pid, signal.SIGKILL)
+                end_group(child)
                 child.wait()
     return code, words.read_bytes()[-_LAST_WORDS:].decode("utf-8", errors="replace")
 
 
 def _in_words(code: int | None, said: str, confines: Confines) -> str:
-    if code in {None, -signal.SIGALRM}:
+    name = "" if code is None or code >= 0 else _signal(-code)
+    if code is None or name == "SIGALRM":
         return f"reading took longer than {confines.wall_s:g} s and was stopped; use `bench import` on the command line"
-    if code in {-signal.SIGXCPU, -signal.SIGKILL}:
+    if name in {"SIGXCPU", "SIGKILL"}:
         return f"reading took more than {confines.cpu_s} s of processor time and was stopped: not an ordinary table"
-    if code == -signal.SIGXFSZ:
+    if name == "SIGXFSZ":
         return f"the run would need more than {confines.written_bytes / GIB:.3g} GiB of disk: use `bench import`"
-    if "MemoryError" in said or "bad_alloc" in said or code in {-signal.SIGABRT, -signal.SIGSEGV}:
+    if "MemoryError" in said or "bad_alloc" in said or name in {"SIGABRT", "SIGSEGV"}:
         return _too_much(confines)
     return f"the reading process ended with code {code}: it cannot read this file"
+
+
+def _signal(number: int) -> str:
+    return next((found.name for found in signal.Signals if found == number), "")
 
 
 def _too_much(confines: Confines) -> str:

@@ -45,7 +45,7 @@ from drivers.errors import DriverError
 from drivers.sim.power_ons import PowerOns
 from drivers.sim.sender import Frames
 
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+STOP_SIGNALS = tuple(found for found in signal.Signals if found.name in {"SIGINT", "SIGTERM", "SIGHUP"})
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ A bench on another computer is not seen by this; the guard "operator override" s
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import os
 import socket
@@ -18,6 +17,7 @@ from urllib.parse import urlsplit
 
 from bench.acquisition.station.settings.chamber import Connection
 from bench.base import InputError
+from drivers.system import HAS_LOCKS, hold
 
 FOLDER = "bench-chambers"
 """In the computer's folder for temporary files, for all users."""
@@ -41,15 +41,16 @@ def claimed(connection: Connection) -> Iterator[int]:
     A process that is given the descriptor, such as a watchdog, keeps the claim when this one is killed.
     """
     where = address(connection)
+    if not HAS_LOCKS:
+        text = "this system has no locks by which a chamber is claimed: run real equipment from Linux or macOS"
+        raise InputError(f"{text}; nothing was moved")
     path = Path(tempfile.gettempdir()) / FOLDER / hashlib.sha256(where.encode()).hexdigest()[:16]
     handle = _open(path, where)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not hold(handle):
             holder = os.pread(handle, 200, 0).decode(errors="replace").strip() or "another process"
             text = f"chamber {connection.url} ({where}) is in use by {holder}"
-            raise InputError(f"{text}; end that run first (`bench status`, `bench abort`); nothing was moved") from None
+            raise InputError(f"{text}; end that run first (`bench status`, `bench abort`); nothing was moved")
         os.ftruncate(handle, 0)
         os.pwrite(handle, f"process {os.getpid()}, or its watchdog\n".encode(), 0)
         yield handle

@@ -11,7 +11,6 @@ import contextlib
 import os
 import pickle
 import signal
-import sys
 import threading
 import warnings
 from collections.abc import Callable, Sequence
@@ -39,7 +38,7 @@ class Aside(Generic[T]):
         """Begin the work."""
         self._work = work
         self._pid = self._pipe = 0
-        if workers > 1 and sys.platform != "win32" and threading.active_count() == 1:
+        if workers > 1 and hasattr(os, "fork") and threading.active_count() == 1:
             self._begin()
 
     def answer(self) -> T:

@@ -94,7 +94,7 @@ def computer(machine_id: Path = Path("/etc/machine-id"), cards: Path = Path("/sy
     """
     parts = []
     with suppress(OSError):
-        parts.append(machine_id.read_text().strip())
+        parts.append(machine_id.read_text(encoding="utf-8").strip())
     with suppress(OSError):
         for card in sorted(cards.iterdir()):
             with suppress(OSError):

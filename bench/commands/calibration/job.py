@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -10,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.base import InputError, __version__, locked, read_yaml
+from bench.base import InputError, __version__, hold, locked, read_yaml
 from bench.record import CHAIN, MANIFEST, JobRecord, RunFolder, new_folder, slug
 
 JOB = JobRecord.FILE
@@ -94,10 +93,8 @@ class JobFile:
     def locked(self) -> Iterator[None]:
         """Keep a second bench from this job; the lock goes with the process, however that ends."""
         with (self.folder / _LOCK).open("w") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise InputError("another bench is at work on this job", self.folder) from None
+            if not hold(file):
+                raise InputError("another bench is at work on this job", self.folder)
             self.content = JobRecord.read(self.folder).content()
             yield
 

@@ -10,7 +10,6 @@ import contextlib
 import importlib
 import json
 import os
-import resource
 import sys
 import traceback
 from pathlib import Path
@@ -63,6 +62,10 @@ def _refusal(text: str) -> bytes:
 
 def lower_priority() -> None:
     """Give runs precedence in processor time and memory."""
+    try:
+        import resource
+    except ImportError:  # Windows has neither priorities nor limits of this kind
+        return
     os.nice(_NICE)
     with contextlib.suppress(OSError):  # Linux only
         Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")

@@ -8,7 +8,6 @@ folder `<out>/.web/starts/<start>/` of a start holds the request and its user (`
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import secrets
 import shutil
@@ -21,7 +20,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from bench.base import EquipmentError, InputError, locked
+from bench.base import EquipmentError, InputError, hold, locked
 from bench.record import LIVE, StartRecord
 from bench.web.live.outcomes import LOCK, outcome, waits
 
@@ -170,13 +169,15 @@ class Starts:
 
     def _spawn(self, folder: Path, arguments: list[str]) -> int:
         """Start a process in its own session, so that neither the server's end nor its terminal ends it."""
+        if os.name == "nt":
+            raise OSError("the page starts runs on Linux and macOS; use `bench run`")
         environment = {name: value for name, value in os.environ.items() if name != "BENCH_TOKEN"}
         with (
             (folder / LOCK).open("wb") as lock,
             (folder / "stdout").open("wb") as stdout,
             (folder / "stderr").open("wb") as stderr,
         ):
-            fcntl.flock(lock, fcntl.LOCK_EX)  # the child inherits and keeps the lock
+            hold(lock, wait=True)  # the child inherits and keeps the lock
             number = str(lock.fileno())
             child = _Detached(
                 [sys.executable, "-P", "-m", "bench.cli.started", str(folder.resolve()), number, *arguments],

@@ -13,13 +13,13 @@ import os
 import random
 import struct
 import threading
-import tty
 from collections import Counter
 from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from drivers.sim.faults.named import ON_MODBUS
+from drivers.sim.ptys import raw
 
 Front = Literal["tcp", "rtu+tcp", "rtu"]
 Write = Callable[[bytes], Awaitable[None]]
@@ -58,7 +58,7 @@ class ModbusProxy:
         self._master, slave = os.openpty() if front == "rtu" else (-1, -1)
         self._slave = slave  # kept open, or the line would hang up whenever the client closes it
         if front == "rtu":
-            tty.setraw(slave)
+            raw(slave)
         self.port = 0
         self._loop = asyncio.new_event_loop()
         self._tasks: set[asyncio.Task[None]] = set()

@@ -23,6 +23,7 @@ from bench.acquisition.station.settings.rate_table import RateTableSettings
 from bench.acquisition.station.settings.safety import SafeStateSettings, WatchdogSettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import STRICT, InputError, PlacedError
+from bench.record import slug
 from drivers.registers import is_map_file
 from drivers.sim.plant import Plant, PlantParameters
 
@@ -95,11 +96,7 @@ class StationSettings(BaseModel):
             text = f"silent_s is {self.watchdog.silent_s:g}: a bench that waits for a chamber which does not answer is"
             text += f" silent for up to {MOST_TIMEOUTS} times its timeout_s, {chamber.connection.timeout_s:g}; raise it"
             raise PlacedError(text, ("watchdog", "silent_s"))
-        for name, bus in self.buses.items():
-            if bus.framing is None and self.simulated != (bus.interface in LOCAL_INTERFACES):
-                local = " or ".join(LOCAL_INTERFACES)
-                text = f"a simulated station runs on {local}, a real one never does; this one is on {bus.interface!r}"
-                raise PlacedError(text, ("buses", name, "interface"))
+        self._check_buses()
         self._check_units()
         self._check_table()
         self._check_axes()
@@ -113,6 +110,16 @@ class StationSettings(BaseModel):
                 text = f"unit_silent_s is {self.unit_silent_s:g}: the guard `unit silent` ends the run of all units"
                 raise PlacedError(f"{text} before, at {guard.above:g} s", ("unit_silent_s",))
         return self
+
+    def _check_buses(self) -> None:
+        for name, bus in self.buses.items():
+            if name.lower() == "bench" or slug(name) != name:
+                text = "the name of a bus is that of its journal: letters, digits, . _ + - inside, and not 'bench'"
+                raise PlacedError(f"{name!r}: {text}", ("buses", name))
+            if bus.framing is None and self.simulated != (bus.interface in LOCAL_INTERFACES):
+                local = " or ".join(LOCAL_INTERFACES)
+                text = f"a simulated station runs on {local}, a real one never does; this one is on {bus.interface!r}"
+                raise PlacedError(text, ("buses", name, "interface"))
 
     def _check_faults(self) -> None:
         if self.faults and not self.simulated:
