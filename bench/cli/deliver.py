@@ -159,7 +159,10 @@ def verify(profile: Path, serial: str, station: Path | None, limits: Path | None
 
 
 @click.command()
-@click.option("--unit", "serial", required=True, shell_complete=completion.units, help=UNIT)
+@click.option(
+    "--unit", "serials", required=True, multiple=True, shell_complete=completion.units,
+    help=f"{UNIT} Several: runs are made once for all.",
+)  # fmt: skip
 @path_option("--plan", "plan", required=True, help="Plan file (YAML).")
 @station_option
 @path_option("--junit", help="Write JUnit XML here: steps and limits as test cases.")
@@ -171,10 +174,10 @@ def verify(profile: Path, serial: str, station: Path | None, limits: Path | None
 @answers
 @registers(begin=True)
 def calibrate(
-    serial: str, plan: Path, station: Path | None, out: Path, quiet: bool, operator: str, **options: Any
+    serials: tuple[str, ...], plan: Path, station: Path | None, out: Path, quiet: bool, operator: str, **options: Any
 ) -> Result:
-    """Calibrate a unit: check, run, fit, diagnose, flash, verify, certificate; continues an interrupted job."""
+    """Calibrate units: check, run, fit, diagnose, flash, verify, certificate; continues an interrupted job."""
     from bench import commands
 
-    order = commands.Order.load(plan, station, serial, out, quiet)
-    return commands.calibrate_unit(replace(order, operator=operator), **options)
+    orders = commands.Order.load_all(plan, station, serials, out, quiet)
+    return commands.calibrate_units([replace(order, operator=operator) for order in orders], **options)

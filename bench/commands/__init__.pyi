@@ -87,7 +87,7 @@ from .results.analyse import UnitReport as UnitReport
 from .results.analyse import UnitsReported as UnitsReported
 
 # Deliver
-from .calibration.command import calibrate_unit as calibrate_unit
+from .calibration.command import calibrate_units as calibrate_units
 from .calibration.order import Order as Order
 from .calibration.job import JOB_MARK as JOB_MARK
 from .calibration.job import JobFile as JobFile
@@ -113,6 +113,7 @@ from .flashing import FlashOptions as FlashOptions
 from .flashing import flash as flash
 from .flashing import verify as verify
 from .results.deliver import Calibrated as Calibrated
+from .results.deliver import CalibratedAll as CalibratedAll
 from .results.deliver import CertificateChecked as CertificateChecked
 from .results.deliver import Certified as Certified
 from .results.deliver import Exported as Exported

@@ -85,6 +85,7 @@ from .records.imu import ImuValue as ImuValue
 from .records.imu import ImuVerificationRecord as ImuVerificationRecord
 from .records.job import JobRecord as JobRecord
 from .records.job import StoredCase as StoredCase
+from .records.job import StoredStep as StoredStep
 from .records.judged import Judged as Judged
 from .records.judged import JudgedQuantity as JudgedQuantity
 from .records.judged import LimitsRecord as LimitsRecord

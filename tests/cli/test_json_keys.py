@@ -12,6 +12,7 @@ from bench.commands import (
     Aborted,
     Asked,
     Calibrated,
+    CalibratedAll,
     Flashed,
     LiveRuns,
     NotAnalysed,
@@ -156,6 +157,8 @@ def test_results_of_equipment_and_live_runs_have_their_keys(tmp_path):
         "unit", "plan", "state", "verdict", "sentence", "releases", "job", "run", "verification", "certificate",
         "steps",
     }  # fmt: skip
+    both = CalibratedAll((Calibrated(job, STEP_NAMES),) * 2)
+    assert [unit["unit"] for unit in rendering.content(both)["units"]] == ["U", "U"]
 
 
 @pytest.mark.slow

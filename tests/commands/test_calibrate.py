@@ -172,13 +172,13 @@ def test_junit_counts_steps_limits_and_doubts(order):
     job = calibrate(
         order, steps=fakes(two=Fake("two", Done("bad \x00", cases=cases, verdict="FAIL", stop="it is FAIL")))
     )
-    suite = fromstring(junit(job, ("one", "two", "three"))).find("testsuite")
+    suite = fromstring(junit([job], ("one", "two", "three"))).find("testsuite")
     counts = {key: int(suite.get(key)) for key in ("tests", "failures", "errors", "skipped")}
     assert counts == {"tests": 6, "failures": 2, "errors": 0, "skipped": 2}
     failed = [case.get("name") for case in suite.findall("testcase") if case.find("failure") is not None]
     assert failed == ["two", "residual_rms_dph"]
     failing = calibrate(order, steps=fakes(one=Fake("one", errors=[EquipmentError("gone")])), anew=True)
-    assert fromstring(junit(failing, ("one", "two"))).get("errors") == "1"
+    assert fromstring(junit([failing], ("one", "two"))).get("errors") == "1"
 
 
 SUSPECT = {"effect": "thermal_lag", "found": True, "look_alikes": ["temperature_rate"]}

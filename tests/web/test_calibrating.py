@@ -7,8 +7,8 @@ import pytest
 
 from bench.base import library, read_yaml
 from bench.commands import Order
-from bench.commands.calibration.calibrate import calibrate
-from bench.commands.calibration.job import Done
+from bench.commands.calibration.calibrate import calibrate, calibrate_all
+from bench.commands.calibration.job import Case, Done
 from bench.record import StartRecord
 from bench.web.ground.settings import Settings
 from bench.web.people import people
@@ -198,3 +198,46 @@ def test_a_form_never_writes_outside_the_project(settings, tmp_path):
         answer = client.put("/api/v1/stations/bare/papers/laboratory", json={"content": LABORATORY})
     assert (answer.status_code, "edit it there" in answer.json()["detail"]) == (409, True)
     assert not (tmp_path / "elsewhere.yaml").exists()
+
+
+def test_units_that_began_together_are_told_together_and_one_goes_on_alone(settings, monkeypatch):
+    plan, station = settings.project / "profiles/plans/brief.yaml", library() / "stations" / "four_units.yaml"
+    units = ["SIM-0001", "GX-2@SIM-0002"]
+    orders = Order.load_all(plan, station, units, settings.out, quiet=True)
+    held = Fake("diagnose", done=Done("in doubt", hold="a person must look"))
+    calibrate_all(
+        orders[:1], steps=[Fake("check"), Fake("static", done=Done("", cases=[Case("static", skipped=True)]))]
+    )
+    calibrate_all(orders[1:], steps=[Fake("check"), held])
+    start = StartRecord(
+        start="20261123T000000Z-0", digest=orders[0].digest(), digests=tuple(order.digest() for order in orders),
+        plan="brief", station="four_units", units=tuple(units), who={"name": "Olena"},
+        started="2026-01-01T00:00:00.000+00:00",
+    )  # fmt: skip
+    folder = settings.own / "starts" / start.start
+    folder.mkdir(parents=True)
+    start.write(folder)
+    with served(settings) as client:
+        listed = client.get("/api/v1/calibrations").json()["jobs"]
+        assert {job["unit"]: job["state"] for job in listed} == {"SIM-0001": "ended", "GX-2": "held"}
+        assert {mate["unit"]: mate["state"] for mate in listed[0]["together"]} == {"SIM-0001": "ended", "GX-2": "held"}
+        assert listed[0]["together"][0]["steps"] == {"check": "done", "static": "skipped"}
+        begun = []
+        answer = lambda order, _: begun.append(order) or start_of(order)  # noqa: E731
+        monkeypatch.setattr("bench.web.live.calibrating.begun", answer)
+        (other,) = (job["job"] for job in listed if job["unit"] == "GX-2")
+        go_on = client.post(f"/api/v1/calibrations/{other}/continue", json={"release": "known", "operator": "Olha"})
+        assert go_on.status_code == 202, go_on.text
+        assert (begun[0].units, begun[0].digests) == (["GX-2@SIM-0002"], [orders[1].digest()])
+        whole = {"plan": "brief", "station": "four_units", "unit": units[0], "others": units[1:]}
+        assert client.post("/api/v1/calibrations", json=whole).status_code == 202
+        assert begun[1].arguments(settings.out).count("--unit") == 2
+        twice = client.post("/api/v1/calibrations", json={**whole, "others": ["SIM-0001"]})
+        assert (twice.status_code, "named twice" in twice.json()["detail"]) == (400, True)
+
+
+def start_of(order):
+    """An answer like that of a start."""
+    return {"start": "s", "state": "waiting", "plan": order.plan, "station": order.station, "units": order.units,
+            "who": {}, "started": "", "runs": [], "exit_code": None, "verdict": None, "sentence": "",
+            "message": ""}  # fmt: skip

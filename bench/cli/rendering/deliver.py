@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from bench.analysis import State
 from bench.cli.rendering.printing import content, lines, number, table, unit_text
-from bench.commands import Calibrated, CertificateChecked, Certified, Exported, Flashed, MeasuredExported, Verified
+from bench.commands import (
+    Calibrated,
+    CalibratedAll,
+    CertificateChecked,
+    Certified,
+    Exported,
+    Flashed,
+    MeasuredExported,
+    Verified,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -204,6 +213,18 @@ def _(result: Calibrated) -> Iterator[str | Table]:
     yield ""
     yield from [_NEXT[job.state]] if job.state in _NEXT else []
     yield f"job     {job.folder}"
+
+
+@lines.register(CalibratedAll)
+def _(result: CalibratedAll) -> Iterator[str | Table]:
+    for i, unit in enumerate(result.units):
+        yield from ["", ""] if i else []
+        yield from lines(unit)
+
+
+@content.register(CalibratedAll)
+def _(result: CalibratedAll) -> dict[str, Any]:
+    return {"units": [content(unit) for unit in result.units]}
 
 
 @content.register(Calibrated)

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
-from bench.commands.calibration.calibrate import calibrate
+from bench.commands.calibration.calibrate import calibrate_all
 from bench.commands.calibration.junit import write_junit
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.steps import STEP_NAMES
-from bench.commands.results.deliver import Calibrated
+from bench.commands.results.deliver import Calibrated, CalibratedAll
 
 
-def calibrate_unit(order: Order, release: str | None, anew: bool, junit: Path | None) -> Calibrated:
-    """Do what is left of the job, and write its JUnit XML; the exit code is the verdict."""
-    job = calibrate(order, release=release, anew=anew)
+def calibrate_units(
+    orders: Sequence[Order], release: str | None, anew: bool, junit: Path | None
+) -> Calibrated | CalibratedAll:
+    """Do what is left of the jobs, and write their JUnit XML; the exit code is the worst verdict."""
+    jobs = calibrate_all(orders, release=release, anew=anew)
     if junit is not None:
-        write_junit(job, STEP_NAMES, junit)
-    return Calibrated(job, STEP_NAMES)
+        write_junit(jobs, STEP_NAMES, junit)
+    results = tuple(Calibrated(job, STEP_NAMES) for job in jobs)
+    return results[0] if len(results) == 1 else CalibratedAll(results)

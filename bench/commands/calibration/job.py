@@ -53,9 +53,9 @@ class JobFile:
         self.content = content
 
     @classmethod
-    def create(cls, unit_folder: Path, serial: str, plan: str, digest: str) -> JobFile:
-        """A new job; InputError where it cannot be written."""
-        created = datetime.now(UTC)
+    def create(cls, unit_folder: Path, serial: str, plan: str, digest: str, created: datetime | None = None) -> JobFile:
+        """A new job; InputError where it cannot be written. Jobs of the same moment have the same name."""
+        created = created or datetime.now(UTC)
         try:
             folder = new_folder(unit_folder, f"{created:%Y%m%dT%H%M%SZ}_calibrate_{slug(plan)}")
             content: dict[str, Any] = {"unit": serial, "plan": plan, "digest": digest, "bench": __version__,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,17 @@ from bench.commands.files import write
 from bench.commands.junit import add_case, add_judged, add_outcome, document
 
 
-def write_junit(job: JobFile, steps: tuple[str, ...], path: Path) -> None:
+def write_junit(jobs: Sequence[JobFile], steps: tuple[str, ...], path: Path) -> None:
     """Write it; InputError where that cannot be."""
-    write(path, junit(job, steps))
+    write(path, junit(jobs, steps))
 
 
-def junit(job: JobFile, steps: tuple[str, ...]) -> bytes:
-    """The XML: one suite for the job; a step that was not reached is skipped."""
+def junit(jobs: Sequence[JobFile], steps: tuple[str, ...]) -> bytes:
+    """The XML: one suite for each job; a step that was not reached is skipped."""
+    return document("bench calibrate", [_suite(job, steps) for job in jobs])
+
+
+def _suite(job: JobFile, steps: tuple[str, ...]) -> Element:
     unit = job.content["unit"]
     suite = Element("testsuite", name=f"calibrate {unit}", timestamp=job.content["created"].partition("+")[0])
     for name in steps:
@@ -26,7 +31,7 @@ def junit(job: JobFile, steps: tuple[str, ...]) -> bytes:
         _outcome(add_case(suite, f"{unit}.steps", name, _seconds(known)), known)
         for entry in known.get("cases", ()):
             add_judged(suite, f"{unit}.{name}", Case(**entry))
-    return document("bench calibrate", [suite])
+    return suite
 
 
 def _outcome(case: Element, known: dict[str, Any]) -> None:

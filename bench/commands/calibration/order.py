@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.analysis import Model, load_model
-from bench.base import Document, InputError, load_config, read_yaml
+from bench.base import BenchError, Document, InputError, load_config, read_yaml
 from bench.commands.acquisition import station_file
 from bench.commands.calibration.plan import Plan
 from bench.commands.papers import Papers
 from bench.commands.slots import seated
+
+
+@dataclass
+class Together:
+    """Units whose run of a step is made at once, by serial number; `error` is what ended that run."""
+
+    serials: tuple[str, ...]
+    error: BenchError | None = None
 
 
 @dataclass(frozen=True)
@@ -29,6 +37,9 @@ class Order:
     quiet: bool = False
     operator: str = ""
     """Who works on it, if not the user of this process."""
+    place: str = ""
+    """Text of the station with this unit alone in its slot: the neighbours make no other job of it."""
+    together: Together = field(default_factory=lambda: Together(()))
 
     @classmethod
     def load(cls, path: Path, station: Path | None, unit: str, out: Path, quiet: bool = False) -> Order:
@@ -36,14 +47,26 @@ class Order:
 
         `unit` is a unit of the station, or a new one in the slot of one (`NEW@KNOWN`).
         """
+        return cls.load_all(path, station, [unit], out, quiet)[0]
+
+    @classmethod
+    def load_all(
+        cls, path: Path, station: Path | None, units: Sequence[str], out: Path, quiet: bool = False
+    ) -> list[Order]:
+        """The same for several units of the station, each in its slot; InputError where one is named twice."""
         own = read_yaml(path)
-        order = cls(load_config(own, Plan), path, station, {path: own}, unit, out, quiet)
+        order = cls(load_config(own, Plan), path, station, {path: own}, "", out, quiet)
         known = {file: read_yaml(file) for file in order.files() if file != path}
-        place, (serial,) = seated(known[station] if station else station_file(None), [unit])
-        if serial != unit:
-            station = station or Path(place.file)
+        free = known[station] if station else station_file(None)
+        place, serials = seated(free, units)
+        if twice := sorted({serial for serial in serials if serials.count(serial) > 1}):
+            raise InputError(f"unit '{twice[0]}' is named twice: name each unit once")
+        alone = [seated(free, [unit])[0] for unit in units]
+        if serials != list(units):
+            station = station or Path(free.file)
             known[station] = place
-        return replace(order, documents={path: own} | known, station=station, serial=serial)
+        order = replace(order, documents={path: own} | known, station=station)
+        return [replace(order, serial=serial, place=one.text) for serial, one in zip(serials, alone, strict=True)]
 
     def file(self, name: str) -> Path:
         """A file that the plan names."""
@@ -91,7 +114,8 @@ class Order:
 
     def digest(self) -> str:
         """SHA-256 of the unit and of all files: another plan is another job."""
-        texts = [self.serial, *(self.documents[file].text for file in self.files())]
+        files = (self.place if file == self.station else self.documents[file].text for file in self.files())
+        texts = [self.serial, *files]
         return hashlib.sha256("\0".join(texts).encode()).hexdigest()
 
     def refuse_same(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.base import InputError, dump
+from bench.base import BenchError, InputError, dump
 from bench.commands.acquisition import Task, conduct
 from bench.commands.analysis import recover
 from bench.commands.calibration.job import JOB_MARK, JobFile
@@ -26,15 +26,27 @@ def recorded(
     """The whole run of a step, and whether it has several parts.
 
     One that was cut off goes on, or is repeated where the plan says so or nothing can be gone on with. Raises the error
-    that ended the run: it is the next to be taken up.
+    that ended the run: it is the next to be taken up. The run is made for all units that are at work on it together:
+    the others find it, or the error that ended it.
     """
-    found = find(order, _mark(job, step))
-    if found is not None and (run := _taken_up(order, found)) is not None:
-        return run, len(run.parts()) > 1
-    if found is not None:
-        job.renew(step)
-    task = Task([order.serial], {**texts, JOB_MARK: _mark(job, step)}, order.out, compensation, order.operator)
-    return _whole(conduct(order.document(profile), order.station_file(), task, order.quiet)), False
+    together = order.together
+    if together.error is not None:
+        raise together.error
+    try:
+        while (found := find(order, _mark(job, step))) is not None:
+            if (run := _taken_up(order, found)) is not None:
+                return run, len(run.parts()) > 1
+            job.renew(step)
+        mark = _mark(job, step)
+        units = together.serials or (order.serial,)
+        task = Task(units, {**texts, JOB_MARK: mark}, order.out, compensation, order.operator)
+        _whole(conduct(order.document(profile), order.station_file(), task, order.quiet))
+    except BenchError as error:
+        together.error = error
+        raise
+    if (made := find(order, mark)) is None:
+        raise InputError("the run has left no folder: see the output of the bench", order.out / slug(order.serial))
+    return RunFolder(made), False
 
 
 def _mark(job: JobFile, step: str) -> str:

@@ -153,3 +153,20 @@ class Calibrated(Result):
     def runs(self) -> tuple[Path, ...]:
         """All that it made."""
         return tuple(self.job.runs())
+
+
+@dataclass(frozen=True)
+class CalibratedAll(Result):
+    """The jobs of several units that were calibrated together."""
+
+    units: tuple[Calibrated, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """The worst of them."""
+        return max(unit.exit_code for unit in self.units)
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """All that they made."""
+        return tuple(run for unit in self.units for run in unit.runs)

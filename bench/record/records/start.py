@@ -21,6 +21,8 @@ class StartRecord(Record):
     """Name of the start."""
     digest: str = ""
     """Of a calibration: that of its job; empty for a run."""
+    digests: tuple[str, ...] = ()
+    """Of calibrations that were started together: those of the jobs, in the order of the units."""
     plan: str = ""
     station: str | None = None
     equipment: tuple[str, ...] = ()

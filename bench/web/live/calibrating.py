@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,13 +15,13 @@ from pydantic import BaseModel, Field
 from bench.base import InputError
 from bench.commands import STEP_NAMES, JobFile, at_work, station_of
 from bench.commands import Order as Calibration
-from bench.record import JobRecord, StoredCase, slug
+from bench.record import JobRecord, StoredCase, StoredStep, slug
 from bench.web.ground.settings import Here, Settings
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.live.finding import folder_of
 from bench.web.live.live import watcher_of
 from bench.web.live.starting import Start, begun, named_by, starts_of
-from bench.web.live.starts import Order, serial_of
+from bench.web.live.starts import Order, jobs_of, serial_of
 from bench.web.live.story import sound
 from bench.web.people.access import Operator, Who
 from bench.web.plans import catalog
@@ -50,6 +51,8 @@ class Wanted(Intended):
     """Who works at the bench, where nobody has to sign in."""
     queue: bool = False
     """Wait until the station is free."""
+    others: list[Name] = Field(default=[], max_length=63)
+    """Further units, each in its slot: what is run is run once for all of them."""
 
 
 class Further(BaseModel):
@@ -74,6 +77,19 @@ class StepNow(BaseModel):
     """Id of the run that it made."""
 
 
+class Mate(BaseModel):
+    """The calibration of another unit that was started together with this one, in short."""
+
+    unit: str
+    job: str
+    state: str
+    verdict: str | None
+    sentence: str
+    certificate: bool
+    steps: dict[str, str]
+    """State of each step that was begun."""
+
+
 class Job(BaseModel):
     """A calibration as it stands."""
 
@@ -94,6 +110,8 @@ class Job(BaseModel):
     certificate: str | None
     """Number of its certificate."""
     releases: list[str]
+    together: list[Mate]
+    """All that were started together, this one as well; empty for one alone."""
 
 
 class Calibrations(BaseModel):
@@ -106,7 +124,7 @@ class Calibrations(BaseModel):
 @router.post("/calibrations", status_code=202)
 def calibrate(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
     """Begin a calibration, or go on with it; 400 where the plan is wrong, 409 where another run uses the station."""
-    order = _order(wanted, here, named_by(who, wanted.operator, request))
+    order = _order(wanted, here, named_by(who, wanted.operator, request), wanted.others)
     return begun(replace(order, anew=wanted.anew, queue=wanted.queue), request)
 
 
@@ -122,8 +140,8 @@ def check(intended: Intended, request: Request, here: Here, who: Operator) -> As
 def calibrations(request: Request, here: Here) -> Calibrations:
     """Calibrations that the page started."""
     listed = starts_of(request).listed()
-    found = {(start["digest"], start["units"][0]): start for start in reversed(listed) if start["digest"]}
-    jobs = [job for start in reversed(found.values()) if (job := _job_of(start, here)) is not None]
+    found = {pair: start for start in reversed(listed) for pair in jobs_of(start)}
+    jobs = [job for pair in reversed(found) if (job := _newest(*pair, here)) is not None]
     return Calibrations(
         waiting=[Start(**start) for start in reversed(listed) if start["state"] == "waiting"],
         jobs=[_told(folder, request) for folder in jobs if sound(JobRecord, folder) is not None],
@@ -165,8 +183,9 @@ def go_on(unit: Id, job: Id, further: Further, request: Request, here: Here, who
         raise HTTPException(400, "release: a held calibration, and no other, needs a reason to go on")
     who = named_by(who, further.operator, request)
     start = now.start
-    order = _order(Intended(plan=start.plan, station=start.station, unit=start.units[0]), here, who)
-    if order.digest != record.digest:
+    unit = next(one for one in start.units if serial_of(one) == record.unit)
+    order = _order(Intended(plan=start.plan, station=start.station, unit=unit), here, who)
+    if order.digests != [record.digest]:
         raise HTTPException(409, "plan, station or one of their files has changed since: begin a new calibration")
     reason = f"{who.name}: {' '.join(further.release.split())}" if further.release else ""
     return begun(replace(order, release=reason, queue=further.queue), request)
@@ -190,20 +209,21 @@ def _files(intended: Intended, here: Settings) -> tuple[Path, Path]:
     return plan, named(known.stations(), intended.station, "station")
 
 
-def _order(intended: Intended, here: Settings, who: Who) -> Order:
-    """What the process gets; InputError where a file is wrong, or the unit is not the station's."""
+def _order(intended: Intended, here: Settings, who: Who, others: Sequence[str] = ()) -> Order:
+    """What the process gets; InputError where a file is wrong, or a unit is not the station's."""
     plan, station = _files(intended, here)
-    order = Calibration.load(plan, station, intended.unit, here.out)
-    settings = station_of(order.station_file())
-    settings.chosen([order.serial])
+    units = [intended.unit, *others]
+    orders = Calibration.load_all(plan, station, units, here.out)
+    settings = station_of(orders[0].station_file())
+    settings.chosen([order.serial for order in orders])
     return Order(
         plan=intended.plan,
         station=intended.station,
         station_file=station,
         equipment=catalog.equipment(settings),
         plan_file=plan,
-        digest=order.digest(),
-        units=[intended.unit],
+        digests=[order.digest() for order in orders],
+        units=units,
         who={"name": who.name, "role": who.role, "address": who.address},
         operator=str(who),
     )
@@ -216,17 +236,22 @@ def _folder(unit: str, job: str, here: Settings) -> Path:
     return folder
 
 
-def _job_of(start: dict[str, Any], here: Settings) -> Path | None:
-    """Folder of the newest job of a start; None while there is none."""
+def _job_of(start: Mapping[str, Any], here: Settings) -> Path | None:
+    """Folder of the newest job of a start's first unit; None while there is none."""
+    return _newest(*jobs_of(start)[0], here)
+
+
+def _newest(serial: str, digest: str, here: Settings) -> Path | None:
+    """Folder of the newest job of a unit by this very plan; None while there is none."""
     try:
-        found = JobFile.newest(here.out / slug(serial_of(start["units"][0])), start["digest"])
+        found = JobFile.newest(here.out / slug(serial), digest)
     except InputError:  # the job file is damaged: the process says so
         return None
     return None if found is None else found.folder
 
 
 def _told(folder: Path, request: Request) -> Job:
-    record, id_ = JobRecord.read(folder), f"{folder.parent.name}/{folder.name}"
+    record, id_ = JobRecord.read(folder), _id(folder)
     start = starts_of(request).of_job(record.unit, record.digest)
     live = watcher_of(request).of_job(id_)
     facts = record.steps["certificate"].facts if "certificate" in record.steps else {}
@@ -245,15 +270,46 @@ def _told(folder: Path, request: Request) -> Job:
         start=Start(**start) if start else None,
         certificate=str(facts["number"]) if printed and facts.get("number") else None,
         releases=[f"{entry.reason} ({entry.held})" for entry in record.releases],
+        together=_together(start, request.app.state.settings) if start else [],
     )
 
 
+def _id(folder: Path) -> str:
+    return f"{folder.parent.name}/{folder.name}"
+
+
+def _together(start: dict[str, Any], here: Settings) -> list[Mate]:
+    """The jobs of a start of several units."""
+    pairs = jobs_of(start)
+    folders = [_newest(*pair, here) for pair in pairs] if len(pairs) > 1 else []
+    return [
+        Mate(
+            unit=record.unit,
+            job=_id(folder),
+            state=_state(folder, record, start),
+            verdict=record.verdict,
+            sentence=record.sentence,
+            certificate=(folder / "certificate.pdf").is_file(),
+            steps={name: _short(name, step) for name, step in record.steps.items()},
+        )
+        for folder in folders
+        if folder is not None
+        for record in [JobRecord.read(folder)]
+    ]
+
+
 def _state(folder: Path, record: JobRecord, start: dict[str, Any] | None) -> Any:
-    if at_work(folder):
+    over = record.state != "running" and start is not None and (record.ended or "") >= start["started"]
+    if at_work(folder) and not over:  # where several units are at work, some are over before the others
         return "running"
-    if start and start["state"] in GOING:
+    if start and start["state"] in GOING and not over:
         return "waiting" if start["state"] == "waiting" else "running"
     return "interrupted" if record.state == "running" else record.state
+
+
+def _short(name: str, step: StoredStep) -> str:
+    """State of a step, `skipped` where the plan has no such one."""
+    return "skipped" if any(case.skipped and case.name == name for case in step.cases) else step.state
 
 
 def _step(name: str, record: JobRecord, folder: Path) -> StepNow:

@@ -53,8 +53,8 @@ class Order:
     profile_file: Path | None = None
     """Of a run."""
     plan_file: Path | None = None
-    """Of a calibration, with the digest of its job."""
-    digest: str = ""
+    """Of a calibration, with the digests of its jobs, one for each unit."""
+    digests: Sequence[str] = ()
     release: str = ""
     """Why a held calibration goes on."""
     anew: bool = False
@@ -104,7 +104,8 @@ class Starts:
             folder = self._new_folder()
             about = StartRecord(
                 start=folder.name,
-                digest=order.digest,
+                digest=next(iter(order.digests), ""),
+                digests=tuple(order.digests),
                 plan=order.plan,
                 station=order.station,
                 equipment=tuple(sorted(order.equipment)),
@@ -216,8 +217,7 @@ class Starts:
 
     def of_job(self, unit: str, digest: str) -> dict[str, Any] | None:
         """The newest start of a calibration of this unit."""
-        mine = (told for told in self.listed() if told["digest"] == digest)
-        return next((told for told in mine if [serial_of(one) for one in told["units"]] == [unit]), None)
+        return next((told for told in self.listed() if (unit, digest) in jobs_of(told)), None)
 
     def of_run(self, run: str) -> dict[str, Any] | None:
         """The newest start that made this run."""
@@ -262,6 +262,12 @@ class Starts:
 def serial_of(unit: str) -> str:
     """Serial number of a unit, which may be a new one in a slot (`NEW@KNOWN`)."""
     return unit.rpartition("@")[0] or unit
+
+
+def jobs_of(start: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Serial number and digest of each job that a start began or went on with; none for a run."""
+    digests = start.get("digests") or [start["digest"]]
+    return [(serial_of(unit), digest) for unit, digest in zip(start["units"], digests, strict=False) if digest]
 
 
 def _about(folder: Path) -> StartRecord | None:

@@ -109,7 +109,7 @@ function Neighbours({ now, station, answer }) {
     if (units.length) answer({ units });
   };
   const all = now.units.length === station.units.length;
-  return html`<fieldset class="neighbours"><legend>${t(now.calibration ? "start.one_by_one" : "start.together")}</legend>
+  return html`<fieldset class="neighbours"><legend>${t("start.together")}</legend>
     ${station.units.map((slot) => html`<div key=${slot} class="tick">
       <input type="checkbox" aria-label=${slot} checked=${Boolean(of(slot))} disabled=${now.units.length === 1 && of(slot)} onChange=${() => put(slot, of(slot) ? null : slot)} />
       <input type="text" class="mono" aria-label=${t("start.serial_in", { slot })} value=${serialOf(of(slot) ?? slot)} maxlength="64" autocomplete="off" spellcheck="false"

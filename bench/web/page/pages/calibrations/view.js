@@ -56,6 +56,7 @@ export function CalibrationView({ id }) {
           <div><h2>${t("step.print")}</h2>${job.certificate ? html`<p class="mono">${job.certificate}</p>` : html`<p class="soft">${t("step.open")}</p>`}</div></li>
       </ol>
       <div class="job-now">
+        <${Together} job=${job} />
         <${Ending} job=${job} />
         ${run && html`<section class="panel several-run" aria-label=${t("nav.live")}><${Headline} run=${run} link /><${Segments} run=${run} /><${Troubles} run=${run} />
           <${Temperatures} run=${run} trace=${traces.get(run.run) ?? EMPTY} height=${200} /></section>`}
@@ -65,6 +66,21 @@ export function CalibrationView({ id }) {
     </div>
     ${run && html`<${Actions} run=${run} />`}
   </article>`;
+}
+
+/** All units that were started together: each step's state, and how each of them stands. */
+function Together({ job }) {
+  if (!job.together.length) return null;
+  return html`<section aria-labelledby="together"><h2 id="together">${t("job.together")}</h2>
+    <div class="scroll" tabindex="0" role="region" aria-label=${t("job.together")}><table class="job-list job-mates">
+      <thead><tr><th scope="col">${t("job.head.unit")}</th>${job.steps.map(({ name }) => html`<th key=${name} scope="col">${t(`step.name.${name}`)}</th>`)}<th scope="col">${t("job.head.state")}</th></tr></thead>
+      <tbody>${job.together.map((mate) => html`<tr key=${mate.unit} aria-current=${mate.job === job.job ? "true" : undefined}>
+        <th scope="row"><a class="mono" href=${`/calibrations/${mate.job}`}>${mate.unit}</a></th>
+        ${job.steps.map(({ name }) => {
+          const step = { name, state: mate.steps[name] ?? "open", cases: [] };
+          return html`<td key=${name} class=${`tone-${stepTone(step, mate)}`} title=${stepWord(step, mate)}><span aria-hidden="true">${step.state === "open" ? "·" : html`<${Shape} tone=${stepTone(step, mate)} />`}</span><span class="unseen">${stepWord(step, mate)}</span></td>`;
+        })}
+        <td><${Lamp} tone=${toneOf(mate)}>${stateWord(mate)}<//>${mate.certificate && html` <a href=${`/api/v1/calibrations/${mate.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}</td></tr>`)}</tbody></table></div></section>`;
 }
 
 const took = ({ began, ended }) => (began && ended ? duration((Date.parse(ended) - Date.parse(began)) / 1000) : "");

@@ -3,7 +3,7 @@ import { or, t } from "../../lib/words.js";
 
 const TONES = { waiting: "idle", running: "link", interrupted: "bad", held: "warn", failed: "bad" };
 const VERDICTS = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "warn" };
-const STEPS = { open: "idle", begun: "link", done: "good", failed: "bad", void: "idle" };
+const STEPS = { open: "idle", begun: "link", done: "good", skipped: "idle", failed: "bad", void: "idle" };
 
 export const planOf = (plan) => or(`calibration.${plan}`, plan.replaceAll("_", " "));
 export const verdictTone = (verdict) => VERDICTS[verdict] ?? "idle";

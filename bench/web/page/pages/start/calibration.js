@@ -8,12 +8,13 @@ const LOOK_MS = 300;
 const PATIENCE_MS = 120000;
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-/** Begin the calibrations of all units, one after another at the station; the address of the first, null where it waits. */
+/** Begin the calibrations of all units together, those that have ended before as new ones; the address of the first, null where it waits. */
 export async function beginAll({ calibration, station, units }, begun, more) {
   const starts = [];
-  for (const [index, unit] of units.entries()) {
-    const anew = begun[unit]?.state === "ended";
-    starts.push(await post("/calibrations", { plan: calibration, station, unit, anew, ...more, queue: more.queue || index > 0 }));
+  const over = (unit) => begun[unit]?.state === "ended";
+  const groups = [units.filter((unit) => !over(unit)), units.filter(over)].filter((group) => group.length);
+  for (const [index, [unit, ...others]] of groups.entries()) {
+    starts.push(await post("/calibrations", { plan: calibration, station, unit, others, anew: over(unit), ...more, queue: more.queue || index > 0 }));
   }
   return starts[0].state === "waiting" ? null : address(starts[0].start);
 }

@@ -8,7 +8,6 @@ function merged(units, results) {
   const findings = results.flatMap((result, index) => result.findings.map((finding) => (units.length > 1 ? { ...finding, text: `${serialOf(units[index])}: ${finding.text}` } : finding)));
   return {
     ...results[0], findings, ok: results.every((result) => result.ok),
-    duration_s: results.reduce((sum, result) => sum + result.duration_s, 0),
     begun: Object.fromEntries(results.flatMap((result, index) => (result.begun ? [[units[index], result.begun]] : []))),
   };
 }

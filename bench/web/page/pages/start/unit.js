@@ -3,6 +3,7 @@ import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { Trouble } from "../../lib/parts.js";
 import { inSlot } from "../../lib/units.js";
 import { t } from "../../lib/words.js";
+import { SlotsForm } from "./slots.js";
 
 const same = (one, other) => one.trim().toLowerCase() === other.trim().toLowerCase();
 
@@ -16,6 +17,7 @@ export const whereIs = (stations, serial) =>
 export function UnitQuestion({ stations, last, answer }) {
   const [asked, setAsked] = useState(null);
   const [wrong, setWrong] = useState("");
+  const [filling, setFilling] = useState(null);
   const sound = stations.filter((station) => !station.problem);
   const take = (serial) => {
     const places = whereIs(sound, serial);
@@ -24,6 +26,7 @@ export function UnitQuestion({ stations, last, answer }) {
     if (place) answer({ units: [place.serial], station: place.station.id });
     else if (places.length) setAsked(places);
   };
+  if (filling) return html`<${SlotsForm} station=${filling} answer=${answer} back=${() => setFilling(null)} />`;
   if (asked) return html`<${WhichStation} places=${asked} last=${last} answer=${answer} back=${() => setAsked(null)} />`;
   return html`<${SerialField} take=${take} />
     <div aria-live="assertive">${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}</div>
@@ -33,7 +36,8 @@ export function UnitQuestion({ stations, last, answer }) {
         <h3>${station.title}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
         <div class="row">
           ${station.units.map((serial) => html`<button type="button" key=${serial} class="mono" onClick=${() => answer({ units: [serial], station: station.id })}>${serial}</button>`)}
-          ${station.units.length > 1 && html`<button type="button" onClick=${() => answer({ units: station.units, station: station.id })}>${t("start.all_units", { n: station.units.length })}</button>`}
+          ${station.units.length > 1 && html`<button type="button" onClick=${() => answer({ units: station.units, station: station.id })}>${t("start.all_units", { n: station.units.length })}</button>
+          <button type="button" onClick=${() => setFilling(station)}>${t("start.slots_fill", { n: station.units.length })}</button>`}
         </div>
       </section>`)}
     </div>

@@ -1,0 +1,55 @@
+// One serial number for each slot of a station: scanned or typed, Enter goes to the next slot.
+import { html, useEffect, useRef, useState } from "../../lib/preact.js";
+import { inSlot } from "../../lib/units.js";
+import { t } from "../../lib/words.js";
+
+const same = (one, other) => one.trim().toLowerCase() === other.trim().toLowerCase();
+
+/** What is wrong with the serial numbers by slot, in words; empty where nothing is. */
+export function wrongIn(slots, serials) {
+  const given = slots.map((slot) => (serials[slot] ?? "").trim());
+  const twice = given.find((serial, index) => serial && given.findIndex((other) => same(serial, other)) < index);
+  if (twice) return t("start.slots_twice", { serial: twice });
+  const at = given.findIndex((serial, index) => slots.some((slot, other) => other !== index && same(serial, slot)));
+  return at < 0 ? "" : t("start.slots_other", { serial: given[at], slot: slots.find((slot) => same(slot, given[at])) });
+}
+
+/** The units, each in its slot, as the API names them. */
+export const unitsIn = (slots, serials) => slots.filter((slot) => serials[slot]?.trim())
+  .map((slot) => (same(serials[slot], slot) ? slot : inSlot(serials[slot], slot)));
+
+/** Form for the slots of `station`; `answer({units, station})` gets those that have a unit. */
+export function SlotsForm({ station, answer, back }) {
+  const [serials, setSerials] = useState({});
+  const [wrong, setWrong] = useState("");
+  const form = useRef(null);
+  useEffect(() => form.current.querySelector("input").focus(), []);
+  const submit = (event) => {
+    event.preventDefault();
+    const fields = [...form.current.querySelectorAll("input")];
+    const next = fields[fields.indexOf(document.activeElement) + 1];
+    const problem = wrongIn(station.units, serials);
+    setWrong(problem);
+    if (problem) return fields.find((field) => field === document.activeElement)?.select();
+    if (next && event.submitter?.type !== "submit") return next.focus();
+    const units = unitsIn(station.units, serials);
+    if (units.length) answer({ units, station: station.id });
+    return undefined;
+  };
+  // Enter in a field is not a click on the button: it goes to the next slot, from the last one to the next question.
+  const enter = (event) => {
+    if (event.key !== "Enter") return;
+    event.preventDefault();
+    submit({ preventDefault() {}, submitter: null });
+  };
+  return html`<form class="slots" ref=${form} onSubmit=${submit} aria-labelledby="slots-title">
+    <h2 id="slots-title">${t("start.slots_title", { station: station.title })}</h2>
+    <p class="soft" id="slots-hint">${t("start.slots_hint")}</p>
+    ${station.units.map((slot) => html`<div key=${slot} class="field"><label for=${`slot-${slot}`}>${t("start.slot", { slot })}</label>
+      <input id=${`slot-${slot}`} class="mono" autocomplete="off" autocapitalize="characters" spellcheck=${false} maxlength="64" aria-describedby="slots-hint" value=${serials[slot] ?? ""}
+        onKeyDown=${enter} onInput=${(event) => setSerials({ ...serials, [slot]: event.target.value })} /></div>`)}
+    <div aria-live="assertive">${wrong && html`<div class="notice warn"><p>${wrong}</p></div>`}</div>
+    <div class="row"><button type="submit" class="primary" disabled=${!unitsIn(station.units, serials).length}>${t("start.next")}</button>
+      <button type="button" class="quiet" onClick=${back}>${t("start.back")}</button></div>
+  </form>`;
+}

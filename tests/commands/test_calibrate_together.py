@@ -1,0 +1,111 @@
+"""Several units in one job: what is run is run once for all, and each unit has its own steps and verdict."""
+
+from pathlib import Path
+
+import pytest
+
+from bench.base import library
+from bench.base.errors import EquipmentError, InputError, RunAborted
+from bench.commands.calibration import recording
+from bench.commands.calibration.calibrate import calibrate_all
+from bench.commands.calibration.job import Done
+from bench.commands.calibration.order import Order
+from bench.commands.calibration.recording import recorded
+from bench.commands.calibration.steps import AgainError
+from tests.commands.test_calibrate import Fake
+from tests.support.run_folders import make_run, ramp_run
+
+PLAN = library() / "plans" / "quick.yaml"
+FOUR = library() / "stations" / "four_units.yaml"
+UNITS = ("SIM-0001", "GX-0815@SIM-0002", "SIM-0003")
+SERIALS = ("SIM-0001", "GX-0815", "SIM-0003")
+
+
+class Chamber:
+    """Records every unit of a task in a folder of its own, as `conduct` does; `ends` are how the next runs end."""
+
+    def __init__(self, monkeypatch):
+        self.tasks, self.ends = [], []
+        monkeypatch.setattr(recording, "conduct", self.conduct)
+        monkeypatch.setattr(recording, "_whole", lambda result: result)
+
+    def conduct(self, profile, station, task, quiet):
+        self.tasks.append(tuple(task.serials))
+        end = self.ends.pop(0) if self.ends else None
+        for serial in task.serials:
+            folder = task.out / serial / f"2026_{len(self.tasks)}"
+            make_run(folder, **ramp_run(rate_hz=1.0), unit=serial)
+            for name, text in task.texts.items():
+                (folder / name).write_text(text, encoding="utf-8")
+        if end is not None:
+            raise end
+
+
+class Recorded:
+    """A step that makes a run."""
+
+    name = "run"
+
+    def do(self, order, job):
+        run, _ = recorded(order, job, self.name, order.plan.profile, "off", {})
+        return Done(str(run.path))
+
+
+@pytest.fixture
+def orders(tmp_path):
+    return Order.load_all(PLAN, FOUR, UNITS, tmp_path, quiet=True)
+
+
+def test_a_run_is_made_once_for_all_units_and_each_unit_has_its_own(orders, monkeypatch):
+    chamber = Chamber(monkeypatch)
+    jobs = calibrate_all(orders, steps=[Fake("check"), Recorded(), Fake("fit")])
+    assert chamber.tasks == [SERIALS]
+    assert [job.content["verdict"] for job in jobs] == ["PASS"] * 3
+    assert [Path(job.step("run")["sentence"]).parent.name for job in jobs] == list(SERIALS)
+    units = [entry["serial"] for entry in orders[0].station_file().content["units"]]
+    assert units == ["SIM-0001", "GX-0815", "SIM-0003", "SIM-0004"]
+
+
+def test_what_ends_the_run_fails_every_unit_and_is_not_tried_again_for_the_next(orders, monkeypatch):
+    chamber = Chamber(monkeypatch)
+    chamber.ends = [RunAborted("aborted by Olena")]
+    jobs = calibrate_all(orders, steps=[Recorded()])
+    assert (chamber.tasks, [job.content["sentence"] for job in jobs]) == ([SERIALS], ["aborted by Olena"] * 3)
+    assert {job.content["exit_code"] for job in jobs} == {3}
+
+
+class Once(Fake):
+    """Fails for one unit."""
+
+    def do(self, order, job):
+        if order.serial == "GX-0815" and not self.count:
+            self.count += 1
+            raise self.errors[0]
+        return Done("fine")
+
+
+@pytest.mark.parametrize(("error", "tasks"), [
+    (EquipmentError("the unit does not answer"), [("SIM-0001", "SIM-0003")]),
+    (AgainError("check", "the unit holds another"), [("SIM-0001", "GX-0815", "SIM-0003")]),
+])  # fmt: skip
+def test_a_unit_that_fails_is_left_behind_and_one_that_repeats_a_step_is_waited_for(orders, monkeypatch, error, tasks):
+    chamber = Chamber(monkeypatch)
+    jobs = calibrate_all(orders, steps=[Fake("check"), Once("flash", errors=[error]), Recorded()])
+    assert chamber.tasks == tasks
+    assert [job.state for job in jobs] == ["ended", "ended" if isinstance(error, AgainError) else "failed", "ended"]
+
+
+def test_a_unit_goes_on_alone_with_what_began_together(orders, monkeypatch, tmp_path):
+    Chamber(monkeypatch)
+    error = EquipmentError("the unit does not answer")
+    before = calibrate_all(orders, steps=[Recorded(), Once("flash", errors=[error])])
+    (alone,) = Order.load_all(PLAN, FOUR, [UNITS[1]], tmp_path, quiet=True)
+    (after,) = calibrate_all([alone], steps=[Recorded(), Fake("flash")])
+    assert (after.folder, after.state, after.step("run")["attempts"]) == (before[1].folder, "ended", 1)
+
+
+def test_a_release_names_one_unit_and_a_unit_is_named_once(orders, tmp_path):
+    with pytest.raises(InputError, match="released alone"):
+        calibrate_all(orders, release="Olha: known", steps=[])
+    with pytest.raises(InputError, match="named twice"):
+        Order.load_all(PLAN, FOUR, ["SIM-0001", "SIM-0001"], tmp_path)
