@@ -2,6 +2,8 @@
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +13,8 @@ from bench.commands.calibration.calibrate import calibrate, calibrate_all
 from bench.commands.calibration.job import Case, Done
 from bench.record import StartRecord
 from bench.web.ground.settings import Settings
+from bench.web.live import starts as webstarts
+from bench.web.live.starts import Starts
 from bench.web.people import people
 from tests.commands.test_calibrate import Fake
 from tests.commands.test_live import until
@@ -64,7 +68,8 @@ def test_a_new_unit_stops_at_missing_papers_goes_on_survives_a_restart_and_is_ab
         for kind, content in (("laboratory", LABORATORY), ("equipment", EQUIPMENT)):
             answer = client.put(f"/api/v1/stations/bare/papers/{kind}", json={"content": content})
             assert answer.status_code == 200, answer.text
-        assert client.post(f"/api/v1/calibrations/{id_}/continue", json={"operator": "Olena"}).status_code == 202
+        goes_on = client.post(f"/api/v1/calibrations/{id_}/continue", json={"operator": "Olena"})
+        assert goes_on.status_code == 202, goes_on.text
         until(lambda: at(client.get(f"/api/v1/calibrations/{id_}").json())["run"] == "begun")
     with served(settings) as client:  # another server: the job goes on, and is found again
         told = client.get(f"/api/v1/calibrations/{id_}").json()
@@ -241,3 +246,31 @@ def start_of(order):
     return {"start": "s", "state": "waiting", "plan": order.plan, "station": order.station, "units": order.units,
             "who": {}, "started": "", "runs": [], "exit_code": None, "verdict": None, "sentence": "",
             "message": ""}  # fmt: skip
+
+
+def test_what_is_planned_for_later_begins_then_and_lets_others_go_before_it(settings, monkeypatch):
+    now, begun = [datetime(2026, 11, 23, 20, 0, tzinfo=UTC)], []
+    monkeypatch.setattr(Starts, "_spawn", lambda self, folder, arguments: begun.append(folder.name) or 1)
+    monkeypatch.setattr("bench.web.live.starts.locked", lambda path: False)
+    starts = Starts(settings.own, settings.out, settings.project, lambda: now[0])
+    order = webstarts.Order(plan="p", station="s", station_file=Path("s.yaml"), equipment=frozenset({"station s"}))
+    night = replace(order, not_before=datetime(2026, 11, 24, 0, 0, tzinfo=timezone(timedelta(hours=2))))  # 22:00 UTC
+    later = starts.begin(night, {})
+    assert (later["state"], later["not_before"]) == ("waiting", "2026-11-24T00:00:00+02:00")
+    first = starts.begin(order, {})
+    assert begun == [first["start"]]
+    starts.take_up({})
+    assert len(begun) == 1
+    again = Starts(settings.own, settings.out, settings.project, lambda: now[0])  # the plan outlives the server
+    now[0] = datetime(2026, 11, 23, 22, 0, 1, tzinfo=UTC)
+    again.take_up({"station s": "another run"})
+    assert len(begun) == 1
+    again.take_up({})
+    assert begun == [first["start"], later["start"]]
+
+
+def test_a_time_without_its_zone_is_refused(settings):
+    with served(settings) as client:
+        answer = client.post("/api/v1/starts", json={"plan": "long", "not_before": "2026-11-24T00:00:00"})
+        assert answer.status_code == 422
+        assert "timezone" in answer.text

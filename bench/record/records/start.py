@@ -36,5 +36,7 @@ class StartRecord(Record):
     """Ids of the runs that its process made."""
     waiting: tuple[str, ...] = ()
     """Arguments of `bench`, while it waits for its equipment."""
+    not_before: str | None = None
+    """Time before which it does not begin, ISO 8601; null: as soon as its equipment is free."""
     pid: int | None = None
     """Null until the process is there."""

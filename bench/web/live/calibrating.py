@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Request
 from fastapi import Path as Part
 from fastapi.responses import FileResponse
-from pydantic import BaseModel, Field
+from pydantic import AwareDatetime, BaseModel, Field
 
 from bench.base import InputError
 from bench.commands import STEP_NAMES, JobFile, at_work, station_of
@@ -51,6 +51,8 @@ class Wanted(Intended):
     """Who works at the bench, where nobody has to sign in."""
     queue: bool = False
     """Wait until the station is free."""
+    not_before: AwareDatetime | None = None
+    """Begin then, or as soon after it as the station is free."""
     others: list[Name] = Field(default=[], max_length=63)
     """Further units, each in its slot: what is run is run once for all of them."""
 
@@ -125,7 +127,7 @@ class Calibrations(BaseModel):
 def calibrate(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
     """Begin a calibration, or go on with it; 400 where the plan is wrong, 409 where another run uses the station."""
     order = _order(wanted, here, named_by(who, wanted.operator, request), wanted.others)
-    return begun(replace(order, anew=wanted.anew, queue=wanted.queue), request)
+    return begun(replace(order, anew=wanted.anew, queue=wanted.queue, not_before=wanted.not_before), request)
 
 
 @router.post("/calibrations/checks", status_code=202)
@@ -299,8 +301,10 @@ def _together(start: dict[str, Any], here: Settings) -> list[Mate]:
 
 
 def _state(folder: Path, record: JobRecord, start: dict[str, Any] | None) -> Any:
-    over = record.state != "running" and start is not None and (record.ended or "") >= start["started"]
-    if at_work(folder) and not over:  # where several units are at work, some are over before the others
+    # Where several units are at work, some are over before the others; one alone is over when its process has ended.
+    several = start is not None and len(jobs_of(start)) > 1
+    over = several and record.state != "running" and start is not None and (record.ended or "") >= start["started"]
+    if at_work(folder) and not over:
         return "running"
     if start and start["state"] in GOING and not over:
         return "waiting" if start["state"] == "waiting" else "running"

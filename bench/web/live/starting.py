@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Request
 from fastapi import Path as Part
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
 from bench.commands import seated, station_file, station_of
 from bench.web.ground.settings import Here
@@ -31,6 +31,8 @@ class Wanted(Intended):
     """Who works at the bench, where nobody has to sign in."""
     queue: bool = False
     """Wait until the station is free."""
+    not_before: AwareDatetime | None = None
+    """Begin then, or as soon after it as the station is free."""
 
 
 class Start(BaseModel):
@@ -50,6 +52,8 @@ class Start(BaseModel):
     limits: str | None = None
     who: dict[str, str]
     started: str
+    not_before: str | None = None
+    """Time before which it does not begin."""
     runs: list[str]
     exit_code: int | None
     """Exit code of `bench run`: 0 good, 1 outside limits, 2 refused, 3 aborted, 4 equipment failed; None: none yet."""
@@ -94,6 +98,7 @@ def begin(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
         who={"name": who.name, "role": who.role, "address": who.address},
         operator=str(who),
         queue=wanted.queue,
+        not_before=wanted.not_before,
     )
     return begun(order, request)
 

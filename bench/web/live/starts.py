@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -60,6 +60,8 @@ class Order:
     anew: bool = False
     queue: bool = False
     """Wait until nothing else uses the equipment."""
+    not_before: datetime | None = None
+    """Wait until then, too."""
     units: Sequence[str] = ()
     """Units of the station, or new ones in their slots (`NEW@KNOWN`)."""
     models: Sequence[str] = ()
@@ -83,8 +85,11 @@ class Order:
 class Starts:
     """The starts of one server; safe to use from any thread."""
 
-    def __init__(self, own: Path, out: Path, project: Path) -> None:
+    def __init__(
+        self, own: Path, out: Path, project: Path, now: Callable[[], datetime] = lambda: datetime.now(UTC)
+    ) -> None:
         """`own`: the server's folder, `out`: where the runs go, `project`: where they are started."""
+        self._now = now
         self._folder, self._out, self._project = own / "starts", out.resolve(), project
         self._lock = threading.RLock()
         self._children: list[_Detached] = []
@@ -97,7 +102,8 @@ class Starts:
         with self._lock:
             in_use = {**in_use, **self._in_use()}
             taken = sorted(order.equipment & in_use.keys())
-            if taken and not order.queue:
+            later = order.not_before is not None and order.not_before > self._now()
+            if taken and not (order.queue or later):
                 text = f"{taken[0]} is in use: {in_use[taken[0]]}; wait for its end, or abort it first"
                 raise InUse(text)
             self._forget()
@@ -116,12 +122,13 @@ class Starts:
                 started=datetime.now(UTC).isoformat(timespec="milliseconds"),
                 runs=(),
                 waiting=tuple(order.arguments(self._out)),
+                not_before=None if order.not_before is None else order.not_before.isoformat(timespec="seconds"),
                 pid=None,
             )
             try:
                 about.write(folder)  # written first, so that every process has a record
                 self._waiting.add(folder.name)
-                if not taken:
+                if not (taken or later):
                     self._go(folder, about)
             except OSError as error:
                 shutil.rmtree(folder, ignore_errors=True)
@@ -133,7 +140,7 @@ class Starts:
         self._write(folder, about.model_copy(update={"pid": pid, "waiting": ()}))
 
     def take_up(self, in_use: Mapping[str, str]) -> None:
-        """Start what waits for equipment that is free now, the oldest first."""
+        """Start what waits for equipment that is free now, the oldest first; nothing before its time."""
         with self._lock:
             waiting = {name: about for name in sorted(self._waiting) if (about := self._waits(name))}
             self._waiting = {*waiting}
@@ -141,6 +148,8 @@ class Starts:
                 return
             taken = {*in_use, *self._in_use()}
             for name, about in waiting.items():
+                if about.not_before is not None and datetime.fromisoformat(about.not_before) > self._now():
+                    continue
                 if not taken & {*about.equipment}:
                     self._go(self._folder / name, about)
                 taken |= {*about.equipment}  # whoever came first is first

@@ -37,7 +37,7 @@ function List() {
   return html`<div class="page stack"><h1>${t("nav.calibrations")}</h1>
     <${Trouble} error=${error} />
     ${listed.waiting.length > 0 && html`<section aria-labelledby="queue"><h2 id="queue">${t("job.queue")}</h2>
-      <ol>${listed.waiting.map((start) => html`<li key=${start.start} class="row"><b class="mono">${start.units.map(serialOf).join(", ")}</b> ${start.digest ? planOf(start.plan) : planTitle({ id: start.plan, title: start.plan })} <span class="soft">${start.station} · ${start.who.name}</span>
+      <ol>${listed.waiting.map((start) => html`<li key=${start.start} class="row"><b class="mono">${start.units.map(serialOf).join(", ")}</b> ${start.digest ? planOf(start.plan) : planTitle({ id: start.plan, title: start.plan })} <span class="soft">${start.station} · ${start.who.name}${start.not_before && ` · ${t("job.not_before", { time: moment(start.not_before) })}`}</span>
         ${may("operator") && html`<button type="button" class="narrow" onClick=${() => giveUp(start.start)}>${t("job.give_up")}<span class="unseen"> ${start.units.map(serialOf).join(", ")}</span></button>`}</li>`)}</ol></section>`}
     ${listed.jobs.length > 0 ? html`<div class="scroll" tabindex="0" role="region" aria-label=${t("nav.calibrations")}><table class="job-list">
       <thead><tr>${["unit", "plan", "state", "begun", "certificate"].map((key) => html`<th key=${key} scope="col">${t(`job.head.${key}`)}</th>`)}</tr></thead>

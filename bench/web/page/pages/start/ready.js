@@ -45,11 +45,12 @@ export function Ready({ order, plan, station, limits, begun }) {
     const chosen = lastLimits.get()[plan.id] ?? plan.limits;
     return limits.some(({ id }) => id === chosen) ? chosen : "";
   });
+  const [later, setLater] = useState("");
   const start = async (queue = false) => {
     setStarting(true);
     setRefused(null);
     try {
-      const more = { ...operatorOf(), queue };
+      const more = { ...operatorOf(), queue, ...(later ? { not_before: new Date(later).toISOString() } : {}) };
       if (!calibrating) lastLimits.set((now) => ({ ...now, [plan.id]: within }));
       const way = calibrating ? await beginAll(order, result.begun, more)
         : await begin(order, { ...more, models: plan.models, ...(within ? { limits: within } : {}) }).then((run) => run && `/live/${run}`);
@@ -76,21 +77,23 @@ export function Ready({ order, plan, station, limits, begun }) {
         </select>
         ${plan.models.length > 0 && html`<p class="soft small">${t("ready.models", { models: plan.models.join(", ") })}</p>`}</div>`}
       <${OperatorField} />
+      <div class="field"><label for="later">${t("ready.later")}</label>
+        <input id="later" type="datetime-local" value=${later} onInput=${(event) => setLater(event.target.value)} /></div>
       <${Trouble} error=${refused} />
       ${refused?.status === 409 && html`<p><button type="button" onClick=${() => start(true)}>${t("ready.queue")}</button></p>`}
-      <${StartButton} ready=${ready} starting=${starting} start=${() => start()} />
+      <${StartButton} ready=${ready} starting=${starting} later=${later} start=${() => start()} />
     </div>
   </div>`;
 }
 
-function StartButton({ ready, starting, start }) {
+function StartButton({ ready, starting, later, start }) {
   const button = useRef(null);
   useEffect(() => {
     // Enter starts the run after the check has ended, unless another element has the focus.
     if (ready && (document.activeElement === document.body || document.activeElement?.id === "question")) button.current.focus();
   }, [ready]);
   return html`<button type="button" ref=${button} class="go giant" disabled=${!ready} onClick=${start}>
-    ${starting ? t("ready.starting") : t("ready.start")}
+    ${starting ? t("ready.starting") : later ? t("ready.plan_it") : t("ready.start")}
   </button>
   <p class="soft" role="status">${starting ? t("ready.starting_long") : ready ? t("ready.consequence") : ""}</p>`;
 }
