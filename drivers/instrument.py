@@ -202,7 +202,7 @@ class SerialLine:
             yield self._port
         except (OSError, ValueError) as error:  # those of pyserial, too
             self.close()
-            raise LinkError(one_line(error)) from error
+            raise LinkError(f"{address}: {one_line(error)}") from error
         except LinkError:
             self.close()
             raise
@@ -291,7 +291,7 @@ class VisaLine:
             return action(self._resource)
         except self._errors as error:
             self.close()
-            raise LinkError(one_line(error)) from error
+            raise LinkError(f"{self._address}: {one_line(error)}") from error
 
 
 class Instrument:

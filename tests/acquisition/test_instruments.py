@@ -22,7 +22,7 @@ from bench.acquisition.station.serve import keep_running, serve_station
 from bench.acquisition.station.settings.instrument import InstrumentSettings
 from bench.acquisition.station.settings.station import StationSettings
 from bench.analysis.effects.expression import Expression
-from bench.base import EquipmentError, load_config, parse_yaml
+from bench.base import EquipmentError, InputError, load_config, parse_yaml
 from bench.cli import main
 from bench.record import RunFolder, load, open_run
 from drivers.clock import WallClock
@@ -193,6 +193,14 @@ def test_a_wrong_section_is_refused_with_its_line(tmp_path, instruments, said):
     assert answer.exit_code == 2, answer.output
     assert f"{tmp_path / 'station.yaml'}:" in answer.stderr
     assert said in answer.stderr
+
+
+def test_a_guard_that_would_trip_between_two_readings_is_refused():
+    slow = {"name": "meter", "read": [{"channel": "humidity", "query": "H?", "period_s": 60}]}
+    guard = {"name": "moist", "signal": "humidity", "above": 60}
+    with pytest.raises(InputError, match="max_age_s is 10, but humidity is read every 60 s"):
+        station(slow, guards=[guard])
+    assert station(slow, guards=[guard | {"max_age_s": 90}]).measured() == ("humidity",)
 
 
 def test_check_tells_what_is_recorded_and_refuses_what_a_unit_sends_itself(tmp_path):

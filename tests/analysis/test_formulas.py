@@ -51,6 +51,17 @@ def test_what_is_found_is_added_as_it_is_written(quiet, tmp_path):
 
 
 @pytest.mark.slow
+def test_what_follows_a_channel_of_an_instrument_is_found(quiet):
+    run, still = quiet
+    humidity = 30.0 + 8.0 * np.sin(run.time / 2300.0 + 0.4) + 4.0 * np.sin(run.time / 700.0)
+    moist = {**run.channels, "humidity": humidity, "rate": run.channels["rate"] + 0.05 * (humidity - 30.0)}
+    answer = diagnose([replace(run, channels=moist)], MODEL, static=still)
+    assert answer.verdict == "unknown_effect"
+    assert "a misfit over humidity" in answer.sentence
+    assert "k * (humidity - 29.5" in answer.to_json()["formulas"][0]["expression"]
+
+
+@pytest.mark.slow
 def test_noise_gives_no_formula(quiet):
     run, still = quiet
     answer = diagnose([run], MODEL, static=still)

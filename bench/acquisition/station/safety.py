@@ -77,6 +77,7 @@ class SafeState:
         """Go there; the steps of the last attempt, each verified or not."""
         until_s, failures = self.clock.now() + self.retry_s, 0
         moving = self.stop_moving()  # takes a second, and what turns does more harm than what is warm
+        self.beat()
         off = self.switch_off()
         while True:
             self.beat()

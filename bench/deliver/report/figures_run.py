@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from bench.analysis import FLICKER_FLOOR, AllanCurve, Noise, zero_rate
-from bench.base import CHANNELS, FloatArray
+from bench.base import CHANNELS, INSTRUMENTS, FloatArray
 from bench.deliver.report import plotting
 from bench.deliver.report.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, Plot, axis
 from bench.record import Dataset
@@ -87,9 +87,14 @@ def _smooth(values: FloatArray, width: int = 7) -> FloatArray:
     return out
 
 
+def further_channels(dataset: Dataset) -> list[str]:
+    """What the unit and the instruments of its station measured beside rate and temperature."""
+    return [name for name in ("frequency", "drive", "quadrature", *INSTRUMENTS) if has_channel(dataset, name)]
+
+
 def channels_figure(dataset: Dataset) -> Plot | None:
-    """Frequency, drive, quadrature, supply over temperature, heating and cooling separately; None without any."""
-    names = [name for name in ("frequency", "drive", "quadrature", "supply") if has_channel(dataset, name)]
+    """The further channels over temperature, heating and cooling separately; None without any."""
+    names = further_channels(dataset)
     if not names:
         return None
     traces, layout = [], {}
@@ -104,13 +109,14 @@ def channels_figure(dataset: Dataset) -> Plot | None:
         column, row = i % 2, i // 2
         rows = (len(names) + 1) // 2
         span = 1.0 if len(names) == 1 else 0.44
-        height = (1.0 - 0.2 * (rows - 1)) / rows
-        top = 1.0 - row * (height + 0.2)
+        gap = 0.4 / rows
+        height = (1.0 - gap * (rows - 1)) / rows
+        top = 1.0 - row * (height + gap)
         layout[f"xaxis{suffix}"] = axis(TEMPERATURE, domain=[column * 0.56, column * 0.56 + span], anchor=f"y{suffix}")
         layout[f"yaxis{suffix}"] = axis(
             f"{name} [{CHANNELS[name].unit}]", domain=[max(0.0, top - height), top], anchor=f"x{suffix}"
         )
-    return plotting.plot(traces, layout, 300 if len(names) <= 2 else 560)
+    return plotting.plot(traces, layout, 300 if len(names) <= 2 else 280 * rows)
 
 
 def allan_figure(curves: Sequence[tuple[str, AllanCurve]], noise: Noise | None) -> Plot:

@@ -61,8 +61,8 @@ def bias(analysis: Analysis) -> Section | None:
     html = paragraph(words) + figure("fig-loop", figures_run.loop_figure(data), caption, alt)
     others = figures_run.channels_figure(data)
     if others is not None:
-        caption = "Other channels of the unit over temperature, which the multi-channel models can use."
-        html += figure("fig-channels", others, caption, "Other channels of the unit over temperature")
+        caption = "Other channels of unit and instruments over temperature, which models of several channels can use."
+        html += figure("fig-channels", others, caption, "Other channels of unit and instruments over temperature")
     return Section("bias", "Bias over temperature", html)
 
 

@@ -20,7 +20,7 @@ from bench.deliver import (
     compensation,
     coordinate_over,
     drawable_coordinates,
-    has_channel,
+    further_channels,
     loop_figure,
     measured_figure,
     over_axis,
@@ -300,7 +300,7 @@ def channels(drawing: Drawing) -> Figure:
     plot = channels_figure(data)
     if plot is None:
         raise InputError(f"{drawing.of.id} has no channels other than rate and temperature")
-    names = [name for name in ("frequency", "drive", "quadrature", "supply") if has_channel(data, name)]
+    names = further_channels(data)
     spans = [
         said("of", name={"label": f"{name} [{CHANNELS[name].unit}]"}, span=span(data.channels[name])) for name in names
     ]

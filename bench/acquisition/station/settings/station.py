@@ -144,6 +144,14 @@ class StationSettings(BaseModel):
                     text = f"{reading.channel} is measured by {other!r} already"
                     raise PlacedError(text, ("instruments", i, "read", k, "channel"))
 
+        periods: dict[str, float] = {
+            reading.channel: reading.period_s for one in self.instruments for reading in one.read
+        }
+        for i, guard in enumerate(self.guards):
+            if guard.max_age_s <= (period_s := periods.get(guard.signal, 0.0)):
+                text = f"max_age_s is {guard.max_age_s:g}, but {guard.signal} is read every {period_s:g} s: the guard"
+                raise PlacedError(f"{text} would trip between two readings; raise it", ("guards", i, "max_age_s"))
+
     def _check_table(self) -> None:
         table = self.rate_table
         if table is None:
