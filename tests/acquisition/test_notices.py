@@ -129,6 +129,14 @@ def test_more_notices_than_a_recipient_takes_are_dropped_not_kept(tmp_path):
     assert text.startswith("hook was not told of: hold (4")
 
 
+def test_who_only_reads_the_file_leaves_no_thread(tmp_path):
+    before = threading.active_count()
+    notifier = Notifier(declared(tmp_path, ("hook", "json://127.0.0.1:9")))
+    notifier.close()
+    assert threading.active_count() == before
+    assert notifier.troubles() == []
+
+
 def test_no_secret_reaches_the_run_folder(tmp_path):
     with notices.webhook(500) as hook:
         ended = run(tmp_path, ("hook", f"json://u:{SECRET}@127.0.0.1:{hook.port}/{SECRET}"))

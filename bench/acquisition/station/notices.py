@@ -75,11 +75,15 @@ class _Line:
         self._waiting: Queue[tuple[Kind, str, str, Mood] | None] = Queue(MOST_WAITING)
         self._failed: Queue[Kind] = Queue()
         self._on_its_way: Kind | None = None
-        self._thread = threading.Thread(target=self._send, name=f"notices to {recipient.name}", daemon=True)
-        self._thread.start()
+        self._thread: threading.Thread | None = None
 
     def tell(self, kind: Kind, title: str, text: str, mood: Mood) -> None:
         if kind in self._recipient.when:
+            if self._thread is None:  # a check of the file needs none
+                self._thread = threading.Thread(
+                    target=self._send, name=f"notices to {self._recipient.name}", daemon=True
+                )
+                self._thread.start()
             try:
                 self._waiting.put_nowait((kind, title, text, mood))
             except Full:
@@ -87,6 +91,8 @@ class _Line:
 
     def close(self, until_s: float) -> None:
         """Give up what is not delivered at `until_s` of the monotonic clock."""
+        if self._thread is None:
+            return
         try:
             self._waiting.put(None, timeout=max(until_s - time.monotonic(), 0.0))
             self._thread.join(max(until_s - time.monotonic(), 0.0))

@@ -1,6 +1,7 @@
 // The bar above every page: navigation, number of live runs, language, light or dark, signed-in user.
 import { html } from "./preact.js";
 import { remove } from "./api.js";
+import { call, calling } from "./calls.js";
 import { useLive } from "./live.js";
 import { navigate } from "./router.js";
 import { session, theme, useStore } from "./store.js";
@@ -31,6 +32,18 @@ function Theme() {
   </button>`;
 }
 
+const BELL = html`<path d="M6 16.5V11a6 6 0 0 1 12 0v5.5l1.5 2h-15zM10 20.5a2 2 0 0 0 4 0" fill="none" stroke="currentColor" stroke-width="2" stroke-linejoin="round" stroke-linecap="round" />`;
+const MUTED = html`<path stroke="currentColor" stroke-width="2" stroke-linecap="round" d="M4 4l16 16" />`;
+
+/** Switches sound and notices on and off. */
+function Calls() {
+  const on = useStore(calling);
+  const label = t("call.label");
+  return html`<button type="button" aria-pressed=${on} aria-label=${label} title=${label} onClick=${() => call(!on)}>
+    <svg viewBox="0 0 24 24" aria-hidden="true">${BELL}${!on && MUTED}</svg>
+  </button>`;
+}
+
 function Language() {
   const now = useStore(language);
   return html`<select aria-label=${t("language")} value=${now} onChange=${(event) => speak(event.target.value)}>
@@ -55,7 +68,7 @@ export function Bar({ place, who }) {
       <div class="tools">
         ${who?.name && html`<span class="who" title=${t(`role.${who.role}`)}>${who.name}</span>`}
         ${who?.role && !who.open && html`<button type="button" onClick=${leave}>${t("login.leave")}</button>`}
-        <${Language} /><${Theme} />
+        <${Language} />${rank > 0 && html`<${Calls} />`}<${Theme} />
       </div>
     </header>
     ${rank > 0 && html`<${Line} />`}`;
