@@ -21,7 +21,7 @@ from bench.web.server.gate import API, Gate
 from bench.web.server.pages import add_pages
 from bench.web.shelf import fleet, runs, units
 from bench.web.shelf.stock import Stock
-from bench.web.workbench import analyses, diagnoses, figures, models
+from bench.web.workbench import analyses, diagnoses, figures, models, notebook
 
 OPEN = (session.router,)
 """Routes that anybody may call: signing in."""
@@ -38,6 +38,7 @@ GUARDED = (
     figures.router,
     diagnoses.router,
     models.router,
+    notebook.router,
     units.router,
     fleet.router,
     imports.router,

@@ -116,7 +116,7 @@ function Bench({ session }) {
         <${Suspects} found=${diagnosis.result} failed=${open ? analysis.failed : diagnosis.failed} busy=${analysis.running} picked=${picked?.id} onAdd=${add} onPicture=${pick} />
       </section>
       <${NextExperiment} next=${diagnosis.result?.next_experiment} unit=${unitOf(runs.runs[0])} />
-      <${ModelPanel} model=${model} fitted=${analysis.result?.models[0]} steps=${steps} busy=${analysis.running} act=${act} />
+      <${ModelPanel} model=${model} fitted=${analysis.result?.models[0]} steps=${steps} busy=${analysis.running} act=${act} runs=${runs} />
     </div>
     <div class="wb-main" ref=${pictures}><${Pictures} session=${session} picked=${picked} /></div>
   </div>`;

@@ -5,6 +5,7 @@ import { parameterWord } from "./sentence.js";
 import { offered } from "./offered.js";
 import { typed, written } from "./typed.js";
 import { OwnTerm } from "./term.js";
+import { fileName, save as offer } from "../../lib/download.js";
 
 /** Options of the effects by name, with their defaults, fetched once. */
 function useOptions() {
@@ -33,6 +34,8 @@ function useModels() {
   return { models, again };
 }
 
+/** Models that the server takes at once. */
+const MOST_MODELS = 12;
 /** Names that the server takes. */
 const NAME = /^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$/;
 
@@ -61,6 +64,22 @@ function Save({ model, onSaved }) {
   </form>`;
 }
 
+/** The analysis so far as a notebook, as a file. */
+function Notebook({ runs, steps, model }) {
+  const [failed, setFailed] = useState("");
+  const make = async () => {
+    setFailed("");
+    try {
+      const made = await api.post("/notebooks", { ...runs, models: steps.slice(-MOST_MODELS).map((step) => step.model) });
+      offer(`${fileName(`${runs.runs[0]} ${model.name}`)}.ipynb`, new Blob([JSON.stringify(made, null, 1)], { type: "application/x-ipynb+json" }));
+    } catch (error) {
+      setFailed(error.message);
+    }
+  };
+  return html`<p><button type="button" class="narrow" onClick=${make}>${t("workbench.notebook")}</button> <span class="wb-soft">${t("workbench.notebook_hint")}</span></p>
+    <p class="wb-bad" role="status">${failed}</p>`;
+}
+
 /** Nonlinear parameters of one effect of the fit. */
 function Found({ fitted, effect }) {
   const own = (fitted?.parameters ?? []).filter(({ key }) => key.split(".")[0].replace(/_\d+$/, "") === effect);
@@ -69,7 +88,7 @@ function Found({ fitted, effect }) {
 }
 
 /** `steps` are the models so far, the last one is the current one; `fitted` are its scores; `act` changes it. */
-export function ModelPanel({ model, fitted, steps, busy, act }) {
+export function ModelPanel({ model, fitted, steps, busy, act, runs }) {
   const { models, again } = useModels();
   const options = useOptions();
   const choose = (event) => {
@@ -92,5 +111,6 @@ export function ModelPanel({ model, fitted, steps, busy, act }) {
     </li>`)}</ol>
     <${OwnTerm} busy=${busy} onAdd=${(effect) => act({ type: "add", effect })} />
     <${Save} model=${model} onSaved=${again} />
+    ${runs && html`<${Notebook} runs=${runs} steps=${steps} model=${model} />`}
   </section>`;
 }
