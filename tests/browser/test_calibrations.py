@@ -16,17 +16,22 @@ def bench(tmp_path, project):
         yield bench
 
 
-def fill_in_papers(page):
+def fill_in_papers(page, touch):
     """What certificates name, on the page's forms."""
+
+    def save(name):
+        button = page.get_by_role("button", name=name)
+        button.tap() if touch else button.click()
+
     for label, text in (("Laboratory", "Laboratory of tests"), ("Who signs", "Olha Koval")):
         page.locator("#laboratory ~ .papers-fields").get_by_label(label).fill(text)
-    page.get_by_role("button", name="Save Laboratory").click()
+    save("Save Laboratory")
     page.get_by_text("Saved.").wait_for()
     for label, text in (("Instrument (", "chamber sensor"), ("Serial number", "P-1"), ("Valid until", "2999-12-31"),
                         ("Uncertainty", "0.1")):  # fmt: skip
         page.locator("fieldset").get_by_label(label).fill(text)
     page.locator("fieldset").get_by_label("Unit of it").select_option("degC")
-    page.get_by_role("button", name="Save Reference equipment").click()
+    save("Save Reference equipment")
     page.get_by_text("Saved.").nth(1).wait_for()
 
 
@@ -37,42 +42,52 @@ def enter(page, target):
     page.keyboard.press("Enter")
 
 
-def choose_by_keyboard(page):
+def tap(page, target):
+    """Touch `target`."""
+    target.tap()
+
+
+def choose(page, press, touch):
     """From a serial number that no station has to the confirmation."""
     page.goto("/")
     page.get_by_label("Serial number").wait_for()
     page.keyboard.type("GX-0815")
-    page.keyboard.press("Enter")
+    page.get_by_role("button", name="Next").tap() if touch else page.keyboard.press("Enter")
     slot = page.get_by_role("button", name="Slot of BARE-1")
     slot.wait_for()
     picture(page, "new-unit")
-    enter(page, slot)
+    press(page, slot)
     plan = page.get_by_role("button", name=re.compile("^brief.*The whole way"))
     plan.wait_for()
     picture(page, "plans-calibrations")
-    enter(page, plan)
+    press(page, plan)
 
 
 @pytest.mark.slow
-def test_a_new_gyro_goes_to_its_certificate_by_keyboard(bench, visitors):
-    page = visitors.come(bench.site.address)
-    choose_by_keyboard(page)
+@pytest.mark.parametrize("touch", [False, True], ids=["keyboard", "touch"])
+def test_a_new_gyro_goes_to_its_certificate(bench, visitors, touch):
+    page = visitors.come(bench.site.address, touch=touch)
+    press = tap if touch else enter
+    choose(page, press, touch)
     page.get_by_text("no laboratory and no signatory").wait_for()
     picture(page, "ready-calibration-refused")
-    enter(page, page.get_by_role("link", name="Laboratory and equipment"))
+    press(page, page.get_by_role("link", name="Laboratory and equipment"))
     page.get_by_role("heading", name="Reference equipment").wait_for()
-    fill_in_papers(page)
+    fill_in_papers(page, touch)
     picture(page, "laboratory", full_page=True)
     home = page.get_by_role("link", name="Start", exact=True)
-    home.focus()
-    page.keyboard.press("Enter")
+    if touch:
+        home.tap()
+    else:
+        home.focus()
+        page.keyboard.press("Enter")
     operator = page.get_by_label("Operator")
     operator.wait_for()
-    press_tab_to(page, operator)
+    operator.tap() if touch else press_tab_to(page, operator)
     page.keyboard.type("Olena")
     page.locator("button.giant:enabled").wait_for()
     picture(page, "ready-calibration")
-    enter(page, page.locator("button.giant"))
+    press(page, page.locator("button.giant"))
     page.wait_for_url("**/calibrations/GX-0815/*")
     page.get_by_role("heading", name="Calibration run").wait_for()
     page.get_by_role("progressbar").wait_for()
@@ -80,7 +95,8 @@ def test_a_new_gyro_goes_to_its_certificate_by_keyboard(bench, visitors):
     printed = page.get_by_role("link", name="Print the certificate")
     printed.wait_for(timeout=2 * PATIENCE_MS)
     picture(page, "calibration-done")
-    press_tab_to(page, printed)
+    if not touch:
+        press_tab_to(page, printed)
     pdf = page.request.get(bench.site.address + printed.get_attribute("href"))
     assert (pdf.headers["content-disposition"].partition(";")[0], pdf.body()[:5]) == ("inline", b"%PDF-")
     job = page.url.partition("/calibrations/")[2]
