@@ -16,10 +16,10 @@ seed: 1
 ambient_degc: 23
 chamber:
   map: watlow_f4t
-  lowest_degc: -42
-  highest_degc: 95
+  lowest_degc: 5
+  highest_degc: 55
   heating_degc_per_min: 5
-  cooling_degc_per_min: [[-40, 0.5], [-30, 1.5], [0, 2.3], [23, 3.0], [85, 5.0]]
+  cooling_degc_per_min: [[0, 2.3], [23, 3.0], [55, 4.0]]
 buses:
   can0: {interface: blocks, channel: bench}
 units:
