@@ -77,11 +77,11 @@ export function Ready({ order, plan, station, limits, begun }) {
         </select>
         ${plan.models.length > 0 && html`<p class="soft small">${t("ready.models", { models: plan.models.join(", ") })}</p>`}</div>`}
       <${OperatorField} />
-      <div class="field"><label for="later">${t("ready.later")}</label>
-        <input id="later" type="datetime-local" value=${later} onInput=${(event) => setLater(event.target.value)} /></div>
       <${Trouble} error=${refused} />
       ${refused?.status === 409 && html`<p><button type="button" onClick=${() => start(true)}>${t("ready.queue")}</button></p>`}
       <${StartButton} ready=${ready} starting=${starting} later=${later} start=${() => start()} />
+      <div class="field"><label for="later">${t("ready.later")}</label>
+        <input id="later" type="datetime-local" value=${later} onInput=${(event) => setLater(event.target.value)} /></div>
     </div>
   </div>`;
 }
@@ -95,7 +95,7 @@ function StartButton({ ready, starting, later, start }) {
   return html`<button type="button" ref=${button} class="go giant" disabled=${!ready} onClick=${start}>
     ${starting ? t("ready.starting") : later ? t("ready.plan_it") : t("ready.start")}
   </button>
-  <p class="soft" role="status">${starting ? t("ready.starting_long") : ready ? t("ready.consequence") : ""}</p>`;
+  <p class="soft" role="status">${starting ? t("ready.starting_long") : ready && !later ? t("ready.consequence") : ""}</p>`;
 }
 
 function Facts({ plan, result, station, units }) {
