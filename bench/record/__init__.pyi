@@ -83,6 +83,7 @@ from .records.imu import ImuSource as ImuSource
 from .records.imu import ImuTriad as ImuTriad
 from .records.imu import ImuValue as ImuValue
 from .records.imu import ImuVerificationRecord as ImuVerificationRecord
+from .records.imu import shapes as shapes
 from .records.job import JobRecord as JobRecord
 from .records.job import StoredCase as StoredCase
 from .records.job import StoredStep as StoredStep

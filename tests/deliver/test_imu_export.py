@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
+from scipy.interpolate import BSpline
 
 from bench.analysis.imu.stored import curves_of
+from bench.analysis.imu.triad import Curve, TriadModel
 from bench.base import InputError
 from bench.cli import main
 from bench.deliver.export.autopilots import ardupilot, px4
@@ -316,3 +318,42 @@ def test_one_thermometer_for_all_is_one_temperature():
     one = compensate(single, rate, force, degc[:, :1])
     many = compensate(image, rate, force, np.repeat(degc[:, :1], 4, axis=1))
     np.testing.assert_array_equal(one.rate, many.rate)
+
+
+BENT = {"spline": TriadModel(bias=Curve(intervals=2)), "surface": TriadModel(surface=3)}
+
+
+@pytest.mark.parametrize("name", BENT)
+def test_curves_that_no_image_holds_are_kept_in_the_record_and_given_as_text(tmp_path, name):
+    record = imu_record(BENT[name])
+    (rows, fit), again = fitted(BENT[name]), curves_of(ImuRecord.model_validate_json(record.model_dump_json()))
+    for kept, own, data in zip(again.triads, fit.triads, (rows.gyro, rows.accelerometer), strict=True):
+        assert kept.corrected(data) == pytest.approx(own.corrected(data), rel=1e-9, abs=1e-9)
+    record.write(tmp_path)
+    refused = bench(tmp_path, "--format", "c", "--out", tmp_path)
+    assert refused.exit_code == 2
+    told = {"spline": "gyro x: bias is a spline; calibrate it with an order", "surface": "no place for gyro x: second"}
+    assert told[name] in refused.output
+    done = bench(tmp_path, "--format", "csv", "--out", tmp_path)
+    assert (done.exit_code, told[name] in done.output) == (0, True)
+    answer = json.loads(bench(tmp_path, "--format", "csv", "--out", tmp_path, "--json").stdout)
+    assert (answer["serial"], answer["crc"]) == (42, None)
+    (curves,) = tmp_path.glob("*_curves.csv")
+    lines = [row for row in csv.DictReader(curves.read_text().splitlines()) if row["parameter"] == "gyro x: bias"]
+    low, high, beta = float(lines[0]["low_degc"]), float(lines[0]["high_degc"]), [float(row["value"]) for row in lines]
+    if name == "spline":  # by scipy alone
+        middle = 0.5 * (low + high)
+        found = BSpline([low] * 4 + [middle] + [high] * 4, beta, 3)(25.0)
+    else:
+        found = np.polynomial.Chebyshev(beta, domain=[low, high])(25.0)
+    assert found == pytest.approx(next(e.value for e in fit.gyro.estimates([25.0]) if e.name == "gyro x: bias"))
+
+
+def test_px4_gets_the_cubic_nearest_to_a_spline_and_is_told_by_how_much_it_is_off():
+    text, lost = px4(imu_record(BENT["spline"]))
+    assert any("gyro bias beyond order 3" in line for line in lost)
+    found = parameters(text, r"^1\t1\t(\w+)\t(\S+)\t[69]$")
+    d = 20.0 - found["TC_G0_TREF"]
+    own = sum(found[f"TC_G0_X{k}_0"] * d**k for k in range(4))
+    value = next(e.value for e in fitted(BENT["spline"])[1].gyro.estimates([20.0]) if e.name == "gyro x: bias")
+    assert own == pytest.approx(np.radians(value / 3600.0), rel=0.05)

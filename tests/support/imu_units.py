@@ -16,17 +16,17 @@ from benchmarks import imu_data
 from drivers.sim.truth.imu.drawn import drawn
 
 
-@lru_cache(maxsize=1)
-def fitted():
-    """Both triads of a short calibration, and their fit."""
+@lru_cache(maxsize=3)
+def fitted(model=None):
+    """Both triads of a short calibration, and their fit by a model, or the usual one."""
     rows = imu_data.record(drawn(1), imu_data.at_home(), 1, imu_data.calibration(1, (-30.0, 20.0, 70.0), 4.0))
-    return ImuRows(*rows, 0), fit_imu(*rows)
+    return ImuRows(*rows, 0), fit_imu(*rows, model)
 
 
-@lru_cache(maxsize=1)
-def imu_record() -> ImuRecord:
+@lru_cache(maxsize=3)
+def imu_record(model=None) -> ImuRecord:
     """The record of this calibration, without anything that is wrong."""
-    rows, fit = fitted()
+    rows, fit = fitted(model)
     plan = ImuPlan(
         latitude_deg=imu_data.LATITUDE_DEG,
         gyro_thermometers=("temperature_1", "temperature_2", "temperature_3"),

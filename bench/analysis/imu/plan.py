@@ -58,25 +58,46 @@ class StaySettings(BaseModel):
         return Attitude(f"{own.name}, heading {self.heading_deg:g}", own.matrix @ turned)
 
 
-class OrderSettings(BaseModel):
-    """Order of each kind of parameter as a polynomial in temperature; null leaves a kind out."""
+class SplineSettings(BaseModel):
+    """A cubic spline in the place of a polynomial."""
 
     model_config = STRICT
 
-    bias: Order = 3
-    scale_factor: Order = 2
-    misalignment: Order = 1
-    g_sensitivity: Order | None = 1
-    second_order: Order | None = 1
+    spline: Annotated[int, Field(ge=1, le=20)]
+    """Number of its intervals, of equal length."""
+
+    def curve(self) -> Curve:
+        """As it is fitted."""
+        return Curve(intervals=self.spline)
+
+
+Shape = Order | SplineSettings
+"""Of a parameter over temperature: order of a polynomial, or a spline."""
+
+
+class OrderSettings(BaseModel):
+    """Each kind of parameter over temperature: order of a polynomial, or a spline; null leaves a kind out."""
+
+    model_config = STRICT
+
+    bias: Shape = 3
+    scale_factor: Shape = 2
+    misalignment: Shape = 1
+    g_sensitivity: Shape | None = 1
+    second_order: Shape | None = 1
     surface: Annotated[int, Field(ge=1, le=5)] | None = None
     """Total degree of a polynomial in temperature and the axis's own input, in the place of bias, scale_factor and
     second_order; 5 has 21 coefficients an axis."""
 
     def model(self) -> TriadModel:
         """The model that is fitted."""
-        g, second = (None if order is None else Curve(order) for order in (self.g_sensitivity, self.second_order))
-        own = Curve(self.bias), Curve(self.scale_factor), Curve(self.misalignment)
+        g, second = (None if shape is None else _curve(shape) for shape in (self.g_sensitivity, self.second_order))
+        own = _curve(self.bias), _curve(self.scale_factor), _curve(self.misalignment)
         return TriadModel(*own, g, second, self.surface)
+
+
+def _curve(shape: Shape) -> Curve:
+    return Curve(shape) if isinstance(shape, int) else shape.curve()
 
 
 class ImuOptions(BaseModel):

@@ -88,7 +88,7 @@ def curves_of(record: ImuRecord) -> ImuCurves:
 def _axis(stored: ImuAxis) -> AxisCurves:
     low, high = stored.range_degc
     terms = tuple(
-        Term(p.name, p.kind, p.unit, p.factor, Curve(len(p.coefficients) - 1, 0, low, high), p.towards)
+        Term(p.name, p.kind, p.unit, p.factor, Curve(len(p.coefficients) - 1, p.intervals, low, high), p.towards)
         for p in stored.parameters
     )
     beta = np.array([value for p in stored.parameters for value in p.coefficients])
@@ -119,12 +119,12 @@ def _triad(kind: Kind, plan: ImuPlan, data: Triad, fit: TriadFit, noise: Mapping
 
 
 def _parameters(own: AxisFit) -> tuple[ImuParameter, ...]:
-    if own.effects or any(term.curve.intervals for term in own.terms):
-        raise InputError("a record of an inertial unit holds polynomials; splines and effects with memory are not kept")
+    if own.effects:
+        raise InputError("a record of an inertial unit holds curves; effects with memory are not kept")
     return tuple(
         ImuParameter(
             name=term.name, kind=term.kind, unit=term.unit, factor=term.factor, towards=term.towards,
-            coefficients=tuple(own.beta[own.slices[term.name]].tolist()),
+            coefficients=tuple(own.beta[own.slices[term.name]].tolist()), intervals=term.curve.intervals,
         )
         for term in own.terms
     )  # fmt: skip

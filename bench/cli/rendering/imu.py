@@ -100,11 +100,15 @@ def _(result: ImuVerified) -> dict[str, Any]:
 @lines.register(ImuExported)
 def _(result: ImuExported) -> Iterator[str | Table]:
     package = result.delivered.package
-    image = package.image
-    yield (
-        f"inertial unit {package.record.unit or 'without a serial number'}: {4 * len(package.words)} bytes, "
-        f"serial {image.serial}, calibration {image.label}, CRC 0x{package.words[-1]:08X}"
-    )
+    unit = f"inertial unit {package.record.unit or 'without a serial number'}"
+    if package.refusal:
+        yield f"{unit}: {package.refusal}"
+    else:
+        image = package.image
+        yield (
+            f"{unit}: {4 * len(package.words)} bytes, "
+            f"serial {image.serial}, calibration {image.label}, CRC 0x{package.words[-1]:08X}"
+        )
     yield from (f"not in this format: {text}" for text in result.delivered.made.lost)
     yield from (f"forced: {text}" for text in result.delivered.objections)
     yield from map(str, result.files)
@@ -118,10 +122,10 @@ def _(result: ImuExported) -> dict[str, Any]:
         "format": result.format,
         "files": [str(path) for path in result.files],
         "unit": package.record.unit,
-        "serial": package.image.serial,
-        "calibration_id": package.image.calibration_id,
-        "crc": package.words[-1],
-        "words": len(package.words),
+        "serial": package.serial,
+        "calibration_id": package.calibration_id,
+        "crc": None if package.refusal else package.words[-1],
+        "words": None if package.refusal else len(package.words),
         "lost": list(result.delivered.made.lost),
         "objections": list(result.delivered.objections),
     }

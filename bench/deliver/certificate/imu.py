@@ -13,7 +13,7 @@ from bench.deliver.certificate.dcc import DccDocument, dcc_xml
 from bench.deliver.certificate.dsi import dsi
 from bench.deliver.certificate.laboratory import Instrument, Laboratory
 from bench.deliver.certificate.provenance import commit
-from bench.record import ImuRecord, ImuVerificationRecord
+from bench.record import ImuRecord, ImuVerificationRecord, shapes
 
 if TYPE_CHECKING:
     from lxml.etree import _Element as Element
@@ -130,9 +130,9 @@ class _ImuDocument(DccDocument):
 
     def _method(self, facts: Mapping[str, Any]) -> Element:
         method = facts["method"]
-        orders = ", ".join(f"{name.replace('_', ' ')} {order}" for name, order in method["orders"].items())
+        orders = shapes(method["orders"])
         lines = (f"Tumble and rate table over temperature; plan {method['plan']}, SHA-256 {method['revision']}",
-                 f"Orders of the polynomials in temperature: {orders}")  # fmt: skip
+                 f"Orders of the curves over temperature: {orders}")  # fmt: skip
         return self.node("usedMethod", self.text("name", "Calibration of a triad of gyros and of accelerometers"),
                          self.text("description", *lines), self.node("norm", "JCGM 100:2008"))  # fmt: skip
 

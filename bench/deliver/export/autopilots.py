@@ -10,12 +10,13 @@ accelerometers times scale), rad/s and m/s^2. ArduPilot, libraries/AP_InertialSe
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import Chebyshev, Polynomial
+from numpy.polynomial import Polynomial
 
+from bench.analysis import Curve
 from bench.base import FloatArray
 from bench.record import ImuAxis, ImuRecord, ImuTriad
 
@@ -110,13 +111,14 @@ def _biases(triad: ImuTriad, reference: float) -> _Biases:
 
 def _scales(record: ImuRecord, at: float) -> list[float]:
     """What an accelerometer's output is multiplied by, at one temperature."""
-    return [1.0 / (1.0 + float(_curve(axis, "scale factor")(at))) for axis in record.accelerometer.axes]
+    return [1.0 / (1.0 + float(_curve(axis, "scale factor")(np.array([at]))[0])) for axis in record.accelerometer.axes]
 
 
-def _curve(axis: ImuAxis, kind: str) -> Chebyshev:
-    """The parameter of a kind over temperature, as a plain factor."""
+def _curve(axis: ImuAxis, kind: str) -> Callable[[FloatArray], FloatArray]:
+    """The parameter of a kind over temperatures (n,), as a plain factor."""
     own = next(p for p in axis.parameters if p.kind == kind)
-    return Chebyshev(own.coefficients, domain=list(axis.range_degc))
+    curve = Curve(len(own.coefficients) - 1, own.intervals, *axis.range_degc)
+    return lambda temperature: np.asarray(curve.columns(temperature) @ own.coefficients)
 
 
 _POWERS = ("second order", "third order", "fourth order", "fifth order")
@@ -135,8 +137,8 @@ def _lost(record: ImuRecord, gyro: _Biases, accelerometer: _Biases, at: float) -
                 worst = max(found, key=lambda v: abs(v.value))
                 yield f"{triad.kind} {kind}: up to {abs(worst.value):.3g} {worst.unit}"
     apart = max(
-        abs(1e6 * float(curve(t) - curve(at)))
-        for axis in record.accelerometer.axes for curve in (_curve(axis, "scale factor"),) for t in record.range_degc
+        float(np.max(np.abs(1e6 * (curve(np.array(record.range_degc)) - curve(np.array([at]))))))
+        for axis in record.accelerometer.axes for curve in (_curve(axis, "scale factor"),)
     )  # fmt: skip
     yield f"accelerometer scale factor over temperature: it is that of {at:g} degC, up to {apart:.3g} ppm from the ends"
     for triad, own in zip(record.triads, (gyro, accelerometer), strict=True):

@@ -12,7 +12,7 @@ from bench.base import InputError
 from bench.deliver.export.delivering import ExportOptions, id_of
 from bench.deliver.export.image import Image, read
 from bench.deliver.export.imu_formats import IMU_FORMATS, ImuFiles, ImuPackage
-from bench.deliver.export.imu_image import MAGIC, ImuImage, image_of, read_imu, words_of
+from bench.deliver.export.imu_image import MAGIC, ImuImage, read_imu
 from bench.record import ImuRecord, prove
 
 _OUTPUTS = {"swapped_axes", "wrong_sign", "attitude"}
@@ -51,8 +51,7 @@ def deliver_imu(path: Path, record: ImuRecord, format_: str, options: ExportOpti
         raise InputError(f"not delivered: {objections[0]}{more}; --force delivers it anyway", path)
     serial = options.serial if options.serial is not None else _serial(record, path)
     created = int(datetime.fromisoformat(record.created).timestamp())
-    words = words_of(image_of(record, serial, _id(record), created))
-    package = ImuPackage(options.name, record, words, read_imu(words, serial), options.address)
+    package = ImuPackage(options.name, record, serial, _id(record), created, options.address)
     return DeliveredImu(package, IMU_FORMATS[format_](package), objections)
 
 

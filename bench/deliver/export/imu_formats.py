@@ -7,9 +7,10 @@ import io
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
-from bench.base import __version__
+from bench.base import InputError, __version__
 from bench.deliver.export.autopilots import ardupilot, px4
 from bench.deliver.export.ccode import refuse_name, rendered, single
 from bench.deliver.export.formats import Files, as_eeprom, as_hex, as_srec
@@ -21,7 +22,10 @@ from bench.deliver.export.imu_image import (
     PASSES,
     VERSION,
     ImuImage,
+    image_of,
+    read_imu,
     thermometers_of,
+    words_of,
 )
 from bench.deliver.export.imu_noise import kalibr
 from bench.record import ImuRecord
@@ -31,13 +35,32 @@ AXIS_NAMES = tuple(f"{kind}_{axis}" for kind in ("gyro", "accelerometer") for ax
 
 @dataclass(frozen=True, eq=False)
 class ImuPackage:
-    """The content for every format: record, image as words and as read back; `address` [byte] of the image."""
+    """The content for every format: the record, and its image with `address` [byte]."""
 
     name: str
     record: ImuRecord
-    words: Sequence[int]
-    image: ImuImage
+    serial: int
+    calibration_id: int
+    created: int
     address: int = 0
+
+    @cached_property
+    def words(self) -> Sequence[int]:
+        """The image; InputError where it has no place for a parameter."""
+        return words_of(image_of(self.record, self.serial, self.calibration_id, self.created))
+
+    @cached_property
+    def refusal(self) -> str:
+        """Why there is no image; empty: there is one."""
+        try:
+            return "" if self.words else "it is empty"
+        except InputError as error:
+            return str(error)
+
+    @cached_property
+    def image(self) -> ImuImage:
+        """The image as a unit reads it back."""
+        return read_imu(self.words, self.serial)
 
 
 @dataclass(frozen=True)
@@ -78,12 +101,14 @@ def as_csv(package: ImuPackage) -> ImuFiles:
     for one in package.record.parameters:
         writer.writerow((one.name, one.unit, f"{one.temperature_degc:g}", f"{one.value:.9g}", f"{one.U:.4g}"))
     writer = csv.writer(curves, lineterminator="\n")
-    writer.writerow(("parameter", "unit", "low_degc", "high_degc", "chebyshev", "value"))
+    writer.writerow(("parameter", "unit", "low_degc", "high_degc", "curve", "coefficient", "value"))
     for triad in package.record.triads:
         for axis in triad.axes:
             for p in axis.parameters:
+                curve = f"B-spline of {p.intervals} intervals" if p.intervals else "Chebyshev"
                 for order, value in enumerate(p.coefficients):
-                    writer.writerow((p.name, p.unit, *map(repr, axis.range_degc), order, repr(p.factor * value)))
+                    row = p.name, p.unit, *map(repr, axis.range_degc), curve, order, repr(p.factor * value)
+                    writer.writerow(row)
     names = f"{package.name}.csv", f"{package.name}_curves.csv"
     return ImuFiles(dict(zip(names, (values.getvalue().encode(), curves.getvalue().encode()), strict=True)))
 

@@ -101,6 +101,8 @@ def _place(kind: str, parameter: ImuParameter, own: int) -> tuple[int, float]:
     }
     if parameter.kind not in places or (kind, parameter.kind) == ("gyro", "second order"):
         raise InputError(f"the image has no place for {parameter.name}; calibrate without `orders: {{surface: …}}`")
+    if parameter.intervals:
+        raise InputError(f"the image holds polynomials, {parameter.name} is a spline; calibrate it with an order")
     return places[parameter.kind]
 
 

@@ -12,7 +12,7 @@ from bench.base import in_print, listed, moment, number, with_uncertainty
 from bench.deliver.report import imu_figures
 from bench.deliver.report.html import SIMULATED, Headline, html_page
 from bench.deliver.report.markup import Row, Section, facts, figure, heading, lead, mono, paragraph, table
-from bench.record import ImuRecord, ImuTriad, ImuValue, ImuVerificationRecord, put
+from bench.record import ImuRecord, ImuTriad, ImuValue, ImuVerificationRecord, put, shapes
 
 REPORT = "report.html"
 
@@ -181,7 +181,7 @@ def _noise(record: ImuRecord) -> Section:
 
 
 def _facts(record: ImuRecord) -> Section:
-    orders = ", ".join(f"{name.replace('_', ' ')} {order}" for name, order in record.plan.get("orders", {}).items())
+    orders = shapes(record.plan.get("orders", {}))
     rates = sorted({position.rate_dps for position in record.positions})
     pairs = [
         ("latitude", f"{record.latitude_deg:g}°"),

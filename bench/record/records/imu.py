@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -23,7 +24,7 @@ class ImuSource(Stored):
 
 
 class ImuParameter(Stored):
-    """One parameter of an axis: a sum of Chebyshev polynomials over the axis's range of temperature."""
+    """One parameter of an axis over its range of temperature: a sum of Chebyshev polynomials, or of cubic B-splines."""
 
     name: str
     kind: str
@@ -35,6 +36,15 @@ class ImuParameter(Stored):
     """Axis of the input that it multiplies, where there is one."""
     coefficients: tuple[float, ...]
     """Of T_0, T_1, … at (2 T - low - high) / (high - low); biases in the unit of the output, others plain factors."""
+    intervals: int = 0
+    """Above 0 they are those of cubic B-splines on so many equal intervals, with fourfold knots at the ends."""
+
+
+def shapes(orders: Mapping[str, object]) -> str:
+    """The `orders` of a plan for people."""
+    told = {name: f"spline of {one['spline']} intervals" if isinstance(one, Mapping) else one
+            for name, one in orders.items() if one is not None}  # fmt: skip
+    return ", ".join(f"{name.replace('_', ' ')} {one}" for name, one in told.items())
 
 
 class ImuAxis(Stored):
