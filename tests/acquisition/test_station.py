@@ -212,3 +212,8 @@ def test_a_chamber_that_does_not_answer_is_known_before_a_run_folder_exists():
     settings = load(REAL)
     with pytest.raises(LinkError), open_station(settings, settings.units[:1]):
         pass
+
+
+def test_the_supply_of_older_station_files_is_told_its_new_form():
+    with pytest.raises(InputError, match=r"s.yaml:\d+: .*instruments: \[\{name: supply, address"):
+        load({**REAL, "supply": {"port": "/dev/ttyUSB1"}})

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from bench.acquisition.profile.guards import GuardSettings
 from bench.acquisition.profile.orientation import OrientationSettings
@@ -57,6 +58,8 @@ class StationSettings(BaseModel):
     """The rate table, where there is one."""
     fixture: FixtureSettings | None = None
     """What holds the units in their attitudes, where there is such."""
+    supply: SkipJsonSchema[Any] = Field(default=None, exclude=True)
+    """Of older station files."""
     instruments: tuple[InstrumentSettings, ...] = ()
     """Instruments beside chamber and units: thermometer, supply, multimeter, hygrometer."""
     units: Annotated[tuple[UnitSettings, ...], Field(min_length=1)]
@@ -84,6 +87,9 @@ class StationSettings(BaseModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> StationSettings:
+        if self.supply is not None:
+            new = "instruments: [{name: supply, address: …, powers_units: true, leave_on: true}]"
+            raise PlacedError(f"the supply of the units is an instrument now: write {new}", ("supply",))
         chamber = self.chamber
         if not chamber.lowest_degc <= self.ambient_degc <= chamber.highest_degc:
             text = f"ambient_degc is {self.ambient_degc:g}, outside the chamber's {chamber.lowest_degc:g} to"
