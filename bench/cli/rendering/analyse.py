@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.base import finite
+from bench.base import finite, say, verdict_word
 from bench.cli.rendering.difference import difference
 from bench.cli.rendering.drawing import plot
 from bench.cli.rendering.printing import bound, content, lines, number, table, unit_text
@@ -129,7 +129,7 @@ def _(result: FiguresDrawn) -> dict[str, Any]:
 
 def judged(judgement: Mapping[str, Any]) -> Iterator[str]:
     """Verdict against limits: every result that did not pass, and the number of those that did."""
-    yield f"{judgement['verdict']} against limits '{judgement['name']}'"
+    yield say("judged.head", verdict=verdict_word(judgement["verdict"]), name=judgement["name"])
     yield from (f"  INVALID   {text}" for text in judgement["refusals"])
     results = judgement["results"]
     for one in results:
@@ -137,10 +137,12 @@ def judged(judgement: Mapping[str, Any]) -> Iterator[str]:
             value = one["reason"] if one["value"] is None else f"{one['value']:.4g}"
             spread = "" if None in (one["low"], one["high"]) else f" ({one['low']:.4g} to {one['high']:.4g})"
             allowed = f"{bound(one['lower'])} to {bound(one['upper'])}{unit_text(one['unit'])}"
-            yield f"  {one['verdict']:<9} {one['name']} {value}{spread}, limits {allowed}"
+            word, named = verdict_word(one["verdict"]), one["name"]
+            yield say("judged.result", verdict=word, name=named, value=f"{value}{spread}", allowed=allowed)
     skipped = [one["name"] for one in results if one["verdict"] is None]
     rest = f"; not measured: {', '.join(skipped)}" if skipped else ""
-    yield f"  {sum(one['verdict'] == 'PASS' for one in results)} of {len(results)} pass{rest}"
+    passed = sum(one["verdict"] == "PASS" for one in results)
+    yield say("judged.count", passed=passed, all=len(results), rest=rest)
     yield ""
 
 

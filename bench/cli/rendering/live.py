@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from bench.base import clock
+from bench.base import clock, say
 from bench.cli.rendering.printing import content, lines
 from bench.commands import REACHED, Aborted, Asked, LiveRuns, Recovered
 
@@ -13,7 +13,7 @@ from bench.commands import REACHED, Aborted, Asked, LiveRuns, Recovered
 @lines.register(LiveRuns)
 def _(result: LiveRuns) -> Iterator[str]:
     if not result.states:
-        yield f"no live run {result.place}"
+        yield say("live.none", place=result.place)
     for i, state in enumerate(result.states):
         yield from [""] if i else []
         yield from live_run(state)
@@ -31,7 +31,7 @@ def _(result: Asked) -> Iterator[str]:
         yield f"{result.run}: {REACHED[result.action][1]}"
     else:
         guards = f": {'; '.join(state['holding'])}" if state.get("holding") else ""
-        yield f"{result.run}: {result.action} was requested, but the run is {state['state']}{guards}"
+        yield say("live.requested", run=result.run, action=result.action, state=state["state"], guards=guards)
     if "run" in state:
         yield from live_run(state)
 
@@ -47,9 +47,9 @@ def _(result: Aborted) -> Iterator[str]:
     yield str(end["cause"])
     yield from (f"{'ok  ' if step['ok'] else 'FAIL'}  {step['text']}" for step in end["safe_state"])
     if not result.safe:
-        yield "SAFE STATE NOT VERIFIED: switch the chamber off by hand"
+        yield say("live.unsafe")
     elif not end["safe_state"]:
-        yield "nothing was commanded: the chamber was not changed"
+        yield say("live.untouched")
     yield f"run     {end['run']}"
 
 
@@ -85,24 +85,22 @@ def live_run(run: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {run['error']}"
     if "segment" in run:
         segment, chamber = run["segment"], run["chamber"]
-        yield f"  segment  {segment['index'] + 1}/{segment['of']} {segment['name']}, {clock(segment['left_s'])} left"
-        yield f"  time     {clock(run['t_s'])}, {clock(run['left_s'])} left"
-        yield f"  chamber  {_two(chamber['temperature_degc'])} degC, set point {_two(chamber['setpoint_degc'])} degC"
+        left = clock(segment["left_s"])
+        yield say("live.segment", n=segment["index"] + 1, of=segment["of"], name=segment["name"], left=left)
+        yield say("live.time", time=clock(run["t_s"]), left=clock(run["left_s"]))
+        yield say("live.chamber", now=_two(chamber["temperature_degc"]), set=_two(chamber["setpoint_degc"]))
         for unit in run["units"]:
-            dropped = f", dropped: {unit['dropped']}" if unit["dropped"] else ""
-            yield (
-                f"  unit     {unit['serial']}: {_two(unit['temperature_degc'])} degC, "
-                f"{unit['losses']['received']} frames, {unit['losses']['lost']} lost{dropped}"
-            )
+            dropped = say("live.dropped", reason=unit["dropped"]) if unit["dropped"] else ""
+            degc, losses = _two(unit["temperature_degc"]), unit["losses"]
+            known = {"serial": unit["serial"], "received": losses["received"], "lost": losses["lost"]}
+            yield say("live.unit", degc=degc, dropped=dropped, **known)
         for bus in run.get("buses", ()):
-            yield (
-                f"  bus      {bus['bus']}: {bus['state']}, {bus['frames']} frames, {bus['behind_s']:.2f} s behind, "
-                f"at most {bus['most_behind_s']:.2f} s"
-            )
+            late = {"behind": f"{bus['behind_s']:.2f}", "most": f"{bus['most_behind_s']:.2f}"}
+            yield say("live.bus", bus=bus["bus"], state=bus["state"], frames=bus["frames"], **late)
         yield from (_fits(serial, fit) for serial, fit in run.get("fits", {}).items())
-        yield from (f"  HOLD     {cause}" for cause in run["holding"])
+        yield from (say("live.hold", cause=cause) for cause in run["holding"])
     if run.get("age_s", 0.0) > ANSWER_S:
-        yield f"  the loop of this run has not ticked for {run['age_s']:.0f} s"
+        yield say("live.stuck", age=f"{run['age_s']:.0f}")
 
 
 def _fits(serial: str, fit: Mapping[str, Any]) -> str:

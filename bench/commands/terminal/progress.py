@@ -14,7 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from bench.acquisition import time_left
-from bench.base import clock
+from bench.base import clock, say
 
 if TYPE_CHECKING:
     from bench.acquisition import Profile, Station, Status
@@ -74,12 +74,12 @@ class Progress:
 
     def _line(self, station: Station, status: Status) -> str:
         losses = station.losses()
-        return (
-            f"[{clock(status.t_s)}] {status.leg.index + 1}/{status.legs} {status.leg.name}: "
-            f"chamber {status.reading.temperature:.1f} degC, {_units_text(station, status)}, "
-            f"{losses['received']} frames, {losses['lost']} lost, {clock(self.left_s(status))} left"
-            f"{'; HELD by ' + ', '.join(status.holding) if status.holding else ''}"
-        )
+        line = say(
+            "progress.line", time=clock(status.t_s), n=status.leg.index + 1, of=status.legs, segment=status.leg.name,
+            chamber=f"{status.reading.temperature:.1f}", units=_units_text(station, status),
+            received=losses["received"], lost=losses["lost"], left=clock(self.left_s(status)),
+        )  # fmt: skip
+        return line + (say("progress.held", who=", ".join(status.holding)) if status.holding else "")
 
     def _table(self, station: Station, status: Status) -> Table:
         losses = station.losses()
@@ -87,44 +87,48 @@ class Progress:
         grid = Table.grid(padding=(0, 2))
         grid.add_column(style="dim")
         grid.add_column()
-        grid.add_row("segment", f"{status.leg.index + 1}/{status.legs}  {status.leg.name}")
+        grid.add_row(say("progress.segment"), f"{status.leg.index + 1}/{status.legs}  {status.leg.name}")
         grid.add_row("", ProgressBar(total=max(self._nominal_s, 1.0), completed=status.t_s, width=50))
-        grid.add_row("time", f"{clock(status.t_s)}, {clock(self.left_s(status))} left")
-        grid.add_row(
-            "chamber", f"{status.reading.temperature:7.2f} degC   set point {status.reading.setpoint:7.2f} degC"
-        )
+        left = say("progress.left", time=clock(status.t_s), left=clock(self.left_s(status)))
+        grid.add_row(say("progress.time"), left)
+        now, wanted = f"{status.reading.temperature:7.2f}", f"{status.reading.setpoint:7.2f}"
+        grid.add_row(say("progress.chamber"), say("progress.chamber_now", now=now, set=wanted))
         for name, text in _unit_rows(station, status):
             grid.add_row(name, text)
-        grid.add_row(
-            "frames",
-            f"{losses['received']} received, {losses['lost']} lost, {losses['corrupt']} corrupt, "
-            f"{losses['received'] / max(status.t_s, 1.0):.0f}/s of bench time, {status.t_s / wall_s:.0f} x real time",
-        )
+        rate, speed = f"{losses['received'] / max(status.t_s, 1.0):.0f}", f"{status.t_s / wall_s:.0f}"
+        counts = {name: losses[name] for name in ("received", "lost", "corrupt")}
+        grid.add_row(say("progress.frames"), say("progress.frames_now", rate=rate, speed=speed, **counts))
         if status.holding:
-            grid.add_row("HOLD", ", ".join(status.holding))
+            grid.add_row(say("progress.hold"), ", ".join(status.holding))
         if notice := self._notice():
-            grid.add_row("keys", notice)
+            grid.add_row(say("progress.keys"), notice)
         return grid
 
 
 def _units_text(station: Station, status: Status) -> str:
     """Temperature of the unit, or the span of several, and how many have left."""
     if len(station.everyone) == 1:
-        return f"unit {status.unit_degc:.2f} degC"
+        return say("progress.unit_at", degc=f"{status.unit_degc:.2f}")
     degc = [unit.temperature.value for unit in station.units if unit.temperature is not None]
-    span = f"{min(degc):.2f} to {max(degc):.2f} degC" if degc else "of unknown temperature"
-    gone = f" ({', '.join(gone.unit.serial for gone in station.dropped)} left)" if station.dropped else ""
-    return f"{len(station.units)} units {span}{gone}"
+    span = say("progress.unknown")
+    if degc:
+        span = say("progress.span", low=f"{min(degc):.2f}", high=f"{max(degc):.2f}")
+    serials = ", ".join(gone.unit.serial for gone in station.dropped)
+    gone = say("progress.gone", serials=serials) if station.dropped else ""
+    return say("progress.units_at", n=len(station.units), span=span, gone=gone)
 
 
 def _unit_rows(station: Station, status: Status) -> Iterator[tuple[str, str]]:
     """A row for each unit: its temperature and losses, or why it has left."""
     if len(station.everyone) == 1:
-        yield "unit", f"{status.unit_degc:7.2f} degC"
+        yield say("progress.unit"), say("progress.degc", degc=f"{status.unit_degc:7.2f}")
         return
     reasons = {gone.unit.serial: gone.reason for gone in station.dropped}
     for unit in station.everyone:
         degc = "      -" if unit.temperature is None else f"{unit.temperature.value:7.2f}"
         losses = unit.decoder.losses
-        text = f"{degc} degC   {losses.received} frames, {losses.lost} lost"
-        yield unit.serial, f"left: {reasons[unit.serial]}" if unit.serial in reasons else text
+        text = say("progress.unit_frames", degc=degc, received=losses.received, lost=losses.lost)
+        yield (
+            unit.serial,
+            say("progress.unit_left", reason=reasons[unit.serial]) if unit.serial in reasons else text,
+        )
