@@ -20,8 +20,8 @@ CALM = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_s
 hypothesis.settings.register_profile("bench", **CALM)
 hypothesis.settings.load_profile("bench")  # no example fails because the machine is busy
 os.environ["BENCH_KEYS"] = tempfile.mkdtemp(prefix="bench-keys-")
-os.environ["BENCH_LANG"] = "en"  # whatever the machine speaks
 """The key of these tests: no test touches that of the user."""
+os.environ["BENCH_LANG"] = "en"  # whatever the machine speaks
 
 GUARD = leftovers.guard()
 """Ends the processes of this test run, even when the run is killed."""
