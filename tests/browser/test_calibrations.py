@@ -6,13 +6,15 @@ import re
 import pytest
 
 from tests.browser.test_operator import press_tab_to
+from tests.support import bench_project
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.visiting import PATIENCE_MS, TABLET, picture
 
 
 @pytest.fixture
-def bench(tmp_path, project):
-    with bench_over(tmp_path / "out", project) as bench:
+def bench(tmp_path):
+    """With a folder of its own: what is filled in on a form stays there."""
+    with bench_over(tmp_path / "out", bench_project.made(tmp_path / "project")) as bench:
         yield bench
 
 

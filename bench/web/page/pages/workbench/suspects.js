@@ -50,7 +50,7 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
   const whole = suspect.found || picked;
   return html`<li class=${`wb-suspect ${suspect.found ? "wb-found" : ""}`}>
     <div class="wb-suspect-head">
-      <h4 title=${suspect.effect}>${name} ${whole && html`<code>${suspect.effect}</code>`}</h4>
+      <h4 title=${`effect: ${suspect.effect}`}>${name} ${whole && html`<code>${suspect.effect}</code>`}</h4>
       ${suspect.partial && html`<button type="button" class="wb-link" aria-pressed=${picked ? "true" : "false"}
         aria-label=${`${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}: ${name}`}
         onClick=${() => onPicture(picked ? "" : suspect.effect)}>${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
