@@ -225,8 +225,7 @@ class CanopenDrive:
         counts, velocity = struct.unpack_from("<ii", data)
         # A simulated message carries bench time. What stamps a real one has depends on the interface; when it reached
         # us does not.
-        simulated = timestamp_s is not None and isinstance(self._clock, SimClock)
-        t_s = timestamp_s if simulated and timestamp_s is not None else self._clock.now()
+        t_s = timestamp_s if timestamp_s is not None and isinstance(self._clock, SimClock) else self._clock.now()
         if abs(counts - self._last_counts) > 1 << 31:  # the register overflowed
             self._turns += 1 if counts < self._last_counts else -1
         self._last_counts = counts

@@ -80,6 +80,7 @@ from .imu.rows import rows_of as rows_of
 from .imu.runs import rows_of_runs as rows_of_runs
 from .imu.stored import ImuCalibration as ImuCalibration
 from .imu.stored import curves_of as curves_of
+from .imu.triad import POWERS as POWERS
 from .imu.triad import Curve as Curve
 from .judging.analysis import LIMITS_YAML as LIMITS_YAML
 from .judging.analysis import Analysis as Analysis

@@ -3,14 +3,12 @@
 import json
 import sys
 import textwrap
-import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bench.acquisition.run.runner import run_job
-from bench.acquisition.station.serve import keep_running, serve_station
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.wires import wire_findings
 from bench.base import InputError, load_config, parse_yaml
@@ -196,19 +194,12 @@ def test_the_station_of_the_page_runs_on_the_simulator(tmp_path):
 
 @pytest.mark.slow
 def test_a_run_on_a_device_of_others(package, tmp_path):
-    over = threading.Event()
-    with serve_station(acquisition.station(instruments=[])) as served:
-        thread = threading.Thread(target=keep_running, args=(served.station.advance, 1.0, over.is_set))
-        thread.start()
-        try:
-            buses = {"daq0": {**BUS, "options": {"endless": True}}}
-            content = served.station_file() | {"units": [UNIT], "buses": buses}
-            settings = load_config(parse_yaml(json.dumps(content), "station.yaml"), StationSettings)
-            text = "name: real\nsegments:\n  - {kind: soak, duration_min: 0.1}\n"
-            result = run_job(acquisition.job(tmp_path, text, settings))
-        finally:
-            over.set()
-            thread.join()
+    with acquisition.elsewhere(acquisition.station(instruments=[])) as served:
+        buses = {"daq0": {**BUS, "options": {"endless": True}}}
+        content = served.station_file() | {"units": [UNIT], "buses": buses}
+        settings = load_config(parse_yaml(json.dumps(content), "station.yaml"), StationSettings)
+        text = "name: real\nsegments:\n  - {kind: soak, duration_min: 0.1}\n"
+        result = run_job(acquisition.job(tmp_path, text, settings))
     assert result.error is None
     losses = result.run.manifest().losses
     assert {name for name, count in losses.items() if count} == {"received"}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
@@ -12,26 +11,20 @@ import pytest
 from click.testing import CliRunner
 
 from bench.acquisition.station.doctor import examine
-from bench.acquisition.station.serve import keep_running, serve_station
+from bench.acquisition.station.serve import serve_station
 from bench.acquisition.station.settings.station import StationSettings
 from bench.cli import main
 from bench.commands.acquisition import load_station
 from drivers.errors import ConfigError
 from drivers.registers import load_map
+from tests.support import acquisition
 
 
 @contextmanager
 def live():
     """The servers of `bench sim`, running, and the station file that drives them as equipment."""
-    done = threading.Event()
-    with serve_station(load_station(None)) as served:
-        thread = threading.Thread(target=keep_running, args=(served.station.advance, 1.0, done.is_set))
-        thread.start()
-        try:
-            yield served, served.station_file()
-        finally:
-            done.set()
-            thread.join()
+    with acquisition.elsewhere(load_station(None)) as served:
+        yield served, served.station_file()
 
 
 def look(content, listen_s=0.5):

@@ -18,7 +18,7 @@ from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.doctor import examine
 from bench.acquisition.station.instruments import Instruments, switch_off
-from bench.acquisition.station.serve import keep_running, serve_station
+from bench.acquisition.station.serve import serve_station
 from bench.acquisition.station.settings.instrument import InstrumentSettings
 from bench.acquisition.station.settings.station import StationSettings
 from bench.analysis.effects.expression import Expression
@@ -282,17 +282,10 @@ def test_the_watchdog_switches_off_what_a_killed_bench_left_on():
 
 @pytest.mark.slow
 def test_a_real_station_records_them_too(tmp_path):
-    over = threading.Event()
-    with serve_station(station()) as served:
-        thread = threading.Thread(target=keep_running, args=(served.station.advance, 1.0, over.is_set))
-        thread.start()
-        try:
-            settings = load_config(parse_yaml(served.station_yaml(), "remote.yaml"), StationSettings)
-            text = "name: real\nsegments:\n  - {kind: soak, duration_min: 0.1}\n"
-            result = run_job(acquisition.job(tmp_path, text, settings))
-        finally:
-            over.set()
-            thread.join()
+    with acquisition.elsewhere(station()) as served:
+        settings = load_config(parse_yaml(served.station_yaml(), "remote.yaml"), StationSettings)
+        text = "name: real\nsegments:\n  - {kind: soak, duration_min: 0.1}\n"
+        result = run_job(acquisition.job(tmp_path, text, settings))
     assert result.error is None
     humidity = load(result.run.path, 1.0).channel("humidity")
     read = humidity[np.isfinite(humidity)]

@@ -2,7 +2,6 @@
 
 import json
 import re
-import threading
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.powering import UnitPower
-from bench.acquisition.station.serve import keep_running, serve_station
 from bench.acquisition.station.settings.station import StationSettings
 from bench.analysis.judging.completeness import completeness
 from bench.analysis.judging.quantities import of_data
@@ -211,17 +209,10 @@ def test_the_event_comes_before_the_power(run):
 @pytest.mark.slow
 def test_power_cycles_of_another_process_lose_nothing(tmp_path):
     """`bench sim` on one side, a real station on the other, in real time: only planned gaps."""
-    over = threading.Event()
-    with serve_station(acquisition.station()) as served:
-        thread = threading.Thread(target=keep_running, args=(served.station.advance, 1.0, over.is_set))
-        thread.start()
-        try:
-            text = served.station_yaml()
-            settings = load_config(parse_yaml(text, "remote.yaml"), StationSettings)
-            result = run_job(acquisition.job(tmp_path, REAL, settings))
-        finally:
-            over.set()
-            thread.join()
+    with acquisition.elsewhere(acquisition.station()) as served:
+        text = served.station_yaml()
+        settings = load_config(parse_yaml(text, "remote.yaml"), StationSettings)
+        result = run_job(acquisition.job(tmp_path, REAL, settings))
     assert result.error is None
     manifest = open_run(result.run.path).manifest()
     assert [segment.turn_on for segment in manifest.segments] == [1, 2, 2]

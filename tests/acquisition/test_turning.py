@@ -1,7 +1,6 @@
 """The rate table in profiles, stations and runs: what turns, what is recorded, and that it stops."""
 
 import json
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from bench.acquisition.profile.legs import Leg
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run.runner import Job, run_job
 from bench.acquisition.station.rate_table import halt
-from bench.acquisition.station.serve import keep_running, serve_station
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import open_station
 from bench.acquisition.station.turning import Turntable
@@ -410,26 +408,19 @@ def test_a_table_that_leaves_its_rate_has_failed(turntable):
 @pytest.mark.slow
 def test_a_table_of_another_process_is_turned_and_halted_from_outside():
     """`bench sim` on one side, a real station on the other; the watchdog's way to stop it."""
-    over = threading.Event()
-    with serve_station(station()) as served:
-        thread = threading.Thread(target=keep_running, args=(served.station.advance, 1.0, over.is_set))
-        thread.start()
-        try:
-            text = served.station_yaml()
-            settings = config.load_config(config.parse_yaml(text, "remote.yaml"), StationSettings)
-            with open_station(settings, settings.units) as opened:
-                opened.turntable.begin(leg(20.0))
-                while opened.turntable.arrived_s() is None:
-                    opened.clock.sleep_until(opened.clock.now() + 0.1)
-                    opened.turntable.poll()
-                assert opened.turntable.rate_dps == pytest.approx(20.0, abs=0.1)
-                assert served.station.table.rate_dps == pytest.approx(20.0, abs=0.1)
-            steps = halt(settings)  # the bench is gone, the axis is not
-            assert [step.ok for step in steps] == [True, True, True]
-            assert served.station.table.rate_dps == pytest.approx(0.0, abs=0.1)
-        finally:
-            over.set()
-            thread.join()
+    with acquisition.elsewhere(station()) as served:
+        text = served.station_yaml()
+        settings = config.load_config(config.parse_yaml(text, "remote.yaml"), StationSettings)
+        with open_station(settings, settings.units) as opened:
+            opened.turntable.begin(leg(20.0))
+            while opened.turntable.arrived_s() is None:
+                opened.clock.sleep_until(opened.clock.now() + 0.1)
+                opened.turntable.poll()
+            assert opened.turntable.rate_dps == pytest.approx(20.0, abs=0.1)
+            assert served.station.table.rate_dps == pytest.approx(20.0, abs=0.1)
+        steps = halt(settings)  # the bench is gone, the axis is not
+        assert [step.ok for step in steps] == [True, True, True]
+        assert served.station.table.rate_dps == pytest.approx(0.0, abs=0.1)
 
 
 def test_a_table_that_cannot_be_reached_is_said():

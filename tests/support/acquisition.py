@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from bench.acquisition.profile.profile import Profile, profile_from_text
 from bench.acquisition.run.runner import Job
 from bench.acquisition.run.status import Status
+from bench.acquisition.station.serve import Served, keep_running, serve_station
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.station import Station
 from bench.base import config
@@ -66,3 +69,17 @@ def at(t_s: float, action: Callable[[Station], Any]) -> Callable[[Station, Statu
             done.append(action(station))
 
     return look
+
+
+@contextmanager
+def elsewhere(settings: StationSettings) -> Iterator[Served]:
+    """The servers of `bench sim`, running in real time."""
+    over = threading.Event()
+    with serve_station(settings) as served:
+        thread = threading.Thread(target=keep_running, args=(served.station.advance, 1.0, over.is_set))
+        thread.start()
+        try:
+            yield served
+        finally:
+            over.set()
+            thread.join()

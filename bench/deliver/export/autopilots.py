@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from bench.analysis import Curve
+from bench.analysis import POWERS, Curve
 from bench.base import FloatArray
 from bench.record import ImuAxis, ImuRecord, ImuTriad
 
@@ -121,14 +121,11 @@ def _curve(axis: ImuAxis, kind: str) -> Callable[[FloatArray], FloatArray]:
     return lambda temperature: np.asarray(curve.columns(temperature) @ own.coefficients)
 
 
-_POWERS = ("second order", "third order", "fourth order", "fifth order")
-
-
 def _lost(record: ImuRecord, gyro: _Biases, accelerometer: _Biases, at: float) -> Iterator[str]:
     """What the parameters cannot hold, with its greatest size over the calibrated range."""
     for triad, kinds in zip(
         record.triads,
-        (("scale factor", "misalignment", "g-sensitivity", *_POWERS), ("misalignment", *_POWERS)),
+        (("scale factor", "misalignment", "g-sensitivity", *POWERS), ("misalignment", *POWERS)),
         strict=True,
     ):
         for kind in kinds:

@@ -53,9 +53,10 @@ class ImuPackage:
     def refusal(self) -> str:
         """Why there is no image; empty: there is one."""
         try:
-            return "" if self.words else "it is empty"
+            _ = self.words
         except InputError as error:
             return str(error)
+        return ""
 
     @cached_property
     def image(self) -> ImuImage:

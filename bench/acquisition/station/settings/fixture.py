@@ -58,11 +58,12 @@ class FixtureSettings(BaseModel):
             raise PlacedError("one axis is not enough: name two or three", ("axes",))
         if self.turn or self.operator == "simulated":
             raise PlacedError("driven axes turn by themselves; remove `turn` and `operator`", ("axes",))
-        if not self.names:
+        reached = self.names
+        if not reached:
             raise PlacedError(f"the axes reach none of the attitudes from {self.zero}; look at `about`", ("axes",))
         if not isinstance(self.attitudes, int):
             for i, name in enumerate(self.attitudes):
-                if name not in self.names:
+                if name not in reached:
                     raise PlacedError(f"the axes do not reach {name}; remove it, or look at `about` and the ranges",
                                       ("attitudes", i))  # fmt: skip
         return self
