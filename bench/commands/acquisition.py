@@ -18,7 +18,6 @@ from bench.commands.slots import seated
 if TYPE_CHECKING:
     from bench.acquisition import Compensated, Job, Profile, RunResult, Served, StationSettings
     from bench.analysis import Limits
-    from bench.commands.ending_early import EndingEarly
     from bench.commands.results.analyse import Reported, UnitsReported
     from drivers.sim.sender import Frames
 
@@ -60,7 +59,7 @@ class RunOptions:
     junit: Path | None = None
     """Where the outcome is written as JUnit XML."""
     lot: Path | None = None
-    """Run folder of the lot that `until` in the profile rests on; None: the profile goes to its end."""
+    """Run folder of the lot that `until` in the profile rests on; None: the one that it names."""
 
 
 def run_profile(
@@ -85,25 +84,9 @@ def _run(
     limits, texts = _given(options, out)
     texts |= {model_file(i): model.to_yaml() for i, model in enumerate(chosen)}
     station, serials = seated(station_file(station_path), options.serials)
-    task = Task(serials, texts, out, operator=options.operator)
+    task = Task(serials, texts, out, operator=options.operator, lot=options.lot)
     job = job_of(profile_path, station, task)
-    early = None if options.lot is None else _ending_early(job, options.lot)
-    result = carry_out(job, quiet, early)
-    if early is not None:
-        early.write(result)
-    return report_on_units(result, chosen, limits)
-
-
-def _ending_early(job: Job, lot: Path) -> EndingEarly:
-    """What may end the run early; InputError where the profile does not say when."""
-    from bench.acquisition import stated
-    from bench.commands.ending_early import EndingEarly, audit_due
-
-    until = job.profile.until
-    if until is None:
-        raise InputError("--lot needs `until: {error_dph: …}` in the profile", job.profile.file)
-    audit = audit_due(job.out, lot, until.audit_every)
-    return EndingEarly(lot, until, stated(job.station.orientation, job.profile.orientation)[0], audit=audit)
+    return report_on_units(carry_out(job, quiet), chosen, limits)
 
 
 @dataclass(frozen=True)
@@ -117,6 +100,8 @@ class Task:
     operator: str = ""
     senders: Mapping[str, Frames] = field(default_factory=dict)
     """What makes the frames of simulated units, by serial number; the simulator makes those of others."""
+    lot: Path | None = None
+    """Run folder of the lot that `until` in the profile rests on; None: the one that it names."""
 
 
 def conduct(profile: Path | Document, station: Path | Document | None, task: Task, quiet: bool) -> RunResult:
@@ -127,6 +112,7 @@ def conduct(profile: Path | Document, station: Path | Document | None, task: Tas
 def job_of(profile: Path | Document, station: Path | Document | None, task: Task) -> Job:
     """What `run_job` executes, read and checked; InputError where the station cannot run the profile."""
     from bench.acquisition import Job, check_profile, load_profile, refuse_errors, wire_findings
+    from bench.commands.ending_early import followed
 
     own = profile if isinstance(profile, Document) else read_yaml(profile)
     place = station_file(station)
@@ -137,6 +123,8 @@ def job_of(profile: Path | Document, station: Path | Document | None, task: Task
     settings.chosen(list(task.senders))
     refuse_errors([*check_profile(loaded, settings.limits()), *wire_findings(settings, task.senders)])
     texts = Papers.of_station(settings).texts() | dict(task.texts)
+    if task.compensation == "off":
+        texts |= followed(loaded, task.lot, task.out)
     return Job(
         profile=loaded,
         profile_text=own.text,
@@ -151,18 +139,21 @@ def job_of(profile: Path | Document, station: Path | Document | None, task: Task
     )
 
 
-def carry_out(job: Job, quiet: bool, early: EndingEarly | None = None) -> RunResult:
-    """Run a job, with progress and keys in the terminal of this process; `early` may end it."""
+def carry_out(job: Job, quiet: bool) -> RunResult:
+    """Run a job, with progress and keys in the terminal of this process; `until` in its profile may end it."""
     from bench.acquisition import Desk, run_job
+    from bench.commands.ending_early import EndingEarly
     from bench.commands.terminal.following import Following
     from bench.commands.terminal.keyboard import Keyboard
     from bench.commands.terminal.progress import Progress
 
-    desk = Desk()
+    desk, early = Desk(), EndingEarly.of(job)
     with Keyboard(desk) as keyboard, Progress(job.profile, quiet, lambda: keyboard.notice) as progress:
         if early is None:
             return run_job(job, Following(job.profile, desk, progress), desk)
-        return run_job(job, Following(job.profile, desk, progress, early.heard), desk, early)
+        result = run_job(job, Following(job.profile, desk, progress, early.heard), desk, early)
+    early.write(result)
+    return result
 
 
 def _given(options: RunOptions, out: Path) -> tuple[Limits | None, dict[str, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.base import InputError
+from bench.base import InputError, dump, parse_yaml, read_yaml
 from bench.record import (
     EARTH,
     CalibrationRecord,
@@ -21,15 +22,57 @@ from bench.record import (
     UntilRecord,
     earth_rate,
     load,
+    slug,
+    use,
 )
 
 if TYPE_CHECKING:
-    from bench.acquisition import Continue, RunResult, Status, Stop, Until
+    from bench.acquisition import Continue, Job, Profile, RunResult, Status, Stop, Until
     from bench.analysis import Expected, Likeness, Prior
 
 WHO = "the lot's prior"
+KEPT = "lot.yaml"
+"""File of a run folder: the lot that may end the run, and whether the run is an audit."""
 LOOK_S = 600.0
 ROW_S = 30.0
+
+
+def followed(profile: Profile, lot: Path | None, out: Path) -> dict[str, str]:
+    """The file that a run keeps of its lot, by name; none where the run goes to its end in any case.
+
+    `lot`: run folder of the lot; None: the one that the profile names, below `out`. InputError where it is none, or the
+    profile does not say when a run may end.
+    """
+    until = profile.until
+    if until is None and lot is not None:
+        raise InputError("--lot needs `until: {error_dph: …}` in the profile", profile.file)
+    if until is None or (lot is None and until.lot is None):
+        return {}
+    folder = _newest(until.lot or "", out, profile.file) if lot is None else lot
+    LotRecord.read(folder)
+    return {KEPT: dump({"lot": str(folder.resolve()), "audit": audit_due(out, folder, until.audit_every)})}
+
+
+def _newest(lot: str, out: Path, file: str | None) -> Path:
+    """Run folder of a lot by its name, or by name and run."""
+    name, _, run = lot.partition("/")
+    found = sorted(path.parent for path in (out / slug(name)).glob(f"{slug(run) if run else '*'}/{LotRecord.FILE}"))
+    if not found:
+        text = f"until.lot: no lot '{lot}' was calibrated in {out}"
+        raise InputError(f"{text}; make it with `bench lot calibrate`, or leave `lot` out", file)
+    return found[-1]
+
+
+def lot_of(run: Path) -> tuple[Path, bool] | None:
+    """Run folder of the lot that a run followed, and whether the run is an audit; None for one that followed none."""
+    if not (run / KEPT).is_file():
+        return None
+    use(run, KEPT)
+    return _kept(read_yaml(run / KEPT).content)
+
+
+def _kept(content: Any) -> tuple[Path, bool]:
+    return Path(content["lot"]), bool(content["audit"])
 
 
 def prior_of(folder: Path) -> Prior:
@@ -80,6 +123,11 @@ class _Unit:
         self._open: list[tuple[float, float, float]] = []
         self._lock = threading.Lock()
 
+    def take(self, before: Dataset) -> None:
+        """Take in what was recorded of the unit before its run was interrupted."""
+        for row in zip(before.time, before.channel("temperature"), before.channel("rate"), strict=True):
+            self.add(*map(float, row))
+
     def add(self, t_s: float, temperature_degc: float, rate_dph: float) -> None:
         if not (np.isfinite(temperature_degc) and np.isfinite(rate_dph)):
             return
@@ -115,6 +163,27 @@ class EndingEarly:
         self._last: dict[str, _Look] = {}
         self._unlike: set[str] = set()
         self._next_s: float | None = None
+
+    @classmethod
+    def of(cls, job: Job) -> EndingEarly | None:
+        """What may end a run, or what is left of an interrupted one; None where it goes to its end."""
+        from bench.acquisition import stated
+
+        runs = () if job.continuation is None else job.continuation.runs
+        if runs:
+            known = lot_of(runs[0].path)
+        else:
+            known = _kept(parse_yaml(job.model_texts[KEPT], KEPT).content) if KEPT in job.model_texts else None
+        if known is None or job.profile.until is None or job.compensation == "on":
+            return None
+        lot, audit = known
+        if runs and not (lot / LotRecord.FILE).is_file():
+            print(f"bench: {lot}: the lot is not there any more; the run goes to its end", file=sys.stderr)
+            return None
+        early = cls(lot, job.profile.until, stated(job.station.orientation, job.profile.orientation)[0], audit=audit)
+        for run in (one for one in runs if one.manifest().rows):
+            early._units.setdefault(run.manifest().unit, _Unit()).take(load(run.path, 1.0))
+        return early
 
     def heard(self, serial: str, t_s: float, temperature_degc: float, rate_dph: float) -> None:
         """Take in a tick of a unit."""

@@ -4,9 +4,11 @@ import json
 from datetime import date
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from bench.archive import gauge
 from bench.cli import main, rendering
 from bench.commands import (
     Aborted,
@@ -14,8 +16,13 @@ from bench.commands import (
     Calibrated,
     CalibratedAll,
     Flashed,
+    GaugeJudged,
     LiveRuns,
+    LotAudited,
+    LotCompleted,
+    LotPlanned,
     NotAnalysed,
+    RunsRestored,
     StationServed,
     UnitReport,
     UnitsReported,
@@ -138,6 +145,26 @@ def test_an_inertial_unit_answers_with_its_keys(tmp_path):
     imu_data.written(drawn(1), imu_data.at_home(), 2, other, tmp_path, "check")
     for command, keys in IMU_KEYS.items():
         assert set(asked(command, {"IMU": tmp_path})) == set(keys.split()), command
+
+
+def test_results_of_lots_gauges_and_restored_runs_have_their_keys():
+    expected = {"error_dph": 0.1, "low_dph": 0.05, "high_dph": 0.2}
+    done = LotCompleted(Path("r"), "L", *expected.values())
+    assert set(rendering.content(done)) == {"run", "lot", *expected}
+    planned = LotPlanned("L", Path("p.yaml"), 0.3, *expected.values(), 2.0, 8.0)
+    assert set(rendering.content(planned)) == {"lot", "profile", "target_dph", *expected, "hours", "whole_hours"}
+    audited = LotAudited("L", {"stopped": 3}, 0.4, 0, 0, None, None, 0)
+    wanted = {"lot", "outcomes", "saved", "audits", "held", "held_from", "held_to", "over"}
+    assert set(rendering.content(audited)) == wanted
+    (folder,) = rendering.content(RunsRestored([(Path("r"), 2)]))["folders"]
+    assert folder == {"run": "r", "files": 2}
+    values = np.random.default_rng(1).normal(0.0, 1.0, 12)
+    names = [(f"U{i % 3}", f"S{i // 3 % 2}") for i in range(12)]
+    found = gauge(values, [unit for unit, _ in names], [station for _, station in names])
+    assert set(rendering.content(GaugeJudged("bias_max_dph", "deg/h", found, ()))) == {
+        "quantity", "unit", "left_out", "units", "stations", "runs", "components", "sources", "share", "acceptable",
+        "categories",
+    }  # fmt: skip
 
 
 def test_results_of_equipment_and_live_runs_have_their_keys(tmp_path):

@@ -572,6 +572,17 @@ def test_the_log_of_a_live_run_is_newest_first_and_without_writes(desk, folder, 
     assert log[0]["utc"]
 
 
+def test_the_log_of_a_live_run_has_the_figures_of_each_decision(desk, folder, out, recorder):
+    figures = {"error_dph": 0.3, "low_dph": 0.1, "high_dph": 0.5, "seen": 1.0, "at_s": 1200.0}
+    recorder.event("decision", "goes on", units={"G-1": figures}, limit_dph=0.2)
+    recorder.event("unit", "two units", units=["G-1", "G-2"])
+    with live(desk, folder), served(Settings(out=out)) as client:
+        until(lambda: client.get("/api/v1/live").json()["runs"])
+        other, decision, *_ = client.get("/api/v1/live/G-1/run/events").json()["events"]
+    assert (decision["units"], decision["limit_dph"]) == ({"G-1": figures}, 0.2)
+    assert other["units"] is None
+
+
 @pytest.mark.parametrize("signed_in", [False, True])
 def test_a_stream_ends_with_the_token_that_it_was_opened_with(out, tokens, signed_in, monkeypatch):
     monkeypatch.setattr("bench.web.live.streaming.BEAT_S", 0.02)

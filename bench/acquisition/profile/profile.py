@@ -24,12 +24,15 @@ __all__ = ["Profile", "SettleRule", "from_document", "load_profile", "profile_fr
 
 
 class Until(BaseModel):
-    """When a run may end before the profile does: `bench run --lot` looks every ten minutes."""
+    """When a run may end before the profile does: every ten minutes its units are compared with those of their lot."""
 
     model_config = STRICT
 
     error_dph: Annotated[float, Field(gt=0, le=1e6)]
     """Largest error of the calibration [deg/h RMS] over the lot's whole run, upper end of the 95 % interval."""
+    lot: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    """Lot that this rests on: `LOT-7` for its newest calibration where the run goes to, or `LOT-7/RUN` for one of them;
+    `bench run --lot FOLDER` names another one. Left out, and without --lot: the run goes to its end."""
     audit_every: Annotated[int, Field(ge=0, le=1000)] = 10
     """Every so many runs of the lot one goes the whole way all the same, to check what is stated; 0: none."""
 
@@ -53,7 +56,7 @@ class Profile(BaseModel):
     orientation: OrientationSettings | None = None
     """How the sensitive axis lies, where it differs from what the station says."""
     until: Until | None = None
-    """When it may end earlier; without a lot (`bench run --lot`) it goes to its end."""
+    """When it may end earlier; without a lot it goes to its end."""
     segments: Annotated[tuple[Segment, ...], Field(min_length=1)]
     """What to do, in order."""
 

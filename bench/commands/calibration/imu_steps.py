@@ -15,15 +15,10 @@ from bench.commands.calibration.doubts import Doubt, decided, judged, verdict_of
 from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.recording import recorded
-from bench.commands.calibration.steps import AgainError, in_the_unit, run_of, texts
+from bench.commands.calibration.steps import AgainError, calibration_of, in_the_unit, run_of, texts
 from bench.commands.imu import imu, verify_imu
 from bench.commands.papers import Papers
 from bench.record import ImuRecord, put
-
-
-def record_of(job: JobFile) -> Path:
-    """Folder of the calibration that the job made."""
-    return job.folder.parent / str(job.facts("fit")["record"])
 
 
 def options_of(order: Order) -> Path | None:
@@ -83,7 +78,7 @@ class VerifyImu:
             raise AgainError("flash", f"the unit holds calibration {inside['calibration_id']}")
         run, pieced = recorded(order, job, self.name, order.plan.verification, "off", texts(order))
         limits = order.file(order.plan.limits)
-        found = verify_imu([run.path], options_of(order), record_of(job), limits).verification
+        found = verify_imu([run.path], options_of(order), calibration_of(job), limits).verification
         if pieced and found.verdict == "INVALID":
             raise AgainError(self.name, "the verification was interrupted, and too much of it is missing")
         hold, stop = verdict_of(found.verdict, order.plan.policy, "the verification")
@@ -107,6 +102,6 @@ class CertifyImu:
 
         if not order.plan.certificate:
             return Done("not wanted by the plan", {"pdf": None}, [Case("certificate", skipped=True, text="not wanted")])
-        made = imu_certificate(record_of(job), CertificateOptions(), job.folder / "certificate.pdf").facts
-        unit = ImuRecord.of(record_of(job)).unit
+        made = imu_certificate(calibration_of(job), CertificateOptions(), job.folder / "certificate.pdf").facts
+        unit = ImuRecord.of(calibration_of(job)).unit
         return Done(f"{made['number']}: unit {unit}", {"pdf": "certificate.pdf", "number": made["number"]})

@@ -27,9 +27,11 @@ from bench.commands.calibration.doubts import decided, doubts, judged, verdict_o
 from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.recording import recorded
+from bench.commands.ending_early import lot_of
+from bench.commands.lots import complete_unit
 from bench.commands.papers import Papers
 from bench.deliver import lacking, load_instruments, refuse_overdue
-from bench.record import CalibrationRecord, DiagnosisRecord, Manifest, RunFolder, prove, put
+from bench.record import CalibrationRecord, DiagnosisRecord, Manifest, RunFolder, UntilRecord, prove, put
 
 if TYPE_CHECKING:
     from bench.acquisition import StationSettings
@@ -82,6 +84,13 @@ def check_order(order: Order) -> list[str]:
     if unit.identity is None and not any(map(str.isdigit, order.serial)):
         raise InputError(f"unit '{order.serial}' has no number for its image; give its `identity`", order.station)
     warnings = _papers(order, station)
+    until = load_profile(order.document(plan.profile)).until
+    if plan.certificate and until is not None and until.lot is not None:
+        raise InputError(
+            f"certificate: a run that ends early by its lot ({plan.profile}, `until`) gets none, which rests on the "
+            "unit's own rows: set `certificate: false`, or leave `until` out of the profile",
+            order.path,
+        )
     late: list[str] = []
     for name in order.profiles():
         checked = acquisition.check_on(load_profile(order.document(name)), station)
@@ -167,7 +176,8 @@ class Fit:
         models = [order.load_model(name) for name in order.plan.models]
         limits = load_limits(order.document(order.plan.limits))
         steps: list[dict[str, Any]] = []
-        if order.plan.improve:
+        early = stopped(folder)
+        if order.plan.improve and early is None:
             improved, steps = _walk(folder, models[0], static_of(job))
             if improved is not None:
                 models.append(improved)
@@ -182,7 +192,24 @@ class Fit:
         facts = {**{key: content[key] for key in keys}, "limits": word, "steps": steps}
         held = content["held_out_rms_dph"]
         sentence = f"{word}: {content['model']}, held-out {'-' if held is None else f'{held:.4f}'} deg/h"
+        if early is not None:
+            made = complete_unit(early, folder, order.out)
+            put(made.run, {name: text.encode() for name, text in texts(order).items()})
+            facts |= {"record": made.run.name, "lot": made.lot, "expected_dph": made.error_dph}
+            sentence += f"; ended early: by lot {made.lot} {made.error_dph:.4f} deg/h expected over its whole run"
         return Done(sentence, facts, judged(content["limits"]), word, hold, stop)
+
+
+def stopped(run: Path) -> Path | None:
+    """Run folder of the lot that ended a run early, and that its calibration rests on; None for a whole run."""
+    record, known = UntilRecord.find(run), lot_of(run)
+    return known[0] if record is not None and known is not None and record.outcome == "stopped" else None
+
+
+def calibration_of(job: JobFile) -> Path:
+    """Folder of the calibration that the fit left: of its own beside the run, or the run's."""
+    record = job.facts("fit").get("record")
+    return run_of(job) if record is None else job.folder.parent / str(record)
 
 
 def _walk(folder: Path, model: Model, static: Path | None) -> tuple[Model | None, list[dict[str, Any]]]:
@@ -240,9 +267,7 @@ class Flash:
         """See the protocol."""
         from bench.commands.flashing import FlashOptions, flash
 
-        record = job.facts("fit").get("record")  # of an inertial unit
-        run = run_of(job) if record is None else job.folder.parent / str(record)
-        options = FlashOptions(run=run, form=order.plan.form)
+        options = FlashOptions(run=calibration_of(job), form=order.plan.form)
         flashed = flash(order.serial, order.station_file(), options, order.out, order.quiet)
         keys = ("calibration_id", "form", "bank", "crc", "coefficient_set")
         facts = {key: flashed.record.get(key) for key in keys}
@@ -301,7 +326,7 @@ class Certify:
         if not order.plan.certificate:
             return Done("not wanted by the plan", {"pdf": None}, [Case("certificate", skipped=True, text="not wanted")])
         plan, options = order.plan, CertificateOptions(verifications=(run_of(job, "verify"),))
-        facts = certificate(run_of(job), options, job.folder / "certificate.pdf").facts
+        facts = certificate(calibration_of(job), options, job.folder / "certificate.pdf").facts
         word = facts["verdict"]
         hold, stop = verdict_of(word or "PASS", plan.policy, "the certificate")
         kept = {"pdf": "certificate.pdf", "number": facts["number"]}

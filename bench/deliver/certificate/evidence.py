@@ -140,6 +140,8 @@ def gather(
     """
     run = RunFolder(folder)
     manifest = run.manifest()
+    if manifest.profile == "lot":
+        raise InputError("no certificate: it is calibrated by its lot; a certificate rests on a whole run", folder)
     prove(folder)
     source = source_of(folder)
     stored = CalibrationRecord.read(folder)

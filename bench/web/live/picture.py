@@ -198,6 +198,9 @@ class Happened(BaseModel):
     phase: str = ""
     """Of a segment or a hold: start or end."""
     segment: dict[str, Any] | None = None
+    units: dict[str, dict[str, float]] | None = None
+    """Of a decision: its figures by serial number; errors in deg/h RMS."""
+    limit_dph: Number | None = None
 
 
 class Log(BaseModel):

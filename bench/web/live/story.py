@@ -89,6 +89,7 @@ def newest(events: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [
         {name: event.get(name) for name in ("t_s", "utc", "kind", "text")}
         | {name: event[name] for name in ("phase", "segment") if name in event}
+        | {name: event[name] for name in ("units", "limit_dph") if event["kind"] == "decision" and name in event}
         for event in reversed(told)
     ]
 
