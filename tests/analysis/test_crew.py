@@ -18,7 +18,7 @@ from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.noise import likelihood
-from bench.analysis.noise.whitening import Ratios, Whitener, whiteners
+from bench.analysis.noise.whitening import Ratios, Recursion, Whitener
 from bench.base.errors import InputError
 from tests.support.hidden_runs import HiddenUnit
 from tests.support.work import costs
@@ -109,7 +109,7 @@ def run():
 
 def answer(run, workers):
     """As text, so that every digit counts; no whitener is left from before."""
-    likelihood._kept.cache_clear()
+    likelihood._axis.cache_clear()
     return json.dumps(diagnose([run], SPLINE, candidates=FEW, floor_dph=0.03, workers=workers).to_json())
 
 
@@ -120,7 +120,7 @@ def test_two_workers_say_what_one_says_digit_for_digit(run):
 def test_a_whitener_has_the_same_digits_alone_and_in_company():
     time_s = 30.0 * np.arange(100)
     ratios = [Ratios(0.1 * n, 0.2) for n in range(1, 6)]
-    together = whiteners(ratios, time_s, 30.0)
+    together = Recursion(time_s, 30.0).whiteners(ratios)
     for ratio, other in zip(ratios, together, strict=True):
         one = Whitener.of(ratio, time_s, 30.0)
         assert one.log_det == other.log_det
@@ -130,18 +130,18 @@ def test_a_whitener_has_the_same_digits_alone_and_in_company():
 def test_a_diagnosis_makes_each_whitener_once_and_whitens_so_often(run, monkeypatch):
     """Work of one worker: passes over the rows that make whiteners, and products with them."""
     counts: Counter[str] = Counter()
-    made, apply = likelihood.whiteners, Whitener.apply
+    made, apply = Recursion.whiteners, Whitener.apply
 
-    def counted(ratios, *more):
+    def counted(self, ratios):
         counts["recursions"] += 1
         counts["whiteners"] += len(ratios)
-        return made(ratios, *more)
+        return made(self, ratios)
 
     def applied(self, matrix):
         counts["whitenings"] += 1
         return apply(self, matrix)
 
-    monkeypatch.setattr(likelihood, "whiteners", counted)
+    monkeypatch.setattr(Recursion, "whiteners", counted)
     monkeypatch.setattr(Whitener, "apply", applied)
     answer(run, 1)
     costs(counts["recursions"], RECURSIONS)

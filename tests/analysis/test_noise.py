@@ -199,7 +199,7 @@ class TestLattice:
         record = Record(np.arange(150) * 30.0, gyro_noise(rng, 150, 30.0), np.ones((150, 1)))
 
         def lowest():
-            likelihood._kept.cache_clear()
+            likelihood._axis.cache_clear()
             surface = Surface.of([record], NoiseLattice([record], 30.0), restricted=True)
             best = surface.search()
             return best, surface.height(best)

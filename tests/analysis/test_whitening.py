@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bench.analysis.noise.whitening import Ratios, Whitener, covariance, whiteners
+from bench.analysis.noise.whitening import Ratios, Recursion, Whitener, covariance
 
 RATIOS = [Ratios(), Ratios(0.08, 0.08), Ratios(30.0, 30.0), Ratios(0.0, 10.0), Ratios(100.0, 1e-3)]
 
@@ -29,7 +29,7 @@ def test_recursion_agrees_with_dense_cholesky(ratios, time_s):
 def test_many_ratios_at_once_are_the_same_as_one_by_one():
     time_s = gapped_times(100)
     vector = np.sin(time_s)
-    for ratios, together in zip(RATIOS, whiteners(RATIOS, time_s, 30.0), strict=True):
+    for ratios, together in zip(RATIOS, Recursion(time_s, 30.0).whiteners(RATIOS), strict=True):
         assert_allclose(together.apply(vector), Whitener.of(ratios, time_s, 30.0).apply(vector), rtol=1e-13)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import scipy
+from scipy.linalg.lapack import dtbtrs
 
 from bench.base import FloatArray
 
@@ -100,20 +100,11 @@ def _lag(time_s: FloatArray, value: FloatArray, tau_s: FloatArray) -> FloatArray
     decay = np.exp(-step_s / tau)
     # behind = x - u obeys behind' = decay * behind - slope * tau * (1 - decay)
     drive = step / step_s * tau * np.expm1(-step_s / tau)
-    even = np.ptp(step_s) <= 1e-9 * step_s[0] and not np.ptp(tau_s)
-    behind = scipy.signal.lfilter([1.0], [1.0, -decay[0]], drive) if even else _faded(decay, drive)
+    band = np.ones((2, len(drive)))  # the recursion is a triangular system of two diagonals
+    band[1, :-1] = -decay[1:]
+    behind = dtbtrs(band, drive[:, None], uplo="L", diag="U")[0][:, 0]
     lagged: FloatArray = value + np.concatenate([[0.0], behind])
     return lagged
-
-
-def _faded(decay: FloatArray, drive: FloatArray) -> FloatArray:
-    """A state (n - 1,) that fades by a factor of its own in each step, and is pushed."""
-    behind, fade, reach = drive.copy(), decay.copy(), 1
-    while reach < len(behind):  # each row knows the last `reach` rows, then twice as many
-        behind[reach:] += fade[reach:] * behind[:-reach]
-        fade[reach:] = fade[reach:] * fade[:-reach]
-        reach *= 2
-    return behind
 
 
 def _play(value: FloatArray, half_width: float) -> FloatArray:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.analysis.noise.whitening import Ratios, Whitener, whiteners
+from bench.analysis.noise.whitening import Ratios, Recursion, Whitener
 from bench.base import FloatArray
 
 _PER_DECADE = 16
@@ -74,41 +74,38 @@ def gls(X: FloatArray, y: FloatArray, whitener: Whitener, sigma2: float | None =
     return Gls(beta, variance * (half @ half.T), rss, residual)
 
 
-@lru_cache(maxsize=4)
-def _kept(times: bytes, white: bytes, interval_s: float) -> dict[Point, Whitener]:
-    """The whiteners of rows at these times that were made so far: records of one profile share them."""
-    return {}
-
-
-@dataclass(frozen=True)
 class _Axis:
     """Rows of a record as far as its whiteners depend on them, and those made so far."""
 
-    time_s: FloatArray
-    white: FloatArray | None
-    kept: dict[Point, Whitener]
+    def __init__(self, time_s: FloatArray, interval_s: float, white: FloatArray | None) -> None:
+        self._recursion = Recursion(time_s, interval_s, white)
+        self._kept: dict[Point, Whitener] = {}
 
-    @classmethod
-    def of(cls, record: Record, interval_s: float) -> _Axis:
-        white = b"" if record.white is None else record.white.tobytes()
-        return cls(record.time_s, record.white, _kept(record.time_s.tobytes(), white, interval_s))
+    def at(self, points: Sequence[Point], lattice: NoiseLattice) -> list[Whitener]:
+        """The whiteners at these points, missing ones made; where there are too many, others are forgotten."""
+        wanted = [point for point in dict.fromkeys(points) if point not in self._kept]
+        if wanted and len(self._kept) + len(wanted) > _MOST_KEPT:
+            for other in set(self._kept).difference(points):
+                del self._kept[other]
+        if wanted:
+            made = self._recursion.whiteners([lattice.ratios(point) for point in wanted])
+            self._kept.update(zip(wanted, made, strict=True))
+        return [self._kept[point] for point in points]
 
-    def make(self, wanted: Sequence[Point], lattice: NoiseLattice) -> None:
-        """Make and keep those of these that are missing; where there are too many, the others are forgotten."""
-        if len(self.kept) + len(wanted) > _MOST_KEPT:
-            for other in set(self.kept).difference(wanted):
-                del self.kept[other]
-        points = [point for point in wanted if point not in self.kept]
-        ratios = [lattice.ratios(point) for point in points]
-        made = whiteners(ratios, self.time_s, lattice.interval_s, self.white)
-        self.kept.update(zip(points, made, strict=True))
+
+@lru_cache(maxsize=4)
+def _axis(times: bytes, white: bytes, interval_s: float) -> _Axis:
+    """Rows at these times: records of one profile share their whiteners."""
+    return _Axis(np.frombuffer(times), interval_s, np.frombuffer(white) if white else None)
 
 
 class NoiseLattice:
     """Whiteners of a set of records at the points of a logarithmic lattice of ratios, made once and kept."""
 
     def __init__(self, records: Sequence[Record], interval_s: float) -> None:
-        self._axes = tuple(_Axis.of(record, interval_s) for record in records)
+        white = [b"" if record.white is None else record.white.tobytes() for record in records]
+        pairs = zip(records, white, strict=True)
+        self._axes = tuple(_axis(record.time_s.tobytes(), own, interval_s) for record, own in pairs)
         self.interval_s = interval_s
 
     def ratios(self, point: Point) -> Ratios:
@@ -124,15 +121,7 @@ class NoiseLattice:
     def at(self, points: Iterable[Point]) -> list[tuple[Whitener, ...]]:
         """Whiteners of every record at each of the points."""
         points = list(points)
-        self.prepare(points, points)
-        return [tuple(axis.kept[point] for axis in self._axes) for point in points]
-
-    def prepare(self, needed: Iterable[Point], wanted: Iterable[Point]) -> None:
-        """Makes all that is wanted if any needed whitener is missing: 25 at once take little longer than one."""
-        needed, wanted = list(needed), list(dict.fromkeys(wanted))
-        for axis in self._axes:
-            if not all(point in axis.kept for point in needed):
-                axis.make(wanted, self)
+        return list(zip(*(axis.at(points, self) for axis in self._axes), strict=True))
 
     def part(self, first: int, count: int) -> NoiseLattice:
         """The same lattice seen by some of its records alone."""
@@ -181,7 +170,7 @@ class Surface:
     def visit(self, points: Iterable[Point]) -> None:
         """Compute the points that are not known yet."""
         new = [point for point in dict.fromkeys(points) if point not in self.known]
-        self.lattice.prepare(new, new)
+        self.lattice.at(new)  # several at once are made faster
         for point in new:
             self.known[point] = self.measure(point)
 
@@ -191,7 +180,6 @@ class Surface:
         for step in steps:
             while True:
                 around = NoiseLattice.around(best, step)
-                self.lattice.prepare(around, (q for p in around for q in NoiseLattice.around(p, step)))
                 if zeros_held:
                     around = [p for p in around if zeros(p) == zeros(start)]
                 self.visit(around)
@@ -265,6 +253,10 @@ def coordinates(white: FloatArray) -> FloatArray | None:
 
 def beside(white: FloatArray, response: FloatArray) -> tuple[float, float]:
     """Square sum of a response (n,) outside whitened columns X (n, p), and ln |X'X|."""
+    if white.shape[1] == 1 and (own := white[:, 0]).any():
+        power = float(own @ own)
+        rest = response - own * (float(own @ response) / power)
+        return float(rest @ rest), float(np.log(power))
     inverse = coordinates(white)
     if inverse is None:
         basis, volume = spanned(white, np.ones(white.shape[1]))

@@ -9,15 +9,15 @@ The covariance of means over `interval_s` is sigma^2 C with C = I + rho_f F + rh
 Both are averaged over the interval exactly: off the diagonal the mean of an OU process is an OU process again and the
 mean of a walk is the walk at mid-interval, so averaging only changes a gain and the diagonal. C is therefore
 semiseparable with one state to each time constant, and its Cholesky factor follows from the recursion of
-D. Foreman-Mackey et al., "Fast and scalable Gaussian process modeling", AJ 154 (2017) 220. Rows are then taken in
-blocks so that whitening a matrix is a few small matrix products; whitened row i depends on rows up to i only.
+D. Foreman-Mackey et al., "Fast and scalable Gaussian process modeling", AJ 154 (2017) 220, here a block of rows at a
+time: what earlier rows know of a block is taken from its covariance, and what is left is factorised densely. Making a
+whitener and whitening a matrix are a few small matrix products a block; whitened row i depends on rows up to i only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from bench.base import FloatArray
 _RATIO = 4.0  # of neighbouring time constants: the sum is within 1.5 % of 1/f (tests/test_whitening.py)
 _LONGEST_S = 131072.0  # 36 h: beyond any run, where flicker is a constant to the fit
 _BLOCK = 32
+_AT_ONCE = 64  # columns: what is made of more does not fit the cache
 
 
 @dataclass(frozen=True)
@@ -83,134 +84,125 @@ def flicker_by_lag(rows: int, interval_s: float) -> FloatArray:
     return lags
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Whitener:
-    """W with W C W' = I for one record, C as above; `log_det` is ln |C|."""
+    """W with W C W' = I for one record, C as above; `log_det` is ln |C|.
+
+    `transfer` are matrices (blocks, states + 32, states + 32): [state, rows] before a block to [state, whitened rows]
+    after it. `white` (n,) is the diagonal of C where there is neither flicker nor walk, None elsewhere.
+    """
 
     ratios: Ratios
     log_det: float
     rows: int
-    factor: tuple[FloatArray, FloatArray, FloatArray]
-    """Weights (rows, states) and pivots (rows,) of the recursion, and how its states decay (rows, states)."""
-
-    @cached_property
-    def transfer(self) -> FloatArray:
-        """Matrices (blocks, states + 32, states + 32): [state, rows] before a block to [state, whitened rows] after
-        it. Made when it is needed: of the whiteners that are made ahead some never are.
-        """
-        return _transfer(*self.factor)
+    transfer: FloatArray
+    white: FloatArray | None = None
 
     @staticmethod
     def of(ratios: Ratios, time_s: FloatArray, interval_s: float, white: FloatArray | None = None) -> Whitener:
         """For increasing mid times (n,) [s]; `white` (n,) scales the white variance of means over fewer samples."""
-        return whiteners([ratios], time_s, interval_s, white)[0]
+        return Recursion(time_s, interval_s, white).whiteners([ratios])[0]
 
     def apply(self, matrix: FloatArray) -> FloatArray:
         """W @ matrix for columns (n, k) or one vector (n,)."""
-        if self.ratios == Ratios():  # white noise: no row depends on another
-            diagonal = 1.0 / np.sqrt(self.factor[1])
+        if self.white is not None:  # no row depends on another
+            diagonal = 1.0 / np.sqrt(self.white)
             return np.asarray(matrix * (diagonal if matrix.ndim == 1 else diagonal[:, None]))
+        columns = matrix.reshape(self.rows, -1)
+        white = np.empty(columns.shape)
+        for first in range(0, columns.shape[1], _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            white[:, part] = self._whitened(columns[:, part])
+        return white.reshape(matrix.shape)
 
-        def whiten(transfer: FloatArray, work: FloatArray, states: int) -> FloatArray:
-            result: FloatArray = transfer @ work
-            work[:states] = result[:states]
-            return result[states:]
-
-        return self._through(matrix, whiten)
+    def _whitened(self, columns: FloatArray) -> FloatArray:
+        """The same of a few columns (n, k)."""
+        blocks, states = len(self.transfer), self.transfer.shape[1] - _BLOCK
+        both = self._blocks(columns)
+        before = self.transfer[:, :states, states:] @ both[:, states:]  # from the rows of each block alone
+        for block in range(1, blocks):
+            step = self.transfer[block, :states, :states]
+            both[block, :states] = before[block - 1]
+            before[block] += np.dot(step, before[block - 1])
+        white: FloatArray = self.transfer[:, states:] @ both
+        return white.reshape(blocks * _BLOCK, -1)[: self.rows]
 
     def colour(self, matrix: FloatArray) -> FloatArray:
         """W^-1 @ matrix for columns (n, k): turns independent normal numbers into this noise with white variance 1."""
+        states = self.transfer.shape[1] - _BLOCK
+        both = self._blocks(matrix.reshape(self.rows, -1))
+        before = np.zeros_like(both[0, :states])
+        for transfer, block in zip(self.transfer, both, strict=True):
+            known = transfer[states:, :states] @ before
+            block[states:] = np.linalg.solve(transfer[states:, states:], block[states:] - known)
+            block[:states] = before
+            before = transfer[:states] @ block
+        return both[:, states:].reshape(len(both) * _BLOCK, -1)[: self.rows].reshape(matrix.shape)
 
-        def colour(transfer: FloatArray, work: FloatArray, states: int) -> FloatArray:
-            known = transfer[states:, :states] @ work[:states]
-            work[states:] = np.linalg.solve(transfer[states:, states:], work[states:] - known)
-            work[:states] = transfer[:states] @ work
-            return work[states:]
-
-        return self._through(matrix, colour)
-
-    def _through(self, matrix: FloatArray, step: Callable[[FloatArray, FloatArray, int], FloatArray]) -> FloatArray:
-        """Rows of a matrix block by block; `step` turns a block's rows and takes the states in `work` past it."""
-        columns = matrix.reshape(self.rows, -1)
+    def _blocks(self, columns: FloatArray) -> FloatArray:
+        """Blocks (blocks, states + 32, k): states of zero, the rows (n, k), zeros after the last."""
         blocks, width, _ = self.transfer.shape
-        states = width - _BLOCK
-        stacked = np.zeros((blocks * _BLOCK, columns.shape[1]))
-        stacked[: self.rows] = columns
-        work = np.zeros((width, columns.shape[1]))
-        for block, transfer in enumerate(self.transfer):
-            rows = slice(block * _BLOCK, (block + 1) * _BLOCK)
-            work[states:] = stacked[rows]
-            stacked[rows] = step(transfer, work, states)
-        return stacked[: self.rows].reshape(matrix.shape)
+        both = np.zeros((blocks, width, columns.shape[1]))
+        whole = self.rows // _BLOCK
+        both[:whole, width - _BLOCK :] = columns[: whole * _BLOCK].reshape(whole, _BLOCK, -1)
+        rest = columns[whole * _BLOCK :]
+        if len(rest):
+            both[whole, width - _BLOCK :][: len(rest)] = rest
+        return both
 
 
-def whiteners(
-    ratios: Sequence[Ratios], time_s: FloatArray, interval_s: float, white: FloatArray | None = None
-) -> list[Whitener]:
-    """One Whitener for each of the ratios: the recursion over rows runs once for all of them."""
-    if (
-        len(ratios) == 1
-    ):  # numpy sums a single column in another order: the digits would depend on the number of columns
-        return whiteners([*ratios, *ratios], time_s, interval_s, white)[:1]
-    shape = _Shape.of(interval_s)
-    rows, many = len(time_s), len(ratios)
-    flicker = np.array([r.flicker for r in ratios])
-    walk = np.array([r.walk for r in ratios])
-    since_h = (time_s - time_s[0] + interval_s / 2.0) / 3600.0
-    steps = np.diff(time_s, prepend=time_s[0])
-    decay = np.column_stack([np.exp(-steps[:, None] / shape.tau_s), np.ones(rows)])
-    source = np.empty((many, len(shape.tau_s) + 1))
-    source[:, :-1] = flicker[:, None] * shape.gain
-    base = np.ones(rows) if white is None else white
-    averaging = flicker * shape.diagonal - walk * interval_s / 3600.0 / 6.0
-    diagonal = base + (averaging[:, None] + walk[:, None] * since_h)
-    weights, pivots = _factorise(source, walk[:, None] * since_h, decay, diagonal)
-    log_dets = np.log(pivots).sum(axis=1).tolist()
-    factors = zip(ratios, log_dets, weights, pivots, strict=True)
-    return [Whitener(ratio, log_det, rows, (weight, pivot, decay)) for ratio, log_det, weight, pivot in factors]
+class Recursion:
+    """What the whiteners of rows at mid times (n,) [s] have in common; `white` (n,) as for `Whitener.of`."""
 
+    def __init__(self, time_s: FloatArray, interval_s: float, white: FloatArray | None = None) -> None:
+        """Covariances within each block, and of each of its rows with the states at its end, for unit ratios."""
+        shape = _Shape.of(interval_s)
+        self._rows = len(time_s)
+        self._white = np.ones(self._rows) if white is None else white
+        padding = (0, -self._rows % _BLOCK)
+        time, present = np.pad(time_s, padding, mode="edge"), np.pad(np.ones(self._rows), padding)
+        since_h = (time - time_s[0] + interval_s / 2.0) / 3600.0 * present
+        end_s = time[_BLOCK - 1 :: _BLOCK]
+        entry_s = np.concatenate([time[:1], end_s[:-1]])
+        time, since_h, present = (values.reshape(-1, _BLOCK) for values in (time, since_h, present))
+        lag_s = np.abs(time[:, :, None] - time[:, None, :])
+        both = present[:, :, None] * present[:, None, :]
+        self._flicker, self._walk = np.zeros(lag_s.shape), np.minimum(since_h[:, :, None], since_h[:, None, :])
+        for tau, gain in zip(shape.tau_s, shape.gain, strict=True):
+            self._flicker += gain * np.exp(-lag_s / tau) * both
+        rows = np.arange(_BLOCK)
+        self._flicker[:, rows, rows] = shape.diagonal * present
+        self._walk[:, rows, rows] -= interval_s / 3600.0 / 6.0 * present
+        self._diagonal = np.pad(self._white, padding, constant_values=1.0).reshape(-1, _BLOCK)
+        rate = np.append(1.0 / shape.tau_s, 0.0)  # a walk does not fade
+        self._seen = np.exp(-(time - entry_s[:, None])[:, :, None] * rate) * present[:, :, None]
+        self._fade = np.exp(-(end_s - entry_s)[:, None] * rate)
+        self._pushed = np.exp(-rate[:, None] * (end_s[:, None] - time)[:, None, :]) * present[:, None, :]
+        self._pushed[:, :-1] *= shape.gain[:, None]
+        self._pushed[:, -1] *= since_h
 
-def _factorise(
-    source: FloatArray, walked: FloatArray, decay: FloatArray, diagonal: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """C = L D L' with L = I + tril(1 w'): weights w (many, rows, states) and pivots D (many, rows)."""
-    many, rows = diagonal.shape
-    states = decay.shape[1]
-    weights = np.empty((rows, states, many))
-    pivots = np.empty((rows, many))
-    gains = np.ascontiguousarray(source.T)
-    carried = np.zeros((states, states, many))
-    product = np.empty_like(carried)
-    diagonals, walks = np.ascontiguousarray(diagonal.T), np.ascontiguousarray(walked.T)
-    fade = (decay[:, :, None] * decay[:, None, :])[..., None]
-    for row in range(rows):
-        carried *= fade[row]
-        known = carried.sum(axis=0)
-        gains[-1] = walks[row]
-        pivots[row] = diagonals[row] - known.sum(axis=0)
-        gap = gains - known
-        weights[row] = gap / pivots[row]
-        np.multiply(gap[:, None, :], weights[row, None, :, :], out=product)
-        carried += product
-    return np.ascontiguousarray(weights.transpose(2, 0, 1)), np.ascontiguousarray(pivots.T)
-
-
-def _transfer(weights: FloatArray, pivots: FloatArray, decay: FloatArray) -> FloatArray:
-    """`Whitener.transfer`, all blocks at once."""
-    rows, states = weights.shape
-    blocks = -(-rows // _BLOCK)
-    pad = blocks * _BLOCK - rows
-    weights = np.pad(weights, ((0, pad), (0, 0))).reshape(blocks, _BLOCK, states)
-    pivots = np.pad(pivots, (0, pad), constant_values=1.0).reshape(blocks, _BLOCK)
-    decay = np.pad(decay, ((0, pad), (0, 0)), constant_values=1.0).reshape(blocks, _BLOCK, states)
-    transfer = np.zeros((blocks, states + _BLOCK, states + _BLOCK))
-    state = transfer[:, :states]
-    state[:] = np.eye(states, states + _BLOCK)
-    for row in range(_BLOCK):
-        known = state[:, :, : states + row + 1]  # a row depends on none that comes later
-        known *= decay[:, row, :, None]
-        innovation = -known.sum(axis=1)
-        innovation[:, -1] += 1.0
-        known += weights[:, row, :, None] * innovation[:, None, :]
-        transfer[:, states + row, : states + row + 1] = innovation / np.sqrt(pivots[:, row, None])
-    return transfer
+    def whiteners(self, ratios: Sequence[Ratios]) -> list[Whitener]:
+        """One for each of the ratios."""
+        flicker = np.array([r.flicker for r in ratios])[:, None, None]
+        walk = np.array([r.walk for r in ratios])[:, None, None]
+        blocks, states, _ = self._pushed.shape
+        carried = np.zeros((len(ratios), states, states))  # covariance of the states that the rows so far explain
+        transfer = np.empty((len(ratios), blocks, states + _BLOCK, states + _BLOCK))
+        log_det = np.zeros(len(ratios))
+        scale = np.concatenate([np.repeat(flicker, states - 1, axis=1), walk], axis=1)
+        for block in range(blocks):
+            seen, fade, own = self._seen[block], self._fade[block], transfer[:, block]
+            known = seen @ carried
+            left = flicker * self._flicker[block] + walk * self._walk[block] - known @ seen.T
+            left[:, range(_BLOCK), range(_BLOCK)] += self._diagonal[block]
+            lower = np.linalg.cholesky(left)
+            log_det += 2.0 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
+            inverse = np.tril(np.linalg.inv(lower))
+            told = (scale * self._pushed[block] - fade[:, None] * known.transpose(0, 2, 1)) @ inverse.transpose(0, 2, 1)
+            carried = fade[:, None] * carried * fade + told @ told.transpose(0, 2, 1)
+            own[:, states:, states:] = inverse
+            own[:, states:, :states] = -(inverse @ seen)
+            own[:, :states, states:] = told @ inverse
+            own[:, :states, :states] = np.diag(fade) + told @ own[:, states:, :states]
+        made = zip(ratios, log_det.tolist(), transfer, strict=True)
+        return [Whitener(r, d, self._rows, t, self._white if r == Ratios() else None) for r, d, t in made]
