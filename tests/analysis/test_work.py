@@ -35,6 +35,7 @@ from bench.deliver.report.html import render
 from drivers.gyro import GyroDecoder
 from drivers.journal import JournalWriter, Kind, read_blocks
 from drivers.sim.can_gyro import CanGyro
+from tests.drivers.test_gyro import Wire
 from tests.support.acquisition import job
 from tests.support.report_runs import quick
 from tests.support.run_folders import CYCLE, make_run, ramp_run
@@ -182,16 +183,6 @@ def test_a_second_of_a_live_run_is_a_few_calls_and_an_answer_some_hundreds():
 
     costs(calls(ten_minutes) / 640, 10.0)
     costs(calls(so_far.report), 1400)
-
-
-class Wire:
-    """Takes what a unit sends."""
-
-    def __init__(self) -> None:
-        self.blocks: list[np.ndarray] = []
-
-    def send_block(self, frames: np.ndarray) -> None:
-        self.blocks.append(frames)
 
 
 def blocks_of(samples: int, count: int) -> list[np.ndarray]:
