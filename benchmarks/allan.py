@@ -1,4 +1,4 @@
-"""Allan deviation of two hours at 500 Hz: exact and pyramid beside allantools.oadev at the same averaging times.
+"""Allan deviation of two hours at 500 Hz: beside allantools.oadev at the same averaging times.
 
     python -m benchmarks.allan [--quick]
 
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.noise.allan import AllanCurve, allan_deviation, allan_pyramid
+from bench.analysis.noise.allan import AllanCurve, allan_deviation
 from bench.base.channels import FloatArray
 from benchmarks.rounds import Case, Method, Table, compared, measured
 
@@ -25,11 +25,11 @@ _KEPT = "rate.npy"
 
 
 def _write(folder: Path, rows: int) -> None:
-    """White noise and a random walk, the averaging times of the pyramid, and the results of allantools for these."""
+    """White noise and a random walk, the averaging times of the bench, and the results of allantools for these."""
     rng = np.random.default_rng(1)
     rate = 2.0 + rng.standard_normal(rows) + 1e-3 * np.cumsum(rng.standard_normal(rows))
     np.save(folder / _KEPT, rate)
-    curve = allan_pyramid(rate, 1.0 / _HZ)
+    curve = allan_deviation(rate, 1.0 / _HZ)
     np.save(folder / "taus.npy", curve.tau_s)
     np.save(folder / "reference.npy", _theirs((rate, curve.tau_s)))
 
@@ -49,12 +49,8 @@ def _theirs(given: tuple[FloatArray, FloatArray]) -> FloatArray:
     return np.asarray(allantools.oadev(given[0], rate=_HZ, data_type="freq", taus=given[1])[1])
 
 
-def _exact(given: tuple[FloatArray, FloatArray]) -> AllanCurve:
+def _ours(given: tuple[FloatArray, FloatArray]) -> AllanCurve:
     return allan_deviation(given[0], 1.0 / _HZ, given[1])
-
-
-def _pyramid(given: tuple[FloatArray, FloatArray]) -> AllanCurve:
-    return allan_pyramid(given[0], 1.0 / _HZ)
 
 
 def _error(answer: Any, given: tuple[FloatArray, FloatArray], folder: Path) -> float:
@@ -66,12 +62,10 @@ def _error(answer: Any, given: tuple[FloatArray, FloatArray], folder: Path) -> f
 _THEIRS = Method(_theirs, needs=("allantools",))
 _ONE_PASS = Method(lambda given: float(given[0].sum()), limit=True)
 CASES = {
-    f"Allan deviation, {name}": Case(
-        _load, _few, {f"bench, {name}": Method(work), "allantools.oadev": _THEIRS, "one pass over memory": _ONE_PASS},
-        _error,
+    "Allan deviation": Case(
+        _load, _few, {"bench": Method(_ours), "allantools.oadev": _THEIRS, "one pass over memory": _ONE_PASS}, _error
     )
-    for name, work in (("exact", _exact), ("pyramid", _pyramid))
-}  # fmt: skip
+}
 
 
 def tables(quick: bool) -> list[Table]:

@@ -43,8 +43,6 @@ class Drive:
     """Longest interval without a heartbeat, in either direction, before the axis is stopped."""
     latency_s: float = 0.0
     """Lag of a reading's velocity behind the motion."""
-    vendor: int | None = None
-    """Required vendor number (0x1018:1); None: any."""
 
 
 class CanopenDrive:

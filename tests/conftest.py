@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import tempfile
 from collections import Counter
 
@@ -22,6 +23,9 @@ hypothesis.settings.load_profile("bench")  # no example fails because the machin
 os.environ["BENCH_KEYS"] = tempfile.mkdtemp(prefix="bench-keys-")
 """The key of these tests: no test touches that of the user."""
 os.environ["BENCH_LANG"] = "en"  # whatever the machine speaks
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+"""Hundreds of processes would each compile the bench anew, and each worker would rewrite the asserts of every file."""
 
 GUARD = leftovers.guard()
 """Ends the processes of this test run, even when the run is killed."""

@@ -90,5 +90,3 @@ Measured = Literal[
 ]
 INSTRUMENTS: tuple[str, ...] = get_args(Measured)
 """What instruments of a station may measure; `supply` where no unit sends it itself."""
-
-REQUIRED = tuple(name for name, channel in CHANNELS.items() if channel.required)

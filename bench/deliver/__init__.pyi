@@ -58,7 +58,6 @@ from .report.figures_run import HOUR_S as HOUR_S
 from .report.figures_run import allan_figure as allan_figure
 from .report.figures_run import channels_figure as channels_figure
 from .report.figures_run import further_channels as further_channels
-from .report.figures_run import has_channel as has_channel
 from .report.figures_run import loop_figure as loop_figure
 from .report.figures_workbench import difference as difference
 from .report.figures_workbench import measured_figure as measured_figure

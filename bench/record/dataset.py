@@ -133,11 +133,15 @@ class Dataset:
     def __len__(self) -> int:
         return int(self.time.size)
 
+    def has(self, name: str) -> bool:
+        """Whether there is at least one value of this channel."""
+        return name in self.channels and bool(np.any(np.isfinite(self.channels[name])))
+
     def channel(self, name: str) -> FloatArray:
         """Values of one channel (n,); InputError that names it where the run has none."""
         if name == "time":
             return self.time
-        if name not in self.channels or not np.any(np.isfinite(self.channels[name])):
+        if not self.has(name):
             have = ", ".join(sorted(self.channels))
             if name == "rate" and len(self.outputs) > 1:
                 rates = ", ".join(one for one in self.outputs if one in RATES)

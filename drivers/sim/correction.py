@@ -28,7 +28,7 @@ _ONE = 1 << 30
 _NO_VALUE = -(1 << 31)
 """Count of a sample without a value."""
 _HEADER, _SIGNAL, _BLOCK = 24, 10, 5
-FLAG_REFUSED, FLAG_NO_VALUE = 1 << 30, 1 << 31
+FLAG_NO_VALUE = 1 << 31
 
 
 class RefusedImageError(Exception):

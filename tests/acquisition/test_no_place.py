@@ -5,12 +5,11 @@ import json
 import shutil
 
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.run import runner
 from bench.acquisition.run.ending import cannot_record
-from bench.cli import main
 from tests.support import acquisition
+from tests.support.commands import bench
 
 PROFILE = "name: short\nsegments:\n  - {kind: soak, duration_min: 0.5}\n"
 
@@ -19,10 +18,6 @@ PROFILE = "name: short\nsegments:\n  - {kind: soak, duration_min: 0.5}\n"
 def profile(tmp_path):
     (tmp_path / "profile.yaml").write_text(PROFILE)
     return str(tmp_path / "profile.yaml")
-
-
-def bench(*arguments):
-    return CliRunner().invoke(main, [*map(str, arguments)], catch_exceptions=False)
 
 
 def test_a_disk_that_does_not_take_the_tables_is_named(profile, tmp_path, monkeypatch):

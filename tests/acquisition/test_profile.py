@@ -17,7 +17,9 @@ from bench.base.errors import InputError
 
 CALM = settings(max_examples=60)
 SHIPPED = sorted((Path(__file__).parents[2] / "profiles").glob("*.yaml"))
-CHAMBER = preflight.Limits(-42, 130, 5.0, preflight.TESTEQUITY_107_COOLING, turn_dps=200.0)
+COOLING = ((-40, 0.64), (-35, 1.2), (-30, 1.8), (0, 2.8), (23, 3.6), (85, 6.0))
+"""Of the TestEquity 107, by the live-load table and the cool-down times of its manual, p. 7-1, and 3.29 kJ/K."""
+CHAMBER = preflight.Limits(-42, 130, 5.0, COOLING, turn_dps=200.0)
 
 RAMPS = """
 name: test

@@ -40,22 +40,6 @@ def test_an_unknown_effect_is_refused_with_the_nearest_name():
         effects.make("spline", {"scale": None})
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        ("polynomial", {"order": 0}, "order is 0, allowed is a whole number from 1 to 12"),
-        ("polynomial", {"order": 2.5}, "order is 2.5"),
-        ("polynomial", {"order": True}, "order is True"),
-        ("regression", {"order": 6}, "from 1 to 5"),
-        ("spline", {"intervals": "many"}, "intervals is 'many'"),
-        ("spline", {"ends": "clamped"}, "allowed are natural, parabolic, periodic, free"),
-    ],
-)
-def test_a_wrong_option_is_refused_with_what_is_allowed(name, options, message):
-    with pytest.raises(InputError, match=message):
-        effects.make(name, options)
-
-
 @pytest.mark.parametrize("channel", ["temperature", "frequency"])
 def test_powers_of_the_raw_channel_are_exact(channel):
     record = thermal_cycle()

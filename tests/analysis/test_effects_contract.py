@@ -93,6 +93,12 @@ def test_a_channel_that_stands_still_is_refused_by_name(name):
         ("resonance_frequency", {"use": "clock"}, "allowed are term, thermometer"),
         ("surface", {"over": "time"}, "allowed are applied_rate, rate"),
         ("bias_jump", {"span_h": [0, 1]}, "no option 'span_h'"),
+        ("polynomial", {"order": 0}, "order is 0, allowed is a whole number from 1 to 12"),
+        ("polynomial", {"order": 2.5}, "order is 2.5"),
+        ("polynomial", {"order": True}, "order is True"),
+        ("regression", {"order": 6}, "from 1 to 5"),
+        ("spline", {"intervals": "many"}, "intervals is 'many'"),
+        ("spline", {"ends": "clamped"}, "allowed are natural, parabolic, periodic, free"),
     ],
 )
 def test_a_wrong_option_of_an_effect_is_refused(name, options, message):

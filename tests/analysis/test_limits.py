@@ -2,9 +2,9 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from bench.analysis.diagnosis.candidates import Problem
-from bench.analysis.diagnosis.limits import expected_gap, probability, smallest
+from bench.analysis.diagnosis.limits import probability, smallest
 from bench.analysis.noise.likelihood import NoiseLattice
-from bench.analysis.noise.whitening import Whitener, covariance
+from bench.analysis.noise.whitening import covariance
 from tests.analysis.test_evidence import NOISE, TEMPERATURE, TIME, bias_of, candidates, coloured, columns_of
 
 DATA = Problem(TIME, bias_of(TEMPERATURE) + coloured(1), columns_of(TEMPERATURE), 30.0)
@@ -32,29 +32,6 @@ def test_an_effect_that_the_base_absorbs_has_no_limit():
 def test_a_lag_has_a_least_time_constant_that_shows():
     limit = smallest(DATA, candidates()[0], (), LATTICE, POINT, SIGMA2)
     assert 20.0 <= limit.theta[0] < 200.0
-
-
-def test_the_expected_gap_is_what_realised_gaps_scatter_about():
-    """Mean over noise of the fall in whitened square sums, truth against rival, less what the noise itself gives."""
-    rate, supply = candidates()[1], candidates()[3]
-    mean = DATA.base @ np.linspace(1, 0, DATA.base.shape[1]) + 0.15 * supply.columns(())[:, 0]
-    gap = expected_gap(DATA, mean, rate, LATTICE, POINT, SIGMA2)
-    way = Whitener.of(LATTICE.ratios(POINT), TIME, 30.0)
-    noise = way.colour(np.random.default_rng(0).normal(size=(len(TIME), 300))) * np.sqrt(SIGMA2)
-
-    def left(columns):
-        white, y = way.apply(columns), way.apply(mean[:, None] + noise)
-        return np.sum((y - white @ np.linalg.lstsq(white, y)[0]) ** 2, axis=0) / SIGMA2
-
-    rival, truth = (left(np.column_stack([DATA.base, c.columns(())])) for c in (rate, supply))
-    assert_allclose(np.mean(rival - truth), gap, atol=5.0 * np.std(rival - truth) / np.sqrt(300))
-
-
-def test_the_expected_gap_grows_with_the_square_of_the_effect():
-    rate, loop = candidates()[1:3]
-    effect = 0.05 * rate.columns(())[:, 0]
-    weak, strong = (expected_gap(DATA, size * effect, loop, LATTICE, POINT, SIGMA2) for size in (1.0, 2.0))
-    assert_allclose(strong, 4.0 * weak, rtol=1e-3)
 
 
 def test_a_gap_of_twenty_is_found_nineteen_times_in_twenty():

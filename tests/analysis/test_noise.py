@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import norm
 
 from bench.analysis.noise import likelihood
-from bench.analysis.noise.allan import allan_deviation, allan_pyramid
+from bench.analysis.noise.allan import allan_deviation
 from bench.analysis.noise.components import Stretch
 from bench.analysis.noise.estimate import Noise, estimate_noise, profile_noise
 from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface, gls
@@ -59,13 +59,6 @@ class TestAllanDeviation:
         curve = allan_deviation(holed, 2.0, np.array([2.0 * m]))
         assert_allclose(curve.deviation_dph, np.sqrt(np.mean(steps**2) / 2.0), rtol=1e-12)
         assert curve.counts.tolist() == [len(steps)]
-
-    def test_pyramid_is_the_same_at_short_times_and_close_at_long_ones(self, rng):
-        rate = gyro_noise(rng, 60000, 1.0)
-        live = allan_pyramid(rate, 1.0)
-        exact = allan_deviation(rate, 1.0, live.tau_s)
-        assert_allclose(live.deviation_dph[live.tau_s < 32], exact.deviation_dph[live.tau_s < 32], rtol=1e-12)
-        assert_allclose(live.deviation_dph, exact.deviation_dph, rtol=0.02)
 
     def test_band_holds_the_truth_as_often_as_it_says(self):
         inside = total = 0

@@ -29,12 +29,13 @@ from bench.analysis.fit.products import Products
 from bench.analysis.fit.smooth import Smoother, choose_intervals, solve_spline, spline_normal
 from bench.analysis.fit.so_far import SoFar
 from bench.analysis.fit.state import State
-from bench.analysis.noise.allan import allan_deviation, allan_pyramid
+from bench.analysis.noise.allan import allan_deviation
 from bench.commands import analysis
 from bench.deliver.report.html import render
 from drivers.gyro import GyroDecoder
 from drivers.journal import JournalWriter, Kind, read_blocks
 from drivers.sim.can_gyro import CanGyro
+from tests.drivers.test_gyro import Wire
 from tests.support.acquisition import job
 from tests.support.report_runs import quick
 from tests.support.run_folders import CYCLE, make_run, ramp_run
@@ -184,16 +185,6 @@ def test_a_second_of_a_live_run_is_a_few_calls_and_an_answer_some_hundreds():
     costs(calls(so_far.report), 1400)
 
 
-class Wire:
-    """Takes what a unit sends."""
-
-    def __init__(self) -> None:
-        self.blocks: list[np.ndarray] = []
-
-    def send_block(self, frames: np.ndarray) -> None:
-        self.blocks.append(frames)
-
-
 def blocks_of(samples: int, count: int) -> list[np.ndarray]:
     """Blocks of a unit with so many rate samples each, and slow messages between them."""
     wire = Wire()
@@ -238,14 +229,11 @@ def test_a_frame_is_decoded_twice_in_its_life_for_the_guards_and_for_the_tables(
     assert decoded["frames"] == 2 * captured
 
 
-@pytest.mark.parametrize(
-    ("of", "most_calls", "most_records"), [(allan_deviation, 5600, 1.6), (allan_pyramid, 2200, 2.0)]
-)
-def test_an_allan_deviation_holds_the_angle_once_and_works_in_pieces_of_it(of, most_calls, most_records):
+def test_an_allan_deviation_holds_the_angle_once_and_works_in_pieces_of_it():
     """One difference of the whole angle for each averaging time would be another record; its copies would be more."""
     rate = np.random.default_rng(0).normal(size=ROWS)
-    costs(calls(lambda: of(rate, 1.0 / HZ)), most_calls)
-    costs(peak_bytes(lambda: of(rate, 1.0 / HZ)) / rate.nbytes, most_records)
+    costs(calls(lambda: allan_deviation(rate, 1.0 / HZ)), 5600)
+    costs(peak_bytes(lambda: allan_deviation(rate, 1.0 / HZ)) / rate.nbytes, 1.6)
 
 
 @pytest.mark.parametrize("rate_hz", [2.0, 8.0])

@@ -4,15 +4,10 @@ import json
 import shutil
 
 import pytest
-from click.testing import CliRunner
 
-from bench.cli import main
+from tests.support.commands import bench
 from tests.support.report_runs import quick
 from tests.support.run_folders import CYCLE, keep, make_run, ramp_run
-
-
-def bench(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
 def diff(a, b):

@@ -5,7 +5,6 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy import stats
 
 from bench.archive.fleet.capability import capability, proportion
@@ -13,7 +12,7 @@ from bench.archive.fleet.charts import chart, signals
 from bench.archive.fleet.drift import Levelled, corrected
 from bench.archive.fleet.drift import drifts as drifts_of
 from bench.archive.fleet.unlike import unlike
-from bench.cli import main
+from tests.support.commands import bench
 from tests.support.fleet_runs import LIMITS, line, station
 from tests.support.run_folders import keep
 
@@ -217,10 +216,6 @@ def test_gaps_and_constant_quantities_are_left_out():
     distances, _ = unlike(table, list("abc"), ["L"] * 50)
     assert np.flatnonzero(np.isnan(distances)).tolist() == [7]
     assert np.isnan(unlike(table[:5], list("abc"), ["L"] * 5)[0]).all()
-
-
-def bench(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.archive.fleet.gauge import gauge
 from bench.base import InputError
-from bench.cli import main
+from tests.support.commands import bench
 from tests.support.fleet_runs import station
 
 # AIAG, Measurement Systems Analysis, 4th ed. (2010), figure III-B 15: 10 parts, three trials of A, B, C.
@@ -104,10 +103,6 @@ def test_intervals_cover_as_often_as_they_say():
 def test_runs_that_are_no_study_are_refused(units, stations, said):
     with pytest.raises(InputError, match=said):
         gauge(np.arange(4.0), units, stations)
-
-
-def bench(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")

@@ -7,16 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from bench.cli import main, rendering
+from bench.cli import rendering
 from bench.cli.options import Registered
 from bench.commands import Asked, register_runs
+from tests.support.commands import bench
 from tests.support.run_folders import make_run, ramp_run
-
-
-def bench(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
 def answer(*arguments, code=0):

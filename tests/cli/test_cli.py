@@ -5,15 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.base import user_name
 from bench.cli import main
+from tests.support.commands import bench
 from tests.support.run_folders import make_run, ramp_run
-
-
-def bench(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")

@@ -4,18 +4,13 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from bench.cli import main
 from benchmarks.noise_coverage import flicker
+from tests.support.commands import bench
 from tests.support.run_folders import make_run
 
 KEYS = {"angle_random_walk": "deg/√h", "bias_instability": "deg/h", "rate_random_walk": "deg/h/√h",
         "quantisation": "deg", "rate_ramp": "deg/h/h"}  # fmt: skip
-
-
-def asked(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
 def still(hours=3.0, hz=10.0, noise=(0.02, 0.3, 0.0), ramp_dph_h=0.0, seed=1):
@@ -31,21 +26,21 @@ def still(hours=3.0, hz=10.0, noise=(0.02, 0.3, 0.0), ramp_dph_h=0.0, seed=1):
 
 def test_it_prints_five_coefficients_with_intervals_that_hold_the_truth(tmp_path):
     run = make_run(tmp_path / "r", still())
-    found = json.loads(asked("noise", run, "--json").stdout)
+    found = json.loads(bench("noise", run, "--json").stdout)
     assert {key: found[key]["unit"] for key in KEYS} == KEYS
     truth = {"angle_random_walk": 0.02, "bias_instability": 0.3, "rate_random_walk": 0.0, "rate_ramp": 0.0}
     for key, value in truth.items():
         assert found[key]["low"] <= value <= found[key]["high"], key
     assert found["angle_random_walk"]["high"] < 1.02 * 0.02
     assert found["quantisation"]["value"] == 0.0
-    text = asked("noise", run).stdout
+    text = bench("noise", run).stdout
     for words in ("Allan deviation", "bias instability", "below", "noise floor of 30 s means", "read from still at 25"):
         assert words in text
 
 
 def test_a_ramp_of_the_rate_is_found(tmp_path):
     run = make_run(tmp_path / "r", still(noise=(0.02, 0.0, 0.0), ramp_dph_h=0.5))
-    ramp = json.loads(asked("noise", run, "--json").stdout)["rate_ramp"]
+    ramp = json.loads(bench("noise", run, "--json").stdout)["rate_ramp"]
     assert ramp["low"] <= 0.5 <= ramp["high"]
     assert ramp["value"] == pytest.approx(0.5, abs=0.05)
 
@@ -55,15 +50,15 @@ def test_an_imported_log_has_its_noise_as_well(tmp_path):
     table = tmp_path / "log.csv"
     rows = np.column_stack([columns["time"], columns["rate"], columns["temperature"]])
     np.savetxt(table, rows, delimiter=",", header="time,rate,temperature", comments="", fmt="%.6f")
-    made = json.loads(asked("import", table, "--out", tmp_path / "out", "--json").stdout)
-    found = json.loads(asked("noise", made["run"], "--json").stdout)["angle_random_walk"]
+    made = json.loads(bench("import", table, "--out", tmp_path / "out", "--json").stdout)
+    found = json.loads(bench("noise", made["run"], "--json").stdout)["angle_random_walk"]
     assert found["low"] <= 0.05 <= found["high"]
 
 
 def test_a_run_that_never_stands_still_is_refused_in_one_line(tmp_path):
     columns = still(hours=1.0)
     columns["temperature"] = columns["time"] / 60.0
-    answer = asked("noise", make_run(tmp_path / "r", columns))
+    answer = bench("noise", make_run(tmp_path / "r", columns))
     assert answer.exit_code == 2
     (line,) = answer.stderr.splitlines()
     assert "no isothermal stretch" in line

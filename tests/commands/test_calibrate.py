@@ -11,10 +11,8 @@ from pathlib import Path
 from xml.etree.ElementTree import fromstring
 
 import pytest
-from click.testing import CliRunner
 
 from bench.base.errors import EquipmentError, InputError, RunAborted
-from bench.cli import main
 from bench.commands.calibration.calibrate import calibrate
 from bench.commands.calibration.doubts import decided, doubts, judged, verdict_of
 from bench.commands.calibration.job import Case, Done, JobFile
@@ -24,6 +22,7 @@ from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.recording import JOB_MARK
 from bench.commands.calibration.steps import STEP_NAMES, STEPS, AgainError
 from bench.record import DiagnosisRecord, JobRecord
+from tests.support.commands import bench
 from tests.support.dcc import faults, read_back
 
 PROFILES = Path(__file__).parents[2] / "profiles"
@@ -224,10 +223,6 @@ def test_the_shipped_plans_are_whole(path, tmp_path):
     order = Order.load(path, station, "SIM-0001", tmp_path)
     order.refuse_same()
     assert set(STEP_NAMES) == {step.name for step in STEPS}
-
-
-def bench(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
 @pytest.mark.parametrize(

@@ -9,21 +9,16 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
 from bench.archive import archive
-from bench.cli import main
+from tests.support.commands import bench
 from tests.support.dcc import faults
 from tests.support.run_folders import make_run, ramp_run
 
 pytest.importorskip("typst")
 PROFILES = Path(__file__).parents[2] / "profiles"
-
-
-def bench(*words):
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,10 @@ import time
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.run import remote
-from bench.cli import main
 from bench.record.folder import open_run
+from tests.support.commands import bench
 
 PROFILE = """\
 name: long
@@ -23,10 +22,6 @@ segments:
   - {kind: soak, name: last, duration_min: 6000}
 """
 PATIENCE_S = 60.0
-
-
-def bench(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
 def asked(*arguments):

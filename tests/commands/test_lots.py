@@ -6,20 +6,15 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.analysis.judging.likeness import likeness
 from bench.analysis.judging.lot import calibrate_lot
 from bench.base.errors import InputError
-from bench.cli import main
 from benchmarks import lots
+from tests.support.commands import bench
 from tests.support.run_folders import make_run
 
 UNITS = 12
-
-
-def bench(*words):
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 def run_of(folder, record):

@@ -8,19 +8,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.run.runner import run_job
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
-from bench.cli import main
 from tests.acquisition.test_continuation import TWO, go_on, kill_in
 from tests.support import acquisition
+from tests.support.commands import bench
 from tests.support.run_folders import keep, make_run, ramp_run
-
-
-def bench(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")

@@ -10,15 +10,10 @@ import pint
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from click.testing import CliRunner
 
-from bench.cli import main
 from bench.record import RunFolder
+from tests.support.commands import bench
 from tests.support.run_folders import ARW, make_run, ramp_run
-
-
-def bench(*words):
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")

@@ -9,16 +9,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 from numpy.polynomial import Chebyshev, chebyshev
 from PIL import Image
 
-from bench.cli import main
+from tests.support.commands import bench
 from tests.support.run_folders import make_run, ramp_run
-
-
-def bench(*words):
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")

@@ -10,25 +10,20 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
-from bench.cli import main
 from bench.deliver.certificate.signer import load_signer
+from tests.support.commands import bench
 from tests.support.dcc import faults, read_back
 from tests.support.run_folders import make_run, ramp_run
 
 pytest.importorskip("typst")
 PROFILES = Path(__file__).parents[2] / "profiles"
 PAPERS = ("--laboratory", PROFILES / "laboratory/simulated.yaml", "--equipment", PROFILES / "equipment/simulated.yaml")
-
-
-def bench(*words):
-    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
 
 
 def authority(folder, name="laboratory", kind="rsa"):

@@ -15,6 +15,7 @@ from drivers.journal import FRAME
 from drivers.layout import layout_of
 from drivers.sim.can_unit import CanUnit
 from drivers.wire import described
+from tests.drivers.test_gyro import Wire
 
 AXES = ("x", "y", "z")
 FD = """VERSION ""
@@ -106,14 +107,6 @@ MANY = {
                       "cycle_ms": 20},
     "counter": [{"id": 0x100, "start": 32, "length": 16}, {"id": 0x101, "start": 24, "length": 8}],
 }  # fmt: skip
-
-
-class Wire:
-    def __init__(self):
-        self.blocks = []
-
-    def send_block(self, frames):
-        self.blocks.append(frames)
 
 
 def sent(signals, count=1000, **options):

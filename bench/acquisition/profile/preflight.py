@@ -21,9 +21,6 @@ Level = Literal["error", "warning", "info"]
 RateCurve = Sequence[tuple[float, float]]
 """What a chamber can do: pairs of temperature [degC] and rate [degC/min], straight lines between them."""
 
-TESTEQUITY_107_COOLING: RateCurve = ((-40, 0.64), (-35, 1.2), (-30, 1.8), (0, 2.8), (23, 3.6), (85, 6.0))
-"""Cooling by the live-load table and the cool-down times of the TestEquity 107 manual, p. 7-1, and 3.29 kJ/K."""
-
 _NEAR_DEGC = 2.0
 _FROST_MARGIN_DEGC = 8.0
 _SHORTEST_SOAK_S = 900.0

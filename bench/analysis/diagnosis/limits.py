@@ -6,16 +6,14 @@ raises 2 ln L by D = min |W (m - M_j)|^2 / sigma^2 on average; D = 20 exceeds a 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
-from bench.analysis.diagnosis.refine import Refiner, Start
 from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
 from bench.analysis.noise.probability import normal_share
 from bench.analysis.thresholds import TIE
-from bench.base import FloatArray
 
 FOUND = 20.0
 """Expected gap in 2 ln L at which an effect is found (and told apart) with 94 % probability."""
@@ -57,19 +55,6 @@ def smallest(
         return Smallest(theta)
     amplitude = float(np.sqrt(FOUND * sigma2 / seen))
     return Smallest(theta, amplitude, amplitude * float(np.std(column)))
-
-
-def expected_gap(
-    problem: Problem, mean: FloatArray, rival: Candidate, lattice: NoiseLattice, point: Point, sigma2: float
-) -> float:
-    """D: expected gain in 2 ln L of the truth over the rival on this record, `mean` (n,) being the true bias [deg/h].
-
-    The rival's linear coefficients and parameters are fitted to the mean without noise. Stack several runs by stacking
-    their rows: whitening across the join only costs a little of the second run's start.
-    """
-    refiner = Refiner(replace(problem, y=mean, statics=()), lattice.part(0, 1))
-    grid = [Start(theta, point, refiner.rss(rival, theta, point)) for theta in rival.grid()]
-    return refiner.lowest_rss(rival, grid) / sigma2
 
 
 def probability(gap: float) -> float:

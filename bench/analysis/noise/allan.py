@@ -5,7 +5,7 @@ The degrees of freedom are those of S. Stein, "Frequency and time: their measure
 as in IEEE Std 1139, for the noise type that the local slope suggests.
 
 Differences are taken in pieces that stay in the cache, from left to right: each averaging time reads the phase from
-memory once. The pyramid halves the phase level by level, so that long times cost next to nothing.
+memory once.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ SECONDS_PER_HOUR = 3600.0
 FLICKER_FLOOR = float(np.sqrt(2.0 * np.log(2.0) / np.pi))
 """Allan deviation of flicker noise with coefficient B = 1 deg/h [deg/h] (IEEE 952: 0.664)."""
 
-_PYRAMID_POINTS = 16
 _PIECE = 24576  # doubles: the phase, first and second differences of a piece stay in the second-level cache
 _OVERLAP = _PIECE // 8  # averaging times up to this recompute the overlap of pieces, longer ones have none
 
@@ -48,24 +47,6 @@ def allan_deviation(rate_dph: FloatArray, interval_s: float, taus_s: FloatArray 
     samples = len(rate_dph)
     factors = _decade_factors(samples) if taus_s is None else np.unique(np.rint(np.asarray(taus_s) / interval_s))
     terms = [(int(m), *_mean_square(phase, missing, int(m))) for m in factors if m >= 1]
-    return _curve(terms, interval_s, samples)
-
-
-def allan_pyramid(rate_dph: FloatArray, interval_s: float) -> AllanCurve:
-    """Allan deviation in O(n) for a live view: the phase is thinned by powers of two, at least 16 points to each tau.
-
-    Unbiased; the variance of the estimate is about 1 % above that of `allan_deviation`.
-    """
-    phase, missing = _phase(rate_dph)
-    samples = len(rate_dph)
-    terms: list[tuple[int, float, int]] = []
-    stride = 1
-    for m in map(int, _decade_factors(samples)):
-        while m >= 2 * _PYRAMID_POINTS * stride:
-            phase, stride = phase[::2].copy(), 2 * stride
-            missing = None if missing is None else missing[::2].copy()
-        thinned = round(m / stride)
-        terms.append((thinned * stride, *_mean_square(phase, missing, thinned)))
     return _curve(terms, interval_s, samples)
 
 

@@ -222,11 +222,6 @@ def content(digest: str) -> str:
     return f"files/{digest[:2]}/{digest}"
 
 
-def is_centre(text: str) -> bool:
-    """Whether a text names a centre: a URL, or a folder that is one."""
-    return "://" in text or (Path(text) / MARK).is_file()
-
-
 def named(url: str) -> str:
     """What a centre is called: without the password, a folder by its whole path."""
     if "://" not in url:

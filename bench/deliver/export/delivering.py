@@ -100,8 +100,7 @@ def id_of(content: Sequence[Any]) -> int:
 
 def counts_of(dataset: Dataset) -> dict[int, IntArray]:
     """Channels of a record in the counts of the unit; those without any value are none."""
-    own = [name for name in INPUTS if name in dataset.channels and np.any(np.isfinite(dataset.channels[name]))]
-    return {INPUTS[name].id: to_counts(name, dataset.channel(name)) for name in own}
+    return {INPUTS[name].id: to_counts(name, dataset.channel(name)) for name in INPUTS if dataset.has(name)}
 
 
 def apart(delivery: Delivery, fit: Fit, dataset: Dataset) -> float:

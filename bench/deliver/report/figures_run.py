@@ -32,7 +32,7 @@ def profile_figure(dataset: Dataset, failed: Sequence[tuple[float, float]]) -> P
     traces = [
         plotting.line_trace(hours, dataset.channels[name], text, colour, **style)
         for name, text, colour, style in curves
-        if has_channel(dataset, name)
+        if dataset.has(name)
     ]
     shapes = [plotting.shade(a / HOUR_S, b / HOUR_S, VERMILION) for a, b in failed]
     layout = {"xaxis": axis("time [h]"), "yaxis": axis("temperature [°C]"), "shapes": shapes}
@@ -89,7 +89,7 @@ def _smooth(values: FloatArray, width: int = 7) -> FloatArray:
 
 def further_channels(dataset: Dataset) -> list[str]:
     """What the unit and the instruments of its station measured beside rate and temperature."""
-    return [name for name in ("frequency", "drive", "quadrature", *INSTRUMENTS) if has_channel(dataset, name)]
+    return [name for name in ("frequency", "drive", "quadrature", *INSTRUMENTS) if dataset.has(name)]
 
 
 def channels_figure(dataset: Dataset) -> Plot | None:
@@ -160,8 +160,3 @@ def _slopes(tau_s: FloatArray, noise: Noise) -> list[go.Scatter]:
         for text, values, coefficient, colour in parts
         if coefficient > 0
     ]
-
-
-def has_channel(dataset: Dataset, name: str) -> bool:
-    """Whether the run has at least one value of this channel."""
-    return name in dataset.channels and bool(np.any(np.isfinite(dataset.channels[name])))

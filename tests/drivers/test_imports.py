@@ -1,0 +1,20 @@
+"""What a process of the bench does not import until it is needed."""
+
+import subprocess
+import sys
+
+SCRIPT = """
+import sys
+import drivers.canbus, can
+print("asammdf" in sys.modules, "sympy" in sys.modules)
+with can.Logger("frames.mf4") as log:
+    log.on_message_received(can.Message(timestamp=1.5, arbitration_id=0x120, data=b"abc", is_extended_id=False))
+with can.LogReader("frames.mf4") as log:
+    print([(frame.arbitration_id, bytes(frame.data)) for frame in log], "asammdf" in sys.modules)
+"""
+
+
+def test_mf4_is_imported_by_who_reads_or_writes_such_a_log(tmp_path):
+    command = [sys.executable, "-W", "ignore", "-c", SCRIPT]
+    said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert said.splitlines() == ["False False", "[(288, b'abc')] True"]
