@@ -79,14 +79,20 @@ def _unit(trial: Trial) -> tuple[tuple[Dataset, Dataset, Dataset], tuple[FloatAr
         quiet = case.quiet(profile, number)
         rng = np.random.default_rng([trial.seed, *map(ord, name)])  # the same unit in both runs
         series = TRUTHS[trial.truth](world(quiet, profile), rng)
-        rows = len(quiet) * round(cases.INTERVAL_S)
-        whole = np.pad(series[:rows], (0, max(0, rows - len(series))), mode="edge")
-        added.append((quiet, whole.reshape(len(quiet), -1).mean(axis=1)))
+        added.append((quiet, _means(series, quiet.time)))
     first, one = added[0]
     target = trial.strength * cases.rms(cases.absorbed(first, case.noise(RUN, 0), MODEL))
     factor = target / max(cases.rms(cases.absorbed(first, one, MODEL)), 1e-12)
     runs = [_plus(quiet, factor * values) for quiet, values in added]
     return (runs[0], runs[1], case.quiet(cases.STATIC, 4)), (factor * one, factor * added[1][1])
+
+
+def _means(series: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Means (n,) of the values of every second over the rows about these times, as far as there are seconds."""
+    total, half = np.concatenate([[0.0], np.cumsum(series)]), 0.5 * cases.INTERVAL_S
+    ends = (np.clip(time_s - half, 0.0, len(series)), np.clip(time_s + half, 0.0, len(series)))
+    low, high = (np.interp(end, np.arange(len(total)), total) for end in ends)
+    return np.asarray((high - low) / np.maximum(ends[1] - ends[0], 1.0))
 
 
 def world(quiet: Dataset, profile: str) -> World:
@@ -95,9 +101,14 @@ def world(quiet: Dataset, profile: str) -> World:
     seconds = np.arange(trace.seconds, dtype=np.float64) + 0.5
 
     def channel(name: str) -> FloatArray:
+        """Straight between knots whose means over the rows are the recorded values."""
         values = quiet.channels[name]
         good = np.isfinite(values)
-        return np.interp(seconds, quiet.time[good], values[good])
+        recorded = np.interp(quiet.time, quiet.time[good], values[good])
+        knots = recorded.copy()
+        for _ in range(30):
+            knots += recorded - _means(np.interp(seconds, quiet.time, knots), quiet.time)
+        return np.interp(seconds, quiet.time, knots)
 
     return World(
         seconds, trace.case[1:], trace.air[1:], trace.compressor[1:], trace.heater[1:],

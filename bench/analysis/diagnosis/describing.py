@@ -29,9 +29,12 @@ _LIKE = (
     ("sin(2*pi*lag(temperature", "like an etalon whose path follows a part inside the unit"),
     ("sin(2*pi*temperature", "like an etalon: interference, optical or electrical, over temperature"),
     ("sin(2*pi*time", "like a disturbance with a period of its own: a beat, a control loop, a neighbour"),
+    ("lowest(total(", "like a film that grows and dries: condensation, frost, outgassing"),
+    ("highest(", "like stress that is lost whenever the unit is warmer than ever before"),
+    ("lowest(", "like stress that is lost whenever the unit is colder than ever before"),
     ("exp(-total(", "like a loss that does not come back: moisture, gas, stress that heat takes out"),
     ("total(", "like an exposure that adds up: dose, creep, fatigue"),
-    ("(compressor - lag(compressor", "like a shock at each start or stop of the compressor that settles"),
+    ("(compressor - delay(compressor", "like a shock at each start or stop of the compressor that settles"),
     ("lag(compressor", "like heat or vibration of the compressor that reaches the unit with a delay"),
     ("play(temperature", "like a hysteresis: a mount, a glue, a solder joint"),
     ("lag(dT_dt", "like a thermal memory: gradients in the unit that outlast the change of temperature"),
@@ -75,11 +78,14 @@ class Describer:
             return Description((*self._two(layout, plain), *listed)[:_MOST], bool(steps))
         if steps and (explained.left or explained.drifts):
             beside = self._search(explained.layout)
-            return Description(self._listed(beside, explained.layout, tuple(step.name for step in steps)))
+            listed = self._listed(beside, explained.layout, tuple(step.name for step in steps))
+            if not listed and found and found[0].evidence > named - TIE:
+                return Description(self._listed(plain, layout))  # no better than the effects, and no worse
+            return Description(listed)
         return Description()
 
-    def _search(self, layout: Layout, best: Point | None = None) -> FormulaSearch:
-        return FormulaSearch(layout, self.lattice, self.seed, best, self.workers)
+    def _search(self, layout: Layout, best: Point | None = None, first: FoundFormula | None = None) -> FormulaSearch:
+        return FormulaSearch(layout, self.lattice, self.seed, best, self.workers, first)
 
     def _listed(
         self, search: FormulaSearch, layout: Layout, beside: tuple[str, ...] = ()
@@ -102,7 +108,7 @@ class Describer:
         left = examine(longer.problem, layout.probes(), self.lattice, surface.descend(first.point))
         if not any(finding.name != "noise" for finding in left.alarms):
             return ()
-        second = next(iter(self._search(longer).answer.found), None)
+        second = next(iter(self._search(longer, first=first).answer.found), None)
         if second is None or second.evidence <= FURTHER_EVIDENCE:
             return ()
         return (self._described(layout, (first, second), (), ()),)
@@ -117,7 +123,7 @@ class Describer:
         before = unseen(layout.rows, layout.theta, self.check, like=scored.left)
         contribution = np.sum([part.contribution for part in parts], axis=0)
         return DescribedFormula(
-            formula=" + ".join(part.text for part in parts),
+            formula=others[0].beside(first) if others else first.text,
             expression=entry_text(effect),
             words=", and ".join(part.formula.words for part in parts),
             like="; ".join(dict.fromkeys(filter(None, (_like(part.text) for part in parts)))),
@@ -126,7 +132,9 @@ class Describer:
             held_out_rms_dph=scored.rms_dph,
             proof=prove(before.left, scored.left),
             size_dph=float(np.std(contribution)),
-            amplitudes=tuple(entry for part in parts for entry in part.amplitude_entries()),
+            amplitudes=tuple(
+                entry for part, name in zip(parts, "km", strict=False) for entry in part.amplitude_entries(name)
+            ),
             acts=_acts(layout.temperature, contribution),
             caution=_caution(layout, parts, contribution),
             equivalent=equivalent,

@@ -69,16 +69,19 @@ class FoundFormula:
         """The formula with the numbers that were found."""
         return self.formula.text(numbers(self.theta))
 
+    def beside(self, first: FoundFormula) -> str:
+        """Both, with the numbers that were found."""
+        return f"{first.text} + {self.formula.text(numbers(self.theta), 'm')}"
+
     @property
     def on_bound(self) -> bool:
         """Whether the search of a parameter ended at an end of its range."""
         return any(p.on_bound(value) for p, value in zip(self.formula.parameters, self.theta, strict=True))
 
-    def amplitude_entries(self) -> list[tuple[str, float, float, str]]:
+    def amplitude_entries(self, amplitude: str = "k") -> list[tuple[str, float, float, str]]:
         """Name, value, standard deviation and unit of each amplitude."""
-        names = ("k", "k_cos")[: len(self.amplitudes)]
-        rows = zip(names, self.amplitudes.tolist(), self.deviations.tolist(), strict=True)
-        return [(name, value, std, self.formula.unit) for name, value, std in rows]
+        rows = zip(self.formula.amplitudes, self.amplitudes.tolist(), self.deviations.tolist(), strict=True)
+        return [(f"{amplitude}{end}", value, std, unit) for (end, unit), value, std in rows]
 
     def halves(self) -> FloatArray:
         """Gain up to the middle of the rows, and up to the end."""
@@ -107,9 +110,18 @@ class FormulaSearch:
     """One search beside one layout."""
 
     def __init__(
-        self, layout: Layout, lattice: NoiseLattice, seed: int = 0, best: Point | None = None, workers: int = 1
+        self,
+        layout: Layout,
+        lattice: NoiseLattice,
+        seed: int = 0,
+        best: Point | None = None,
+        workers: int = 1,
+        first: FoundFormula | None = None,
     ) -> None:
-        """`lattice` and the noise point `best` of the layout may be those of an earlier evidence beside it."""
+        """`lattice` and the noise point `best` of the layout may be those of an earlier evidence beside it; `first` is
+        a formula that the layout has already: what may stand beside it is tried, too.
+        """
+        self._first = first
         self._layout, self._lattice, self._seed, self._workers = layout, lattice, seed, workers
         self.grammar = Grammar(layout.seen, layout.rows.masks)
         self._values: dict[tuple[str, Theta], FloatArray] = {}
@@ -127,9 +139,11 @@ class FormulaSearch:
         """The formulas that beat chance, best first."""
         singles = [*self.grammar.singles(), self.grammar.line(self._periods())]
         pairs = self.grammar.pairs()
-        candidates = [*map(self._candidate, singles), *map(self._candidate, pairs)]
-        formulas = [*singles, *pairs]
-        sizes = len(singles), len(pairs)
+        first = self._first
+        beside = [] if first is None else list(self.grammar.beside(first.formula, first.theta))
+        formulas = [*singles, *pairs, *(formula for formula, _ in beside)]
+        candidates = [*map(self._candidate, [*singles, *pairs]), *self._tried(beside)]
+        sizes = len(singles), len(pairs) + len(beside)
         price = np.repeat([self._price(size) for size in sizes], sizes)
         library = Library(self._layout.problem, candidates)
         points = self._points()
@@ -178,8 +192,11 @@ class FormulaSearch:
             tried=formula.grid(),
         )
 
+    def _tried(self, grown: Sequence[tuple[Formula, tuple[Theta, ...]]]) -> list[Candidate]:
+        return [replace(self._candidate(formula), tried=tried) for formula, tried in grown]
+
     def columns(self, formula: Formula, theta: Theta) -> FloatArray:
-        """Columns (n, 1), or (n, 2) of a pair, at the rows of the layout."""
+        """Columns (n, k), one for each amplitude, at the rows of the layout."""
         given, value = iter(theta), np.ones(len(self._layout.problem.y))
         other = None
         for number, block in enumerate(formula.blocks):
@@ -191,7 +208,12 @@ class FormulaSearch:
             factor = self._block(block.text, block, own)
             value = value * factor
             other = None if other is None else other * factor
-        return value[:, None] if other is None else np.column_stack([value, other])
+        if other is not None:
+            return np.column_stack([value, other])
+        if formula.along is None:
+            return value[:, None]
+        moved = self._block(formula.along.text, formula.along, ())
+        return np.column_stack([value * moved**power for power in range(formula.degree + 1)])
 
     def _block(self, text: str, block: Block, own: Theta) -> FloatArray:
         key = (text, own)
@@ -272,7 +294,7 @@ class FormulaSearch:
         longer = list(self.grammar.grown(one.formula, one.theta))
         if not longer:
             return []
-        candidates = [replace(self._candidate(formula), tried=tried_) for formula, tried_ in longer]
+        candidates = self._tried(longer)
         library = Library(self._layout.problem, candidates)
         points = [one.point, self._best]
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still())

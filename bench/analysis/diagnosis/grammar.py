@@ -2,8 +2,8 @@
 
 A *block* is what a formula multiplies: a channel, its memory (lag, play), a window in temperature. Blocks have
 parameters (time constants, widths, places); these are tried on a coarse grid here and refined continuously afterwards.
-A *formula* is a product of blocks with one amplitude, a sine and cosine pair, or more than one of them. A formula grows
-by a further block, or by what one of its blocks becomes with one parameter more (`variants`).
+A *formula* is a product of blocks with one amplitude, one that changes with temperature, or a sine and cosine pair. It
+grows by a further block, by what one of its blocks becomes with one parameter more (`variants`), or by an amplitude.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from bench.base import INSTRUMENTS, BoolArray
 from bench.record import Dataset
 
 _INNER_S = (60.0, 120.0, 220.0, 400.0)
+_MOST_DEGREE = 2  # of an amplitude, in the temperature
 _PLACES = 11  # of a window, over the range of the channel
 _PERIODS = 48  # of a line over temperature
 _LEAST_RUN_S = 30.0
@@ -34,10 +35,15 @@ _SWITCHED = ("compressor",)
 
 @dataclass(frozen=True)
 class Formula:
-    """A product of blocks; `pair` adds the same with a cosine for the sine of its first block, as its own amplitude."""
+    """A product of blocks; `pair` adds the same with a cosine for the sine of its first block, as its own amplitude.
+
+    Its amplitude is a polynomial of this `degree` in `along`.
+    """
 
     blocks: tuple[Block, ...]
     pair: bool = False
+    degree: int = 0
+    along: Block | None = None
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -72,9 +78,12 @@ class Formula:
     def text(self, values: Sequence[str], amplitude: str = "k") -> str:
         """The formula with these texts for its parameters."""
         one = self.product(values)
-        if not self.pair:
+        if self.pair:
+            return f"{amplitude} * {one} + {amplitude}_cos * {one.replace('sin(', 'cos(', 1)}"
+        if self.along is None:
             return f"{amplitude} * {one}"
-        return f"{amplitude} * {one} + {amplitude}_cos * {one.replace('sin(', 'cos(', 1)}"
+        powers = [f"{amplitude}_1 * {self.along.text}", f"{amplitude}_2 * {self.along.text}**2"][: self.degree]
+        return f"({' + '.join([amplitude, *powers])}) * {one}"
 
     def expression(self, amplitude: str = "k") -> Expression:
         """The effect of a model file, its parameters searched within their bounds."""
@@ -93,15 +102,19 @@ class Formula:
         return self.expression().parameters
 
     @property
-    def unit(self) -> str:
-        """Unit of the amplitude."""
-        units = [block.unit for block in self.blocks if block.unit]
-        return f"deg/h per ({' * '.join(units)})" if units else "deg/h"
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
+        """End of the name, and unit, of each amplitude."""
+        factors = [block.unit for block in self.blocks if block.unit]
+        unit = self.along.unit if self.along else ""
+        more = [[*factors, power] for power in (unit, f"{unit}^2")[: self.degree]]
+        units = [f"deg/h per ({' * '.join(of)})" if of else "deg/h" for of in (factors, *more)]
+        return (("", units[0]), ("_cos", units[0])) if self.pair else tuple(zip(("", "_1", "_2"), units, strict=False))
 
     @property
     def words(self) -> str:
         """What it is."""
-        return " times ".join(block.words for block in self.blocks)
+        words = " times ".join(block.words for block in self.blocks)
+        return f"{words}, its size changing with {self.along.words}" if self.along else words
 
 
 class Grammar:
@@ -122,8 +135,14 @@ class Grammar:
         return [*alone, *(Formula((block,), pair=True) for block in self.lines())]
 
     def pairs(self) -> list[Formula]:
-        """Products of a block that drives with one that modifies it."""
+        """Products of a block that drives with one that modifies it, or with an amplitude that changes."""
+        others = [self._centred(name) for name in self.moved]
         found: dict[str, Formula] = {}
+        for driver in self.drivers():
+            thermal = "dT_dt" in driver.text or "temperature" in driver.text
+            for along in (self._centred("temperature"), *(others if thermal else ())):
+                formula = Formula((driver,), degree=1, along=along)
+                found[formula.text(formula.names)] = formula
         modifiers = self.modifiers()
         drifts = [Block("time", "time", "s"), *(replace(block, grid=block.grid[::2]) for block in self.bends())]
         for driver in (*self.drivers(), *drifts):
@@ -137,6 +156,9 @@ class Grammar:
     def grown(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
         """A formula with one block more, and the parameters to try: its own stay where they were found."""
         have = {block.text for block in formula.blocks}
+        if not formula.pair and formula.degree < _MOST_DEGREE:
+            along = formula.along or self._centred("temperature")
+            yield replace(formula, degree=formula.degree + 1, along=along), (values,)
         for block in self.modifiers():
             if block.text not in have:
                 yield replace(formula, blocks=(*formula.blocks, block)), tuple((*values, *one) for one in block.grid)
@@ -148,6 +170,15 @@ class Grammar:
                 blocks = (*formula.blocks[:number], variant, *formula.blocks[number + 1 :])
                 tried = dict.fromkeys(one[-1] for one in variant.grid)
                 yield replace(formula, blocks=blocks), tuple((*values[:end], one, *values[end:]) for one in tried)
+
+    def beside(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
+        """What may stand beside a formula: what it would become with a block more, and overtones of a sine."""
+        yield from self.grown(formula, values)
+        first, *others = formula.blocks
+        for times in ("4", "6") if formula.pair else ():
+            text = first.text.replace("2*pi", f"{times}*pi")
+            faster = replace(first, text=text, words=f"an overtone of {first.words}")
+            yield replace(formula, blocks=(faster, *others)), (values,)
 
     def drivers(self) -> list[Block]:
         """What may act by itself: the rate of change and its memory, the loop, the gap to the air, each channel."""
@@ -177,12 +208,20 @@ class Grammar:
         rates = tuple((f, h) for f in (0.02, 0.05, 0.1) for h in (0.05, 0.2, 0.8))
         blocks = [
             Block(f"total((temperature - {0.5 * (low + high):.4g}))", "time spent warm", "degC h"),
+            Block("total((temperature - {centre}) + abs(temperature - {centre}))", "time spent above a temperature",
+                  "degC h", (("centre", (low, high)),), _inner(low, high, 9), places=1),
+            Block("highest(temperature)", "the highest temperature so far", "degC"),
+            Block("lowest(temperature)", "the lowest temperature so far", "degC"),
             Block("total(abs(dT_dt))", "all change of temperature so far", "degC/min h"),
             Block("exp(-total(exp({faster} * (temperature - 25))) * {per_h})", "a loss that is faster when it is warm",
                   "", (("faster", (0.0, 0.15)), ("per_h", (0.01, 5.0))), rates),
         ]  # fmt: skip
+        if self.gap:
+            blocks += [self._film("(chamber_temperature - temperature)", "the air is warmer than the unit"),
+                       self._film("(temperature - chamber_temperature)", "the unit is warmer than the air")]  # fmt: skip
         for name in self.switched:
-            for words, text in (("starts", f"({name} - lag({name}, 30))"), ("stops", f"(lag({name}, 30) - {name})")):
+            late = f"delay({name}, 30)"
+            for words, text in (("starts", f"({name} - {late})"), ("stops", f"({late} - {name})")):
                 rises = f"({text} + abs({text}))"
                 blocks.append(replace(lagged(rises, f"the {words} of the {name}", "", length_s), drives=True))
         for name in self.moved:
@@ -198,6 +237,13 @@ class Grammar:
             ]  # fmt: skip
         return blocks
 
+    @staticmethod
+    def _film(gap: str, words: str) -> Block:
+        """What grows with a difference, and is lost faster or slower by the opposite one until nothing is left."""
+        flow = f"total({gap} + {{loss}} * ({gap} - abs({gap})))"
+        return Block(f"({flow} - lowest({flow}))", f"a film that grows while {words}", "degC h",
+                     (("loss", (-0.45, 5.0)),), ((-0.25,), (0.0,), (0.5,), (2.0,)))  # fmt: skip
+
     def _channel(self, name: str) -> list[Block]:
         low, high = self._range(name)
         half = 0.5 * (high - low)
@@ -209,11 +255,22 @@ class Grammar:
             Block(f"({name} - {{centre}})**2", f"the {name} squared, from a value", f"{unit}^2",
                   (("centre", (low - half, high + half)),), tuple((float(c),) for c in np.linspace(low, high, 5))),
             Block(f"abs({name} - {{centre}})", f"the {name}'s distance from a value", unit,
-                  (("centre", (low, high)),), tuple((float(c),) for c in np.linspace(low, high, 7)[1:-1]), places=1),
+                  (("centre", (low, high)),), _inner(low, high, 7), places=1),
+            *(self._beyond(name, sign, words) for sign, words in (("+", "above"), ("-", "below"))),
             Block(f"tanh(({name} - {{centre}})/{max(half / 8.0, 1e-12):.3g})", f"a step over the {name}", "",
-                  (("centre", (low, high)),), tuple((float(c),) for c in np.linspace(low, high, 9)[1:-1]), places=1),
+                  (("centre", (low, high)),), _inner(low, high, 9), places=1),
             Block(lag, f"the change of the {name} in the last while", unit, ends, lags(self.length_s / 2.0, 2)),
         ]  # fmt: skip
+
+    def _beyond(self, name: str, sign: str, words: str) -> Block:
+        """A channel beyond a value; with a soft edge if that pays."""
+        low, high = self._range(name)
+        own, away = (("centre", (low, high)),), f"({name} - {{centre}})"
+        soft = ("soft", (0.005 * (high - low), 0.3 * (high - low)))
+        grid = tuple((*one, share * (high - low)) for one in _inner(low, high, 9) for share in (0.02, 0.1))
+        words, unit = f"the {name} {words} a value", unit_of(name)
+        looser = Block(f"(sqrt({away}**2 + {{soft}}**2) {sign} {away})", words, unit, (*own, soft), grid, places=1)
+        return Block(f"(abs{away} {sign} {away})", words, unit, own, _inner(low, high, 9), places=1, looser=looser)
 
     def _centred(self, name: str) -> Block:
         """A channel from the middle of its range, or from a value that is searched."""
@@ -265,6 +322,7 @@ class Grammar:
         centres = np.linspace(low, high, _PLACES)
         bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)))
         window = tuple((float(c), w) for c in centres for w in (0.05 * span, 0.15 * span))
+        inner, lagging = (("tau_s", (20.0, max(self.length_s / 4.0, 100.0))),), ((300.0,), (900.0,), (2700.0,))
         blocks = [
             self._centred("temperature"),
             Block(f"(temperature - {middle:.4g})**2", "temperature squared", "degC^2"),
@@ -272,9 +330,16 @@ class Grammar:
                   places=1),
             Block("(1 + tanh((temperature - {centre})/{width}))", "a step over temperature", "", bounds, window[2:-2:2],
                   places=1),
+            Block("(1 - tanh((temperature - {centre})/{width}))", "a step down over temperature", "", bounds,
+                  window[2:-2:2], places=1),
+            Block(f"lag((temperature - {middle:.4g}), {{tau_s}})", "a temperature that lags", "degC", inner, lagging,
+                  looser=Block("(lag(temperature, {tau_s}) - {centre})", "a temperature that lags, from a value",
+                               "degC", (*inner, ("centre", (low - span, high + span))),
+                               tuple((*one, c) for one in lagging for c in (low - 0.5 * span, low, high)))),
             Block("dT_dt", "dT/dt", "degC/min"),
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
             Block("(1 + direction)", "heating", ""),
+            Block("(1 - direction)", "cooling", ""),
             Block("time", "time", "s"),
         ]  # fmt: skip
         if self.gap:
@@ -298,6 +363,11 @@ class Grammar:
             return False
         low, high = self._range(name)
         return high - low > 1e-9 * max(abs(low), abs(high), 1e-9)
+
+
+def _inner(low: float, high: float, count: int) -> tuple[tuple[float], ...]:
+    """Values to try, evenly spaced without the two ends."""
+    return tuple((float(c),) for c in np.linspace(low, high, count)[1:-1])
 
 
 def _about(parameter: Parameter, value: float) -> Bounds:

@@ -1,4 +1,4 @@
-"""Improve a model unattended: diagnose, add the missing effect, prove it on unseen data, until no effect pays."""
+"""Improve a model unattended: diagnose, add the missing effect or formula, prove it on unseen data, until none pays."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Any, Literal
 
 from bench.analysis.diagnosis.answer import Diagnosis, SuspectedEffect
+from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
@@ -34,12 +35,15 @@ class Decision:
     sentence: str
     diagnosis: Diagnosis
     """Of the model before the step."""
+    formula: str = ""
+    """The formula, where the effect is an expression."""
 
     def to_json(self) -> dict[str, Any]:
         """An entry of `steps`."""
         return {
             "action": self.action,
             "effect": self.effect or None,
+            "formula": self.formula or None,
             "model": self.model.name,
             "before_dph": finite(self.before_dph),
             "after_dph": finite(self.after_dph),
@@ -85,7 +89,7 @@ def add_effect(model: Model, what: str, options: Mapping[str, Any] | None = None
     return model.adding(more)
 
 
-def improve(
+def improve(  # noqa: PLR0913 - options of one command, by keyword
     runs: Sequence[Dataset],
     check: Sequence[Dataset],
     model: Model,
@@ -93,18 +97,20 @@ def improve(
     static: Dataset | None = None,
     candidates: Sequence[Effect] | None = None,
     floor_dph: float | None = None,
+    formulas: bool = True,
 ) -> Improvement:
     """Walk from a model to one that lacks nothing that these runs can show, one effect at a time.
 
     An effect is added if the evidence names it and the error falls on the check runs (without, on blocks left out);
-    one that does not pay is refused, and what the data cannot tell from it is tried in its place.
+    one that does not pay is refused, and what the data cannot tell from it is tried in its place. Where no effect of
+    the catalogue explains the error, the best formula is tried in the same way, unless `formulas` is False.
     """
     steps: list[Decision] = []
     while True:
         lacking = None if candidates is None else [c for c in candidates if c.name not in _names(model)]
         answer = diagnose(runs, model, check=check, static=static, candidates=lacking, floor_dph=floor_dph)
         model = answer.model
-        tried = _tried(answer) if len(steps) < MOST_STEPS else []
+        tried = _tried(answer, formulas) if len(steps) < MOST_STEPS else []
         steps += tried
         if not tried or tried[-1].action != "added":
             return Improvement((*steps, _end(answer, bool(tried))))
@@ -120,8 +126,12 @@ def _walks(answer: Diagnosis) -> bool:
     return bool(answer.found) and (answer.verdict != "unknown_effect" or bool(answer.nearest))
 
 
-def _tried(answer: Diagnosis) -> list[Decision]:
-    """The strongest effect found, or the first of its look-alikes that pays; every refusal is a step."""
+def _tried(answer: Diagnosis, formulas: bool) -> list[Decision]:
+    """The strongest effect found, or the first of its look-alikes that pays, or the best formula where the catalogue
+    does not explain the error; every refusal is a step.
+    """
+    if formulas and answer.formulas and answer.verdict == "unknown_effect":
+        return [_with_formula(answer, answer.formulas[0])]
     if not _walks(answer):
         return []
     strongest = answer.found[0]
@@ -134,11 +144,26 @@ def _tried(answer: Diagnosis) -> list[Decision]:
     return steps
 
 
+def _with_formula(answer: Diagnosis, formula: DescribedFormula) -> Decision:
+    """The formula, with the effects that it was found beside."""
+    before, after = formula.held_out_before_dph, formula.held_out_rms_dph
+    pays = after < before * (1.0 - PAYS)
+    beside = f" beside {', '.join(formula.beside)}" if formula.beside else ""
+    text = f"formula {formula.formula}{beside} {'added' if pays else 'refused'}: evidence {formula.evidence:.0f}, "
+    text += _fall(answer, before, after)
+    model = formula.model if pays else answer.model
+    return Decision("added" if pays else "refused", "expression", model, before, after, text, answer, formula.formula)
+
+
+def _fall(answer: Diagnosis, before: float, after: float) -> str:
+    floor = f" (noise floor {answer.floor_dph:.4f})" if isfinite(answer.floor_dph) else ""
+    return f"the error on unseen data changes from {before:.4f} to {after:.4f} deg/h{floor}"
+
+
 def _step(answer: Diagnosis, suspect: SuspectedEffect) -> Decision:
     before, after = suspect.held_out_before_dph, suspect.held_out_rms_dph
     pays = after < before * (1.0 - PAYS)
-    floor = f" (noise floor {answer.floor_dph:.4f})" if isfinite(answer.floor_dph) else ""
-    fall = f"the error on unseen data changes from {before:.4f} to {after:.4f} deg/h{floor}"
+    fall = _fall(answer, before, after)
     if suspect.reason:
         text = f"{suspect.effect} refused: {suspect.reason}"
     elif not suspect.scored:

@@ -19,16 +19,17 @@ from typing import Any, cast
 
 import numpy as np
 
-from bench.analysis.effects.operators import integral, play, ramp_invariant_lag, shifted, slope
+from bench.analysis.effects.operators import extreme, integral, play, ramp_invariant_lag, shifted, slope
 from bench.base import CHANNELS, RATES, FloatArray, InputError, closest
 from bench.record import STILL_DEGC_PER_MIN, Dataset
 
 FUNCTIONS: dict[str, int] = {
-    "lag": 2, "delay": 2, "play": 2, "total": 1,
+    "lag": 2, "delay": 2, "play": 2, "total": 1, "highest": 1, "lowest": 1,
     "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1, "sign": 1,
 }  # fmt: skip
 """Functions and their numbers of arguments: lag(x, tau_s), delay(x, late_s), play(x, width) in the unit of x, total(x),
-the integral over hours since the run began. The time constant of a lag may change with a channel."""
+the integral over hours since the run began, highest(x) and lowest(x) of the run so far. The time constant of a lag may
+change with a channel."""
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {
     "abs": np.abs, "exp": np.exp, "log": np.log, "sqrt": np.sqrt,
@@ -38,7 +39,7 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power,
 }  # fmt: skip
 _DERIVED = ("dT_dt", "direction", "time")
-_MAX_LENGTH, _MAX_NODES = 400, 150
+_MAX_LENGTH, _MAX_NODES = 600, 300
 _PARSING = threading.Lock()
 """Python up to 3.12 counts the depth of all trees that are parsed at a time as one, and the filters of warnings are one
 for all threads: the page parses in several."""
@@ -252,6 +253,8 @@ def _called(name: str, arguments: list[Any], time_s: FloatArray) -> Any:
     record = np.broadcast_to(np.asarray(arguments[0], dtype=np.float64), time_s.shape)
     if name == "total":
         return integral(time_s, record) / 3600.0
+    if name in ("highest", "lowest"):
+        return extreme(time_s, record, name)
     if name == "play":
         return play(record, float(arguments[1]))
     if name == "delay":

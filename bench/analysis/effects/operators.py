@@ -7,6 +7,7 @@ neighbours.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
@@ -76,6 +77,12 @@ def integral(time_s: FloatArray, value: FloatArray) -> FloatArray:
     return _bridged(
         lambda time, u: np.concatenate([[0.0], np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(time))]), time_s, value
     )
+
+
+def extreme(time_s: FloatArray, value: FloatArray, kind: Literal["highest", "lowest"]) -> FloatArray:
+    """The highest or lowest value (n,) of a record (n,) up to each row."""
+    running = np.maximum.accumulate if kind == "highest" else np.minimum.accumulate
+    return _bridged(lambda _, u: np.asarray(running(u)), time_s, value)
 
 
 def _bridged(

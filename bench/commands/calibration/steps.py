@@ -219,7 +219,8 @@ def _walk(folder: Path, model: Model, static: Path | None) -> tuple[Model | None
     seconds, still = analysis.recovered([folder]), analysis.recovered([static] if static else [])
     (data,), calm = analysis.usual_means(seconds), analysis.usual_means(still)
     floor_dph = analysis.floor_of(seconds, data.interval_s, still)
-    found = improve([data], (), model, static=calm[0] if calm else None, floor_dph=floor_dph)
+    # A unit's memory holds effects of the catalogue, and no formula.
+    found = improve([data], (), model, static=calm[0] if calm else None, floor_dph=floor_dph, formulas=False)
     steps = []
     for step in found.steps:
         suspects = {s.effect: s for s in step.diagnosis.suspects}
