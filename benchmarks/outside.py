@@ -29,7 +29,7 @@ from bench.base import FloatArray
 from bench.record.dataset import Dataset
 from benchmarks import campaigns, cases
 from benchmarks.bars import table
-from benchmarks.outside_truths import FROZEN, SECOND, TRUTHS, World
+from benchmarks.outside_truths import FROZEN, SECOND, THIRD, TRUTHS, World
 from benchmarks.trials import MODEL
 
 RUN, CHECK = cases.TWO_RATES, cases.LOOPS
@@ -166,9 +166,10 @@ def section(path: Path) -> str:
         return ""
     rows = []
     for strength in sorted({trial.strength for trial, _ in results}):
-        first = set(TRUTHS) - set(SECOND) - set(FROZEN)
+        first = set(TRUTHS) - set(SECOND) - set(THIRD) - set(FROZEN)
         groups = {"before the search was frozen": first, "after it was frozen, before it grew": set(SECOND),
-                  "after it was frozen again": set(FROZEN)}  # fmt: skip
+                  "after it was frozen again, before it grew again": set(THIRD),
+                  "after it was frozen for the last time": set(FROZEN)}  # fmt: skip
         for words, names in groups.items():
             own = [found for trial, found in results if trial.strength == strength and trial.truth in names]
             if own:

@@ -1,10 +1,15 @@
-"""What the formulas of a diagnosis are made of: blocks with parameters, and what a block may become with one more."""
+"""Formulas of a diagnosis, and what they are made of: blocks with parameters, which may become others with one more."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
 
+from bench.analysis.diagnosis.candidates import Theta
+from bench.analysis.effects.base import Parameter
+from bench.analysis.effects.expression import Expression
 from bench.base import CHANNELS
 
 _LAGS_S = (60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0, 15000.0)
@@ -90,3 +95,97 @@ def loop(name: str, span: Bounds, unit: str) -> Block:
 def unit_of(name: str) -> str:
     """Unit of a channel."""
     return CHANNELS[name].unit
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A product of blocks; `pair` adds the same with a cosine for the sine of its first block, as its own amplitude.
+
+    Its amplitude is a polynomial of this `degree` in `along`.
+    """
+
+    blocks: tuple[Block, ...]
+    pair: bool = False
+    degree: int = 0
+    along: Block | None = None
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in the formula, each once: a number follows where two blocks share one."""
+        given = [name for block in self.blocks for name, _ in block.bounds]
+        return tuple(
+            name if given.count(name) == 1 else f"{name}{given[:i].count(name) + 1}" for i, name in enumerate(given)
+        )
+
+    @cached_property
+    def bounds(self) -> dict[str, Bounds]:
+        """Bounds of its parameters by their names."""
+        pairs = (bounds for block in self.blocks for _, bounds in block.bounds)
+        return dict(zip(self.names, pairs, strict=True))
+
+    @cached_property
+    def places(self) -> int:
+        """Parameters that are places."""
+        return sum(block.places for block in self.blocks)
+
+    def grid(self) -> tuple[Theta, ...]:
+        """Parameters to try."""
+        return tuple(tuple(x for part in one for x in part) for one in product(*(block.grid for block in self.blocks)))
+
+    def product(self, values: Sequence[str]) -> str:
+        """The product with these texts for its parameters."""
+        given, parts = iter(values), []
+        for block in self.blocks:
+            parts.append(block.text.format(**{name: next(given) for name, _ in block.bounds}))
+        return " * ".join(parts).replace("- -", "+ ")
+
+    def text(self, values: Sequence[str], amplitude: str = "k") -> str:
+        """The formula with these texts for its parameters."""
+        one = self.product(values)
+        if self.pair:
+            return f"{amplitude} * {one} + {amplitude}_cos * {one.replace('sin(', 'cos(', 1)}"
+        if self.along is None:
+            return f"{amplitude} * {one}"
+        powers = [f"{amplitude}_1 * {self.along.text}", f"{amplitude}_2 * {self.along.text}**2"][: self.degree]
+        return f"({' + '.join([amplitude, *powers])}) * {one}"
+
+    def expression(self, amplitude: str = "k") -> Expression:
+        """The effect of a model file, its parameters searched within their bounds."""
+        return Expression(self.text(self.names, amplitude), self.bounds)
+
+    def near(self, theta: Theta, amplitude: str = "k") -> Expression:
+        """The effect with bounds about these values, so that a fit begins there."""
+        bounds = {
+            parameter.name: _about(parameter, value) for parameter, value in zip(self.parameters, theta, strict=True)
+        }
+        return Expression(self.text(self.names, amplitude), {name: list(ends) for name, ends in bounds.items()})
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Its parameters as the engine searches them."""
+        return self.expression().parameters
+
+    @property
+    def amplitudes(self) -> tuple[tuple[str, str], ...]:
+        """End of the name, and unit, of each amplitude."""
+        factors = [block.unit for block in self.blocks if block.unit]
+        unit = self.along.unit if self.along else ""
+        more = [[*factors, power] for power in (unit, f"{unit}^2")[: self.degree]]
+        units = [f"deg/h per ({' * '.join(of)})" if of else "deg/h" for of in (factors, *more)]
+        return (("", units[0]), ("_cos", units[0])) if self.pair else tuple(zip(("", "_1", "_2"), units, strict=False))
+
+    @property
+    def words(self) -> str:
+        """What it is."""
+        words = " times ".join(block.words for block in self.blocks)
+        return f"{words}, its size changing with {self.along.words}" if self.along else words
+
+
+def _about(parameter: Parameter, value: float) -> Bounds:
+    """Bounds with the value in their middle, as a fit takes it for its start."""
+    if parameter.name.startswith("period"):
+        return float(f"{0.9 * value:.8g}"), float(f"{1.1 * value:.8g}")
+    if parameter.log:
+        return float(f"{value / 4.0:.6g}"), float(f"{4.0 * value:.6g}")
+    half = 0.1 * (parameter.high - parameter.low)
+    return float(f"{value - half:.8g}"), float(f"{value + half:.8g}")

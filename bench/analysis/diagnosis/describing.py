@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.diagnosis.described import DescribedFormula
-from bench.analysis.diagnosis.formulas import FormulaSearch, FoundFormula
+from bench.analysis.diagnosis.formulas import FormulaSearch
+from bench.analysis.diagnosis.found_formula import FoundFormula
 from bench.analysis.diagnosis.held_out import unseen
 from bench.analysis.diagnosis.probes import examine
 from bench.analysis.diagnosis.proof import prove

@@ -9,16 +9,12 @@ grows by a further block, by what one of its blocks becomes with one parameter m
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import product
+from dataclasses import replace
 
 import numpy as np
 
-from bench.analysis.diagnosis.blocks import Block, Bounds, lagged, lags, loop, unit_of
+from bench.analysis.diagnosis.blocks import Block, Bounds, Formula, lagged, lags, loop, unit_of
 from bench.analysis.diagnosis.candidates import Theta
-from bench.analysis.effects.base import Parameter
-from bench.analysis.effects.expression import Expression
 from bench.base import INSTRUMENTS, BoolArray
 from bench.record import Dataset
 
@@ -31,90 +27,6 @@ _FURTHER = ("frequency", "drive", "quadrature", "supply", "applied_rate",
             *(name for name in INSTRUMENTS[1:] if "temperature" not in name))  # fmt: skip
 """Not thermometers: each would be a look-alike of the unit's own."""
 _SWITCHED = ("compressor",)
-
-
-@dataclass(frozen=True)
-class Formula:
-    """A product of blocks; `pair` adds the same with a cosine for the sine of its first block, as its own amplitude.
-
-    Its amplitude is a polynomial of this `degree` in `along`.
-    """
-
-    blocks: tuple[Block, ...]
-    pair: bool = False
-    degree: int = 0
-    along: Block | None = None
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters in the formula, each once: a number follows where two blocks share one."""
-        given = [name for block in self.blocks for name, _ in block.bounds]
-        return tuple(
-            name if given.count(name) == 1 else f"{name}{given[:i].count(name) + 1}" for i, name in enumerate(given)
-        )
-
-    @cached_property
-    def bounds(self) -> dict[str, Bounds]:
-        """Bounds of its parameters by their names."""
-        pairs = (bounds for block in self.blocks for _, bounds in block.bounds)
-        return dict(zip(self.names, pairs, strict=True))
-
-    @cached_property
-    def places(self) -> int:
-        """Parameters that are places."""
-        return sum(block.places for block in self.blocks)
-
-    def grid(self) -> tuple[Theta, ...]:
-        """Parameters to try."""
-        return tuple(tuple(x for part in one for x in part) for one in product(*(block.grid for block in self.blocks)))
-
-    def product(self, values: Sequence[str]) -> str:
-        """The product with these texts for its parameters."""
-        given, parts = iter(values), []
-        for block in self.blocks:
-            parts.append(block.text.format(**{name: next(given) for name, _ in block.bounds}))
-        return " * ".join(parts).replace("- -", "+ ")
-
-    def text(self, values: Sequence[str], amplitude: str = "k") -> str:
-        """The formula with these texts for its parameters."""
-        one = self.product(values)
-        if self.pair:
-            return f"{amplitude} * {one} + {amplitude}_cos * {one.replace('sin(', 'cos(', 1)}"
-        if self.along is None:
-            return f"{amplitude} * {one}"
-        powers = [f"{amplitude}_1 * {self.along.text}", f"{amplitude}_2 * {self.along.text}**2"][: self.degree]
-        return f"({' + '.join([amplitude, *powers])}) * {one}"
-
-    def expression(self, amplitude: str = "k") -> Expression:
-        """The effect of a model file, its parameters searched within their bounds."""
-        return Expression(self.text(self.names, amplitude), self.bounds)
-
-    def near(self, theta: Theta, amplitude: str = "k") -> Expression:
-        """The effect with bounds about these values, so that a fit begins there."""
-        bounds = {
-            parameter.name: _about(parameter, value) for parameter, value in zip(self.parameters, theta, strict=True)
-        }
-        return Expression(self.text(self.names, amplitude), {name: list(ends) for name, ends in bounds.items()})
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Its parameters as the engine searches them."""
-        return self.expression().parameters
-
-    @property
-    def amplitudes(self) -> tuple[tuple[str, str], ...]:
-        """End of the name, and unit, of each amplitude."""
-        factors = [block.unit for block in self.blocks if block.unit]
-        unit = self.along.unit if self.along else ""
-        more = [[*factors, power] for power in (unit, f"{unit}^2")[: self.degree]]
-        units = [f"deg/h per ({' * '.join(of)})" if of else "deg/h" for of in (factors, *more)]
-        return (("", units[0]), ("_cos", units[0])) if self.pair else tuple(zip(("", "_1", "_2"), units, strict=False))
-
-    @property
-    def words(self) -> str:
-        """What it is."""
-        words = " times ".join(block.words for block in self.blocks)
-        return f"{words}, its size changing with {self.along.words}" if self.along else words
 
 
 class Grammar:
@@ -154,7 +66,7 @@ class Grammar:
         return list(found.values())
 
     def grown(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
-        """A formula with one block more, and the parameters to try: its own stay where they were found."""
+        """A formula with one block or parameter more, and the parameters to try: those of other blocks stay."""
         have = {block.text for block in formula.blocks}
         if not formula.pair and formula.degree < _MOST_DEGREE:
             along = formula.along or self._centred("temperature")
@@ -166,10 +78,12 @@ class Grammar:
             if formula.pair and number == 0:
                 continue
             end = sum(len(one.bounds) for one in formula.blocks[: number + 1])
+            first = end - len(block.bounds)
             for variant in block.variants(self.length_s):
                 blocks = (*formula.blocks[:number], variant, *formula.blocks[number + 1 :])
-                tried = dict.fromkeys(one[-1] for one in variant.grid)
-                yield replace(formula, blocks=blocks), tuple((*values[:end], one, *values[end:]) for one in tried)
+                # Its own parameters may have stood for the one that it lacked: they are tried anew, too.
+                tried = dict.fromkeys((*((*values[first:end], one[-1]) for one in variant.grid), *variant.grid))
+                yield replace(formula, blocks=blocks), tuple((*values[:first], *one, *values[end:]) for one in tried)
 
     def beside(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
         """What may stand beside a formula: what it would become with a block more, and overtones of a sine."""
@@ -217,8 +131,8 @@ class Grammar:
                   "", (("faster", (0.0, 0.15)), ("per_h", (0.01, 5.0))), rates),
         ]  # fmt: skip
         if self.gap:
-            blocks += [self._film("(chamber_temperature - temperature)", "the air is warmer than the unit"),
-                       self._film("(temperature - chamber_temperature)", "the unit is warmer than the air")]  # fmt: skip
+            blocks.append(self._film("(chamber_temperature - temperature)", "the air is warmer than the unit"))
+            blocks.append(self._film("(temperature - chamber_temperature)", "the unit is warmer than the air"))
         for name in self.switched:
             late = f"delay({name}, 30)"
             for words, text in (("starts", f"({name} - {late})"), ("stops", f"({late} - {name})")):
@@ -368,13 +282,3 @@ class Grammar:
 def _inner(low: float, high: float, count: int) -> tuple[tuple[float], ...]:
     """Values to try, evenly spaced without the two ends."""
     return tuple((float(c),) for c in np.linspace(low, high, count)[1:-1])
-
-
-def _about(parameter: Parameter, value: float) -> Bounds:
-    """Bounds with the value in their middle, as a fit takes it for its start."""
-    if parameter.name.startswith("period"):
-        return float(f"{0.9 * value:.8g}"), float(f"{1.1 * value:.8g}")
-    if parameter.log:
-        return float(f"{value / 4.0:.6g}"), float(f"{4.0 * value:.6g}")
-    half = 0.1 * (parameter.high - parameter.low)
-    return float(f"{value - half:.8g}"), float(f"{value + half:.8g}")

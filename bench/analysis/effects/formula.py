@@ -253,8 +253,8 @@ def _called(name: str, arguments: list[Any], time_s: FloatArray) -> Any:
     record = np.broadcast_to(np.asarray(arguments[0], dtype=np.float64), time_s.shape)
     if name == "total":
         return integral(time_s, record) / 3600.0
-    if name in ("highest", "lowest"):
-        return extreme(time_s, record, name)
+    if name in {"highest", "lowest"}:
+        return extreme(time_s, record, highest=name == "highest")
     if name == "play":
         return play(record, float(arguments[1]))
     if name == "delay":

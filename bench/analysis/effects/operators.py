@@ -7,7 +7,6 @@ neighbours.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
@@ -79,9 +78,9 @@ def integral(time_s: FloatArray, value: FloatArray) -> FloatArray:
     )
 
 
-def extreme(time_s: FloatArray, value: FloatArray, kind: Literal["highest", "lowest"]) -> FloatArray:
-    """The highest or lowest value (n,) of a record (n,) up to each row."""
-    running = np.maximum.accumulate if kind == "highest" else np.minimum.accumulate
+def extreme(time_s: FloatArray, value: FloatArray, *, highest: bool) -> FloatArray:
+    """The highest, or else the lowest, value (n,) of a record (n,) up to each row."""
+    running = np.maximum.accumulate if highest else np.minimum.accumulate
     return _bridged(lambda _, u: np.asarray(running(u)), time_s, value)
 
 
