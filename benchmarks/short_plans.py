@@ -1,6 +1,6 @@
 """`bench lot plan` on units that nobody has seen: the promised error against the reached one, and the hours saved.
 
-    python -m benchmarks.short_plans [UNITS] [LOT] [SEEDS] [TARGET]
+    python -m benchmarks.short_plans [UNITS] [LOT] [SEEDS] [TARGET] [HEATING COOLING]
 
 Units of `benchmarks.fewer_hours` (lag, loop, ageing, noise that walks; their truth shares no equation with the model).
 The lot's units go through the whole ramp; the plan is made from them; further units go through the plan, and then, as a
@@ -76,11 +76,12 @@ def prior_of(lot: int, seed: int) -> tuple[Prior, np.random.Generator]:
     return Prior.of(load_model(MODEL), known), random
 
 
-def main(units: int = 100, lot: int = 40, seeds: int = 3, target_dph: float = 0.3) -> None:
+def main(units: int = 60, lot: int = 40, seeds: int = 3, target_dph: float = 0.35, *fastest: float) -> None:
+    """`fastest`: heating and cooling of a chamber [degC/min] that is faster than the lot was driven."""
     everyone, others = [], []
     for seed in range(1, seeds + 1):
         prior, random = prior_of(lot, seed)
-        plan = shortest(prior, target_dph)
+        plan = shortest(prior, target_dph, (fastest[0], fastest[1]) if fastest else None)
         hours = profile_from_text(plan.to_yaml("L", lot)).duration_s / 3600.0
         print(f"lot {seed}: {lot} units, {hours:.2f} h of {plan.whole_s / 3600:.2f} h, promised {plan.error_dph:.3f} "
               f"({plan.low_dph:.3f} to {plan.high_dph:.3f})", flush=True)  # fmt: skip
@@ -105,4 +106,4 @@ def main(units: int = 100, lot: int = 40, seeds: int = 3, target_dph: float = 0.
 
 
 if __name__ == "__main__":
-    main(*(int(word) for word in sys.argv[1:4]), *(float(word) for word in sys.argv[4:5]))
+    main(*(int(word) for word in sys.argv[1:4]), *(float(word) for word in sys.argv[4:7]))

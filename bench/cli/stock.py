@@ -282,16 +282,19 @@ def lot_complete(folder: Path, run: Path, out: Path) -> Result:
     help="Largest error over the lot's whole run [deg/h RMS], upper end of the 95 % interval.",
 )
 @path_option("--profile", help="Write the profile here. Default: short_<lot>.yaml.")
+@path_option(
+    "--station", help="Station file: try rates up to those of its chamber. Default: the rates of the lot's runs."
+)
 @answers
-def lot_plan(folder: Path, target_dph: float, profile: Path | None) -> Result:
+def lot_plan(folder: Path, target_dph: float, profile: Path | None, station: Path | None) -> Result:
     """Write the shortest profile that calibrates a further unit of the lot well enough.
 
-    Turning points, rates and soaks are chosen by the variance of the prediction; rates are at most those of the lot's
-    runs. Check it with `bench check`, run it, and calibrate the unit with `bench lot complete`.
+    Turning points, rates and soaks are chosen by the error of simulated runs of the lot's units by the profile. Check
+    it with `bench check`, run it, and calibrate the unit with `bench lot complete`.
     """
     from bench import commands
 
-    return commands.plan_lot(folder, target_dph, profile)
+    return commands.plan_lot(folder, target_dph, profile, station)
 
 
 @lot.command("audits")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.base import FloatArray, InputError, __version__, finite
+from bench.commands.acquisition import load_station
 from bench.commands.analysis import recovered, usual_means
 from bench.commands.files import write
 from bench.commands.results.stock import LotAudited, LotCalibrated, LotChecked, LotCompleted, LotPlanned
@@ -79,18 +80,22 @@ def audits(folder: Path, out: Path) -> LotAudited:
     )
 
 
-def plan_lot(folder: Path, target_dph: float, profile: Path | None) -> LotPlanned:
+def plan_lot(folder: Path, target_dph: float, profile: Path | None, station: Path | None = None) -> LotPlanned:
     """`bench lot plan`: the shortest profile after which a further unit's error is within the target, as a file.
 
-    InputError where no plan is.
+    Rates are those of the lot's runs, or up to those of a station's chamber. InputError where no plan is.
     """
     from bench.acquisition import profile_from_text
     from bench.analysis import shortest
     from bench.commands.ending_early import prior_of
 
     prior, lot = prior_of(folder), LotRecord.read(folder)
+    fastest = None
+    if station is not None:
+        chamber, ends = load_station(station).limits(), prior.cells.borders
+        fastest = _throughout(chamber.heating, ends), _throughout(chamber.cooling, ends)
     try:
-        found = shortest(prior, target_dph)
+        found = shortest(prior, target_dph, fastest)
     except InputError as error:
         raise InputError(f"lot {lot.lot}: {error}", folder) from None
     path = profile or Path(f"short_{slug(lot.lot)}.yaml")
@@ -106,6 +111,15 @@ def plan_lot(folder: Path, target_dph: float, profile: Path | None) -> LotPlanne
         hours=profile_from_text(text).duration_s / 3600.0,
         whole_hours=found.whole_s / 3600.0,
     )
+
+
+def _throughout(rate: float | Sequence[tuple[float, float]], range_degc: FloatArray) -> float:
+    """The rate [degC/min] that a chamber keeps throughout a range; its own may be a curve over temperature."""
+    if not isinstance(rate, Sequence):
+        return rate
+    degc, rates = np.array(rate).T
+    inside = np.concatenate([degc[(degc > range_degc[0]) & (degc < range_degc[-1])], range_degc])
+    return float(np.interp(inside, degc, rates).min())
 
 
 def complete_unit(folder: Path, run: Path, out: Path) -> LotCompleted:

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from bench.acquisition import Continue, Stop, Until, profile_from_text
 from bench.acquisition.run.status import Status
-from bench.base import InputError
+from bench.base import InputError, library
 from bench.cli import main
 from bench.commands import complete_unit
 from bench.commands.ending_early import EndingEarly, audit_due, records_of
@@ -180,6 +180,17 @@ def test_a_planned_profile_is_one_that_check_passes_and_the_unit_is_completed_by
     run = folder(tmp_path, "G-07", unit(77, way=(time, plan.setpoint(time))))
     made = complete_unit(lot, run, tmp_path / "out")
     assert made.low_dph < made.error_dph < made.high_dph < 0.5
+
+
+def test_a_plan_for_a_faster_chamber_may_be_faster_than_the_lot_was_driven(lot, tmp_path):
+    station = library() / "stations" / "simulated.yaml"
+    hours = []
+    for more in ([], ["--station", str(station)]):
+        words = ["lot", "plan", str(lot), "--target", "0.5", "--profile", str(tmp_path / "short.yaml"), *more, "--json"]
+        hours.append(json.loads(CliRunner().invoke(main, words, catch_exceptions=False).stdout)["hours"])
+    assert hours[1] < hours[0]
+    legs = profile_from_text((tmp_path / "short.yaml").read_text()).legs()
+    assert 1.0 < max(leg.rate_degc_per_min for leg in legs if leg.kind == "ramp") <= 5.0
 
 
 def test_a_target_that_no_plan_meets_is_one_line(lot, tmp_path):

@@ -10,6 +10,7 @@ the one with which the rows so far have no residual on average, as in a fit.
 A model leaves something in every unit that it does not know of. So each unit of the lot is taken in turn for a new one:
 cut off, calibrated by the others, compared with all that was measured of it but its white noise. Error over expected
 error is lognormal to a good approximation; its mean and spread, over the expected error, make the stated interval.
+Where a run goes another way than the lot's, the errors are those of simulated runs of the lot's units (`another_way`).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import Bound
 from bench.analysis.fit.fitting import Fit, fit_model
 from bench.analysis.fit.solve import one_blas_thread
+from bench.analysis.judging.another_way import Noise, Unit, Way, simulated
 from bench.analysis.judging.likeness import LEAST_UNITS, Cells, Likeness, likeness
 from bench.analysis.judging.lot import by_unit
 from bench.analysis.noise.estimate import profile_noise
@@ -36,10 +38,8 @@ BLOCK_S = 120.0
 """Rows are averaged to this: noise that is faster does not matter."""
 SHARES = tuple(np.arange(0.1, 1.001, 0.1).tolist())
 """Of its run after which each unit of the lot is cut off."""
-_EVERY = 5
-_LATEST = 0.75
-"""Share after which what is left of a run is too little to judge by."""
 LEVEL = 0.95
+_REPEATS = 3
 _STEP = 1.1  # factor of a nonlinear parameter, up and down, for its slope
 _LEAST_DIRECTION = 1e-5
 _LEAST_SQUARE = 1e-6
@@ -63,15 +63,6 @@ class Expected:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
-    """Means over two minutes of one run."""
-
-    time: FloatArray
-    columns: FloatArray
-    bias: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Prior:
     """A lot as the prior of a further unit."""
 
@@ -80,15 +71,14 @@ class Prior:
     """Columns to coordinates (q, p)."""
     known: FloatArray
     """Coordinates of the lot's units (n, p)."""
-    noise: tuple[float, Ratios]
-    """White variance of a mean [(deg/h)^2], and flicker and walk beside it."""
+    noise: Noise
     cells: Cells
     records: Sequence[Dataset]
     """Whole runs of the lot's units."""
     scale: FloatArray
     """Expected error (k,), and mean and spread of the logarithm of error over expected error there (3, k)."""
-    beyond: FloatArray
-    """The same of what comes after the cut alone: of a calibration by another run than the lot's."""
+    units: Sequence[Unit]
+    """The same runs as means over two minutes, and what the others say of each."""
     duration_s: float
     """Of the lot's whole runs."""
 
@@ -115,40 +105,39 @@ class Prior:
                 raise InputError("the units of this lot have no temperature in common")
             cells = Cells.over(low, high)
             duration_s = float(np.median([record.time[-1] - record.time[0] for record in first]))
-            none = np.zeros((3, 1))
-            prior = cls(fit, basis, known, _noise(rows, basis), cells, first, none, none, duration_s)
-            scale, beyond = prior._checked(rows)
-            return replace(prior, scale=scale, beyond=beyond)
+            noise = _noise(rows, basis)
+            alone = [
+                Unit.of(_in(basis, one), known[unit], _moments(np.delete(known, unit, axis=0)), noise, BLOCK_S)
+                for unit, one in enumerate(rows)
+            ]
+            prior = cls(fit, basis, known, noise, cells, first, np.zeros((3, 1)), alone, duration_s)
+            return replace(prior, scale=prior._checked())
 
     def expected(self, record: Dataset) -> Expected:
         """What the rows of a unit so far make of the error of its calibration."""
         with one_blas_thread():
-            rows = _rows(self.fit, record)
+            rows = self._way(record)
             amplitudes, left = self._posterior(rows, len(rows.bias), *_moments(self.known))
-        error = self._interval(_size(left), self.scale) if self._same_way(record) else self._of_another(rows, left)
+            error = self._interval(_size(left)) if self._same_way(record) else self._of_another(rows)
         return Expected(*error, amplitudes, left * (error[0] / _size(left)) ** 2, self._seen(record))
 
     def foreseen(self, planned: Dataset) -> tuple[float, float, float, float]:
         """Error, its 95 % interval [deg/h RMS] and the share of cells seen, of a run that has no bias yet."""
         with one_blas_thread():
             blank = replace(planned, channels={**planned.channels, "rate": np.zeros(len(planned))})
-            rows = _rows(self.fit, blank)
-            _, left = self._posterior(rows, len(rows.bias), *_moments(self.known))
-        return (*self._of_another(rows, left), self._seen(planned))
+            return (*self._of_another(self._way(blank)), self._seen(planned))
 
-    def _of_another(self, rows: _Rows, left: FloatArray) -> tuple[float, float, float]:
+    def _of_another(self, way: Way) -> tuple[float, float, float]:
         """Median and 95 % interval of the error of a whole run after a run that went another way."""
-        after = rows.time[-1] + np.arange(BLOCK_S, self.duration_s, BLOCK_S)
-        return self._interval(np.hypot(_size(left), self._moves(rows.time, after)), self.beyond)
+        off = np.log(simulated(way, self.units, self.noise, BLOCK_S, self._level()))
+        return self._around(float(off.mean()), float(off.std(ddof=1)))
 
-    def _moves(self, seen: FloatArray, after: FloatArray) -> float:
-        """How far slow noise goes from the mean of the times `seen` at the times `after` [deg/h RMS]."""
-        white, ratios = self.noise
-        seen, after = seen[::_EVERY], after[::_EVERY]  # it is slow
-        time = np.concatenate([seen, after])
-        slow, n = white * dense(time, BLOCK_S, ratios, np.zeros(time.size)), seen.size
-        square = np.trace(slow[n:, n:]) / after.size - 2.0 * slow[n:, :n].mean() + slow[:n, :n].mean()
-        return float(np.sqrt(max(square, 0.0)))
+    def _way(self, record: Dataset) -> Way:
+        return _in(self.basis, _rows(self.fit, record))
+
+    def _level(self) -> FloatArray:
+        """Amplitudes of a constant of 1 deg/h."""
+        return np.asarray(np.linalg.lstsq(self.basis, np.eye(len(self.basis))[0], rcond=None)[0])
 
     def _seen(self, record: Dataset) -> float:
         temperature = record.channel("temperature")
@@ -162,12 +151,24 @@ class Prior:
         depend on the rates so far.
         """
         span_s = record.time[-1] - record.time[0] if self._same_way(record) else np.inf
-        beside = (one.select(one.time - one.time[0] <= span_s) for one in self.records)
-        table = np.array([self.cells.means([one]) for one in beside])
         try:
-            return likeness(table, self.cells, [self.cells.means([record])])[0]
+            return self._alike([record], float(span_s))[0]
         except InputError:
             return None
+
+    def recognised(self, planned: Dataset) -> float:
+        """Share of the lot's units that would look like their lot after a planned run, by model and drawn noise."""
+        (white, ratios), random = self.noise, np.random.default_rng(1)
+        step = np.sqrt(white * ratios.walk * planned.interval_s / 3600.0)
+        rates = self.known.repeat(_REPEATS, axis=0) @ self.columns(planned).T
+        rates += np.cumsum(random.normal(0.0, step, rates.shape), axis=1)
+        runs = [replace(planned, channels={**planned.channels, "rate": rate}) for rate in rates]
+        return float(np.mean([one.like for one in self._alike(runs, np.inf)]))
+
+    def _alike(self, records: Sequence[Dataset], span_s: float) -> Sequence[Likeness]:
+        beside = (one.select(one.time - one.time[0] <= span_s) for one in self.records)
+        table = np.array([self.cells.means([one]) for one in beside])
+        return likeness(table, self.cells, [self.cells.means([one]) for one in records])
 
     def _same_way(self, record: Dataset) -> bool:
         """Whether a unit went through the temperatures of the lot at the same times."""
@@ -192,51 +193,47 @@ class Prior:
 
     def error(self, record: Dataset, amplitudes: FloatArray) -> float:
         """What these amplitudes leave of a run [deg/h RMS], without white noise."""
-        rows = _rows(self.fit, record)
-        return self._left(rows, amplitudes)
+        return self._left(self._way(record), amplitudes)
 
-    def _interval(self, expected_dph: float, scale: FloatArray) -> tuple[float, float, float]:
+    def _interval(self, expected_dph: float) -> tuple[float, float, float]:
         """Median and 95 % interval of the error where the posterior expects this one [deg/h]."""
-        at, means, spreads = np.log(scale[0]), scale[1], scale[2]
-        x, n = np.log(expected_dph), len(self.known)
+        at, means, spreads = np.log(self.scale[0]), self.scale[1], self.scale[2]
+        x = np.log(expected_dph)
         middle, spread = (float(np.interp(x, at, values)) for values in (means, spreads))
+        return self._around(x + middle, spread)
+
+    def _around(self, middle: float, spread: float) -> tuple[float, float, float]:
+        """Median and 95 % interval [deg/h] by mean and spread of the logarithm, of a further unit of the lot."""
+        n = len(self.known)
         reach = float(scipy.stats.t.ppf(0.5 + LEVEL / 2, n - 1)) * spread * np.sqrt(1.0 + 1.0 / n)
-        low, error, high = np.exp(x + middle + np.array([-reach, 0.0, reach])).tolist()
+        low, error, high = np.exp(middle + np.array([-reach, 0.0, reach])).tolist()
         return error, low, high
 
-    def _checked(self, rows: Sequence[_Rows]) -> tuple[FloatArray, FloatArray]:
-        """`scale` and `beyond`: each unit of the lot, cut off and calibrated by the others."""
-        found = np.empty((4, len(SHARES), len(rows)))
-        for unit, one in enumerate(rows):
-            others = _moments(np.delete(self.known, unit, axis=0))
+    def _checked(self) -> FloatArray:
+        """`scale`: each unit of the lot, cut off and calibrated by the others."""
+        found = np.empty((2, len(SHARES), len(self.units)))
+        for row, unit in enumerate(self.units):
             for i, share in enumerate(SHARES):
-                count = max(2, round(share * len(one.bias)))
-                amplitudes, left = self._posterior(one, count, *others)
-                error, rest = _size(left), _Rows(one.time[count:], one.columns[count:], one.bias[count:])
-                found[:2, i, unit] = error, np.log(self._left(one, amplitudes) / error)
-                if share <= _LATEST:
-                    found[2, i, unit] = np.hypot(error, self._moves(one.time[:count], rest.time))
-                    found[3, i, unit] = np.log(self._left(rest, amplitudes) / found[2, i, unit])
-        early = np.array(SHARES) <= _LATEST
-        return _table(found[0], found[1]), _table(found[2, early], found[3, early])
+                count = max(2, round(share * len(unit.whole.bias)))
+                amplitudes, left = self._posterior(unit.whole, count, unit.mean, unit.spread)
+                error = _size(left)
+                found[:, i, row] = error, np.log(self._left(unit.whole, amplitudes) / error)
+        return _table(found[0], found[1])
 
-    def _posterior(
-        self, rows: _Rows, count: int, mean: FloatArray, spread: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _posterior(self, rows: Way, count: int, mean: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Amplitudes by the first `count` rows, and their covariance."""
-        columns, bias = rows.columns[:count] @ self.basis, rows.bias[:count]
+        columns, bias = rows.columns[:count], rows.bias[:count]
         white, ratios = self.noise
         gain = columns @ spread
         whole = gain @ columns.T + white * dense(rows.time[:count], BLOCK_S, ratios)
         solved = np.linalg.solve(whole, np.column_stack([gain, bias - columns @ mean]))
         amplitudes = mean + gain.T @ solved[:, -1]
         left = spread - gain.T @ solved[:, :-1]
-        level = np.linalg.lstsq(self.basis, np.eye(len(self.basis))[0], rcond=None)[0]
-        amplitudes = amplitudes + level * float(np.mean(bias - columns @ amplitudes))
+        amplitudes = amplitudes + self._level() * float(np.mean(bias - columns @ amplitudes))
         return amplitudes, left
 
-    def _left(self, rows: _Rows, amplitudes: FloatArray) -> float:
-        square = float(np.mean((rows.bias - rows.columns @ self.basis @ amplitudes) ** 2)) - self.noise[0]
+    def _left(self, rows: Way, amplitudes: FloatArray) -> float:
+        square = float(np.mean((rows.bias - rows.columns @ amplitudes) ** 2)) - self.noise[0]
         return float(np.sqrt(max(square, _LEAST_SQUARE)))
 
 
@@ -266,21 +263,26 @@ def _moved(bound: Bound, effect: str, name: str, value: float) -> Bound:
     return replace(bound, theta={**bound.theta, effect: {**bound.theta[effect], name: value}})
 
 
-def _rows(fit: Fit, record: Dataset) -> _Rows:
+def _in(basis: FloatArray, rows: Way) -> Way:
+    """The same with columns in the prior's coordinates."""
+    return replace(rows, columns=rows.columns @ basis)
+
+
+def _rows(fit: Fit, record: Dataset) -> Way:
     """Means over two minutes of the rows that have temperature and bias; effects see the whole record."""
     whole = np.isfinite(record.channel("temperature"))
     record = record.select(whole) if not whole.all() else record
-    columns = np.column_stack([record.time, _columns(fit, record), record.bias])
+    columns = np.column_stack([record.time, record.channel("temperature"), _columns(fit, record), record.bias])
     columns = columns[np.isfinite(columns[:, -1])]
     if not len(columns):
         raise InputError(f"{record.name}: no row has a temperature and a rate")
     block = ((columns[:, 0] - columns[0, 0]) // BLOCK_S).astype(np.int64)
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     means = np.add.reduceat(columns, starts) / np.diff(np.append(starts, len(columns)))[:, None]
-    return _Rows(means[:, 0], means[:, 1:-1], means[:, -1])
+    return Way(means[:, 0], means[:, 1], means[:, 2:-1], means[:, -1])
 
 
-def _noise(rows: Sequence[_Rows], basis: FloatArray) -> tuple[float, Ratios]:
+def _noise(rows: Sequence[Way], basis: FloatArray) -> Noise:
     found = [profile_noise(one.columns @ basis, one.bias, one.time, (), BLOCK_S) for one in rows]
     white = float(np.median([one.sigma2 for one in found]))
     flicker = float(np.median([one.sigma2 * one.ratios.flicker for one in found]))

@@ -4,17 +4,18 @@ Equation: of a planned run only the columns X of the lot's model are needed, wit
 temperature; they give the covariance S' of the amplitudes that the run will leave of the lot's S (`prior`). In the
 prior's coordinates the trace of S' is the mean variance of the prediction over the lot's whole run: what an I-optimal
 design minimises (W. J. Studden, Ann. Stat. 5 (1977) 1411; Bayesian: K. Chaloner, I. Verdinelli, Stat. Sci. 10 (1995)
-273). The interval of the error is that of the lot's units, each cut off and calibrated by the others.
+273). Error and interval are those of simulated runs of the lot's units by the plan (`another_way`).
 
 Candidates go through the whole range of the lot, from its start: turning points in either order, there only or there
-and back, with a small loop on the way or none, at shares of the rates that the lot was driven at, with soaks or none.
-Faster rates than the lot's are not tried: how the lag behaves there was never seen.
+and back, with a small loop on the way or none, at shares of the rates that the lot was driven at, with soaks or none;
+and at multiples of them, as far as a chamber is known to go. What the model leaves between heating and cooling counts
+in proportion to the rate, so that a faster plan is taken only where lag and loop of the model carry it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -25,8 +26,11 @@ from bench.analysis.judging.prior import Prior
 from bench.base import InputError
 
 _SPEEDS = (1.0, 0.75, 0.5, 0.25)
+_FASTER = (1.25, 1.5, 2.0, 3.0)
 _SOAKS_MIN = (0.0, 10.0, 30.0)
-_BEYOND_DEGC = 0.5
+_LAST_MIN = 20.0
+"""Rest at the end, so that the unit gets there: a cell that it half went through looks unlike the lot's."""
+_LEAST_RECOGNISED = 0.97
 _ROUND = 20.0  # parts of a degC/min: what the thermometer adds to a rate is below
 _ROW_S = 30.0
 _SETTLE_MIN = 10.0
@@ -67,17 +71,24 @@ def driven_limits(prior: Prior) -> ChamberLimits:
     return ChamberLimits(low, high, *rates)
 
 
-def shortest(prior: Prior, target_dph: float) -> ShortPlan:
-    """The shortest candidate whose interval ends below the target; InputError where none does."""
-    bounds = driven_limits(prior)
+def shortest(prior: Prior, target_dph: float, fastest: tuple[float, float] | None = None) -> ShortPlan:
+    """The shortest candidate whose interval ends below the target; InputError where none does.
+
+    `fastest`: heating and cooling [degC/min] of the chamber; None: as fast as the lot was driven.
+    """
+    driven = driven_limits(prior)
+    heating, cooling = driven.heating_degc_per_min, driven.cooling_degc_per_min
+    if fastest is not None:
+        heating, cooling = max(heating, fastest[0]), max(cooling, fastest[1])
+    bounds = replace(driven, heating_degc_per_min=heating, cooling_degc_per_min=cooling)
     chamber = chamber_model(prior.records)
-    plans = sorted(candidates(prior, bounds, chamber), key=lambda plan: plan.duration_s)
+    plans = sorted(candidates(prior, driven, bounds, chamber), key=lambda plan: plan.duration_s)
     best: ShortPlan | None = None
     for tried, plan in enumerate(plans, 1):
         found = judged(prior, plan, bounds, chamber, tried)
         if found.seen < 1.0:
             continue
-        if found.high_dph <= target_dph:
+        if found.high_dph <= target_dph and _recognised(prior, plan, chamber):
             return found
         best = found if best is None or found.high_dph < best.high_dph else best
     if best is None:
@@ -86,6 +97,12 @@ def shortest(prior: Prior, target_dph: float) -> ShortPlan:
         f"none of {len(plans)} plans is sure to leave at most {target_dph:g} deg/h (--target): the best is expected to "
         f"leave {_told(best)} in {best.plan.duration_s / 3600.0:.1f} h; give a larger target, or calibrate a larger lot"
     )
+
+
+def _recognised(prior: Prior, plan: Plan, chamber: ChamberModel) -> bool:
+    """Whether the lot's own units would still look like their lot after this plan."""
+    planned = predicted_record(prior.records, plan.setpoint(), _ROW_S, chamber)
+    return prior.recognised(planned) >= _LEAST_RECOGNISED
 
 
 def _told(plan: ShortPlan) -> str:
@@ -99,16 +116,17 @@ def judged(prior: Prior, plan: Plan, limits: ChamberLimits, chamber: ChamberMode
     return ShortPlan(plan, limits, error, low, high, seen, prior.duration_s, tried)
 
 
-def candidates(prior: Prior, limits: ChamberLimits, chamber: ChamberModel) -> Iterator[Plan]:
+def candidates(prior: Prior, driven: ChamberLimits, limits: ChamberLimits, chamber: ChamberModel) -> Iterator[Plan]:
     """All plans that are tried; turning points lie so far out that the unit's thermometer gets to the lot's ends."""
+    ways = dict.fromkeys(_rates(driven, limits, speed) for speed in (*_SPEEDS, *_FASTER))
     first_degc = [
         float(one.channel("temperature")[np.isfinite(one.channel("temperature"))][0]) for one in prior.records
     ]
     start = float(round(float(np.median(first_degc)) - chamber.offset_degc))
     ends = (limits.lowest_degc, limits.highest_degc)
     low, high = (float(round(2.0 * (end - chamber.offset_degc)) / 2.0) for end in ends)
-    for cold_first, back, loop, speed, soak in product(
-        (True, False), ("none", "start", "other"), (False, True), _SPEEDS, _SOAKS_MIN
+    for cold_first, back, loop, rates, soak in product(
+        (True, False), ("none", "start", "other"), (False, True), ways, _SOAKS_MIN
     ):
         first, second = (low, high) if cold_first else (high, low)
         plan_name = f"short_{'cold' if cold_first else 'hot'}_first"
@@ -117,15 +135,21 @@ def candidates(prior: Prior, limits: ChamberLimits, chamber: ChamberModel) -> It
             points += [first + 0.5 * (second - first), first + 0.8 * (second - first)]
         points += {"none": [], "start": [start], "other": [first]}[back]
         rests = [soak if point in (low, high) else 0.0 for point in points]
-        yield Plan(plan_name, "", start, _moves(start, points, rests, limits, speed), _SETTLE_MIN)
+        rests[-1] = max(rests[-1], _LAST_MIN)
+        yield Plan(plan_name, "", start, _moves(start, points, rests, rates), _SETTLE_MIN)
+
+
+def _rates(driven: ChamberLimits, limits: ChamberLimits, speed: float) -> tuple[float, float]:
+    """Heating and cooling [degC/min] at so many times the rates that the lot was driven at, within the limits."""
+    heating = min(speed * driven.heating_degc_per_min, limits.heating_degc_per_min)
+    return heating, min(speed * driven.cooling_degc_per_min, limits.cooling_degc_per_min)
 
 
 def _moves(
-    start: float, points: Sequence[float], rests: Sequence[float], limits: ChamberLimits, speed: float
+    start: float, points: Sequence[float], rests: Sequence[float], rates: tuple[float, float]
 ) -> tuple[Move, ...]:
     moves, at = [], start
     for point, rest in zip(points, rests, strict=True):
-        fastest = limits.heating_degc_per_min if point > at else limits.cooling_degc_per_min
-        moves.append(Move(point, round(speed * fastest, 2), rest))
+        moves.append(Move(point, round(rates[0] if point > at else rates[1], 2), rest))
         at = point
     return tuple(moves)
