@@ -65,10 +65,8 @@ def choose(page, press, touch):
     press(page, plan)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("touch", [False, True], ids=["keyboard", "touch"])
-def test_a_new_gyro_goes_to_its_certificate(bench, visitors, touch):
-    page = visitors.come(bench.site.address, touch=touch)
+def begin(page, touch):
+    """From the start page to the calibration's run, by way of the forms that its certificate needs."""
     press = tap if touch else enter
     choose(page, press, touch)
     page.get_by_text("no laboratory and no signatory").wait_for()
@@ -93,12 +91,17 @@ def test_a_new_gyro_goes_to_its_certificate(bench, visitors, touch):
     page.wait_for_url("**/calibrations/GX-0815/*")
     page.get_by_role("heading", name="Calibration run").wait_for()
     page.get_by_role("progressbar").wait_for()
+
+
+@pytest.mark.slow
+def test_a_new_gyro_goes_to_its_certificate(bench, visitors):
+    page = visitors.come(bench.site.address)
+    begin(page, touch=False)
     picture(page, "calibration")
     printed = page.get_by_role("link", name="Print the certificate")
     printed.wait_for(timeout=2 * PATIENCE_MS)
     picture(page, "calibration-done")
-    if not touch:
-        press_tab_to(page, printed)
+    press_tab_to(page, printed)
     pdf = page.request.get(bench.site.address + printed.get_attribute("href"))
     assert (pdf.headers["content-disposition"].partition(";")[0], pdf.body()[:5]) == ("inline", b"%PDF-")
     job = page.url.partition("/calibrations/")[2]
@@ -109,15 +112,9 @@ def test_a_new_gyro_goes_to_its_certificate(bench, visitors, touch):
 
 
 @pytest.mark.slow
-def test_by_touch_a_calibration_is_aborted_and_goes_on(bench, visitors):
+def test_by_touch_a_calibration_is_begun_aborted_and_goes_on(bench, visitors):
     page = visitors.come(bench.site.address, size=TABLET, touch=True)
-    page.goto("/")
-    page.get_by_label("Serial number").fill("GX-0816")
-    page.get_by_role("button", name="Next").tap()
-    page.get_by_role("button", name=re.compile("^Slot of SIM-0001")).first.tap()
-    page.get_by_role("button", name=re.compile("^brief.*The whole way")).tap()
-    page.locator("button.giant:enabled").tap()
-    page.wait_for_url("**/calibrations/GX-0816/*")
+    begin(page, touch=True)
     page.get_by_role("button", name="Abort …").tap()
     page.get_by_role("button", name="Abort the run").tap()
     page.get_by_text("It can go on from there").wait_for()
@@ -128,7 +125,7 @@ def test_by_touch_a_calibration_is_aborted_and_goes_on(bench, visitors):
     page.get_by_role("button", name="Abort the run").tap()
     page.get_by_text("It can go on from there").wait_for()
     page.goto("/calibrations")
-    page.get_by_role("link", name="GX-0816").wait_for()
+    page.get_by_role("link", name="GX-0815").wait_for()
     picture(page, "calibrations-tablet")
 
 

@@ -157,12 +157,11 @@ class Bench:
 
         return until(seen)
 
-    def close(self):
+    def end_runs(self):
         """Abort what goes on, and wait until nothing of it is left."""
         for run in self.get("/live")["runs"]:
             self.client.post(f"/live/{run['run']}/abort?wait_s=60", json={})
         until(lambda: all(one["state"] in {"ended", "refused"} for one in self.get("/starts")["starts"]))
-        self.client.close()
 
 
 @contextmanager
@@ -172,4 +171,5 @@ def bench_over(out, project, *options, token=None):
         try:
             yield bench
         finally:
-            bench.close()
+            bench.end_runs()
+            bench.client.close()
