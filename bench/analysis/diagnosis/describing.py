@@ -80,7 +80,7 @@ class Describer:
         if steps and (explained.left or explained.drifts):
             beside = self._search(explained.layout)
             listed = self._listed(beside, explained.layout, tuple(step.name for step in steps))
-            if not listed and found and found[0].evidence > named - TIE:
+            if not listed and found and found[0].evidence > named - TIE and explained.word == "unknown_effect":
                 return Description(self._listed(plain, layout))  # no better than the effects, and no worse
             return Description(listed)
         return Description()
