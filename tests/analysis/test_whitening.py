@@ -15,7 +15,9 @@ def gapped_times(rows=400):
 
 
 @pytest.mark.parametrize("ratios", RATIOS)
-@pytest.mark.parametrize("time_s", [np.arange(333) * 30.0, gapped_times()], ids=["whole", "gapped"])
+@pytest.mark.parametrize(
+    "time_s", [np.arange(333) * 30.0, gapped_times(), np.arange(5) * 30.0], ids=["whole", "gapped", "short"]
+)
 def test_recursion_agrees_with_dense_cholesky(ratios, time_s):
     matrix = np.random.default_rng(1).normal(size=(len(time_s), 3))
     white = np.random.default_rng(2).uniform(1.0, 3.0, len(time_s))

@@ -144,7 +144,7 @@ class Whitener:
         blocks, width, _ = self.transfer.shape
         both = np.zeros((blocks, width, columns.shape[1]))
         whole = self.rows // _BLOCK
-        both[:whole, width - _BLOCK :] = columns[: whole * _BLOCK].reshape(whole, _BLOCK, -1)
+        both[:whole, width - _BLOCK :] = columns[: whole * _BLOCK].reshape(whole, _BLOCK, columns.shape[1])
         rest = columns[whole * _BLOCK :]
         if len(rest):
             both[whole, width - _BLOCK :][: len(rest)] = rest
