@@ -15,7 +15,9 @@ def gapped_times(rows=400):
 
 
 @pytest.mark.parametrize("ratios", RATIOS)
-@pytest.mark.parametrize("time_s", [np.arange(333) * 30.0, gapped_times()], ids=["whole", "gapped"])
+@pytest.mark.parametrize(
+    "time_s", [np.arange(333) * 30.0, gapped_times(), np.arange(7) * 30.0], ids=["whole", "gapped", "short"]
+)
 def test_recursion_agrees_with_dense_cholesky(ratios, time_s):
     matrix = np.random.default_rng(1).normal(size=(len(time_s), 3))
     white = np.random.default_rng(2).uniform(1.0, 3.0, len(time_s))
@@ -36,8 +38,9 @@ def test_many_ratios_at_once_are_the_same_as_one_by_one():
 def test_colouring_undoes_whitening():
     time_s = gapped_times(100)
     whitener = Whitener.of(Ratios(0.3, 0.2), time_s, 30.0)
-    matrix = np.random.default_rng(3).normal(size=(len(time_s), 4))
+    matrix = np.random.default_rng(3).normal(size=(len(time_s), 70))
     assert_allclose(whitener.apply(whitener.colour(matrix)), matrix, atol=1e-12)
+    assert whitener.apply(whitener.colour(matrix[:, :0])).shape == (len(time_s), 0)
 
 
 def test_whitening_is_causal():

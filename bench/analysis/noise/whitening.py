@@ -125,7 +125,7 @@ class Whitener:
             both[block, :states] = before[block - 1]
             before[block] += np.dot(step, before[block - 1])
         white: FloatArray = self.transfer[:, states:] @ both
-        return white.reshape(blocks * _BLOCK, -1)[: self.rows]
+        return white.reshape(blocks * _BLOCK, columns.shape[1])[: self.rows]
 
     def colour(self, matrix: FloatArray) -> FloatArray:
         """W^-1 @ matrix for columns (n, k): turns independent normal numbers into this noise with white variance 1."""
@@ -137,14 +137,14 @@ class Whitener:
             block[states:] = np.linalg.solve(transfer[states:, states:], block[states:] - known)
             block[:states] = before
             before = transfer[:states] @ block
-        return both[:, states:].reshape(len(both) * _BLOCK, -1)[: self.rows].reshape(matrix.shape)
+        return both[:, states:].reshape(len(both) * _BLOCK, both.shape[2])[: self.rows].reshape(matrix.shape)
 
     def _blocks(self, columns: FloatArray) -> FloatArray:
         """Blocks (blocks, states + 32, k): states of zero, the rows (n, k), zeros after the last."""
         blocks, width, _ = self.transfer.shape
         both = np.zeros((blocks, width, columns.shape[1]))
         whole = self.rows // _BLOCK
-        both[:whole, width - _BLOCK :] = columns[: whole * _BLOCK].reshape(whole, _BLOCK, -1)
+        both[:whole, width - _BLOCK :] = columns[: whole * _BLOCK].reshape(whole, _BLOCK, columns.shape[1])
         rest = columns[whole * _BLOCK :]
         if len(rest):
             both[whole, width - _BLOCK :][: len(rest)] = rest
