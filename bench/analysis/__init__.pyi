@@ -64,6 +64,7 @@ from .fit.rate_surface import points_of as points_of
 from .fit.samples import Samples as Samples
 from .fit.so_far import SoFar as SoFar
 from .fit.solve import one_blas_thread as one_blas_thread
+from .fit.weighting import OF_SUMS as OF_SUMS
 from .imu.attitudes import STANDARD_GRAVITY as STANDARD_GRAVITY
 from .imu.curves import Estimate as Estimate
 from .imu.curves import ImuCurves as ImuCurves

@@ -67,6 +67,7 @@ def noise(runs: tuple[Path, ...], output: str | None) -> Result:
 @model_option
 @effect_option
 @unseen_options
+@sister_option
 @limits_option
 @path_option("--figures", help="Instead: draw the figures as SVG and PNG, with their data as CSV, into this folder.")
 @output_option
@@ -77,14 +78,14 @@ def report(run_folder: Path, figures: Path | None, check_runs: tuple[Path, ...],
 
     A unit with several rates gets a report of each, in a run folder of its own beside RUN: RUN_rate_x and so on.
 
-    The diagnosis is repeated with the given --static and --check runs and saved as diagnosis.json. An earlier one that
-    used more runs is kept as diagnosis-before.json, and the report states this.
+    The diagnosis is repeated with the given --static, --sister and --check runs and saved as diagnosis.json. An earlier
+    one that used more runs is kept as diagnosis-before.json, and the report states this.
     """
     from bench import commands
 
     if figures is not None:
-        if check_runs or options.pop("limits") is not None:
-            raise click.UsageError("--figures draws the run and its models; it takes neither --check nor --limits")
+        if check_runs or options.pop("sisters") or options.pop("limits") is not None:
+            raise click.UsageError("--figures draws the run and its models; it takes no --check, --sister or --limits")
         return commands.figures(run_folder, out=figures, **options)
     return commands.report(run_folder, check=check_runs, **options)
 
@@ -161,6 +162,7 @@ def diagnose(check_runs: tuple[Path, ...], **options: Any) -> Result:
 @runs_argument
 @model_argument
 @unseen_options
+@sister_option
 @station_option
 @click.option("--most", type=click.IntRange(1, 20), default=3, show_default=True, help="Further runs that it may make.")
 @effect_option

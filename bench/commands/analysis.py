@@ -46,13 +46,14 @@ def kept_models(folder: Path) -> list[Model]:
     return [load_model(model) for model in files or DEFAULT_MODELS]
 
 
-def report(
+def report(  # noqa: PLR0913, PLR0917 - options of one command
     path: Path,
     models: Sequence[str],
     check: Sequence[Path] = (),
     static: Path | None = None,
     limits: Path | None = None,
     output: str | None = None,
+    sisters: Sequence[Path] = (),
 ) -> Reported | UnitsReported:
     """`bench report`: analyse a run again, or of a unit with several rates that of each; a killed run is recovered."""
     from bench.analysis import load_limits, load_model
@@ -63,8 +64,9 @@ def report(
     chosen = [load_model(model) for model in models] if models else kept_models(folder.path)
     if output is not None:
         still = None if static is None else of_one(static, output)
-        return report_on(of_output(folder, output), chosen, None, of_outputs(check, output), still, allowed)
-    return report_on_outputs(folder, chosen, None, check, static, allowed)
+        checks, others = of_outputs(check, output), of_outputs(sisters, output)
+        return report_on(of_output(folder, output), chosen, None, checks, still, allowed, others)
+    return report_on_outputs(folder, chosen, None, check, static, allowed, sisters)
 
 
 def of_one(path: Path, output: str | None) -> Path:
@@ -138,13 +140,14 @@ def usual_means(seconds: Sequence[Dataset]) -> list[Dataset]:
     return [averaged(run, DEFAULT_INTERVAL_S) for run in seconds]
 
 
-def report_on(
+def report_on(  # noqa: PLR0913, PLR0917 - options of one command
     folder: RunFolder,
     models: Sequence[Model],
     error: BenchError | None,
     check: Sequence[Path] = (),
     static: Path | None = None,
     limits: Limits | None = None,
+    sisters: Sequence[Path] = (),
 ) -> Reported:
     """Analyse a run, write its report, and say how it ended; its limits are those given, or those it was made with."""
     from bench.analysis import LIMITS_YAML, analyse, judged_by, load_limits
@@ -155,7 +158,7 @@ def report_on(
     if limits is None and own.is_file():
         limits = load_limits(own)
     tell_ahead([(folder.path.name, folder.manifest().created)])
-    analysis = analyse(folder.path, models, check, static=static)
+    analysis = analyse(folder.path, models, check, static=static, sisters=sisters)
     if limits is not None:
         analysis = judged_by(analysis, limits)
     write_report(analysis)

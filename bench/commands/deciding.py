@@ -21,6 +21,7 @@ def decide(  # noqa: PLR0913, PLR0917 - options of one command
     most: int,
     out: Path,
     quiet: bool,
+    sisters: Sequence[Path] = (),
 ) -> Decided:
     """Diagnose and run what is proposed, at most `most` times.
 
@@ -32,7 +33,8 @@ def decide(  # noqa: PLR0913, PLR0917 - options of one command
     rounds: list[Round] = []
     while True:
         plan = runs[0] / f"decide_{len(rounds) + 1}.yaml"
-        found = diagnose(known["run"], known["check"], next(iter(known["static"]), None), model, plan).diagnosis
+        still = next(iter(known["static"]), None)
+        found = diagnose(known["run"], known["check"], still, model, plan, sisters=sisters).diagnosis
         proposed = found.next_experiment
         if proposed is None:
             return Decided(found, True, _settled(found, rounds), tuple(rounds))

@@ -58,7 +58,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - options of one command
     datasets, checks, isothermal, floor_dph = _data(runs, check, static, output)
     found = find(
         datasets, load_model(model), check=checks, static=isothermal,
-        sisters=usual_means(recovered(sisters)) if sisters else (), floor_dph=floor_dph, surface=channels,
+        sisters=usual_means(recovered(sisters, output)) if sisters else (), floor_dph=floor_dph, surface=channels,
     )  # fmt: skip
     proposal = next_experiment(found, datasets, static=isothermal)
     if proposal is not None:

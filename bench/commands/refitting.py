@@ -35,7 +35,7 @@ def refit(
     model_name: str, root: Path, where: str | None, moments: Path | None, records: Path | None, options: RefitOptions
 ) -> Refitted:
     """Refit the moments of a file, by default those of the registry's runs, and write a record a unit."""
-    from bench.analysis import check, load_model
+    from bench.analysis import OF_SUMS, check, load_model
     from bench.archive import GROUP, stored_count, stored_groups, write_records
 
     model = load_model(model_name)
@@ -62,6 +62,7 @@ def refit(
         units_per_s=count / took_s,
         rms_dph=summary.quantiles(),
         failures=summary.failures,
+        weights={"by": "count", "reason": OF_SUMS},
         records=target,
     )
 

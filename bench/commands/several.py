@@ -28,24 +28,25 @@ def report_on_units(
     return report_on_outputs(result.run, models, result.error, limits=limits)
 
 
-def report_on_outputs(
+def report_on_outputs(  # noqa: PLR0913, PLR0917 - options of one command
     run: RunFolder,
     models: Sequence[Model],
     error: BenchError | None,
     check: Sequence[Path] = (),
     static: Path | None = None,
     limits: Limits | None = None,
+    sisters: Sequence[Path] = (),
 ) -> Reported | UnitsReported:
     """Analyse each rate of a unit by itself, with the same rate of the further runs."""
     runs = _apart(run)
     if len(runs) == 1:
-        return report_on(run, models, error, check, static, limits)
+        return report_on(run, models, error, check, static, limits, sisters)
     reports = []
     for each in runs:
         manifest = each.manifest()
-        checks = of_outputs(check, manifest.output)
+        checks, others = (of_outputs(paths, manifest.output) for paths in (check, sisters))
         still = None if static is None else of_one(static, manifest.output)
-        result = _report_on(each, models, error, checks, still, limits)
+        result = _report_on(each, models, error, checks, still, limits, others)
         reports.append(UnitReport(manifest.unit, result, error, manifest.output))
     return UnitsReported(tuple(reports))
 
@@ -75,16 +76,17 @@ def _apart(run: RunFolder) -> list[RunFolder]:
         return [run]
 
 
-def _report_on(
+def _report_on(  # noqa: PLR0913, PLR0917 - options of one command
     run: RunFolder,
     models: Sequence[Model],
     ended: BenchError | None,
     check: Sequence[Path] = (),
     static: Path | None = None,
     limits: Limits | None = None,
+    sisters: Sequence[Path] = (),
 ) -> Reported | NotAnalysed:
     try:
-        return report_on(run, models, ended, check, static, limits)
+        return report_on(run, models, ended, check, static, limits, sisters)
     except BenchError as error:
         return _not_analysed(run, ended, str(error), error.exit_code)
     except Exception as bug:

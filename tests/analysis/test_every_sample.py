@@ -195,3 +195,11 @@ def test_notes_of_others_are_in_the_status_of_a_live_run():
     desk = Desk()
     desk.notes = lambda: {"fits": {"G-1": {"seconds": 60}}}
     assert desk.status()["fits"] == {"G-1": {"seconds": 60}}
+
+
+def test_the_answer_says_that_every_sample_counts_alike(run, capsys):
+    with pytest.raises(SystemExit):
+        main(["compare", str(run.path), "--every-sample", "--model", "polynomial", "--json"])
+    (score,) = json.loads(capsys.readouterr().out)["models"]
+    assert score["weights"]["by"] == "count"
+    assert "do not keep their order in time" in score["weights"]["reason"]

@@ -86,7 +86,7 @@ KEYS = {
     "registry equipment list --out ROOT": "on equipment",
     "registry recall c --out ROOT": "equipment since runs unknown elsewhere",
     "fleet refit --model polynomial --out ROOT": """model units failed without_moments left_out engine seconds
-        units_per_s rms_dph failures records""",
+        units_per_s rms_dph failures weights records""",
 }
 NO_SUBSET = {"effects show aging", "registry show U-1 --out ROOT"}
 """These have further keys by what there is: sections of the documentation, tables."""

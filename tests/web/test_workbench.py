@@ -86,6 +86,12 @@ def test_the_hidden_effect_is_found_added_and_taken_back(client: httpx.Client, s
     ]  # fmt: skip
 
 
+def test_runs_of_sister_units_go_to_the_diagnosis(client: httpx.Client) -> None:
+    answer = ended(client, "/diagnoses", {"runs": [RUN], "sisters": [OTHER], "model": SPLINE})
+    assert answer["state"] == "failed"
+    assert "compared with one of the unit itself" in answer["detail"]
+
+
 def test_the_next_experiment_is_a_plan(client: httpx.Client, store: Path) -> None:
     limits = chamber_limits([load(store / RUN)])
     text = minor_loops(limits).to_yaml(limits, "Tells apart: hysteresis, creep.")

@@ -45,6 +45,7 @@ from bench.record import Dataset, refuse_mixed
 
 _LEAST_INTERVALS = 12
 """Automatic splines get at least these: with fewer, the misfit of the curve looks like an effect."""
+SISTERS_ALONE = "isothermal runs of sister units are compared with one of the unit itself; name it (--static)"
 _DRIFTS = "the run drifts more than the isothermal run, for a reason that no channel records"
 _UNMOVED = "the run does not change what this effect acts on: its terms look like those of the model"
 
@@ -72,7 +73,7 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     Raises InputError: no run, runs of several units, sisters without `static`, or the model cannot be fitted.
     """
     if sisters and static is None:
-        raise InputError("isothermal runs of sister units are compared with one of the unit itself; name it (--static)")
+        raise InputError(SISTERS_ALONE)
     refuse_mixed((*runs, *check, *([] if static is None else [static])))
     with one_blas_thread():
         case = _Case.of(tuple(runs), model, static, candidates, floor_dph, sisters)

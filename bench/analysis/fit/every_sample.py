@@ -29,6 +29,7 @@ from bench.analysis.fit.products import Products
 from bench.analysis.fit.samples import Samples
 from bench.analysis.fit.smooth import choose_intervals, spline_normal
 from bench.analysis.fit.state import BLOCK_S, State
+from bench.analysis.fit.weighting import OF_SUMS
 from bench.base import BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
@@ -98,6 +99,7 @@ class Pass:
             interval_s=_interval(records),
             runs=tuple(record.means.name for record in records),
             validity=self.validity or {},
+            weights_reason=OF_SUMS,
         )
 
 

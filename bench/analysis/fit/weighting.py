@@ -28,6 +28,11 @@ WeightsKind = Literal["noise", "count"]
 _MOST_LEFT = 2.5
 """Noise floors that a fit may leave: models that lack nothing left up to 2.55, such as lack an effect 2.3 to 9.6
 (`python -m benchmarks.weighting`)."""
+OF_SUMS = (
+    "the sums of a pass over the samples do not keep their order in time, so that slow noise cannot be taken away; "
+    "every sample counts alike"
+)
+"""Why a fit that is made from sums alone is not weighted by the noise."""
 MOST_ROWS = 4000
 """Rows up to which the noise is estimated beside a model: its whiteners take half a megabyte for a thousand rows."""
 

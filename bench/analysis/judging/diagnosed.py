@@ -53,16 +53,22 @@ class Diagnosed:
         return {"verdict": self.answer.verdict, "sentence": self.answer.sentence, "suspects": names}
 
 
-def diagnosed(
-    data: Dataset, model: Model, check: Sequence[Dataset], static: Dataset | None, floor_dph: float, plan: Path
+def diagnosed(  # noqa: PLR0913, PLR0917 - what a diagnosis rests on
+    data: Dataset,
+    model: Model,
+    check: Sequence[Dataset],
+    static: Dataset | None,
+    floor_dph: float,
+    plan: Path,
+    sisters: Sequence[Dataset] = (),
 ) -> Diagnosed:
-    """Diagnose `model` on a run, its check runs and its isothermal run.
+    """Diagnose `model` on a run, its check runs, its isothermal run and those of sister units.
 
     Where no diagnosis is possible, the answer is a reason, never an error. `floor_dph` is NaN where the floor is not
     known; `plan` is where the next experiment's profile will be.
     """
     try:
-        answer = diagnose([data], model, check=check, static=static, floor_dph=floor_dph)
+        answer = diagnose([data], model, check=check, static=static, sisters=sisters, floor_dph=floor_dph)
         proposal = next_experiment(answer, [data], static=static)
         proposed = {} if proposal is None else proposal.to_json(str(plan))
         yaml = "" if proposal is None else proposal.profile_yaml

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.analysis.diagnosis.compare import Score, beside_rotation, compare, ladder
+from bench.analysis.diagnosis.diagnose import SISTERS_ALONE
 from bench.analysis.effects.model import Model
 from bench.analysis.judging.analysis import NEXT_PROFILE, Analysis
 from bench.analysis.judging.calibration import calibration
@@ -48,20 +49,22 @@ _FREE = frozenset({"spline", "surface"})
 _PENDING = RunVerdict("unproven", "not judged yet")
 
 
-def analyse(
+def analyse(  # noqa: PLR0913 - options of one command, by keyword
     run_folder: Path | str,
     models: Sequence[Model] = (),
     check: Sequence[Path | str] = (),
     interval_s: float = DEFAULT_INTERVAL_S,
     *,
     static: Path | str | None = None,
+    sisters: Sequence[Path | str] = (),
     diagnose: bool = True,
 ) -> Analysis:
     """Analyse a run with `models` (default: those of the source papers) beside the baselines.
 
     With `check` runs of the same unit the held-out error is measured on them; an isothermal run `static` of it tells
-    the noise. An aborted or empty run raises no error: the analysis says so. Raises InputError when the folder is
-    not a run or one of the other runs cannot be read.
+    the noise, `sisters`, such runs of units like it, tell the diagnosis how it drifts. An aborted or empty run raises
+    no error: the analysis says so. Raises InputError when the folder is not a run or one of the other runs cannot be
+    read, and for `sisters` without `static`.
     `diagnose` asks which effect the best model lacks, in some ten seconds. Writes compare.json, calibration.json and,
     with a diagnosis, diagnosis.json into the run folder; one that knew more runs is kept under another name.
     """
@@ -69,10 +72,13 @@ def analyse(
     manifest = run.manifest()
     use(run.path, run.means.name, run.data.name)
     checks = [load(_of_unit(folder, manifest, "check"), interval_s) for folder in check]
+    if sisters and static is None:
+        raise InputError(SISTERS_ALONE)
+    kin = [load(RunFolder(Path(folder)).path, interval_s) for folder in sisters]
     isothermal = None if static is None else _of_unit(static, manifest, "isothermal")
     calm = None if isothermal is None else seconds_of(isothermal)
     still, fine = (None if calm is None else averaged(calm, s) for s in (interval_s, 1.0))
-    others = tuple(_lacking(check if static is None else (*check, static)))
+    others = tuple(_lacking((*check, *([] if static is None else [static]), *sisters)))
     seconds, data, reason = _means(run, interval_s)
     done = completeness(run, manifest, None if seconds is None else averaged(seconds, 1.0, whole=True))
     floor = Floor(reason=reason) if seconds is None else noise_floor([averaged(seconds, 1.0)], interval_s, fine)
@@ -84,7 +90,7 @@ def analyse(
     else:
         known = Analysis(run, manifest, interval_s, done, floor, _PENDING, data, others=others)
         result = _judged(known, data, models, checks)
-        result = _diagnosed(result, data, checks, still) if diagnose else result
+        result = _diagnosed(result, data, checks, still, kin) if diagnose else result
     _write(result)
     return result
 
@@ -163,7 +169,9 @@ def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Seq
     )
 
 
-def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset], static: Dataset | None) -> Analysis:
+def _diagnosed(
+    known: Analysis, data: Dataset, checks: Sequence[Dataset], static: Dataset | None, sisters: Sequence[Dataset]
+) -> Analysis:
     """Diagnose the best model of those fitted to all rows: a model of one branch lacks only the other one.
 
     A model with a free curve over temperature is preferred: a stiffer one lacks only the curve.
@@ -174,7 +182,8 @@ def _diagnosed(known: Analysis, data: Dataset, checks: Sequence[Dataset], static
     best = _best(free or whole)
     if best is None:
         return known
-    outcome = diagnosed(data, best.model, checks, static, known.floor.floor_dph, known.run.path / NEXT_PROFILE)
+    plan = known.run.path / NEXT_PROFILE
+    outcome = diagnosed(data, best.model, checks, static, known.floor.floor_dph, plan, sisters)
     reasons = (
         f"not diagnosed: {outcome.reason}" if outcome.answer is None else "",
         set_aside(known.run.path, outcome.answer),

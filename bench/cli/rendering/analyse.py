@@ -66,6 +66,8 @@ def _(result: Compared) -> Iterator[str | Table]:
     notes += [f"warning: {score.model.name}: {text}" for score in comparison.scores for text in score.fit.warnings]
     yield from ["", *notes] if notes else []
     if isinstance(result, ComparedSamples):
+        reasons = dict.fromkeys(score.fit.weights_reason for score in comparison.scores)
+        yield from ["", *(f"weighted by count: {reason}" for reason in reasons)]
         yield ""
         means = ((name, inside, outside) for name, (inside, outside) in result.seconds.items())
         yield ladder(means, result.seconds_floor_dph, 1.0)

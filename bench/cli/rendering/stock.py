@@ -249,6 +249,7 @@ def _(result: Refitted) -> Iterator[str]:
         f"({result.units_per_s:.0f} per second, {result.engine})"
     )
     yield f"RMS [deg/h]: median {number(result.rms_dph['median'])}, 95 % below {number(result.rms_dph['p95'])}"
+    yield f"weighted by {result.weights['by']}: {result.weights['reason']}"
     yield from [f"failed: {result.failed} units"] if result.failed else []
     yield from (f"  {line}" for line in result.failures)
     yield from (f"no moments: {line}" for line in result.without_moments)

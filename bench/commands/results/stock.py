@@ -146,6 +146,8 @@ class Refitted(Result):
     units_per_s: float
     rms_dph: Mapping[str, float | None]
     failures: Sequence[str]
+    weights: Mapping[str, str]
+    """How rows count, and why not by the noise."""
     records: Path
 
     @property

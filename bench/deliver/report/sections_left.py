@@ -14,6 +14,8 @@ from bench.deliver.report import plotting
 from bench.deliver.report.markup import figure, heading
 from bench.deliver.report.plotting import BLUE, GREY, SHADES, Plot, axis
 
+_TICKS_MIN = tuple(first * decade for decade in (0.1, 1, 10, 100, 1000) for first in (1, 2, 5))
+
 
 def left(answer: Diagnosis) -> Markup:
     """Memory and cells, where the diagnosis has them."""
@@ -25,9 +27,8 @@ def left(answer: Diagnosis) -> Markup:
         )
         parts += heading("Memory of what is left") + figure("fig-missing-memory", memory(answer.kernel), words, words)
     if answer.surface is not None:
-        words = (
-            f"{answer.surface.words[0].upper()}{in_print(answer.surface.words[1:])}. Grey cells are within the noise."
-        )
+        text = in_print(answer.surface.words).replace("_", " ").replace("+-", "±")
+        words = f"{text[0].upper()}{text[1:]}. Grey cells with a dot are within the noise."
         parts += heading("What is left over two channels")
         parts += figure("fig-missing-surface", surface(answer.surface), words, words)
     return parts
@@ -45,22 +46,28 @@ def memory(kernel: Kernel) -> Plot:
         x=plotting.plain(minutes), y=plotting.plain(kernel.value), mode="lines+markers", line={"color": BLUE},
         name="left after a step of 1 °C", hovertemplate="%{x:.1f} min: %{y:.3g} deg/h/°C<extra></extra>",
     )  # fmt: skip
-    layout = {"xaxis": axis("time since the step [min]", type="log"), "yaxis": axis("left [deg/h/°C]")}
+    ticks = [at for at in _TICKS_MIN if minutes[0] <= at <= minutes[-1]]
+    layout = {
+        "xaxis": axis("time since the step [min]", type="log", tickmode="array", tickvals=ticks),
+        "yaxis": axis("bias that is left [deg/h/°C]", zeroline=True, zerolinecolor=GREY),
+    }
     return plotting.plot([band, line], layout, 300)
 
 
 def surface(cells: ResidualSurface) -> Plot:
     """Cells that stand out of the noise in colour, the others grey."""
-    middle = [0.5 * (edge[1:] + edge[:-1]) for edge in cells.edges]
     seen = np.where(cells.stands_out, cells.mean, np.nan).T
-    noise = np.where(~cells.stands_out & (cells.count > 0), 0.0, np.nan).T
+    within = (~cells.stands_out & (cells.count > 0)).T
+    noise = np.where(within, 0.0, np.nan)
     largest = max(float(np.nanmax(np.abs(cells.mean), initial=0.0)), 1e-9)
     said = np.stack([cells.se.T, cells.count.T], axis=-1)
     common: dict[str, Any] = {
-        "x": plotting.plain(middle[0]), "y": plotting.plain(middle[1]), "xgap": 1, "ygap": 1, "hoverongaps": False,
+        "x": plotting.plain(cells.edges[0]), "y": plotting.plain(cells.edges[1]),
+        "xgap": 1, "ygap": 1, "hoverongaps": False,
     }  # fmt: skip
     grey = go.Heatmap(
         z=plotting.plain(noise), colorscale=[[0.0, GREY], [1.0, GREY]], opacity=0.35, showscale=False, hoverinfo="skip",
+        text=np.where(within, "·", "").tolist(), texttemplate="%{text}", textfont={"size": 16},
         **common,
     )  # fmt: skip
     colour = go.Heatmap(

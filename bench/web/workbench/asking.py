@@ -46,11 +46,15 @@ def model_json(model: Model) -> dict[str, Any]:
 
 
 class RunChoice(BaseModel):
-    """Runs of one unit: runs to fit, held-out runs, and an isothermal run that gives the noise."""
+    """Runs of one unit: runs to fit, held-out runs, and an isothermal run that gives the noise.
+
+    `sisters` are isothermal runs of units like it: the diagnosis learns from them how the noise drifts.
+    """
 
     runs: RunIds
     check: list[RunId] = Field(default_factory=list, max_length=MOST_RUNS)
     static: RunId | None = None
+    sisters: list[RunId] = Field(default_factory=list, max_length=MOST_RUNS)
 
     def resolved(self, request: Request) -> dict[str, Any]:
         """The runs for the computing process; raises what `resolved` raises."""
@@ -58,6 +62,7 @@ class RunChoice(BaseModel):
             "runs": resolved(request, self.runs),
             "check": resolved(request, self.check),
             "static": resolved(request, [self.static])[0] if self.static else None,
+            "sisters": resolved(request, self.sisters),
         }
 
 

@@ -50,7 +50,9 @@ def diagnosis(inputs: dict[str, Any]) -> dict[str, Any]:
     data, checks = [computing.dataset(run) for run in runs], [computing.dataset(run) for run in check]
     still = None if static is None else computing.dataset(static)
     model = computing.model_of(computing.model_text(inputs["model"]))
-    found = diagnose(data, model, check=checks, static=still, floor_dph=computing.floor(runs, static).floor_dph)
+    kin = [computing.dataset(run) for run in computing.runs_of(inputs["sisters"])]
+    floor_dph = computing.floor(runs, static).floor_dph
+    found = diagnose(data, model, check=checks, static=still, sisters=kin, floor_dph=floor_dph)
     content = found.to_json()
     suspects = zip(content["suspects"], found.suspects, strict=True)
     content["suspects"] = [{**entry, **_pictured(data, found, suspect)} for entry, suspect in suspects]

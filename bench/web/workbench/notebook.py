@@ -23,7 +23,8 @@ import bench
 archive = Path({archive})  # the folder of the runs
 runs = [bench.open(archive / run) for run in {runs}]
 check = [bench.open(archive / run) for run in {check}]  # no fit sees them
-static = {static}  # tells the noise"""
+static = {static}  # tells the noise
+sisters = [bench.open(archive / run) for run in {sisters}]  # of units like it: how the noise drifts"""
 _MODELS = """\
 import tempfile
 
@@ -42,7 +43,7 @@ fit = bench.fit(runs, models[-1], check=check, static=static)
 print(fit.summary())
 fit.plot()"""
 _DIAGNOSE = """\
-why = bench.diagnose(runs, models[-1], check=check, static=static)
+why = bench.diagnose(runs, models[-1], check=check, static=static, sisters=sisters)
 print(why.summary())
 why.plot()"""
 
@@ -63,10 +64,12 @@ def notebook(request: Request, body: NotebookRequest, here: Here) -> dict[str, A
     archive = here.out.resolve() if request.app.state.access.open else Path("reports")
     texts = [model.model().to_yaml() for model in body.models]
     opened = f"bench.open(archive / {body.static!r})" if body.static else "None"
+    runs = {"runs": body.runs, "check": body.check, "sisters": body.sisters}
+    begin = _OPEN.format(archive=repr(str(archive)), static=opened, **runs)
     title = f"# {', '.join(body.runs)}: {body.models[-1].name}"
     return _notebook([
         ("markdown", f"{title}\n\nMade from the workbench. It needs `pip install 'gyro-thermal-bench[notebook]'`."),
-        ("code", _OPEN.format(archive=repr(str(archive)), runs=body.runs, check=body.check, static=opened)),
+        ("code", begin),
         ("markdown", "## The models, in order"),
         ("code", _MODELS.format(texts=json.dumps(texts, ensure_ascii=False, indent=4))),
         ("code", _COMPARE),

@@ -1,10 +1,10 @@
-// The chosen runs, each with its role: fitted, held out, or isothermal for the noise.
+// The chosen runs, each with its role: fitted, held out, isothermal for the noise, or isothermal of a unit like it.
 import { html, t, runName, unitOf } from "./parts.js";
 import { ROLES } from "./state.js";
 
-const WORDS = () => ({ fit: t("workbench.role.fit"), check: t("workbench.role.check"), static: t("workbench.role.static") });
-const HINTS = () => ({ fit: t("workbench.role.fit_hint"), check: t("workbench.role.check_hint"), static: t("workbench.role.static_hint") });
-const SHAPES = { fit: "●", check: "◇", static: "▬" };
+const WORDS = () => ({ fit: t("workbench.role.fit"), check: t("workbench.role.check"), static: t("workbench.role.static"), sister: t("workbench.role.sister") });
+const HINTS = () => ({ fit: t("workbench.role.fit_hint"), check: t("workbench.role.check_hint"), static: t("workbench.role.static_hint"), sister: t("workbench.role.sister_hint") });
+const SHAPES = { fit: "●", check: "◇", static: "▬", sister: "▭" };
 
 /** `chosen`, `offered`: [{run, role}]; a run that is offered is used only after a click, because it changes the numbers. The bar also opens the list again, to add a run or to start with another one. */
 export function Chosen({ chosen, offered, act, onAdd, onOther, onCompare }) {

@@ -1,5 +1,5 @@
 // The workbench's state in the address of the page, and the results that belong to it.
-import { api, useEffect, useMemo, useState } from "./parts.js";
+import { api, unitOf, useEffect, useMemo, useState } from "./parts.js";
 import { here, navigate } from "../../lib/router.js";
 import { useStore } from "../../lib/store.js";
 import { addressOf, change, stateOf } from "./state.js";
@@ -13,6 +13,7 @@ const isCheck = (row) => /^check|_check|verif/i.test(row.profile);
 /** Most likely role of a run of this profile beside those already chosen. */
 export function likelyRole(row, chosen) {
   if (!chosen.length) return "fit";
+  if (isStatic(row) && !chosen.some((one) => unitOf(one.run) === row.unit)) return "sister";
   if (isStatic(row) && !chosen.some((one) => one.role === "static")) return "static";
   return "check";
 }
@@ -36,13 +37,13 @@ function act(action) {
   navigate(location.pathname + addressOf(next), { replace: SILENT.includes(action.type), state: { steps: next.steps, at: next.at } });
 }
 
-/** State of the address and `act(action)`, which changes it; `runs` {runs, check, static} in the form of the API, null while nothing can be fitted. */
+/** State of the address and `act(action)`, which changes it; `runs` {runs, check, static, sisters} in the form of the API, null while nothing can be fitted. */
 export function useSession() {
   const place = useStore(here);
   return useMemo(() => {
     const state = read();
     const of = (role) => state.chosen.filter((one) => one.role === role).map((one) => one.run);
-    const runs = of("fit").length ? { runs: of("fit"), check: of("check"), static: of("static")[0] ?? null } : null;
+    const runs = of("fit").length ? { runs: of("fit"), check: of("check"), static: of("static")[0] ?? null, sisters: of("sister") } : null;
     const model = state.steps[state.at].model;
     const before = state.steps[state.at - 1]?.model ?? null;
     return { ...state, steps: state.steps.slice(0, state.at + 1), undone: state.steps.length - state.at - 1, runs, act, model, before };

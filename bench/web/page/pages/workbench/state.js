@@ -3,7 +3,7 @@
 import { effectWord } from "./effects.js";
 import { START_MODEL } from "./first.js";
 
-export const ROLES = ["fit", "check", "static"];
+export const ROLES = ["fit", "check", "static", "sister"];
 const label = (effect) => `+ ${effectWord(effect.effect)}`;
 
 /** The state after an action. */
@@ -51,7 +51,7 @@ export function change(state, action) {
 }
 
 /** Parameters of the address by role of a run. */
-const PARAMETERS = { fit: "run", check: "check", static: "static" };
+const PARAMETERS = { fit: "run", check: "check", static: "static", sister: "sister" };
 /** What is shown, by parameter of the address, and its default: figure, its run, its abscissa, residual in the loop, picture of a suspect, range of x. */
 const VIEW = { figure: "time", of: "", over: "temperature", left: "", picture: "", zoom: "" };
 /** Whether two models are the same. */
