@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.analysis.diagnosis.candidates import orthonormal, outside
 from bench.analysis.diagnosis.described import DescribedFormula
-from bench.analysis.diagnosis.formulas import FormulaSearch
+from bench.analysis.diagnosis.formulas import ALIKE, FormulaSearch
 from bench.analysis.diagnosis.found_formula import FoundFormula
 from bench.analysis.diagnosis.held_out import unseen
 from bench.analysis.diagnosis.probes import examine
@@ -74,7 +75,7 @@ class Describer:
         plain = self._search(layout, explained.first.point)
         found = plain.answer.found
         named = _joint(explained, layout) if steps else 0.0
-        if found and (not steps or found[0].evidence > named + TIE):
+        if found and (not steps or (found[0].evidence > named + TIE and not self._named(found[0], layout, explained))):
             listed = self._listed(plain, layout)
             return Description((*self._two(layout, plain), *listed)[:_MOST], bool(steps))
         if steps and (explained.left or explained.drifts):
@@ -87,6 +88,14 @@ class Describer:
 
     def _search(self, layout: Layout, best: Point | None = None, first: FoundFormula | None = None) -> FormulaSearch:
         return FormulaSearch(layout, self.lattice, self.seed, best, self.workers, first)
+
+    def _named(self, one: FoundFormula, layout: Layout, explained: Explanation) -> bool:
+        """Whether the effects found may contribute just what the formula does: it then writes them in a shorter way."""
+        way = self.lattice.at([one.point])[0][0]
+        model, longer = (way.apply(each.problem.base) for each in (layout, explained.layout))
+        added = orthonormal(outside(orthonormal(model), longer))
+        inside = added.T @ one.white
+        return float(inside @ inside) > ALIKE**2 * float(one.white @ one.white)
 
     def _listed(
         self, search: FormulaSearch, layout: Layout, beside: tuple[str, ...] = ()

@@ -35,7 +35,7 @@ _STEPS = 3  # by which each of them grows at most
 _BRANCHES = 2  # that are refined in each step
 _NEAR = 10.0  # evidence that refinement may add to what the grid shows
 _NULLS = 60
-_ALIKE = 0.97  # correlation of whitened columns beside the model: these data cannot tell the two apart
+ALIKE = 0.97  # correlation of whitened columns beside the model: these data cannot tell the two apart
 _PEAKS = 6  # of the periodogram
 _PADDED = 4  # times its length: a peak lies between the frequencies of a discrete transform
 
@@ -120,7 +120,7 @@ class FormulaSearch:
     @staticmethod
     def _alike(one: FoundFormula, other: FoundFormula) -> bool:
         product = float(one.white @ other.white)
-        return product**2 > _ALIKE**2 * float(one.white @ one.white) * float(other.white @ other.white)
+        return product**2 > ALIKE**2 * float(one.white @ one.white) * float(other.white @ other.white)
 
     def _price(self, count: int) -> float:
         return 2.0 * float(np.log(max(count, 1)))
