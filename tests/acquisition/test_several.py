@@ -272,7 +272,7 @@ def unit(serial, error=None):
 
 
 def test_the_answer_for_several_is_the_worst_and_one_that_cannot_be_analysed_loses_nothing(monkeypatch):
-    def report_on(run, models, error, check, static, limits):
+    def report_on(run, models, error, *further):
         if run.path.name == "G2":
             raise InputError("too little data")
         word, code = ("adequate", 0) if error is None else ("partial", error.exit_code)

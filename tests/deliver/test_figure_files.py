@@ -96,7 +96,7 @@ def test_a_run_on_a_table_has_both_surfaces_and_both_ways_through_them(tmp_path)
 def test_what_it_cannot_do_is_refused_in_one_line(drawn, tmp_path):
     run = drawn[0]
     done = bench("report", run, "--figures", tmp_path, "--check", run)
-    assert (done.exit_code, "neither --check nor --limits" in done.output) == (2, True)
+    assert (done.exit_code, "takes no --check, --sister or --limits" in done.output) == (2, True)
     with patch("bench.deliver.report.figure_files.find_spec", return_value=None):
         done = bench("report", run, "--figures", tmp_path, "--model", "polynomial")
     assert (done.exit_code, "matplotlib" in done.stderr) == (2, True)

@@ -191,7 +191,7 @@ class Refiner:
         else:
             simplex = scipy.optimize.minimize(
                 function,
-                at,
+                at.clip(0.0, 1.0),  # a value at its bound lies beyond it by a rounding
                 method="Nelder-Mead",
                 bounds=[(0.0, 1.0)] * len(at),
                 options={"maxfev": 60 * len(at), "xatol": 1e-4, "fatol": 1e-3},

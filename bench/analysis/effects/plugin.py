@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import keyword
 import sys
 from collections.abc import Iterator
@@ -41,12 +40,12 @@ def _module(place: str) -> ModuleType:
         if not path.is_file():
             raise InputError("no such file with an effect", path)
         key = f"bench_effect_{path.resolve().as_posix().encode().hex()}"
-        spec = importlib.util.spec_from_file_location(key, path)
-        if spec is None or spec.loader is None:
-            raise InputError("is not a Python file", path)
-        module = importlib.util.module_from_spec(spec)
+        # Compiled each time: kept bytecode is taken for that of a file of the same size, saved in the same second.
+        code = compile(path.read_bytes(), str(path), "exec", dont_inherit=True)
+        module = ModuleType(key)
+        module.__file__ = str(path)
         sys.modules[key] = module  # dataclasses look their module up there
-        spec.loader.exec_module(module)
+        exec(code, vars(module))
     return module
 
 
