@@ -4,9 +4,10 @@
 
 Every truth is integrated by itself at one second from the states of the chamber and the channels of a unit, with states
 of its own, and shares no operator with the bench. It is added to a run with the noise of the simulated unit, at a
-strength (RMS that the static curve cannot absorb over that of the noise). *Equivalent*: on a run that no fit saw, of
-another profile, the answer predicts at least 80 % of the variance that the truth adds beside a static curve. Results
-are appended to the file as they come; what stands there already is not run again. Prints one JSON object.
+strength (RMS that the static curve cannot absorb over that of the noise). The bench is given a run and a check run.
+*Equivalent*: on a run that it was not given, of a third profile, the answer predicts at least 80 % of the variance that
+the truth adds beside a static curve; `checked` is the error on the check run, over the true model's. Results are
+appended to the file as they come; what stands there already is not run again. Prints one JSON object.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from benchmarks.bars import table
 from benchmarks.outside_truths import FROZEN, SECOND, THIRD, TRUTHS, World
 from benchmarks.trials import MODEL
 
-RUN, CHECK = cases.TWO_RATES, cases.LOOPS
+RUN, CHECK, JUDGE = cases.TWO_RATES, cases.LOOPS, "steps_-40_85"
 LEAST_SHARE = 0.8
 MOST_RATIO = 1.15
 
@@ -49,42 +50,43 @@ class Trial:
 def run_trial(trial: Trial) -> dict[str, Any]:
     """What the bench answers, and how well its answer predicts an unseen run."""
     made, truth = _unit(trial)
-    first, check, still = made
+    first, check, judge, still = made
     began = time.process_time()
     found = diagnose([first], MODEL, check=[check], static=still)
     spent = time.process_time() - began
     formula = next(iter(found.formulas), None)
     model = found.improved if formula is None else formula.model
-    before = _left(MODEL, first, check)
-    after, oracle = _left(model, first, check), _oracle(first, check, truth)
-    share = 1.0 - (_rms(after) ** 2 - _rms(oracle) ** 2) / max(_rms(before) ** 2 - _rms(oracle) ** 2, 1e-12)
+    before, after, oracle = _errors(model, first, judge, truth[0], truth[2])
+    share = 1.0 - (after**2 - oracle**2) / max(before**2 - oracle**2, 1e-12)
+    checked = _errors(model, first, check, truth[0], truth[1])
     return {
         "verdict": found.verdict,
         "found": [suspect.effect for suspect in found.found],
         "formula": "" if formula is None else formula.formula,
         "evidence": None if formula is None else round(formula.evidence, 1),
         "share": round(share, 4),
-        "ratio": round(_rms(after) / _rms(oracle), 4),
-        "before": round(_rms(before) / _rms(oracle), 4),
+        "ratio": round(after / oracle, 4),
+        "before": round(before / oracle, 4),
+        "checked": round(checked[1] / checked[2], 4),
         "cpu_s": round(spent, 2),
     }
 
 
-def _unit(trial: Trial) -> tuple[tuple[Dataset, Dataset, Dataset], tuple[FloatArray, FloatArray]]:
-    """Run, check run and isothermal run of a unit, and what the truth adds to the first two [deg/h]."""
+def _unit(trial: Trial) -> tuple[tuple[Dataset, ...], tuple[FloatArray, ...]]:
+    """Run, check run, judging run and isothermal run of a unit, and what the truth adds to the first three [deg/h]."""
     case = cases.case((), 0.0, trial.seed, RUN, MODEL)
     name = f"{trial.truth}"
     added = []
-    for number, profile in enumerate((RUN, CHECK)):
+    for number, profile in enumerate((RUN, CHECK, JUDGE)):
         quiet = case.quiet(profile, number)
-        rng = np.random.default_rng([trial.seed, *map(ord, name)])  # the same unit in both runs
+        rng = np.random.default_rng([trial.seed, *map(ord, name)])  # the same unit in all runs
         series = TRUTHS[trial.truth](world(quiet, profile), rng)
         added.append((quiet, _means(series, quiet.time)))
     first, one = added[0]
     target = trial.strength * cases.rms(cases.absorbed(first, case.noise(RUN, 0), MODEL))
     factor = target / max(cases.rms(cases.absorbed(first, one, MODEL)), 1e-12)
     runs = [_plus(quiet, factor * values) for quiet, values in added]
-    return (runs[0], runs[1], case.quiet(cases.STATIC, 4)), (factor * one, factor * added[1][1])
+    return (*runs, case.quiet(cases.STATIC, 4)), tuple(factor * values for _, values in added)
 
 
 def _means(series: FloatArray, time_s: FloatArray) -> FloatArray:
@@ -126,9 +128,12 @@ def _left(model: Model, first: Dataset, check: Dataset) -> FloatArray:
     return np.asarray(left - np.nanmean(left))
 
 
-def _oracle(first: Dataset, check: Dataset, truth: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """The same of the static model where the truth is taken away exactly."""
-    return _left(MODEL, _plus(first, -truth[0]), _plus(check, -truth[1]))
+def _errors(
+    model: Model, first: Dataset, other: Dataset, truth: FloatArray, its: FloatArray
+) -> tuple[float, float, float]:
+    """RMS on another run of the static model, of a model, and of the static model without the truth, taken away."""
+    oracle = _left(MODEL, _plus(first, -truth), _plus(other, -its))
+    return _rms(_left(MODEL, first, other)), _rms(_left(model, first, other)), _rms(oracle)
 
 
 def _rms(values: FloatArray) -> float:

@@ -178,13 +178,13 @@ def decide(check_runs: tuple[Path, ...], **options: Any) -> Result:
 
 
 @click.command()
-@click.argument("effect", shell_complete=completion.effects)
+@click.argument("effect", nargs=-1, required=True, shell_complete=completion.effects)
 @model_argument
 @path_option("--out", required=True, help="The new model file.")
 @effect_option
 @answers
-def add(effect: str, model: str, out: Path) -> Result:
-    """Write a model with one more EFFECT; `bench compare` then shows whether the error decreases.
+def add(effect: tuple[str, ...], model: str, out: Path) -> Result:
+    """Write a model with one more EFFECT, or several; `bench compare` then shows whether the error decreases.
 
     EFFECT is a name of `bench effects`, a formula such as "k * dT_dt * quadrature", or what `bench diagnose` writes of
     a formula that it found.

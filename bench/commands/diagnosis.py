@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -79,11 +80,11 @@ def _data(
     return datasets, usual_means(recovered(check, output)), next(iter(usual_means(still)), None), floor_dph
 
 
-def add(effect: str, model: str, out: Path) -> EffectAdded:
-    """`bench add`: a model with one more effect, as a new file."""
+def add(effects: Sequence[str], model: str, out: Path) -> EffectAdded:
+    """`bench add`: a model with further effects, as a new file."""
     from bench.analysis import add_effect, load_model
 
-    longer = replace(add_effect(load_model(model), effect), name=out.stem)
+    longer = replace(reduce(add_effect, effects, load_model(model)), name=out.stem)
     if out.exists():
         raise InputError("already exists; nothing was written: choose another name with --out", out)
     write(out, longer.to_yaml())

@@ -13,7 +13,7 @@ FEW = [effects.make(name) for name in ("thermal_lag", "temperature_rate")]
 @pytest.mark.slow
 @pytest.mark.parametrize("formulas", [True, False])
 def test_what_no_effect_describes_is_added_as_a_formula_that_lowers_the_error_unless_none_is_wanted(formulas, tmp_path):
-    (first, check, still), _ = outside._unit(outside.Trial("duffing", 3.0, 1))
+    (first, check, _, still), _ = outside._unit(outside.Trial("duffing", 3.0, 1))
     found = improve([first], [check], outside.MODEL, static=still, candidates=FEW, formulas=formulas)
     before, after = (outside._rms(outside._left(m, first, check)) for m in (outside.MODEL, found.model))
     if not formulas:

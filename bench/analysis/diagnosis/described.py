@@ -23,6 +23,8 @@ class DescribedFormula:
     words: str
     like: str
     evidence: float
+    borne: float
+    """What check runs add to the evidence; 0 without any."""
     held_out_before_dph: float
     held_out_rms_dph: float
     proof: Proof
@@ -37,12 +39,18 @@ class DescribedFormula:
     residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     """What is left of each run (n,) with it in the model [deg/h]."""
 
+    @property
+    def added(self) -> str:
+        """What `bench add` takes: the effects that it stands beside, then the formula."""
+        return " ".join([*self.beside, f"'{self.expression}'"])
+
     def to_json(self) -> dict[str, Any]:
         """An entry of `formulas`."""
         return {
             "formula": self.formula,
             "expression": self.expression,
             "evidence": finite(self.evidence),
+            "check_evidence": finite(self.borne),
             "held_out_before_dph": finite(self.held_out_before_dph),
             "held_out_rms_dph": finite(self.held_out_rms_dph),
             "proved": self.proof.proved,
@@ -67,8 +75,9 @@ def sentence(best: DescribedFormula) -> str:
     )
     like = f", {best.like}" if best.like else ""
     beside = f" beside {', '.join(best.beside)}" if best.beside else ""
-    text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; evidence {best.evidence:.0f})."
-    text += f" With it {best.proof.words}; add it with bench add '{best.expression}'."
+    borne = f" and {best.borne:.0f} from the check run" if best.borne else ""
+    text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; evidence {best.evidence:.0f}{borne})."
+    text += f" With it {best.proof.words}; add it with bench add {best.added}."
     if best.equivalent:
         text += f" This data cannot tell it from {' or '.join(best.equivalent[:2])}."
     return text + (f" Caution: {best.caution}." if best.caution else "")

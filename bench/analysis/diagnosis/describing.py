@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.analysis.diagnosis.candidates import orthonormal, outside
+from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.described import DescribedFormula
-from bench.analysis.diagnosis.formulas import ALIKE, FormulaSearch
-from bench.analysis.diagnosis.found_formula import FoundFormula
-from bench.analysis.diagnosis.held_out import unseen
+from bench.analysis.diagnosis.formulas import FormulaSearch
+from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, together
+from bench.analysis.diagnosis.held_out import Unseen, unseen
 from bench.analysis.diagnosis.probes import examine
 from bench.analysis.diagnosis.proof import prove
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
-from bench.analysis.thresholds import FURTHER_EVIDENCE, TIE
+from bench.analysis.thresholds import EXPLAINED_RATIO, FURTHER_EVIDENCE, TIE
 from bench.base import FloatArray
 from bench.record import Dataset
 
 _MOST = 5
+_MOST_TERMS = 3
+_ALIKE = 0.97  # correlation of whitened columns beside the model: these data cannot tell the two apart
 _ACTS = 0.9  # of its square sum: the range of temperature where it acts
 _ONE_PLACE = 0.1  # of the gain: less than this on either half of the legs is not seen twice
 _IMPLAUSIBLE = 1.0  # of the spread of the bias over the run: a term larger than that cancels something
@@ -61,89 +63,139 @@ class Description:
 
 
 @dataclass(frozen=True, eq=False)
+class _Ranked:
+    """A formula that a search found: the layout and the error with it, what check runs say, and what is like it."""
+
+    one: FoundFormula
+    after: Layout
+    scored: Unseen
+    borne: float
+    alike: tuple[str, ...] = ()
+
+    @property
+    def total(self) -> float:
+        """Evidence of the fitted runs and of the check runs."""
+        return self.one.evidence + self.borne
+
+    @property
+    def raw(self) -> float:
+        """Gain in 2 ln L of both, nothing paid."""
+        return self.one.gain + self.borne
+
+
+@dataclass(frozen=True, eq=False)
 class Describer:
-    """Searches formulas and describes them; `check` are the runs that no fit sees."""
+    """Searches formulas and describes them; `check` are the runs that no fit sees, `floor_dph` the noise floor."""
 
     lattice: NoiseLattice
     check: Sequence[Dataset]
+    floor_dph: float
     seed: int = 0
     workers: int = 1
 
     def describe(self, layout: Layout, explained: Explanation) -> Description:
-        """Formulas beside the model alone, or beside the effects that were found where a misfit is left."""
-        steps = explained.steps
-        plain = self._search(layout, explained.first.point)
-        found = plain.answer.found
-        named = _joint(explained, layout) if steps else 0.0
-        if found and (not steps or (found[0].evidence > named + TIE and not self._named(found[0], layout, explained))):
-            listed = self._listed(plain, layout)
-            return Description((*self._two(layout, plain), *listed)[:_MOST], bool(steps))
-        if steps and (explained.left or explained.drifts):
-            beside = self._search(explained.layout)
-            listed = self._listed(beside, explained.layout, tuple(step.name for step in steps))
-            if not listed and found and found[0].evidence > named - TIE and explained.word == "unknown_effect":
-                return Description(self._listed(plain, layout))  # no better than the effects, and no worse
-            return Description(listed)
-        return Description()
+        """Formulas beside the model alone, or beside the effects that were found where they leave more."""
+        found = self._search(layout, explained.first.point)
+        borne = Borne(self.check, layout.problem.statics, found[0].point if found else explained.last.point)
+        plain = self._ranked(layout, found, borne)
+        if not explained.steps:
+            return Description(self._answer(layout, plain, borne))
+        named, raw = self._named(layout, explained, borne)
+        if plain and plain[0].total > named + TIE and plain[0].raw > raw + TIE:  # and is not only written shorter
+            return Description(self._answer(layout, plain, borne), replaces=True)
+        beside = self._ranked(explained.layout, self._search(explained.layout, explained.last.point), borne)
+        if not beside and plain and plain[0].total > named - TIE and explained.word == "unknown_effect":
+            return Description(self._listed(layout, plain))  # no better than the effects, and no worse
+        names = tuple(step.name for step in explained.steps)
+        return Description(self._answer(explained.layout, beside, borne, names))
 
-    def _search(self, layout: Layout, best: Point | None = None, first: FoundFormula | None = None) -> FormulaSearch:
-        return FormulaSearch(layout, self.lattice, self.seed, best, self.workers, first)
+    def _search(self, layout: Layout, best: Point, first: FoundFormula | None = None) -> tuple[FoundFormula, ...]:
+        return FormulaSearch(layout, self.lattice, self.seed, best, self.workers, first).search()
 
-    def _named(self, one: FoundFormula, layout: Layout, explained: Explanation) -> bool:
-        """Whether the effects found may contribute just what the formula does: it then writes them in a shorter way."""
-        way = self.lattice.at([one.point])[0][0]
-        model, longer = (way.apply(each.problem.base) for each in (layout, explained.layout))
-        added = orthonormal(outside(orthonormal(model), longer))
-        inside = added.T @ one.white
-        return float(inside @ inside) > ALIKE**2 * float(one.white @ one.white)
+    def _ranked(self, layout: Layout, found: Sequence[FoundFormula], borne: Borne) -> list[_Ranked]:
+        """What a search found by all evidence, best first, without what these data cannot tell from a better one."""
+        before = unseen(layout.rows, layout.theta, self.check)
+        ranked = []
+        for one in found:
+            after = layout.adding(one.effect, one.theta)
+            scored = unseen(after.rows, after.theta, self.check, len(one.amplitudes))
+            ranked.append(_Ranked(one, after, scored, borne.gain(before.left, scored.left)))
+        ranked.sort(key=lambda each: -each.total)
+        leaders: list[_Ranked] = []
+        for each in ranked:
+            near = next((i for i, leader in enumerate(leaders) if _alike(leader.one, each.one)), None)
+            if near is None:
+                leaders.append(each)
+            elif each.one.formula != leaders[near].one.formula:
+                leaders[near] = replace(leaders[near], alike=(*leaders[near].alike, each.one.text))
+        return leaders
+
+    def _answer(
+        self, layout: Layout, ranked: Sequence[_Ranked], borne: Borne, names: tuple[str, ...] = ()
+    ) -> tuple[DescribedFormula, ...]:
+        """The best formula and more terms beside it while something is left and they pay, then single formulas."""
+        if not ranked:
+            return ()
+        terms, last = [ranked[0]], ranked[0]
+        while len(terms) < _MOST_TERMS:
+            point, open_ = self._left(layout, last)
+            further = self._ranked(last.after, self._search(last.after, point, terms[0].one), borne) if open_ else []
+            if not further or further[0].total <= FURTHER_EVIDENCE:
+                break
+            last = further[0]
+            terms.append(last)
+        longer = [self._described(layout, terms, (), names)] if len(terms) > 1 else []
+        return (*longer, *self._listed(layout, ranked, names))[:_MOST]
+
+    def _left(self, layout: Layout, last: _Ranked) -> tuple[Point, bool]:
+        """The noise beside a formula, and whether probes, or the error on check runs, say that more is missing."""
+        problem = last.after.problem
+        surface = Surface.of(problem.records(), self.lattice, restricted=True)
+        surface.visit([last.one.point])
+        point = surface.descend(last.one.point)
+        if last.scored.left.by == "check" and last.scored.left.rms_dph > EXPLAINED_RATIO * self.floor_dph:
+            return point, True
+        return point, bool(examine(problem, layout.probes(), self.lattice, point).alarms)
+
+    def _named(self, layout: Layout, explained: Explanation, borne: Borne) -> tuple[float, float]:
+        """Evidence of all effects found together, beside the model alone, and their gain with nothing paid."""
+        more = explained.layout.problem.base.shape[1] - layout.problem.base.shape[1]
+        before, after = (unseen(each.rows, each.theta, self.check).left for each in (layout, explained.layout))
+        raw = explained.first.minus2logl - explained.last.minus2logl + borne.gain(before, after)
+        return float(raw - more * np.log(len(layout.problem.y))), float(raw)
 
     def _listed(
-        self, search: FormulaSearch, layout: Layout, beside: tuple[str, ...] = ()
+        self, layout: Layout, ranked: Sequence[_Ranked], beside: tuple[str, ...] = ()
     ) -> tuple[DescribedFormula, ...]:
-        found = search.answer
-        best = found.found[0].evidence if found.found else 0.0
-        tied = [one.text for one in found.found[1:] if one.evidence >= best - TIE]
+        tied = [each.one.text for each in ranked[1:] if each.total >= ranked[0].total - TIE]
         listed = []
-        for rank, (one, alike) in enumerate(list(zip(found.found, found.alike, strict=True))[:_MOST]):
-            equivalent = tuple(dict.fromkeys([*(tied if rank == 0 else []), *alike]))
-            listed.append(self._described(layout, (one,), equivalent, beside))
+        for rank, each in enumerate(ranked[:_MOST]):
+            equivalent = tuple(dict.fromkeys([*(tied if rank == 0 else []), *each.alike]))
+            listed.append(self._described(layout, (each,), equivalent, beside))
         return tuple(listed)
 
-    def _two(self, layout: Layout, plain: FormulaSearch) -> tuple[DescribedFormula, ...]:
-        """The best formula and another beside it, where something is left beside the first; empty otherwise."""
-        first = plain.answer.found[0]
-        longer = layout.adding(first.effect, first.theta)
-        surface = Surface.of(longer.problem.records(), self.lattice, restricted=True)
-        surface.visit([first.point])
-        left = examine(longer.problem, layout.probes(), self.lattice, surface.descend(first.point))
-        if not any(finding.name != "noise" for finding in left.alarms):
-            return ()
-        second = next(iter(self._search(longer, first=first).answer.found), None)
-        if second is None or second.evidence <= FURTHER_EVIDENCE:
-            return ()
-        return (self._described(layout, (first, second), (), ()),)
-
     def _described(
-        self, layout: Layout, parts: Sequence[FoundFormula], equivalent: tuple[str, ...], beside: tuple[str, ...]
+        self, layout: Layout, terms: Sequence[_Ranked], equivalent: tuple[str, ...], beside: tuple[str, ...]
     ) -> DescribedFormula:
-        first, *others = parts
-        effect, theta = first.with_(others[0]) if others else (first.effect, first.theta)
+        parts = [term.one for term in terms]
+        text, effect, theta = together(parts)
         after = layout.adding(effect, theta)
         scored = unseen(after.rows, after.theta, self.check, sum(len(part.amplitudes) for part in parts))
         before = unseen(layout.rows, layout.theta, self.check, like=scored.left)
         contribution = np.sum([part.contribution for part in parts], axis=0)
         return DescribedFormula(
-            formula=others[0].beside(first) if others else first.text,
+            formula=text,
             expression=entry_text(effect),
             words=", and ".join(part.formula.words for part in parts),
             like="; ".join(dict.fromkeys(filter(None, (_like(part.text) for part in parts)))),
             evidence=sum(part.evidence for part in parts),
+            borne=sum(term.borne for term in terms),
             held_out_before_dph=before.rms_dph,
             held_out_rms_dph=scored.rms_dph,
             proof=prove(before.left, scored.left),
             size_dph=float(np.std(contribution)),
             amplitudes=tuple(
-                entry for part, name in zip(parts, "km", strict=False) for entry in part.amplitude_entries(name)
+                entry for part, name in zip(parts, AMPLITUDES, strict=False) for entry in part.amplitude_entries(name)
             ),
             acts=_acts(layout.temperature, contribution),
             caution=_caution(layout, parts, contribution),
@@ -155,11 +207,9 @@ class Describer:
         )
 
 
-def _joint(explained: Explanation, layout: Layout) -> float:
-    """Evidence of all effects found together, beside the model alone."""
-    more = explained.layout.problem.base.shape[1] - layout.problem.base.shape[1]
-    gain = explained.first.minus2logl - explained.last.minus2logl
-    return float(gain - more * np.log(len(layout.problem.y)))
+def _alike(one: FoundFormula, other: FoundFormula) -> bool:
+    product = float(one.white @ other.white)
+    return product**2 > _ALIKE**2 * float(one.white @ one.white) * float(other.white @ other.white)
 
 
 def _like(text: str) -> str:

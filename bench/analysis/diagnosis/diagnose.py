@@ -182,9 +182,8 @@ class _Case:
             static="" if self.static is None else self.static.name,
             sisters=self.sisters,
         )
-        formulas, instead = self._formulas(
-            explained, improved, Describer(self.lattice, check, seed, workers), proved=bool(decision.proved)
-        )
+        describer = Describer(self.lattice, check, self.floor_dph, seed, workers)
+        formulas, instead = self._formulas(explained, improved, describer, proved=bool(decision.proved))
         if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
             proved = False if answer.found else formulas[0].proof.proved
             nearest = answer.nearest or (answer.found[0].effect if answer.found else "")

@@ -9,8 +9,8 @@ over them). What chance reaches is learnt from noise simulated from the model al
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -35,17 +35,8 @@ _STEPS = 3  # by which each of them grows at most
 _BRANCHES = 2  # that are refined in each step
 _NEAR = 10.0  # evidence that refinement may add to what the grid shows
 _NULLS = 60
-ALIKE = 0.97  # correlation of whitened columns beside the model: these data cannot tell the two apart
 _PEAKS = 6  # of the periodogram
 _PADDED = 4  # times its length: a peak lies between the frequencies of a discrete transform
-
-
-@dataclass(frozen=True, eq=False)
-class Formulas:
-    """What a search found, best first, and in words those that these data cannot tell from each."""
-
-    found: tuple[FoundFormula, ...]
-    alike: tuple[tuple[str, ...], ...]
 
 
 class FormulaSearch:
@@ -72,12 +63,7 @@ class FormulaSearch:
         self._surface.visit([self._best])
         self._refiner = Refiner(layout.problem, lattice)
 
-    @cached_property
-    def answer(self) -> Formulas:
-        """What the search found."""
-        return self.search()
-
-    def search(self) -> Formulas:
+    def search(self) -> tuple[FoundFormula, ...]:
         """The formulas that beat chance, best first."""
         singles = [*self.grammar.singles(), self.grammar.line(self._periods())]
         pairs = self.grammar.pairs()
@@ -101,26 +87,7 @@ class FormulaSearch:
         for one in found[:_GROWN]:
             found += self._grown(one, len(pairs))
         found.sort(key=lambda one: -one.evidence)
-        return self._answer(found, threshold)
-
-    def _answer(self, found: list[FoundFormula], threshold: float) -> Formulas:
-        """Leaders of what cannot be told apart, and the others of their group in words."""
-        above = [one for one in found if one.evidence > max(threshold, FORMULA_EVIDENCE)]
-        leaders: list[FoundFormula] = []
-        groups: list[list[str]] = []
-        for one in above:
-            near = next((i for i, leader in enumerate(leaders) if self._alike(leader, one)), None)
-            if near is None:
-                leaders.append(one)
-                groups.append([])
-            elif one.formula != leaders[near].formula:
-                groups[near].append(one.text)
-        return Formulas(tuple(leaders), tuple(tuple(dict.fromkeys(group)) for group in groups))
-
-    @staticmethod
-    def _alike(one: FoundFormula, other: FoundFormula) -> bool:
-        product = float(one.white @ other.white)
-        return product**2 > ALIKE**2 * float(one.white @ one.white) * float(other.white @ other.white)
+        return tuple(one for one in found if one.evidence > max(threshold, FORMULA_EVIDENCE))
 
     def _price(self, count: int) -> float:
         return 2.0 * float(np.log(max(count, 1)))
@@ -208,7 +175,8 @@ class FormulaSearch:
         columns, base = self.columns(formula, theta), self._layout.problem.base
         paid = candidate.paid(base.shape[1], columns.shape[1])
         log_n = float(np.log(len(self._layout.problem.y)))
-        evidence = self._surface.height(self._best) - reached - paid * log_n - price
+        gain = self._surface.height(self._best) - reached
+        evidence = gain - paid * log_n - price
         way = self._lattice.at([point])[0][0]
         sigma2 = self._refiner.sigma2(candidate, theta, point)
         fit = gls(np.column_stack([base, columns]), self._layout.problem.y, way, sigma2)
@@ -218,7 +186,7 @@ class FormulaSearch:
         deviations = self._refiner.deviations(candidate, theta, fit.beta, point)[base.shape[1] :][: columns.shape[1]]
         before = gls(base, self._layout.problem.y, way, sigma2)
         gains = np.cumsum(before.residual**2 - fit.residual**2) / sigma2
-        return FoundFormula(formula, theta, evidence, point, sigma2, own, deviations, contribution, white, gains)
+        return FoundFormula(formula, theta, evidence, gain, point, sigma2, own, deviations, contribution, white, gains)
 
     def _grown(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
         """The formula with a block or a parameter more, and again, while that pays."""

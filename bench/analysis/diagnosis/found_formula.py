@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,8 @@ class FoundFormula:
     formula: Formula
     theta: Theta
     evidence: float
+    gain: float
+    """In 2 ln L, nothing paid for it."""
     point: Point
     sigma2: float
     amplitudes: FloatArray
@@ -43,10 +46,6 @@ class FoundFormula:
         """The formula with the numbers that were found."""
         return self.formula.text(numbers(self.theta))
 
-    def beside(self, first: FoundFormula) -> str:
-        """Both, with the numbers that were found."""
-        return f"{first.text} + {self.formula.text(numbers(self.theta), 'm')}"
-
     @property
     def on_bound(self) -> bool:
         """Whether the search of a parameter ended at an end of its range."""
@@ -61,15 +60,27 @@ class FoundFormula:
         """Gain up to the middle of the rows, and up to the end."""
         return np.array([self.gains[len(self.gains) // 2], self.gains[-1]])
 
-    def with_(self, other: FoundFormula) -> tuple[Expression, Theta]:
-        """Both as one effect, and its parameters."""
-        mine, theirs = self.effect, other.formula.near(other.theta, "m")
-        text, bounds = theirs.formula, dict(theirs.bounds)
-        for name in other.formula.names:
-            if name in mine.bounds:
-                text = re.sub(rf"\b{name}\b", f"{name}_m", text)
-                bounds[f"{name}_m"] = bounds.pop(name)
-        return Expression(f"{mine.formula} + {text}", {**mine.bounds, **bounds}), (*self.theta, *other.theta)
+
+AMPLITUDES = "kmq"
+"""Of the terms of one answer, in their order."""
+
+
+def together(parts: Sequence[FoundFormula]) -> tuple[str, Expression, Theta]:
+    """All terms as one: in words with the numbers that were found, as an effect, and its parameters."""
+    texts, formulas = [], []
+    bounds: dict[str, tuple[float, float]] = {}
+    for part, amplitude in zip(parts, AMPLITUDES, strict=False):
+        near = part.formula.near(part.theta, amplitude)
+        formula, own = near.formula, dict(near.bounds)
+        for name in part.formula.names:
+            if name in bounds:
+                formula = re.sub(rf"\b{name}\b", f"{name}_{amplitude}", formula)
+                own[f"{name}_{amplitude}"] = own.pop(name)
+        bounds |= own
+        formulas.append(formula)
+        texts.append(part.formula.text(numbers(part.theta), amplitude))
+    theta = tuple(value for part in parts for value in part.theta)
+    return " + ".join(texts), Expression(" + ".join(formulas), bounds), theta
 
 
 def numbers(theta: Theta) -> list[str]:

@@ -71,9 +71,11 @@ class Grammar:
         if not formula.pair and formula.degree < _MOST_DEGREE:
             along = formula.along or self._centred("temperature")
             yield replace(formula, degree=formula.degree + 1, along=along), (values,)
-        for block in self.modifiers():
-            if block.text not in have:
-                yield replace(formula, blocks=(*formula.blocks, block)), tuple((*values, *one) for one in block.grid)
+        for modifier in self.modifiers():
+            for block in (modifier, modifier.looser):
+                if block and block.text not in have:
+                    tried = tuple((*values, *one) for one in block.grid)
+                    yield replace(formula, blocks=(*formula.blocks, block)), tried
         for number, block in enumerate(formula.blocks):
             if formula.pair and number == 0:
                 continue

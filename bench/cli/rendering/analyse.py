@@ -331,7 +331,9 @@ def _formulas(diagnosis: Diagnosis) -> Iterator[str | Table]:
     if diagnosis.formulas:
         rows = [(f"  {f.formula}", f"{f.evidence:.1f}", number(f.held_out_rms_dph)) for f in diagnosis.formulas]
         yield table(("Formulas", ">evidence", ">held-out"), rows)
-        yield f"  add the first with: bench add '{diagnosis.formulas[0].expression}' --model MODEL --out FILE"
+        added = f"bench add {diagnosis.formulas[0].added} --model MODEL --out better.yaml"
+        yield f"  add the first with: {added}"
+        yield "  and see the error fall with: bench compare RUN --check CHECK --model MODEL --model better.yaml"
         yield ""
 
 

@@ -134,7 +134,7 @@ def _formulas(data: Dataset, answer: Diagnosis) -> Markup:
         plot = figures_diagnosis.partial_residual(data, x, best.residuals[0], best.contribution[0], "formula")
         words = f"The formula alone, over {x.title}: the data (dots, diamonds are means) and the formula."
         parts += figure("fig-missing-formula", plot, words, words)
-    return parts + commands([f"bench add '{best.expression}' --model {answer.model.name} --out better.yaml"])
+    return parts + commands([f"bench add {best.added} --model {answer.model.name} --out better.yaml"])
 
 
 def _meanings(answer: Diagnosis) -> Iterator[tuple[str, str]]:
