@@ -75,8 +75,8 @@ def sentence(best: DescribedFormula) -> str:
     )
     like = f", {best.like}" if best.like else ""
     beside = f" beside {', '.join(best.beside)}" if best.beside else ""
-    borne = f" and {best.borne:.0f} from the check run" if best.borne else ""
-    text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; evidence {best.evidence:.0f}{borne})."
+    evidence = f"evidence {best.evidence:.0f}" + (f" and {best.borne:.0f} from the check run" if best.borne else "")
+    text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; {evidence})."
     text += f" With it {best.proof.words}; add it with bench add {best.added}."
     if best.equivalent:
         text += f" This data cannot tell it from {' or '.join(best.equivalent[:2])}."
