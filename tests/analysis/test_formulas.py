@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.grammar import Grammar
 from bench.analysis.effects.expression import Expression
 from bench.analysis.effects.model import Model, effect_from, entry_text, load_model
@@ -36,17 +37,21 @@ def test_a_formula_predicts_an_unseen_run_of_a_unit_that_no_effect_of_the_catalo
 def test_what_is_found_is_added_as_it_is_written(quiet, tmp_path):
     run, still = quiet
     wave = 0.4 * np.sin(2.0 * np.pi * run.channel("temperature") / 9.3 + 1.0)
-    answer = diagnose(
-        [replace(run, channels={**run.channels, "rate": run.channels["rate"] + wave})], MODEL, static=still
-    )
+    waved = replace(run, channels={**run.channels, "rate": run.channels["rate"] + wave})
+    answer = diagnose([waved], MODEL, static=still)
     best = answer.to_json()["formulas"][0]
     assert answer.verdict == "unknown_effect"
+    assert best["proved"]
+    assert answer.noise_finding == ""  # the run drifts more only without the formula
+    proposal = next_experiment(answer, [waved], static=still)
+    assert proposal is None if not best["equivalent"] else proposal.separates[0] == best["formula"]
     assert "like an etalon" in answer.sentence
     assert best["held_out_rms_dph"] < 0.6 * best["held_out_before_dph"]
     out = tmp_path / "better.yaml"
-    done = CliRunner().invoke(main, ["add", best["expression"], "--model", "spline", "--out", str(out)])
+    done = CliRunner().invoke(main, ["add", "aging", best["expression"], "--model", "spline", "--out", str(out)])
     assert done.exit_code == 0, done.output
-    (added,) = [effect for effect in load_model(out).effects if effect.name == "expression"]
+    _, aging, added = load_model(out).effects
+    assert (aging.name, added.name) == ("aging", "expression")
     assert {p.name: p.low < 9.3 < p.high for p in added.parameters} == {"period_degc": True}
 
 

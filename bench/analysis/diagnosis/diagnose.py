@@ -188,6 +188,8 @@ class _Case:
             proved = False if answer.found else formulas[0].proof.proved
             nearest = answer.nearest or (answer.found[0].effect if answer.found else "")
             answer = replace(answer, verdict="unknown_effect", nearest=nearest, proved=proved)
+        if formulas and formulas[0].proof.proved and answer.noise_finding == _DRIFTS:
+            answer = replace(answer, noise_finding="")  # measured without the formula
         answer = replace(answer, formulas=formulas)
         return replace(answer, sentence=sentence(answer, explained.drifts, decision.why))
 

@@ -107,11 +107,13 @@ def next_experiment(
     """The run that decides what a diagnosis of these runs left open; None where it left nothing open.
 
     Of several effects found it takes the first that has look-alikes. The rivals are fitted here again, beside
-    everything else that was found.
+    everything else that was found. Where a proved formula stands in their place, it is the formulas that are open.
     """
-    open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes), None)
+    described = any(formula.proof.proved and not formula.beside for formula in diagnosis.formulas[:1])
+    open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes and not described), None)
     if open_ is None:
-        open_word = diagnosis.verdict == "undecided" or (diagnosis.verdict == "unknown_effect" and not diagnosis.found)
+        unknown = diagnosis.verdict == "unknown_effect" and (described or not diagnosis.found)
+        open_word = diagnosis.verdict == "undecided" or unknown
         try:
             return _telling(diagnosis, limits or chamber_limits(runs), static) if open_word else None
         except InputError:  # no temperature, or one that stands still: nothing says what the chamber can do
@@ -137,6 +139,12 @@ def next_experiment(
 def _telling(diagnosis: Diagnosis, limits: ChamberLimits, static: Dataset | None) -> Proposal | None:
     """The run that tells what a misfit is that no effect explains; None where there is none."""
     word, names = str(diagnosis.verdict), [suspect.effect for suspect in diagnosis.found]
+    best = next(iter(diagnosis.formulas), None)
+    if word == "unknown_effect" and best is not None and best.proof.proved:
+        if not best.equivalent:
+            return None
+        why = "formulas that fit these runs equally well predict different errors on it: give it as --check"
+        return _proposal(minor_loops(limits), limits, (best.formula, *best.equivalent[:2]), why, use="check")
     if word == "undecided" and names:
         what = f"whether {' and '.join(names)} {'is' if len(names) == 1 else 'are'} missing"
         why = f"it shows on data that no fit has seen {what}: give it as --check"

@@ -111,7 +111,7 @@ def _slow(answer: Diagnosis) -> str:
 
 def _unknown(answer: Diagnosis, drifts: bool) -> str:
     rest = answer.unexplained
-    if drifts and not rest:
+    if drifts and not rest and answer.noise_finding:
         return f"The model lacks something that the catalogue does not explain: {answer.noise_finding}."
     if answer.nearest:
         return _nearest(answer)
