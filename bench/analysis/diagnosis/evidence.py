@@ -2,8 +2,8 @@
 
 E_j = (-2 ln L of the base) - (-2 ln L with candidate j) - k_j ln n: base and candidate are fitted together, its
 nonlinear parameters searched on a grid and then continuously, and the noise ratios profiled on either side. What chance
-alone reaches is learnt from runs of the fitted base, whose noise is that beside the best candidate: beside the base alone
-a slow effect is taken for slow noise, and chance then seems to reach as far as the effect.
+alone reaches is learnt from runs of the fitted base with the noise beside the best candidate: beside the base alone a
+slow effect is taken for slow noise, and chance then seems to reach as far as the effect.
 
 L is marginal: amplitudes are integrated out under a prior, normal about zero with the variance of the white noise for
 a column of RMS one outside the base. This adds ln |X' C^-1 X| - ln |X' X| to -2 ln L and leaves k ln n, all there is of
