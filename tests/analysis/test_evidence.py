@@ -123,6 +123,19 @@ def test_chance_is_drawn_at_every_noise_that_the_data_allow():
     assert_allclose(np.std(runs[:, ~wandering]), 1.0, rtol=0.01)
 
 
+def test_what_chance_reaches_does_not_grow_with_a_slow_effect():
+    """Beside the base alone a line over time is taken for a walk, among which chance reaches far."""
+    line = Candidate("line", lambda _: TIME[:, None] / 3600.0)
+    plain = problem("nothing", 3)
+    reached = []
+    for dph_per_h in (0.15, 0.3):
+        aged = Problem(TIME, plain.y + dph_per_h * TIME / 3600.0, plain.base, 30.0)
+        found = weigh(aged, [line], nulls=60, lattice=LATTICE)
+        assert 0.0 < found.suspects[0].evidence < 40.0
+        reached.append(found.threshold + found.luck["line"])
+    assert_allclose(reached[1], reached[0], atol=0.1)
+
+
 def test_a_rival_without_hope_is_judged_in_passing_and_stays_behind():
     data = problem("supply_voltage")
     rivals = candidates()

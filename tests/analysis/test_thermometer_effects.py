@@ -51,6 +51,8 @@ def test_an_offset_grows_with_time_or_follows_the_air():
     data = record(TIME, temperature=TRUE, chamber_temperature=TRUE + 5.0)
     drift = effects.make("thermometer_offset").abscissa(data, {"drift_degc_per_h": 0.2})
     assert_allclose(drift - TRUE, 0.2 * TIME / 3600.0, atol=1e-12)
+    slower = effects.make("thermometer_offset", {"over": "root"}).abscissa(data, {"drift_degc_per_h": 0.2})
+    assert_allclose(slower - TRUE, 0.2 * np.sqrt(TIME / 3600.0), atol=1e-12)
     high = effects.make("thermometer_offset", {"over": "air", "reads": "high"})
     assert_allclose(high.abscissa(data, {"share": 0.1}) - TRUE, -0.5, atol=1e-12)
     assert high.needs == ("temperature", "chamber_temperature")

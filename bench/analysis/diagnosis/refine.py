@@ -78,18 +78,28 @@ class Refiner:
 
     def height(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """-2 ln L of base and candidate."""
-        at = self._at(point)
-        rss, volume = self._judged(candidate, theta, point)
-        return at.freedom * float(np.log((rss + at.still) / at.freedom)) + at.log_det + volume
+        return self._measured(candidate, theta, point)[0]
 
     def sigma2(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """White variance of one mean that goes with `height` [(deg/h)^2]."""
-        at = self._at(point)
-        return (self.rss(candidate, theta, point) + at.still) / at.freedom
+        return self._measured(candidate, theta, point)[1]
+
+    def surface(self, candidate: Candidate, theta: Theta) -> Surface:
+        """`height` and `sigma2` over the noise, the parameters fixed."""
+        own = candidate.columns(theta)
+        fixed = replace(candidate, columns=lambda _: own)
+        return Surface(self.lattice, lambda point: self._measured(fixed, theta, point))
 
     def rss(self, candidate: Candidate, theta: Theta, point: Point) -> float:
         """Whitened residual square sum of the run under base and candidate."""
         return self._left(candidate, candidate.columns(theta), point)[0]
+
+    def _measured(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[float, float]:
+        """`height` and `sigma2`."""
+        at = self._at(point)
+        rss, volume = self._judged(candidate, theta, point)
+        sigma2 = (rss + at.still) / at.freedom
+        return at.freedom * float(np.log(sigma2)) + at.log_det + volume, sigma2
 
     def _judged(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[float, float]:
         """That square sum, and ln |X' C^-1 X| of base and candidate, the candidate's relative to white noise."""
@@ -167,9 +177,7 @@ class Refiner:
 
     def _denoise(self, candidate: Candidate, start: Start, base: Point, steps: Sequence[int]) -> Start:
         """The noise profiled at fixed parameters, from the better of the start's and the base's."""
-        own = candidate.columns(start.theta)
-        fixed = replace(candidate, columns=lambda _: own)
-        surface = Surface(self.lattice, lambda point: (self.height(fixed, start.theta, point), np.nan))
+        surface = self.surface(candidate, start.theta)
         surface.visit([start.point, base])
         point = surface.descend(min((start.point, base), key=surface.height), steps=steps)
         return Start(start.theta, point, surface.height(point))
