@@ -29,8 +29,9 @@ USUAL: Mapping[str, tuple[str, ...]] = {
 """Units that a quantity is usually given in, by the unit that the bench keeps it in."""
 
 _SPELLINGS = {
-    "c": "degC", "°c": "degC", "℃": "degC", "deg_c": "degC", "celsius": "degC",
-    "f": "degF", "°f": "degF", "k": "kelvin",
+    "c": "degC", "°c": "degC", "℃": "degC", "deg_c": "degC", "degc": "degC", "celsius": "degC",
+    "f": "degF", "°f": "degF", "degf": "degF", "k": "kelvin", "deg/s": "degree/second", "°/s": "degree/second",
+    "deg/h": "degree/hour", "°/h": "degree/hour", "rad/s": "radian/second",
     "dph": "degree/hour", "dps": "degree/second", "mdps": "millidegree/second", "udps": "microdegree/second",
     "radps": "radian/second", "rads": "radian/second", "rad_s": "radian/second", "urad/s": "microradian/second",
     "deg_h": "degree/hour", "deg_hr": "degree/hour", "deg/hr": "degree/hour", "deg_s": "degree/second",
@@ -39,6 +40,8 @@ _SPELLINGS = {
     "h": "hour", "hr": "hour", "grad": "", "grad/s": "", "grad/h": "", "grad/sec": "", "grad/min": "", "grad_s": "",
 }  # fmt: skip
 """Spellings of the trade where pint reads something else (C is coulomb to it) or nothing; "" is ambiguous."""
+_SIGNS = re.compile(r"[\w°µ/*^()·⁻¹²³%. -]+")
+"""What units consist of; pint leaves out other signs, and would read °/√h as °/h."""
 
 _FORCES = {"g": "standard_gravity", "mg": "millistandard_gravity", "ug": "microstandard_gravity", "m/s²": "m/s^2"}
 """Spellings of accelerations; the gram is none."""
@@ -65,13 +68,14 @@ class Conversion:
 
 def conversion(unit: str, kept: str, what: str) -> Conversion:
     """From `unit` into one of `USUAL`; ConfigError, which names `what`, for an unknown one or one of something else."""
-    unit = unit.strip(" ").replace("Â°", "°")  # a DBC in UTF-8, which is read as Windows-1252
+    # A DBC in UTF-8 may be read as Windows-1252; keyboards have other signs that look like that of the degree.
+    unit = re.sub("Â°|º|˚", "°", unit.strip(" "))
     if unit in {kept, ""}:
         return Conversion()
     if (unit, kept) in _AT_ONCE:
         return Conversion(_AT_ONCE[unit, kept])
     given, allowed = _parse(unit, kept), ", ".join(USUAL[kept])
-    if given is None and _SPELLINGS.get(unit.lower()) == "":
+    if given is None and _SPELLINGS.get(_plain(unit)) == "":
         raise ConfigError(f"'{unit}' has two meanings{_MEANINGS.get(unit.lower()[:4], '')}; {what} may be in {allowed}")
     if given is None:
         raise ConfigError(f"'{unit}' is not a unit that is known; {what} may be in {allowed}")
@@ -87,21 +91,28 @@ def conversion(unit: str, kept: str, what: str) -> Conversion:
 
 def is_unit(text: str) -> bool:
     """The text is the unit of something that the bench keeps."""
-    if text.lower() in _SPELLINGS:
-        return _SPELLINGS[text.lower()] != "" or text == "MHz"
+    if _plain(text) in _SPELLINGS:
+        return _SPELLINGS[_plain(text)] != "" or text == "MHz"
     return bool(re.fullmatch(r"[a-zA-Zµμ°]+(/[a-zA-Z]+)?", text)) and ("/" in text or text in {"degC", "degF", "K"})
 
 
 def _parse(unit: str, kept: str) -> Any:
     """Pint's unit, or None."""
     own = _FORCES if kept == "m/s^2" else {}
-    spelled = own.get(unit.lower()) or _SPELLINGS.get(unit.lower(), unit.replace("°", "deg"))
+    spelled = own.get(unit.lower()) or _SPELLINGS.get(_plain(unit), unit.replace("°", "deg"))
     if unit == "MHz":
         spelled = "megahertz"
+    if not _SIGNS.fullmatch(unit):
+        return None
     try:
         return _registry().Unit(spelled) if spelled else None
     except Exception:  # pint, its parser and its tokenizer fail in many ways at text that is no unit
         return None
+
+
+def _plain(unit: str) -> str:
+    """As the spellings of the trade are listed."""
+    return re.sub(r"\s", "", unit.lower())
 
 
 @cache

@@ -281,6 +281,27 @@ def test_the_watchdog_switches_off_what_a_killed_bench_left_on():
 
 
 @pytest.mark.slow
+def test_a_bench_that_is_killed_before_the_chamber_moved_leaves_no_instrument_on(tmp_path):
+    """The unit is silent, so that the bench waits for it with the heater on."""
+    with acquisition.elsewhere(station(HEATER)) as served:
+        served.station.units[0].wire.send = lambda *given, **more: None
+        (tmp_path / "station.yaml").write_text(served.station_yaml())
+        (tmp_path / "long.yaml").write_text(acquisition.LONG)
+        heater, chamber = served.station.instruments["heater"], served.station.chamber
+        before = chamber.words("setpoint")
+        command = ["from bench.cli import main; main()", "run", "long.yaml", "--station", "station.yaml"]
+        with subprocess.Popen([sys.executable, "-c", *command], cwd=tmp_path, stderr=subprocess.PIPE) as bench:
+            while not heater.on:
+                with pytest.raises(subprocess.TimeoutExpired):  # it still runs
+                    bench.wait(0.05)
+            bench.kill()
+            said = bench.stderr.read().decode()  # to its end: the watchdog, which writes there too, has ended
+        assert "equipment is safe, verified" in said
+        assert not heater.on
+        assert chamber.words("setpoint") == before
+
+
+@pytest.mark.slow
 def test_a_real_station_records_them_too(tmp_path):
     with acquisition.elsewhere(station()) as served:
         settings = load_config(parse_yaml(served.station_yaml(), "remote.yaml"), StationSettings)

@@ -235,7 +235,7 @@ LOGS = (
     Log("labview.lvm", "LabVIEW text with two heads", write_text(LVM),
         advice="delete what is not of the table, or begin such lines with #"),
     Log("two_sheets.xlsx", "the table is on the second sheet", two_sheets,
-        advice="its first sheet, 'about', holds no column of numbers; put the table on the first sheet"),
+        advice="it is the first sheet that is read, 'about'"),
     Log("workspace.mat", "a MATLAB workspace", lambda path: scipy.io.savemat(path, {"rate": DPS}),
         advice="export it as one of text tables (also .gz), .parquet"),
 )  # fmt: skip

@@ -204,6 +204,16 @@ def test_a_bench_that_is_done_needs_no_watchdog(pipe):
     assert heard(pipe, b"armed\nbeat 0\nbeat 60\ndone\n") == ("", True)
 
 
+@pytest.mark.parametrize(("words", "moved"), [(b"instruments\n", False), (b"instruments\narmed\n", True)])
+def test_before_the_chamber_is_commanded_only_instruments_are_watched(pipe, words, moved):
+    read, write = pipe
+    write.write(words)
+    write.close()
+    listener = Listener(read, 60.0)
+    assert listener.wait() == "the bench ended unexpectedly"
+    assert (listener.armed, listener.moved) == (True, moved)
+
+
 def test_a_bench_that_ends_before_anything_moved_leaves_it_as_it_was(pipe):
     assert heard(pipe, b"beat 0\nbeat 0\n") == ("the bench ended unexpectedly", False)
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, create_model, model_validator
 
 from bench.acquisition.importer.table import Table
 from bench.acquisition.importer.units import conversion, examples
-from bench.base import CHANNELS, OUTPUTS, RATES, STRICT, THERMOMETERS, InputError, nearest
+from bench.base import CHANNELS, INSTRUMENTS, OUTPUTS, RATES, STRICT, THERMOMETERS, InputError, nearest
 from drivers.units import Conversion, is_unit
 
 _SYNONYMS = {
-    "time": "time zeit t timestamp elapsed seconds timesec timens timems",
+    "time": "time zeit uhrzeit clock t timestamp elapsed seconds timesec timens timems",
     "rate": "rate drehrate gyro gyrox gyroy gyroz gx gy gz g omega angularrate rateoutput zro bias wx wy wz ratex "
     "ratey ratez",
     "temperature": "temperature temperatur temp tgyro gyrotemp gyrotemperature temperaturegyro sensortemperature "
@@ -28,7 +29,8 @@ _SYNONYMS = {
     "compressor": "compressor",
     "applied_rate": "appliedrate tablerate ratetable referencerate",
 }
-_BY_WORD = {word: channel for channel, words in _SYNONYMS.items() for word in words.split()}
+_INSTRUMENTS = {name.replace("_", ""): name for name in INSTRUMENTS}
+_BY_WORD = _INSTRUMENTS | {word: channel for channel, words in _SYNONYMS.items() for word in words.split()}
 _AXES = {
     f"{word}{axis}": f"{channel}_{axis}"
     for channel, words in {
@@ -82,37 +84,14 @@ class ChannelSource(BaseModel):
     """Its unit, such as deg/s, rad/s, mdps, degF, K; left out: as its header says, or the channel's own."""
 
 
-class ColumnMap(BaseModel):
+_SOURCES: dict[str, Any] = {name: (ChannelSource | None, None) for name in CHANNELS if name != "table_angle"}
+_Channels = create_model("_Channels", __config__=STRICT, **{**_SOURCES, "time": (TimeSource | None, None)})
+
+
+class ColumnMap(_Channels):
     """A column map: for every channel of the bench the column of the table that holds it."""
 
-    model_config = STRICT
-
     time: TimeSource | None = None
-    rate: ChannelSource | None = None
-    temperature: ChannelSource | None = None
-    frequency: ChannelSource | None = None
-    drive: ChannelSource | None = None
-    quadrature: ChannelSource | None = None
-    supply: ChannelSource | None = None
-    chamber_temperature: ChannelSource | None = None
-    chamber_setpoint: ChannelSource | None = None
-    compressor: ChannelSource | None = None
-    applied_rate: ChannelSource | None = None
-    rate_x: ChannelSource | None = None
-    rate_y: ChannelSource | None = None
-    rate_z: ChannelSource | None = None
-    acceleration_x: ChannelSource | None = None
-    acceleration_y: ChannelSource | None = None
-    acceleration_z: ChannelSource | None = None
-    temperature_1: ChannelSource | None = None
-    temperature_2: ChannelSource | None = None
-    temperature_3: ChannelSource | None = None
-    temperature_4: ChannelSource | None = None
-    temperature_5: ChannelSource | None = None
-    temperature_6: ChannelSource | None = None
-    temperature_7: ChannelSource | None = None
-    temperature_8: ChannelSource | None = None
-    temperature_9: ChannelSource | None = None
 
     def channel(self, name: str) -> ChannelSource | None:
         """Source of one channel other than time."""
@@ -169,18 +148,19 @@ class UnclearColumnError(InputError):
 
 
 def split_header(name: str, stated: str | None = None) -> tuple[str, str | None]:
-    """Name and unit of a header such as `rate [deg/h]`, `gx_dph`, `T (°C)`; the unit is None where it has none."""
-    bracketed = re.fullmatch(r"\s*(.*?)\s*[\[({]\s*([^\])}]+?)\s*[\])}]\s*", name)
+    """Name and unit of a header such as `rate [deg/h]`, `gx_dph`, `T (°C)`, `T/K`; None where it has no unit."""
+    bracketed = re.fullmatch(r"\s*(.*?)[\s/]*(?:\[([^\[\]]+)\]|\(([^()]+)\)|\{([^{}]+)\})\s*", name)
     if stated:
         return (bracketed[1] if bracketed and bracketed[1] else name), stated
     if bracketed and bracketed[1]:
-        return bracketed[1], bracketed[2]
+        return bracketed[1], next(filter(None, bracketed.groups()[1:])).strip()
     parts = re.split(r"[_\s]+", name)
     for size in (2, 1):  # deg_h before h
         unit = "_".join(parts[-size:])
         if len(parts) > size and is_unit(unit):
-            return "_".join(parts[:-size]), unit
-    return name, None
+            return re.sub(r"[_/]*(_in)?$", "", "_".join(parts[:-size])), unit
+    quantity, _, unit = name.partition("/")
+    return (quantity, unit) if is_unit(unit) else (name, None)
 
 
 def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
@@ -204,7 +184,7 @@ def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
     for channel, some in (("rate", RATES), ("temperature", THERMOMETERS)):
         if not {*some} & {*found}:
             advice = f"name it in a column map, `{channel}: {{column: …, unit: {examples(channel)[0]}}}`"
-            raise UnclearColumnError(f"no column is {channel}; the table has {', '.join(table.columns)}", advice, table)
+            raise UnclearColumnError(f"no column is {channel}; {_has(table)}", advice, table)
     return {channel: found[channel] for channel in IMPORTED if channel in found}
 
 
@@ -244,7 +224,7 @@ def find_time(table: Table, columns: ColumnMap) -> TimeSource:
         advice = f"say it in a column map, `time: {{column: {counters[0]}, interval_s: …}}`"
         raise UnclearColumnError(f"'{counters[0]}' counts samples, and nothing says how long one takes", advice, table)
     advice = "name it in a column map, `time: {column: …, unit: s}` or `time: {rate_hz: …}`"
-    raise UnclearColumnError("no column is time", advice, table)
+    raise UnclearColumnError(f"no column is time; {_has(table)}", advice, table)
 
 
 def time_conversion(table: Table, source: TimeSource) -> Conversion:
@@ -266,10 +246,17 @@ def _obvious(table: Table, taken: set[str | None]) -> dict[str, list[str]]:
         channel = name if name in IMPORTED else _BY_WORD.get(_word(word))
         if channel == "time" and unit is not None and _measures(unit, "temperature"):
             channel = "temperature"  # T in degC is no time
+        if channel in INSTRUMENTS and channel != "supply" and (unit is None or not _measures(unit, channel)):
+            continue  # a pressure in no unit, or a current in mV: of something else
         if channel is not None and name not in taken:
             found.setdefault(channel, []).append(name)
     exact = {channel: [channel] for channel in found if channel in found[channel]}
     return {**found, **exact}
+
+
+def _has(table: Table) -> str:
+    unread = [f"{name} (no numbers)" for name in table.unread]
+    return f"the table has {', '.join([*table.columns, *unread])}"
 
 
 def _measures(unit: str, channel: str) -> bool:
@@ -281,7 +268,7 @@ def _measures(unit: str, channel: str) -> bool:
 
 
 def _word(name: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", name.rsplit(".", 1)[-1].lower())
+    return re.sub(r"[^a-z0-9]", "", name.rstrip(". ").rsplit(".", 1)[-1].lower())
 
 
 def _mapped(table: Table, channel: str, source: ChannelSource) -> Mapped:

@@ -121,7 +121,8 @@ def _fits(lines: Sequence[_Line], delimiters: Sequence[str], path: Path) -> bool
     except InputError:
         return False
     names = rows[0][:-1] if len(rows[0]) > 2 and not rows[0][-1].strip() else rows[0]
-    below = rows[2:] if len(rows) > 2 and not _numbered(rows[1]) else rows[1:]
+    between = len(rows) > 2 and not _numbered(rows[1])  # units, or names that are the header themselves
+    below = rows[2:] if between and (_are_units(rows[1]) or not any(split_header(n)[1] for n in rows[1])) else rows[1:]
     like = all(len(row) == len(rows[0]) for row in rows[1:])
     named = len(names) > 1 and all(name.strip() and not _NUMBERED.match(name.strip()) for name in names)
     return named and like and bool(below) and all(_numbered(row) or _empty(row) for row in below)
@@ -132,11 +133,10 @@ def _with_units(header: Header, below: Sequence[_Line], path: Path) -> Header:
     if not below:
         return header
     row = below[0]
-    fields = [field.strip().strip("[]()") for field in split(row.text, header.delimiter, path, row.number)]
-    width = len(header.names) + header.trailing
-    if len(fields) != width or _numbered(fields) or not any(is_unit(field) for field in fields if field):
+    fields = split(row.text, header.delimiter, path, row.number)
+    if len(fields) != len(header.names) + header.trailing or not _are_units(fields):
         return header
-    named = zip(header.names, fields[: len(header.names)], strict=True)
+    named = zip(header.names, map(_unit, fields[: len(header.names)]), strict=True)
     units = {name: field for name, field in named if field and split_header(name)[1] is None}
     note = f"line {row.number} was read as the units of the columns"
     return replace(header, line=row.number, end=row.end, units=units, notes=(*header.notes, note))
@@ -144,6 +144,14 @@ def _with_units(header: Header, below: Sequence[_Line], path: Path) -> Header:
 
 def _numbered(row: Sequence[str]) -> bool:
     return any(_NUMBERED.match(field.strip()) for field in row)
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    return not _numbered(row) and any(is_unit(_unit(field)) for field in row)
+
+
+def _unit(field: str) -> str:
+    return field.strip().strip("[]()")
 
 
 def _empty(row: Sequence[str]) -> bool:

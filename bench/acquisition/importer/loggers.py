@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Iterator
+from datetime import datetime, timedelta
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.acquisition.importer.table import Series, Table, on_one_time_base, refuse_large, table_of
+from bench.acquisition.importer.table import Series, Table, on_one_time_base, refuse_large
+from bench.acquisition.importer.text import table_of_text
 from bench.base import InputError
 
 
@@ -23,22 +28,36 @@ def read_log(path: Path, most_bytes: int) -> Table:
     except InputError:
         raise
     except Exception as error:  # each library raises whatever its parser trips over
-        text = f"not a readable {path.suffix} file ({type(error).__name__}: {' '.join(str(error).split())})"
-        raise InputError(text, path) from None
+        said = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        raise InputError(f"not a readable {path.suffix} file ({said}); copy or export it again", path) from None
 
 
 def _read_xlsx(path: Path, most_bytes: int) -> Table:
-    """The first sheet; its first row is the header."""
+    """The first sheet, read as the same table in text would be: merged heads, a row of units, numbers in text."""
     import openpyxl
-    import pandas as pd
 
-    sheet = openpyxl.load_workbook(path, read_only=True).worksheets[0]
+    sheet = openpyxl.load_workbook(path, read_only=True, data_only=True).worksheets[0]
     refuse_large(sheet.max_row or 0, sheet.max_column or 0, most_bytes, path)
-    frame = pd.read_excel(path, sheet_name=0, engine="openpyxl")
-    if frame.select_dtypes("number").empty:
-        text = f"its first sheet, '{sheet.title}', holds no column of numbers; put the table on the first sheet, with"
-        raise InputError(f"{text} the names of the columns in the first row", path)
-    return table_of(frame, path)
+    rows = [["" if cell.data_type == "e" else _as_text(cell.value) for cell in row] for row in sheet.iter_rows()]
+    used = [at for at, column in enumerate(zip_longest(*rows, fillvalue="")) if any(text != "" for text in column)]
+    text = io.StringIO()
+    writer = csv.writer(text, delimiter="\t", lineterminator="\n")
+    for row in rows:
+        shown = [row[at] if at < len(row) else "" for at in used]
+        writer.writerow(shown if any(text != "" for text in shown) else [])
+    try:
+        return table_of_text(text.getvalue().encode(), path)
+    except InputError as error:
+        raise InputError(f"{error}; it is the first sheet that is read, '{sheet.title}'") from None
+
+
+def _as_text(value: object) -> object:
+    """What stands in a cell, with all digits; durations in seconds, yes and no as 1 and 0."""
+    if value is None or isinstance(value, bool):
+        return "" if value is None else int(value)
+    if isinstance(value, timedelta):
+        return value.total_seconds()
+    return value.isoformat(" ") if isinstance(value, datetime) else value
 
 
 def _read_tdms(path: Path, most_bytes: int) -> Table:

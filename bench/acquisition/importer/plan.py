@@ -204,7 +204,9 @@ def _time(table: Table, source: TimeSource) -> FloatArray:
     values = table.columns[source.column]
     missing = np.flatnonzero(~np.isfinite(values))
     if missing.size:
-        raise InputError(f"'{source.column}' (time) has no value", table.path, table.line(int(missing[0])))
+        raise InputError(
+            f"'{source.column}' (time) has no value; delete that line", table.path, table.line(int(missing[0]))
+        )
     convert = time_conversion(table, source) if source.step_s is None else Conversion(source.step_s)
     with np.errstate(over="ignore"):
         time = convert(values - values[0])
@@ -219,7 +221,7 @@ def _time(table: Table, source: TimeSource) -> FloatArray:
         advice = (
             "is it the end of summer time? export times with their zone"
             if hour
-            else ("remove what stands twice, or give sample numbers with interval_s")
+            else ("two records or two units in one file? split it; or give sample numbers with interval_s")
         )
         raise InputError(f"{text}; {advice}", table.path, table.line(row))
     return time

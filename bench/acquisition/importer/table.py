@@ -31,8 +31,8 @@ class Table:
     lines: IntArray | range | None = None
     """Line of each row in a text file."""
     notes: tuple[str, ...] = ()
-    unread: Mapping[str, tuple[str, int]] = field(default_factory=dict)
-    """Columns that hold no numbers: why, and the line of the first value that is none."""
+    unread: Mapping[str, tuple[str, int | None]] = field(default_factory=dict)
+    """Columns that hold no numbers: why, and the line in a text file of the first value that is none."""
 
     @property
     def rows(self) -> int:
@@ -86,25 +86,29 @@ def table_of(frame: pd.DataFrame, name: str | Path = "DataFrame") -> Table:
 
 
 def of_arrow(table: pa.Table, path: Path) -> Table:
-    """Columns of numbers; times in seconds; columns of anything else are left out with a note."""
+    """Columns of numbers; times in seconds; columns of anything else are unread."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    columns, units, notes = {}, {}, []
+    columns, units = {}, {}
+    unread: dict[str, tuple[str, int | None]] = {}
     for item in table.schema:
         values = table.column(item.name)
         if pa.types.is_timestamp(item.type):
             values = pc.divide(values.cast(pa.timestamp("ns")).cast(pa.int64()).cast(pa.float64(), safe=False), 1e9)
             units[item.name] = "s"
+        elif pa.types.is_duration(item.type):
+            values = pc.divide(values.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64(), safe=False), 1e9)
+            units[item.name] = "s"
         elif pa.types.is_boolean(item.type):
             values = values.cast(pa.uint8())
-        elif not (pa.types.is_integer(item.type) or pa.types.is_floating(item.type)):
-            notes.append(f"column '{item.name}' ({item.type}) holds no numbers and is left out")
+        elif not (pa.types.is_integer(item.type) or pa.types.is_floating(item.type) or pa.types.is_decimal(item.type)):
+            unread[item.name] = f"column '{item.name}' holds {item.type}, not numbers; export it as numbers", None
             continue
         columns[item.name] = values.cast(pa.float64(), safe=False).to_numpy()
         if item.metadata and b"unit" in item.metadata:
             units[item.name] = item.metadata[b"unit"].decode()
-    return Table(path, columns, units, notes=tuple(notes))
+    return Table(path, columns, units, unread=unread)
 
 
 Series = tuple[FloatArray, FloatArray]

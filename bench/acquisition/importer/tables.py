@@ -5,6 +5,7 @@ A gap stays NaN. What cannot be read exactly is refused with file and line; noth
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -19,6 +20,8 @@ from drivers.errors import ConfigError
 from drivers.wire import Message, read_layouts
 
 CAN_LOGS = (".blf", ".asc", ".log", ".trc")
+_SHOWN = 8
+"""Identifiers in a message."""
 
 
 def read_table(path: Path | str, dbc: Path | str | None = None, most_bytes: int | None = None) -> Table:
@@ -58,10 +61,12 @@ def _read_parquet(path: Path, most_bytes: int) -> Table:
             names = file.schema_arrow.names
             parts = [of_arrow(file.read(columns=[name]), path) for name in dict.fromkeys(names)]
     except (OSError, ValueError, pa.ArrowException) as error:
-        raise InputError(f"not a readable Parquet file ({' '.join(str(error).split())})", path) from None
+        raise InputError(
+            f"not a readable Parquet file ({' '.join(str(error).split())}); copy or export it again", path
+        ) from None
     columns = {name: column for part in parts for name, column in part.columns.items()}
     units = {name: unit for part in parts for name, unit in part.units.items()}
-    return Table(path, columns, units, notes=tuple(note for part in parts for note in part.notes))
+    return Table(path, columns, units, unread={n: reason for part in parts for n, reason in part.unread.items()})
 
 
 def _read_mf4(path: Path, most_bytes: int) -> Table:
@@ -87,7 +92,9 @@ def _read_mf4(path: Path, most_bytes: int) -> Table:
     except InputError:
         raise
     except Exception as error:  # asammdf raises whatever its parser trips over
-        raise InputError(f"not a readable MF4 file ({type(error).__name__}: {error})", path) from None
+        raise InputError(
+            f"not a readable MF4 file ({type(error).__name__}: {error}); copy or export it again", path
+        ) from None
     return on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit}, most_bytes)
 
 
@@ -100,31 +107,16 @@ def _read_can_log(path: Path, dbc: Path | str | None, most_bytes: int) -> Table:
     if dbc is None:
         raise InputError("a CAN log needs the description of its frames; name it with --dbc", path)
     messages = _messages(dbc)
-    payloads: dict[tuple[int, bool], list[bytes]] = {}
-    times: dict[tuple[int, bool], list[float]] = {}
-    unread = 0
-    import can
-
-    try:
-        with can.LogReader(str(path)) as log:
-            for frame in log:
-                head = frame.arbitration_id, frame.is_extended_id
-                message = messages.get(head)
-                if message is None or frame.is_error_frame or len(frame.data) < message.length:
-                    unread += 1
-                    continue
-                times.setdefault(head, []).append(frame.timestamp)
-                payloads.setdefault(head, []).append(bytes(frame.data))
-    except Exception as error:  # python-can's readers raise whatever their parsers trip over
-        raise InputError(f"not a readable CAN log ({type(error).__name__}: {error})", path) from None
-    if not times:
-        raise InputError(f"none of its {unread} frames is described by {dbc}", path)
+    frames, others, notes = _frames(path, messages)
+    if not frames:
+        heard = ", ".join(f"0x{number:X} ({count})" for number, count in others.most_common(_SHOWN))
+        raise InputError(f"none of its frames is described by {dbc}; it has {heard or 'no frames'}", path)
     signals: dict[str, Series] = {}
     units: dict[str, str] = {}
-    for head, stamps in times.items():
+    for head, (stamps, payloads) in frames.items():
         message = messages[head]
         width = message.width
-        whole = b"".join(payload[:width].ljust(width, b"\0") for payload in payloads[head])
+        whole = b"".join(payload[:width].ljust(width, b"\0") for payload in payloads)
         columns = message.decode(np.frombuffer(whole, dtype=np.uint8).reshape(-1, width))
         for signal, (column, rows) in columns.items():
             name = _free_name(signal, signals)
@@ -133,11 +125,44 @@ def _read_can_log(path: Path, dbc: Path | str | None, most_bytes: int) -> Table:
                 signals[name] = at, column
                 units[name] = message.signals[signal].unit
     table = on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit}, most_bytes)
-    notes = (f"{unread} frames are not described by the DBC and are left out",) if unread else ()
-    return Table(path, table.columns, table.units, notes=notes)
+    if others:
+        notes.append(f"{others.total()} frames are not described by the DBC and are left out")
+    return Table(path, table.columns, table.units, notes=tuple(notes))
 
 
-def _messages(dbc: Path | str) -> dict[tuple[int, bool], Message]:
+_Head = tuple[int, bool]
+"""Identifier of a frame, and whether it is of 29 bits."""
+
+
+def _frames(
+    path: Path, messages: Mapping[_Head, Message]
+) -> tuple[dict[_Head, tuple[list[float], list[bytes]]], Counter[int], list[str]]:
+    """Times and payloads of the messages, how often other identifiers stand in the log, and what is to be said."""
+    import can
+
+    found: dict[_Head, tuple[list[float], list[bytes]]] = {}
+    others: Counter[int] = Counter()
+    try:
+        with can.LogReader(str(path)) as log:
+            for frame in log:
+                head = frame.arbitration_id, frame.is_extended_id
+                message = messages.get(head)
+                if message is None or frame.is_error_frame or len(frame.data) < message.length:
+                    others[frame.arbitration_id] += 1
+                    continue
+                stamps, payloads = found.setdefault(head, ([], []))
+                stamps.append(frame.timestamp)
+                payloads.append(bytes(frame.data))
+            whole_bytes = getattr(log, "file_size", 0)  # a BLF says at its beginning how long it is
+    except Exception as error:  # python-can's readers raise whatever their parsers trip over
+        raise InputError(
+            f"not a readable CAN log ({type(error).__name__}: {error}); copy or export it again", path
+        ) from None
+    size = path.stat().st_size
+    return found, others, [f"the file is cut off: it has {size:,} of {whole_bytes:,} bytes"] * (size < whole_bytes)
+
+
+def _messages(dbc: Path | str) -> dict[_Head, Message]:
     try:
         return {(message.id, message.extended): message for message in read_layouts(Path(dbc)).values()}
     except ConfigError as error:

@@ -8,7 +8,7 @@ import io
 import re
 import zlib
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ import numpy as np
 from bench.acquisition.importer.confines import memory_for
 from bench.acquisition.importer.header import ADVICE, COMMENTS, find_header, split
 from bench.acquisition.importer.table import Table
-from bench.acquisition.importer.values import GAPS, numbers
+from bench.acquisition.importer.values import GAPS, joined_dates, numbers
 from bench.base import InputError, IntArray
 
 if TYPE_CHECKING:
@@ -26,15 +26,25 @@ if TYPE_CHECKING:
 _LOOKED_AT = 100_000
 """Bytes of the beginning in which what is no text shows."""
 _NO_TEXT = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")
+_NO_WORD = re.compile(r"[^\x00-\x7f]{3,}")
+"""What text in another encoding looks like in Windows-1252: three signs in a row that are not ASCII."""
+_MARKLESS = 2000
+"""Bytes in which UTF-16 without a byte order mark shows."""
 KNOWN = "text tables (also .gz), .parquet, .mf4, .blf, .asc, .log, .trc, .xlsx, .tdms, .ulg and .h5"
 
 
 def read_text_table(path: Path, most_bytes: int | None = None) -> Table:
-    """Tidy files go to the parser whole; comments, blank lines and everything wrong take the slow way, line by line.
-
-    A column that holds neither numbers nor times is unread: an error only where it is wanted.
-    """
+    """Table of a file of text."""
     data, notes = decoded(path, most_bytes)
+    return table_of_text(data, path, notes)
+
+
+def table_of_text(data: bytes, path: Path, notes: Sequence[str] = ()) -> Table:
+    """Tidy texts go to the parser whole; comments, blank lines and everything wrong take the slow way, line by line.
+
+    A column that holds neither numbers nor times is unread: an error only where it is wanted. `path` is for messages.
+    """
+    notes = list(notes)
     header = find_header(data, path)
     delimiter, names, line = header.delimiter, [*header.names], header.line
     read_names = [*names, *[""] * header.trailing]
@@ -53,6 +63,7 @@ def read_text_table(path: Path, most_bytes: int | None = None) -> Table:
         where, columns = _read_lines(path, data, line, delimiter, read_names)
     if header.trailing and not _is_empty(columns.pop()):
         raise InputError(f"column {len(names) + 1} has no name in the header", path, line)
+    names, columns = joined_dates(names, columns)
     read = {name: numbers(name, column) for name, column in zip(names, columns, strict=True)}
     notes += dict.fromkeys(column.note for column in read.values() if column.note)
     unread = {n: (c.reason, int(where[c.row])) for n, c in read.items() if c.values is None}
@@ -74,9 +85,15 @@ def decoded(path: Path, most_bytes: int | None) -> tuple[bytes, list[str]]:
     data = path.read_bytes()
     if path.suffix.lower() == ".gz":
         data = _unpacked(path, most_bytes)
+    if data.startswith(b"PK\x03\x04"):
+        raise InputError("is a zip archive: unpack it, and import what is in it", path)
     data = data.removeprefix(codecs.BOM_UTF8)
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         data = _as_utf8(data, "utf-16", path)
+    elif len(data) % 2 == 0 and data[1:_MARKLESS:2].count(0) > 0.4 * len(data[:_MARKLESS]):
+        data = _as_utf8(data, "utf-16-le", path)
+    if b"\n" not in data:  # the line ends of old programs
+        data = data.replace(b"\r", b"\n")
     if (found := _NO_TEXT.search(data, 0, _LOOKED_AT)) is not None:
         line = data.count(b"\n", 0, found.start()) + 1
         raise InputError(
@@ -85,8 +102,13 @@ def decoded(path: Path, most_bytes: int | None) -> tuple[bytes, list[str]]:
     try:
         data.decode()
     except UnicodeDecodeError:
-        return _as_utf8(data, "cp1252", path), ["it is not UTF-8, and was read as Windows-1252"]
-    return data, []
+        western = _as_utf8(data, "cp1252", path)
+    else:
+        return data, []
+    if (strange := _NO_WORD.search(western.decode())) is not None:
+        text = f"is neither UTF-8 nor Windows-1252, in which it says '{strange[0]}'; save it as UTF-8"
+        raise InputError(text, path, western.decode().count("\n", 0, strange.start()) + 1)
+    return western, ["it is not UTF-8, and was read as Windows-1252"]
 
 
 def _as_utf8(data: bytes, encoding: str, path: Path) -> bytes:

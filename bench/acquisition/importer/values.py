@@ -18,12 +18,14 @@ GAPS = ("", "nan", "na", "n/a", "null", "none", "-nan", "#n/a", "#nv", "-", "--"
 _SHOWN = 60
 """Characters of a value in a message."""
 _COMMA = r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?"
-_THOUSANDS = r"[+-]?\d{1,3}([,' ]\d{3})+(\.\d*)?|[+-]?\d{1,3}(\.\d{3})+(,\d*)?"
+_THOUSANDS = r"[+-]?\d{1,3}([,'’\s]\d{3})+([.,]\d*)?|[+-]?\d{1,3}(\.\d{3})+(,\d*)?"
 _CLOCK = r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?"
-_ISO = rf"\d{{4}}-\d{{2}}-\d{{2}}[T ]{_CLOCK}"
+_ISO = rf"\d{{4}}-\d{{2}}-\d{{2}}[T ]{_CLOCK}|\d{{8}}T\d{{4,6}}([.,]\d+)?"
+_DATE = r"\d{4}-\d{2}-\d{2}|\d{1,2}[./]\d{1,2}[./]\d{4}"
 _ZONE = r"\s?(Z|[+-]\d{2}:?\d{2})"
 _DOTS = rf"\d{{1,2}}\.\d{{1,2}}\.\d{{4}}[ T]{_CLOCK}"
 _SLASHES = rf"(\d{{1,2}})/(\d{{1,2}})/\d{{4}} {_CLOCK}( ?[AaPp][Mm])?"
+_LIKE_A_TIME = r"\d+[-./]\d+[-./]\d+|\d{1,2}:\d{2}"
 _DAY_S = 86400.0
 
 
@@ -48,6 +50,7 @@ def numbers(name: str, column: Any) -> Column:
 
     texts = pc.utf8_trim_whitespace(column)
     texts = pc.if_else(pc.is_in(pc.utf8_lower(texts), pa.array(GAPS)), None, texts)
+    texts = pc.replace_substring(texts, "\N{MINUS SIGN}", "-")
     try:
         return Column(texts.cast(pa.float64()).to_numpy())
     except pa.ArrowInvalid:
@@ -59,12 +62,30 @@ def numbers(name: str, column: Any) -> Column:
     return _times(name, texts.to_pandas()) or _no_numbers(name, texts.to_pylist())
 
 
+def joined_dates(names: list[str], columns: list[Any]) -> tuple[list[str], list[Any]]:
+    """The same with a column of dates put before the times of day of another one, where there is one of each."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    found: dict[str, list[int]] = {_DATE: [], _CLOCK: []}
+    for at, column in enumerate(columns):
+        if pa.types.is_string(column.type):
+            first = next((text for text in column.slice(0, 1).to_pylist() if text), "").strip()
+            found = {like: [*where, *[at] * bool(re.fullmatch(like, first))] for like, where in found.items()}
+    if any(len(where) != 1 for where in found.values()):
+        return names, columns
+    date, clock = found[_DATE][0], found[_CLOCK][0]
+    both = pc.binary_join_element_wise(*(pc.utf8_trim_whitespace(columns[at]) for at in (date, clock)), " ")
+    joined = [both if at == clock else column for at, column in enumerate(columns)]
+    return [name for at, name in enumerate(names) if at != date], [c for at, c in enumerate(joined) if at != date]
+
+
 def _times(name: str, texts: pd.Series[Any]) -> Column | None:
     """Times in seconds since the first; None where the first value is none."""
     import pandas as pd
 
     first = next(iter(texts.dropna()), "")
-    zoned = re.fullmatch(_ISO + _ZONE, first) is not None
+    zoned = re.fullmatch(f"({_ISO}){_ZONE}", first) is not None
     note = "" if zoned else f"'{name}' has no time zone: its clock must not change to or from summer time in the record"
     plain = texts.str.replace(",", ".", regex=False)
     if zoned or re.fullmatch(_ISO, first):
@@ -79,7 +100,7 @@ def _times(name: str, texts: pd.Series[Any]) -> Column | None:
         moments = pd.to_datetime(plain, format="mixed", dayfirst=bool(parts[0] > 12), errors="coerce")
     elif re.fullmatch(_CLOCK, first):
         clock = pd.to_timedelta(plain.where(plain.str.count(":") == 2, plain + ":00"), errors="coerce")
-        return _checked(name, texts, _past_midnight(np.asarray(clock.dt.total_seconds(), np.float64)), "")
+        return _checked(name, texts, _past_midnight(np.asarray(clock.dt.total_seconds(), np.float64)), note)
     else:
         return None
     return _checked(name, texts, np.asarray((moments - moments.dropna().iloc[0]).dt.total_seconds(), np.float64), note)
@@ -100,13 +121,16 @@ def _past_midnight(seconds: FloatArray) -> FloatArray:
 
 
 def _no_numbers(name: str, texts: list[str | None]) -> Column:
-    row = next(i for i, text in enumerate(texts) if text is not None and number(text) is None)
+    wrong = [i for i, text in enumerate(texts) if text is not None and number(text) is None]
+    row = next((i for i in wrong if re.fullmatch(_COMMA, texts[i] or "") is None), wrong[0])
     shown = texts[row] or ""
     reason = f"'{name}' is '{_short(shown)}', not a number"
     if number(shown.replace(",", ".")) is not None:
         reason += ": decimal commas in some rows and points in others; export with one of them"
     elif re.fullmatch(_THOUSANDS, shown):
         reason += ": separators of thousands? export without them"
+    elif re.match(_LIKE_A_TIME, shown):
+        reason = f"'{name}' is '{_short(shown)}', no time as it is known; export times as 2026-01-31T14:00:00+01:00"
     elif shown == name:
         reason += ": the header stands again; delete that line"
     else:

@@ -293,11 +293,11 @@ def _conduct(
     error: BenchError | None = None
     with _stop_signals(sequencer):
         try:
-            _begin(job, station, recorder)
+            _begin(job, station, recorder, watch)
             sequencer.check_before_start()
             output.establish()
             _record_gap(job, station, recorder)
-            watch.start()
+            watch.arm()
             sequencer.start_chamber()
             sequencer.run(job.legs())
         except (BenchError, DriverError, OSError) as caught:
@@ -313,10 +313,11 @@ def _conduct(
     return error
 
 
-def _begin(job: Job, station: Station, recorder: Recorder) -> None:
-    """Everything is recorded from now on, and the instruments are set: units may have their power from one."""
+def _begin(job: Job, station: Station, recorder: Recorder, watch: Watch) -> None:
+    """Everything is recorded and watched from now on, and instruments are set: units may have their power from one."""
     station.start_capture(recorder)
     recorder.event("run", "start", who=job.operator or whoami())
+    watch.start()
     station.instruments.start()
 
 

@@ -1,4 +1,4 @@
-"""The watchdog of a run: started before anything moves, told at every tick that the bench is alive."""
+"""The watchdog of a run: started before anything is set or moves, told at every tick that the bench is alive."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from bench.acquisition.station.station import Station
 from bench.acquisition.station.watchdog import Watchdog
 from bench.base import EquipmentError
 from drivers.clock import WallClock
+
+INSTRUMENTS_S = 600.0
+"""So long may instruments take to be set, together [s]; after that, the bench says every second that it is alive."""
 
 
 class Watch:
@@ -26,7 +29,7 @@ class Watch:
         return self._watchdog is not None
 
     def start(self) -> None:
-        """Start it: from now on equipment moves. EquipmentError when it does not start."""
+        """Start it: from now on instruments are set. EquipmentError when it does not start."""
         clock = self._station.clock
         if not isinstance(clock, WallClock):
             return
@@ -34,9 +37,15 @@ class Watch:
         self._watchdog = Watchdog(
             station.settings, path, clock.started_monotonic_ns, station.chamber.known, station.claim
         )
-        self._watchdog.arm()
+        self._watchdog.arm(instruments_only=True)
+        self.allow(INSTRUMENTS_S)
         pid = self._watchdog.pid
         self._recorder.event("watchdog", f"process {pid} watches over this run", pid=pid)
+
+    def arm(self) -> None:
+        """From now on the chamber is commanded, too."""
+        if self._watchdog is not None:
+            self._watchdog.arm()
 
     def beat(self) -> None:
         """The bench is alive, and says when it stood still. EquipmentError when the watchdog is not."""

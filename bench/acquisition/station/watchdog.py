@@ -87,9 +87,12 @@ class Watchdog:
         """Process id of the watchdog."""
         return self._process.pid
 
-    def arm(self) -> None:
-        """From now on equipment moves: without us it is to be made safe. Before, it is left as it was found."""
-        self._say("armed")
+    def arm(self, instruments_only: bool = False) -> None:
+        """From now on equipment moves, or only instruments: without us they are to be made safe.
+
+        Before, all is left as it was found.
+        """
+        self._say("instruments" if instruments_only else "armed")
 
     def beat(self, allow_s: float = 0.0) -> None:
         """Say that the bench is alive, and may be silent for `allow_s` [s]; EquipmentError when the watchdog is not."""
@@ -148,7 +151,7 @@ class Listener:
     """The watchdog's end of the pipe: waits until the bench says that it is done, or does not say anything any more."""
 
     def __init__(self, read_fd: int, silent_s: float) -> None:
-        self.armed = self.failed = self.hangs = False
+        self.armed = self.moved = self.failed = self.hangs = False
         self._fd, self._silent_s = read_fd, silent_s
         self._allowed_s = silent_s
         self._rest = b""
@@ -182,7 +185,8 @@ class Listener:
 
     def _hear(self, line: bytes) -> None:
         word, _, number = line.partition(b" ")
-        self.armed = self.armed or word == b"armed"
+        self.armed = self.armed or word in {b"armed", b"instruments"}
+        self.moved = self.moved or word == b"armed"
         self.failed = self.failed or word == b"failed"
         if word == b"beat":
             self._allowed_s = max(float(number), self._silent_s)
@@ -260,7 +264,7 @@ def _replace(bench: _Process, listener: Listener, safe: _Safe, why: str) -> int:
     if not listener.failed and bench.kill(grace_s):  # a bench that gave up closes its link and writes its report
         log.event("watchdog", "killed the bench, which hung")
     try:
-        steps = safe.make()
+        steps = safe.make() if listener.moved else switch_off(safe.settings)
     except DriverError as error:  # a file of the station that was right when the run started
         steps = [SafeStep("chamber", False, str(error))]
     took_s = time.monotonic() - started_s
