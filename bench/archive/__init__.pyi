@@ -21,6 +21,10 @@ from .fleet.board import drawn as drawn
 from .fleet.board import overview as overview
 from .fleet.board import safe_csv as safe_csv
 from .fleet.collect import collect as collect
+from .fleet.diagnosing import FleetDiagnosis as FleetDiagnosis
+from .fleet.diagnosing import by_lot as by_lot
+from .fleet.diagnosing import diagnose_fleet as diagnose_fleet
+from .fleet.diagnosing import in_common as in_common
 from .fleet.engines import Engine as Engine
 from .fleet.engines import dask_engine as dask_engine
 from .fleet.engines import local_engine as local_engine
@@ -39,6 +43,7 @@ from .fleet.moments_file import stored_groups as stored_groups
 from .fleet.page import render as render
 from .fleet.page import sentence as sentence
 from .fleet.refit import Record as Record
+from .fleet.refit import refits as refits
 from .fleet.refit import write_records as write_records
 from .fleet.selection import Selection as Selection
 from .fleet.statistics import Statistics as Statistics

@@ -123,9 +123,13 @@ def _rows(registry: Registry) -> tuple[list[dict[str, Any]], dict[str, dict[str,
 
 def _placed(row: Mapping[Any, Any]) -> dict[str, Any]:
     """A run of the registry with its lot and its station."""
-    match = NO_LOT.match(row["unit"])
-    lot = row["lot"] or (match[1] if match else "") or "one"
-    return {**row, "lot": lot, "station": row["station"] or "unknown"}
+    return {**row, "lot": lot_of(row["unit"], row["lot"]), "station": row["station"] or "unknown"}
+
+
+def lot_of(unit: str, recorded: str | None) -> str:
+    """The lot of a unit: the recorded one, else its serial number without the digits at the end."""
+    match = NO_LOT.match(unit)
+    return recorded or (match[1] if match else "") or "one"
 
 
 def choices(registry: Registry) -> dict[str, list[str]]:
