@@ -35,7 +35,6 @@ from .fleet.history import printed_certificate as printed_certificate
 from .fleet.history import unit_history as unit_history
 from .fleet.listing import Order as Order
 from .fleet.listing import Standing as Standing
-from .fleet.listing import chosen as chosen
 from .fleet.listing import listing as listing
 from .fleet.moments_file import GROUP as GROUP
 from .fleet.moments_file import stored_count as stored_count
@@ -58,6 +57,7 @@ from .fleet.units import selected as selected
 from .registry.asking import certificates as certificates
 from .registry.asking import equipment as equipment
 from .registry.asking import known_runs as known_runs
+from .registry.asking import knows_unit as knows_unit
 from .registry.asking import plain as plain
 from .registry.asking import runs as runs
 from .registry.asking import show as show

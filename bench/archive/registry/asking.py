@@ -52,6 +52,12 @@ def known_runs(registry: Registry, archive: str) -> tuple[bool, frozenset[str]]:
     return here, frozenset(row["path"] for row in paths)
 
 
+def knows_unit(registry: Registry, serial: str) -> bool:
+    """Whether the registry has a unit."""
+    unit = TABLES["units"]
+    return bool(_found(registry, select(unit.c.serial).where(unit.c.serial == serial)))
+
+
 def equipment(registry: Registry) -> Found:
     """All instruments, by the day on which their calibration is due."""
     table = TABLES["equipment"]
