@@ -24,7 +24,7 @@ from bench.analysis.effects.regression import Regression
 from bench.analysis.effects.spline import Spline
 from bench.analysis.fit.moments import Moments
 from bench.archive.fleet import engines, moments_file
-from bench.archive.fleet.refit import write_records
+from bench.archive.fleet.refit import refits, write_records
 from bench.record.dataset import Dataset
 
 ROWS, INTERVAL_S = 1006, 30.0
@@ -93,7 +93,7 @@ def main() -> None:
         for name in options.engine or ["serial", "pool:2", "dask:1", "dask:2"]:
             target = options.folder / "records.parquet"
             begun = time.perf_counter()
-            records = engine(name)(MODELS[model], moments_file.stored_groups(source))
+            records = engine(name)(refits(MODELS[model]), moments_file.stored_groups(source))
             count, failed = write_records(target, MODELS[model], records)
             took = time.perf_counter() - begun
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3

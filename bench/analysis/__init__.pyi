@@ -84,6 +84,7 @@ from .imu.stored import curves_of as curves_of
 from .imu.triad import POWERS as POWERS
 from .imu.triad import Curve as Curve
 from .judging.analysis import LIMITS_YAML as LIMITS_YAML
+from .judging.analysis import NEXT_PROFILE as NEXT_PROFILE
 from .judging.analysis import Analysis as Analysis
 from .judging.branches import branch_gap as branch_gap
 from .judging.cautions import refused_models as refused_models
@@ -95,9 +96,10 @@ from .judging.completeness import LOST as LOST
 from .judging.completeness import Completeness as Completeness
 from .judging.completeness import completeness as completeness
 from .judging.diagnosed import Rung as Rung
+from .judging.diagnosed import diagnosed as diagnosed
 from .judging.diagnosed import rivals as rivals
 from .judging.earlier import BEFORE as BEFORE
-from .judging.earlier import SAVED as SAVED
+from .judging.earlier import set_aside as set_aside
 from .judging.expressed import Measurements as Measurements
 from .judging.imu_verification import verify_imu as verify_imu
 from .judging.judge import BASELINES as BASELINES

@@ -21,6 +21,10 @@ from .fleet.board import drawn as drawn
 from .fleet.board import overview as overview
 from .fleet.board import safe_csv as safe_csv
 from .fleet.collect import collect as collect
+from .fleet.diagnosing import FleetDiagnosis as FleetDiagnosis
+from .fleet.diagnosing import by_lot as by_lot
+from .fleet.diagnosing import diagnose_fleet as diagnose_fleet
+from .fleet.diagnosing import in_common as in_common
 from .fleet.engines import Engine as Engine
 from .fleet.engines import dask_engine as dask_engine
 from .fleet.engines import local_engine as local_engine
@@ -31,7 +35,6 @@ from .fleet.history import printed_certificate as printed_certificate
 from .fleet.history import unit_history as unit_history
 from .fleet.listing import Order as Order
 from .fleet.listing import Standing as Standing
-from .fleet.listing import chosen as chosen
 from .fleet.listing import listing as listing
 from .fleet.moments_file import GROUP as GROUP
 from .fleet.moments_file import stored_count as stored_count
@@ -39,6 +42,7 @@ from .fleet.moments_file import stored_groups as stored_groups
 from .fleet.page import render as render
 from .fleet.page import sentence as sentence
 from .fleet.refit import Record as Record
+from .fleet.refit import refits as refits
 from .fleet.refit import write_records as write_records
 from .fleet.selection import Selection as Selection
 from .fleet.statistics import Statistics as Statistics
@@ -53,6 +57,7 @@ from .fleet.units import selected as selected
 from .registry.asking import certificates as certificates
 from .registry.asking import equipment as equipment
 from .registry.asking import known_runs as known_runs
+from .registry.asking import knows_unit as knows_unit
 from .registry.asking import plain as plain
 from .registry.asking import runs as runs
 from .registry.asking import show as show

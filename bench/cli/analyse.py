@@ -151,6 +151,7 @@ def import_(out: Path, preview: bool, **options: Any) -> Result:
 @effect_option
 @output_option
 @answers
+@registers(begin=False)
 def diagnose(check_runs: tuple[Path, ...], **options: Any) -> Result:
     """Find where the model fails, which physical effect is missing, and which experiment would show it."""
     from bench import commands

@@ -23,6 +23,7 @@ from bench.cli.options import (
     path_option,
     runs_argument,
     shelf_options,
+    together,
 )
 
 if TYPE_CHECKING:
@@ -163,6 +164,19 @@ def verify_archive(out: Path) -> Result:
 profile_option = click.option("--profile", help="Only runs of this profile. Default: the one that most units have run.")
 
 
+engine_options = together(
+    click.option(
+        "--engine",
+        type=click.Choice(["auto", "serial", "pool", "dask"]),
+        default="auto",
+        show_default=True,
+        help="On this computer in one process (serial) or several (pool), or on a Dask cluster (dask).",
+    ),
+    click.option("--workers", type=click.IntRange(1), help="Processes. Default: one per processor."),
+    click.option("--scheduler", metavar="tcp://…", help="A running Dask cluster. Default: a local one."),
+)
+
+
 @click.group(invoke_without_command=True)
 @click.option("--unit-filter", "pattern", metavar="REGEX", help="Only units whose whole serial matches.")
 @profile_option
@@ -203,15 +217,7 @@ def fleet_gauge(quantity: str, out: Path, where: str | None, **options: Any) -> 
 @profile_option
 @path_option("--moments", help="Moments file. Default: that of the registry's runs.")
 @path_option("--records", help="Write the records here. Default: beside the moments.")
-@click.option(
-    "--engine",
-    type=click.Choice(["auto", "serial", "pool", "dask"]),
-    default="auto",
-    show_default=True,
-    help="On this computer in one process (serial) or several (pool), or on a Dask cluster (dask).",
-)
-@click.option("--workers", type=click.IntRange(1), help="Processes. Default: one per processor.")
-@click.option("--scheduler", metavar="tcp://…", help="A running Dask cluster. Default: a local one.")
+@engine_options
 @shelf_options
 @answers
 def fleet_refit(
@@ -221,6 +227,24 @@ def fleet_refit(
     from bench import commands
 
     return commands.refit(model, out, where, moments, records, commands.RefitOptions(**work))
+
+
+@fleet.command("diagnose")
+@model_argument
+@profile_option
+@click.option("--again", is_flag=True, help="Also units whose run has a diagnosis of this model already.")
+@engine_options
+@shelf_options
+@answers
+def fleet_diagnose(model: str, out: Path, where: str | None, again: bool, **work: Any) -> Result:
+    """Find what the model of every unit lacks: a table of effects and lots, and what a lot has in common.
+
+    Takes the newest run of each unit, and a diagnosis of the same model that its folder has. The others are made now
+    and kept in the folders; an interrupted command goes on where it was.
+    """
+    from bench import commands
+
+    return commands.diagnose_units(model, out, where, commands.RefitOptions(**work), again=again)
 
 
 @click.group()

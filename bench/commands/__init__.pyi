@@ -127,6 +127,7 @@ from .results.deliver import Verified as Verified
 from .calibration.plan import Plan as Plan
 
 # Many units
+from .fleet import diagnose_units as diagnose_units
 from .fleet import fleet as fleet
 from .fleet import gauge as gauge
 from .lots import calibrate_lot as calibrate_lot
@@ -146,6 +147,7 @@ from .registering import registry_tell as registry_tell
 from .results.stock import CertificatesListed as CertificatesListed
 from .results.stock import EquipmentListed as EquipmentListed
 from .results.stock import Recalled as Recalled
+from .results.stock import FleetDiagnosed as FleetDiagnosed
 from .results.stock import FleetJudged as FleetJudged
 from .results.stock import GaugeJudged as GaugeJudged
 from .results.stock import LotCalibrated as LotCalibrated

@@ -67,7 +67,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - options of one command
         write(profile, proposal.profile_yaml)
         found = replace(found, next_experiment=proposal.to_json(str(profile)))
     write(runs[0] / DiagnosisRecord.FILE, DiagnosisRecord.model_validate(found.to_json()).text())
-    return Diagnosed(found)
+    return Diagnosed(found, runs[0])
 
 
 def _data(

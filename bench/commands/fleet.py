@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.base import InputError, nearest_or_all
 from bench.commands.files import write
-from bench.commands.results.stock import FleetJudged, GaugeJudged
+from bench.commands.results.stock import FleetDiagnosed, FleetJudged, GaugeJudged
+
+if TYPE_CHECKING:
+    from bench.archive import Engine
+    from bench.commands.refitting import RefitOptions
 
 
 def fleet(  # noqa: PLR0913 - options of one command, by keyword
@@ -32,6 +38,32 @@ def fleet(  # noqa: PLR0913 - options of one command, by keyword
         if path is not None:
             write(path, made(found))
     return FleetJudged(found, html, csv)
+
+
+def diagnose_units(
+    model_name: str, out: Path, where: str | None, options: RefitOptions, *, again: bool = False
+) -> FleetDiagnosed:
+    """`bench fleet diagnose`: what the model of every unit lacks, and what a lot has in common."""
+    from bench.analysis import load_model
+    from bench.archive import Selection, archive, diagnose_fleet, is_archive
+    from bench.commands.refitting import engine_of
+    from bench.commands.registering import open_in
+
+    model, name = load_model(model_name), "none"
+
+    def engine(units: int) -> Engine:
+        nonlocal name
+        name, made = engine_of(options, units)
+        return made
+
+    if not is_archive(out):
+        raise InputError("no registered runs here; make the registry with `bench registry rebuild`", out)
+    with open_in(out, where) as registry:
+        begun = time.perf_counter()
+        found = diagnose_fleet(registry, archive(out), model, engine, Selection(options.profile), again=again)
+    if not found.told and not found.failed:
+        raise InputError(f"no finished run to diagnose: {'; '.join(found.left_out) or 'none is registered'}", out)
+    return FleetDiagnosed(model.name, found, name, time.perf_counter() - begun)
 
 
 def gauge(

@@ -36,7 +36,7 @@ def refit(
 ) -> Refitted:
     """Refit the moments of a file, by default those of the registry's runs, and write a record a unit."""
     from bench.analysis import OF_SUMS, check, load_model
-    from bench.archive import GROUP, stored_count, stored_groups, write_records
+    from bench.archive import GROUP, refits, stored_count, stored_groups, write_records
 
     model = load_model(model_name)
     check(model)
@@ -46,10 +46,10 @@ def refit(
         moments, refused, left_out = _collected(root, where, options.profile)
     units = stored_count(moments)
     target = records or moments.with_name(f"refit_{model.name.replace(' ', '_')}.parquet")
-    name, engine = _engine(options, -(-units // GROUP))
+    name, engine = engine_of(options, -(-units // GROUP))
     summary = _Summary()
     begun = time.perf_counter()
-    count, failed = write_records(target, model, summary.of(engine(model, stored_groups(moments))))
+    count, failed = write_records(target, model, summary.of(engine(refits(model), stored_groups(moments))))
     took_s = time.perf_counter() - begun
     return Refitted(
         model=model.name,
@@ -84,7 +84,8 @@ def _collected(root: Path, where: str | None, profile: str | None) -> tuple[Path
     return path, done.refused, done.left_out
 
 
-def _engine(options: RefitOptions, groups: int) -> tuple[str, Engine]:
+def engine_of(options: RefitOptions, groups: int) -> tuple[str, Engine]:
+    """Name and engine for so many groups."""
     from bench.archive import dask_engine, local_engine
 
     if options.workers is not None and options.workers < 1:

@@ -11,6 +11,7 @@ from bench.archive.fleet.capability import capability, proportion
 from bench.archive.fleet.charts import chart, signals
 from bench.archive.fleet.drift import Levelled, corrected
 from bench.archive.fleet.drift import drifts as drifts_of
+from bench.archive.fleet.groups import coded, medians
 from bench.archive.fleet.unlike import unlike
 from tests.support.commands import bench
 from tests.support.fleet_runs import LIMITS, line, station
@@ -312,3 +313,14 @@ def test_a_certificate_says_more_than_the_report(tmp_path):
     assert shown["certificates"][0]["number"] == "C-1"
     assert {"bias_span_dph": 7.5}.items() <= {one["name"]: one["value"] for one in shown["quantities"]}.items()
     assert bench("fleet", "--out", root).exit_code == 1
+
+
+def test_names_are_numbered_and_medians_taken_as_numpy_does():
+    random = np.random.default_rng(2)
+    names = [f"L{number}" for number in random.integers(0, 7, 200)]
+    values = random.normal(size=200)
+    known, code = coded(names)
+    there, place = np.unique(names, return_inverse=True)
+    assert (list(known), code.tolist()) == (there.tolist(), place.tolist())
+    wanted = [np.median(values[place == number]) for number in range(len(there))]
+    assert medians(values, code).tolist() == wanted

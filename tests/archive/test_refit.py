@@ -16,7 +16,7 @@ from bench.analysis.effects.spline import Spline
 from bench.analysis.fit.fitting import fit_model
 from bench.archive.fleet import engines, moments_file
 from bench.archive.fleet.moments_file import Stored
-from bench.archive.fleet.refit import refit_group, refit_unit, write_records
+from bench.archive.fleet.refit import _lost, refit_group, refit_unit, refits, write_records
 from bench.base.errors import InputError
 from bench.cli import main
 from bench.record.dataset import load
@@ -40,7 +40,11 @@ def moments(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def here(moments):
-    return [record for some in engines.local_engine(1)(MODEL, moments_file.stored_groups(moments)) for record in some]
+    return [
+        record
+        for some in engines.local_engine(1)(refits(MODEL), moments_file.stored_groups(moments))
+        for record in some
+    ]
 
 
 def test_a_unit_that_fails_does_not_stop_the_rest(here):
@@ -62,7 +66,7 @@ def test_two_workers_find_the_numbers_of_the_serial_refit_bit_for_bit(here, mome
     if engine == "dask":
         pytest.importorskip("distributed")
     run = engines.local_engine(2) if engine == "pool" else engines.dask_engine(2, None)
-    there = [record for some in run(MODEL, moments_file.stored_groups(moments)) for record in some]
+    there = [record for some in run(refits(MODEL), moments_file.stored_groups(moments)) for record in some]
     assert there == here
 
 
@@ -101,7 +105,7 @@ def test_a_group_that_kills_its_process_is_recorded_as_failed(moments, monkeypat
     monkeypatch.setenv("BENCH_TEST_PARENT", str(os.getpid()))
     whole = next(moments_file.stored_groups(moments))
     group = moments_file.Group(whole.units[:2], whole.runs[:2], whole.values[:2])
-    (some,) = engines.local_engine(2)(Deadly("deadly", (Spline(12),)), [group])
+    (some,) = engines.local_engine(2)(refits(Deadly("deadly", (Spline(12),))), [group])
     assert len(some) == len(group.units)
     assert {record.error for record in some} == {"not refitted: its worker process died"}
 
@@ -110,7 +114,7 @@ def test_a_group_that_kills_its_process_is_recorded_as_failed(moments, monkeypat
 def test_a_unit_that_kills_its_process_costs_no_other_one(moments, deadly):
     group = next(moments_file.stored_groups(moments))
     names = {group.units[number] for number in deadly}
-    found = engines._halved(group, lambda part: None if names & set(part.units) else refit_group(MODEL, part))
+    found = engines._halved(group, lambda part: None if names & set(part.units) else refit_group(MODEL, part), _lost)
     assert [record.unit for record in found if record.error] == sorted(names)
     assert [record.unit for record in found] == list(group.units)
 
@@ -142,7 +146,7 @@ def test_a_scheduler_that_goes_away_ends_with_a_sentence(moments):
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
     ) as cluster:
-        answers = engines.dask_engine(1, cluster.scheduler_address)(MODEL, moments_file.stored_groups(moments))
+        answers = engines.dask_engine(1, cluster.scheduler_address)(refits(MODEL), moments_file.stored_groups(moments))
         next(answers)
         cluster.close()
         with pytest.raises(InputError, match="the Dask scheduler went away"):
@@ -152,16 +156,16 @@ def test_a_scheduler_that_goes_away_ends_with_a_sentence(moments):
 def test_no_scheduler_there_is_bad_input(moments, tmp_path):
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match="no Dask scheduler"):
-        next(engines.dask_engine(1, "nonsense")(MODEL, moments_file.stored_groups(moments)))
+        next(engines.dask_engine(1, "nonsense")(refits(MODEL), moments_file.stored_groups(moments)))
 
 
 def test_without_a_scheduler_this_computer_refits_and_a_missing_dask_says_how_to_install_it(moments, monkeypatch):
     from bench.commands import refitting
 
-    assert refitting._engine(refitting.RefitOptions(workers=2), groups=100)[0] == "pool, 2 workers"
+    assert refitting.engine_of(refitting.RefitOptions(workers=2), groups=100)[0] == "pool, 2 workers"
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"gyro-thermal-bench\[fleet\]"):
-        next(engines.dask_engine(1, None)(MODEL, moments_file.stored_groups(moments)))
+        next(engines.dask_engine(1, None)(refits(MODEL), moments_file.stored_groups(moments)))
 
 
 def test_records_are_written_whole_or_not_at_all(moments, tmp_path):

@@ -3,12 +3,16 @@
 import csv
 import io
 import json
+import threading
 
 import pytest
 
+from bench.archive import runs
+from bench.archive.fleet import figures
 from bench.archive.fleet.board import harmless
 from bench.commands.registering import register
 from bench.web.ground.settings import Settings
+from bench.web.shelf import stock
 from tests.support.fleet_runs import LIMITS, line, station
 from tests.support.run_folders import keep
 from tests.support.unit_history import PDF, UNIT, unit_with_history
@@ -181,3 +185,37 @@ def test_a_run_that_is_registered_meanwhile_is_seen_at_the_next_look(tmp_path):
         assert client.get(f"{API}/units").json()["total"] == 1
         register([station(tmp_path, "A-2", "one", 1.0, residual=0.1)])
         assert client.get(f"{API}/units").json()["total"] == 2
+
+
+def test_an_answer_that_takes_long_is_given_as_it_was_and_made_anew_beside_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(stock, "_PATIENCE_S", -1.0)
+    register([station(tmp_path, "A-1", "one", 0.0, residual=0.1)])
+    shelf = stock.Stock(tmp_path)
+    asked, go_on = threading.Event(), threading.Event()
+
+    def slowly(registry):
+        asked.set()
+        go_on.wait()
+        return len(runs(registry))
+
+    go_on.set()
+    assert (shelf.answer("runs", slowly), shelf.counting) == (1, False)
+    go_on.clear()
+    asked.clear()
+    register([station(tmp_path, "A-2", "one", 1.0, residual=0.1)])
+    assert (shelf.answer("runs", slowly), shelf.counting) == (1, True)
+    asked.wait()
+    (asking,) = [one for one in threading.enumerate() if one.name == "stock"]
+    go_on.set()
+    asking.join()
+    assert (shelf.answer("runs", slowly), shelf.counting) == (2, False)
+
+
+def test_a_figure_has_the_newest_units_and_the_limits_of_all(client, monkeypatch):
+    whole = client.get(f"{API}/fleet/charts/residual_rms_dph").json()
+    monkeypatch.setattr(figures, "MOST", 10)
+    part = client.get(f"{API}/fleet/charts/residual_rms_dph").json()
+    assert (part["units"], part["all"]) == (whole["units"][-10:], len(whole["units"]))
+    assert part["histogram"] == whole["histogram"]
+    assert part["figure"]["data"][0]["y"] == whole["figure"]["data"][0]["y"][-10:]
+    assert len(client.get(f"{API}/fleet/charts/distances").json()["units"]) == 10

@@ -17,7 +17,7 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import FitRows, fit_rows
 from bench.analysis.fit.fitting import fit_model
 from bench.base import FloatArray, InputError
-from bench.record import Dataset
+from bench.record import Dataset, DiagnosisRecord
 
 _RIVALS = 2
 
@@ -45,6 +45,11 @@ class Diagnosed:
     profile_yaml: str = ""
     """Profile of the answer's next experiment, where there is one."""
 
+    @property
+    def record(self) -> DiagnosisRecord | None:
+        """The whole answer, as it stands in diagnosis.json."""
+        return None if self.answer is None else DiagnosisRecord.model_validate(self.answer.to_json())
+
     def to_json(self) -> dict[str, Any]:
         """What `bench run --json` says about it; the whole answer is in diagnosis.json."""
         if self.answer is None:
@@ -61,6 +66,7 @@ def diagnosed(  # noqa: PLR0913, PLR0917 - what a diagnosis rests on
     floor_dph: float,
     plan: Path,
     sisters: Sequence[Dataset] = (),
+    workers: int | None = None,
 ) -> Diagnosed:
     """Diagnose `model` on a run, its check runs, its isothermal run and those of sister units.
 
@@ -68,7 +74,9 @@ def diagnosed(  # noqa: PLR0913, PLR0917 - what a diagnosis rests on
     known; `plan` is where the next experiment's profile will be.
     """
     try:
-        answer = diagnose([data], model, check=check, static=static, sisters=sisters, floor_dph=floor_dph)
+        answer = diagnose(
+            [data], model, check=check, static=static, sisters=sisters, floor_dph=floor_dph, workers=workers
+        )
         proposal = next_experiment(answer, [data], static=static)
         proposed = {} if proposal is None else proposal.to_json(str(plan))
         yaml = "" if proposal is None else proposal.profile_yaml

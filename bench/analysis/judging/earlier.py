@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.analysis.diagnosis.answer import Diagnosis
 from bench.base import InputError
 from bench.record import DiagnosisRecord, drop
 
 SAVED, BEFORE = DiagnosisRecord.FILE, DiagnosisRecord.BEFORE
 
 
-def set_aside(folder: Path, answer: Diagnosis | None) -> str:
+def set_aside(folder: Path, answer: DiagnosisRecord | None) -> str:
     """Keep the diagnosis of before under another name if it knew a run that `answer` does not; then say so, else ''."""
     try:
         saved = DiagnosisRecord.find(folder)
     except InputError as error:
         return f"the earlier diagnosis is replaced: {error}"
     known = set() if saved is None else saved.everything()
-    lost = known - (set() if answer is None else {*answer.runs, *answer.check, answer.static})
+    lost = known - (set() if answer is None else answer.everything())
     if not lost:
         return ""
     if saved is not None:

@@ -31,7 +31,6 @@ from bench.record import (
     CalibrationRecord,
     ComparisonRecord,
     Dataset,
-    DiagnosisRecord,
     LimitsRecord,
     Manifest,
     Record,
@@ -186,7 +185,7 @@ def _diagnosed(
     outcome = diagnosed(data, best.model, checks, static, known.floor.floor_dph, plan, sisters)
     reasons = (
         f"not diagnosed: {outcome.reason}" if outcome.answer is None else "",
-        set_aside(known.run.path, outcome.answer),
+        set_aside(known.run.path, outcome.record),
     )
     known = replace(known, diagnosed=outcome, warnings=(*known.warnings, *filter(None, reasons)))
     return replace(known, verdict=with_diagnosis(known.verdict, outcome, known.floor.floor_dph))
@@ -212,8 +211,8 @@ def _write(result: Analysis) -> None:
     content["quantities"] = [quantity.to_json() for quantity in quantities(result)]
     content["refusals"] = list(refusals(result))
     made.append(CalibrationRecord.model_validate(content))
-    if result.diagnosed.answer is not None:
-        made.append(DiagnosisRecord.model_validate(result.diagnosed.answer.to_json()))
+    if (diagnosis := result.diagnosed.record) is not None:
+        made.append(diagnosis)
     files = {record.FILE: record.text().encode() for record in made}
     if result.diagnosed.profile_yaml:
         files[NEXT_PROFILE] = result.diagnosed.profile_yaml.encode()

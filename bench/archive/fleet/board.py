@@ -67,25 +67,28 @@ def _attention(found: Statistics) -> Found:
 
 
 def drawn(found: Statistics, name: str) -> Found:
-    """One figure, unit and run of each place on its x axis, the signals and a histogram; InputError without a chart."""
+    """One figure of the newest units, unit and run of each place on its x axis, the signals there, a histogram of all.
+
+    InputError without a chart.
+    """
     if name == DISTANCES and np.any(np.isfinite(found.distances)):
-        newest = found.fleet.newest
-        plot = figures.distances(
-            found.distances, [one.lot for one in newest], [one.row for one in found.odd], [one.unit for one in newest]
-        )
-        return {"name": name, "figure": figures.named(plot, [_label(one) for one in newest]), "histogram": None,
-                "units": [one.unit for one in newest], "runs": [one.path for one in newest], "signals": []}  # fmt: skip
+        newest = found.fleet.newest[-figures.MOST :]
+        return {"name": name, "figure": figures.named(figures.of_lots(found), [_label(one) for one in newest]),
+                "histogram": None, "units": [one.unit for one in newest], "runs": [one.path for one in newest],
+                "signals": [], "all": len(found.fleet.newest)}  # fmt: skip
     one = next((one for one in found.measured if one.name == name and one.chart is not None), None)
     if one is None or one.chart is None:
         known = ", ".join([*(one.name for one in found.measured if one.chart), DISTANCES])
         raise InputError(f"no chart of '{name}'; the charts are {known}")
-    shown = [found.fleet.newest[row] for row in one.rows]
+    chart = one.chart.newest(figures.MOST)
+    shown = [found.fleet.newest[row] for row in one.rows[-figures.MOST :]]
     units = [unit.unit for unit in shown]
-    signals = [{"rule": s.rule, "text": s.text, "unit": units[s.index], "at": s.index + 1} for s in one.chart.signals]
+    signals = [{"rule": s.rule, "text": s.text, "unit": units[s.index], "at": s.index + 1} for s in chart.signals]
     limits = one.lower, one.upper
-    plot = figures.named(figures.control(one.chart, one.name, one.unit, limits), [_label(unit) for unit in shown])
+    plot = figures.named(figures.control(chart, one.name, one.unit, limits), [_label(unit) for unit in shown])
     return {"name": name, "figure": plot, "histogram": figures.histogram(one.values, one.unit, limits),
-            "units": units, "runs": [unit.path for unit in shown], "signals": signals}  # fmt: skip
+            "units": units, "runs": [unit.path for unit in shown], "signals": signals,
+            "all": len(one.rows)}  # fmt: skip
 
 
 def _label(one: Calibrated) -> str:

@@ -8,7 +8,7 @@ in place of 9 are those of Western Electric (1956)).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,12 @@ class Chart:
     def limits(self) -> tuple[float, float]:
         """Three sigma about the centre."""
         return self.centre - 3 * self.sigma, self.centre + 3 * self.sigma
+
+    def newest(self, most: int) -> Chart:
+        """The same chart of the newest values only: centre and limits are those of all."""
+        gone = max(self.values.size - most, 0)
+        kept = tuple(replace(one, index=one.index - gone) for one in self.signals if one.index >= gone)
+        return replace(self, values=self.values[gone:], signals=kept) if gone else self
 
     @property
     def ranges(self) -> FloatArray:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from bench.archive.fleet.groups import coded, medians
 from bench.archive.fleet.mixed import Mixed, Tested
 from bench.base import BoolArray, FloatArray, IntArray
 
@@ -78,8 +79,8 @@ class Levelled:
         rows: IntArray | None = None,
     ) -> Levelled | None:
         """None where there are too few values."""
-        lot_names, lot = np.unique(np.asarray(lots, dtype=str), return_inverse=True)
-        names, station = np.unique(np.asarray(stations, dtype=str), return_inverse=True)
+        lot_names, lot = coded(lots)
+        names, station = coded(stations)
         near, t = _near(values, lot), time_s / DAY_S
         many = np.bincount(station[near], minlength=len(names))
         if near.sum() - 2 * np.count_nonzero(many) - 1 < LEAST // 2:
@@ -98,7 +99,7 @@ class Levelled:
         )
         solved = Mixed.of(columns[near], values[near], lot[near])
         found = rows_of if rows is None else rows
-        return cls(solved, values, station, lot, tuple(names.tolist()), tuple(lot_names.tolist()), time_s, near, found)
+        return cls(solved, values, station, lot, names, lot_names, time_s, near, found)
 
     def in_order(self, place: int) -> IntArray:
         """Indices of the values of a station in order of time."""
@@ -190,7 +191,7 @@ def corrected(found: Sequence[Drift]) -> list[Drift]:
 
 
 def _near(values: FloatArray, lot: IntArray) -> BoolArray:
-    centre = np.array([np.median(values[lot == i]) for i in range(lot.max() + 1)])[lot]
+    centre = medians(values, lot)[lot]
     spread = 1.4826 * float(np.median(np.abs(values - centre)))
     near: BoolArray = np.abs(values - centre) <= _FAR * spread if spread > 0 else np.ones(values.size, dtype=bool)
     return near

@@ -1,4 +1,4 @@
-"""Where groups are refitted: on this computer or on a Dask cluster. The answer is the same, bit for bit.
+"""Where work on groups of units is done: on this computer or on a Dask cluster. The answer is the same, bit for bit.
 
 A few groups per worker are in work at a time, and the answers come back in order, so memory does not grow with the
 fleet. (Bit for bit holds among computers of one kind: another processor may round a sum differently in the last place.)
@@ -9,22 +9,20 @@ from __future__ import annotations
 import hashlib
 import logging
 import multiprocessing
+import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 import scipy
 
-from bench.analysis import Model
-from bench.archive.fleet.moments_file import Group
-from bench.archive.fleet.refit import Record, refit_group
 from bench.base import InputError, __version__
 
 WINDOW = 3
@@ -33,9 +31,39 @@ GONE_S = 60.0
 """How long a cluster may be without any worker [s]."""
 _LOOK_S = 2.0
 _LEAST_TRIES, _MOST_TRIES = 6, 40
-"""Of parts of one group: without a part that can be refitted, and twice what finds one or two units among 256."""
+"""Of parts of one group: without a part that can be done, and twice what finds one or two units among 256."""
 
-Engine = Callable[[Model, Iterable[Group]], Iterator[list[Record]]]
+
+class Units(Protocol):
+    """A group of units, of which a part can be taken."""
+
+    def __len__(self) -> int:
+        """Number of units."""
+
+    def __getitem__(self, part: slice, /) -> Self:
+        """The units of a part."""
+
+
+G = TypeVar("G", bound=Units)
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Work(Generic[G, R]):
+    """What is done with a group: an answer a unit, in their order. Both functions can be sent to other processes."""
+
+    do: Callable[[G], list[R]]
+    lost: Callable[[G, str], list[R]]
+    """The answers of units that kill their process."""
+    root: Path | None = None
+    """Folder that the workers must see."""
+
+
+class Engine(Protocol):
+    """Does the work with each group; the answers come in the order of the groups."""
+
+    def __call__(self, work: Work[G, R], groups: Iterable[G], /) -> Iterator[list[R]]:
+        """Answers, group by group."""
 
 
 def local_engine(workers: int) -> Engine:
@@ -44,27 +72,33 @@ def local_engine(workers: int) -> Engine:
     A group that kills its process is halved until the unit that does it stands alone; only that one fails.
     """
 
-    def run(model: Model, groups: Iterable[Group]) -> Iterator[list[Record]]:
-        work = partial(refit_group, model)
+    def run(work: Work[G, R], groups: Iterable[G], /) -> Iterator[list[R]]:
         if workers == 1:
-            yield from map(work, groups)
+            yield from map(work.do, groups)
             return
         executor = _executor(workers)
 
-        def submit(group: Group) -> Future[list[Record]]:
+        def submit(group: G) -> Future[list[R]]:
             nonlocal executor
             try:
-                return executor.submit(work, group)
+                return executor.submit(work.do, group)
             except BrokenProcessPool:
                 executor = _executor(workers)
-                return executor.submit(work, group)
+                return executor.submit(work.do, group)
+
+        def again(group: G) -> list[R] | None:
+            with _executor(1) as alone:
+                try:
+                    return alone.submit(work.do, group).result()
+                except BrokenProcessPool:
+                    return None
 
         try:
             for group, future in _ahead(submit, groups, WINDOW * workers):
                 try:
                     yield future.result()
                 except BrokenProcessPool:
-                    yield _halved(group, partial(_alone, work))
+                    yield _halved(group, again, work.lost)
         finally:
             executor.shutdown(cancel_futures=True)
 
@@ -79,21 +113,25 @@ def dask_engine(workers: int, scheduler: str | None) -> Engine:
     the workers have other code than this computer.
     """
 
-    def run(model: Model, groups: Iterable[Group]) -> Iterator[list[Record]]:
-        work = partial(refit_group, model)
+    def run(work: Work[G, R], groups: Iterable[G], /) -> Iterator[list[R]]:
         with _client(workers, scheduler) as client:
             _require_same_code(client)
+            if work.root is not None:
+                _require_folder(client, work.root)
             threads = max(1, sum(client.nthreads().values()))
-            # Not pure: equal moments of two units are two tasks.
-            submit = partial(client.submit, work, pure=False, retries=2)
 
-            def again(group: Group) -> list[Record] | None:
-                return _result(client, submit(group))
+            def submit(group: G) -> Any:
+                # Not pure: equal moments of two units are two tasks.
+                return client.submit(work.do, group, pure=False, retries=2)
+
+            def again(group: G) -> list[R] | None:
+                found: list[R] | None = _result(client, submit(group))
+                return found
 
             for done, (group, future) in enumerate(_ahead(submit, groups, WINDOW * threads)):
                 try:
                     found = _result(client, future)
-                    yield _halved(group, again) if found is None else found
+                    yield _halved(group, again, work.lost) if found is None else found
                 except (OSError, CancelledError) as error:
                     text = f"the Dask scheduler went away after {done} groups ({type(error).__name__}); start it again"
                     raise InputError(f"{text}, and give the command again", scheduler) from None
@@ -102,7 +140,7 @@ def dask_engine(workers: int, scheduler: str | None) -> Engine:
     return run
 
 
-def _result(client: Any, future: Any) -> list[Record] | None:
+def _result(client: Any, future: Any) -> Any:
     """What a task made; None where it failed. InputError where no worker comes back for a minute."""
     left_s = GONE_S
     while True:
@@ -119,28 +157,27 @@ def _result(client: Any, future: Any) -> list[Record] | None:
     return future.result() if error is None else None
 
 
-def _halved(group: Group, again: Callable[[Group], list[Record] | None]) -> list[Record]:
-    """Records of a group that could not be refitted as one; `again` refits a part, None where it fails, too."""
-    found: dict[int, Record] = {}
-    waiting, tries, some = deque([range(len(group.units))]), 0, False
+def _halved(group: G, again: Callable[[G], list[R] | None], lost: Callable[[G, str], list[R]]) -> list[R]:
+    """Answers of a group that could not be done as one; `again` does a part, None where it fails, too."""
+    found: dict[int, R] = {}
+    waiting, tries, some = deque([range(len(group))]), 0, False
     while waiting:
         part = waiting.popleft()
-        rows = slice(part.start, part.stop)
-        own = Group(group.units[rows], group.runs[rows], group.values[rows])
+        own = group[part.start : part.stop]
         hopeless = tries >= (_MOST_TRIES if some else _LEAST_TRIES)
-        records = None if hopeless else again(own)
-        tries, some = tries + (not hopeless), some or records is not None
-        if records is None and len(part) > 1 and not hopeless:
+        answers = None if hopeless else again(own)
+        tries, some = tries + (not hopeless), some or answers is not None
+        if answers is None and len(part) > 1 and not hopeless:
             middle = (part.start + part.stop) // 2
             waiting += [range(part.start, middle), range(middle, part.stop)]
             continue
-        found |= dict(zip(part, records or _failed(own, "its worker process died"), strict=True))
-    return [found[i] for i in range(len(group.units))]
+        found |= dict(zip(part, answers or lost(own, "its worker process died"), strict=True))
+    return [found[i] for i in range(len(group))]
 
 
-def _ahead(submit: Callable[[Group], Any], groups: Iterable[Group], window: int) -> Iterator[tuple[Group, Any]]:
+def _ahead(submit: Callable[[G], Any], groups: Iterable[G], window: int) -> Iterator[tuple[G, Any]]:
     """Every group with its future, in order; up to `window` groups are submitted ahead."""
-    waiting: deque[tuple[Group, Any]] = deque()
+    waiting: deque[tuple[G, Any]] = deque()
     source = iter(groups)
     while True:
         while len(waiting) < window and (group := next(source, None)) is not None:
@@ -152,14 +189,6 @@ def _ahead(submit: Callable[[Group], Any], groups: Iterable[Group], window: int)
 
 def _executor(workers: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
-
-
-def _alone(work: Callable[[Group], list[Record]], group: Group) -> list[Record] | None:
-    with _executor(1) as executor:
-        try:
-            return executor.submit(work, group).result()
-        except BrokenProcessPool:
-            return None
 
 
 def _client(workers: int, scheduler: str | None) -> Any:
@@ -195,8 +224,14 @@ def _require_same_code(client: Any) -> None:
             raise InputError(f"{text}, or the numbers would differ")
 
 
+def _require_folder(client: Any, root: Path) -> None:
+    for worker, seen in sorted(client.run(os.path.isdir, str(root)).items()):
+        if not seen:
+            raise InputError(f"worker {worker} does not see this folder; mount it there under the same path", root)
+
+
 def fingerprint() -> dict[str, str]:
-    """What the numbers of a refit depend on: versions, and the hash of the bench's own code."""
+    """What the numbers depend on: versions, and the hash of the bench's own code."""
     digest = hashlib.sha256()
     top = Path(str(files("bench")))
     for path in sorted(top.rglob("*.py")):
@@ -207,8 +242,3 @@ def fingerprint() -> dict[str, str]:
         "scipy": scipy.__version__,
         "code": digest.hexdigest()[:12],
     }
-
-
-def _failed(group: Group, why: str) -> list[Record]:
-    text = f"not refitted: {why}".partition("\n")[0]
-    return [Record(unit, run, text) for unit, run in zip(group.units, group.runs, strict=True)]

@@ -10,6 +10,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from bench.archive.fleet.charts import Chart
+from bench.archive.fleet.groups import coded
+from bench.archive.fleet.statistics import Statistics
 from bench.base import FloatArray, in_print
 from bench.deliver import (
     BLUE,
@@ -27,6 +29,8 @@ from bench.deliver import (
 )
 
 UNITS = "unit, in order of time"
+MOST = 4000
+"""Units in a figure, the newest: more cannot be told apart."""
 _MOST_BARS = 60
 
 
@@ -92,13 +96,21 @@ def named(drawn: Plot, labels: Sequence[str]) -> Plot:
     return drawn
 
 
+def of_lots(found: Statistics) -> Plot:
+    """Distances of the newest units from their lots."""
+    first = max(len(found.fleet.newest) - MOST, 0)
+    shown = found.fleet.newest[first:]
+    odd = [one.row - first for one in found.odd if one.row >= first]
+    return distances(found.distances[first:], [one.lot for one in shown], odd, [one.unit for one in shown])
+
+
 def distances(values: FloatArray, lots: Sequence[str], odd: Sequence[int], serials: Sequence[str]) -> Plot:
     """Robust distance of every unit (n,), coloured by lot; odd units are named."""
     number = _numbers(values.size)
-    names = list(dict.fromkeys(lots))
+    names, code = coded(lots)
     traces = []
     for i, lot in enumerate(names):
-        rows = np.flatnonzero(np.asarray(lots) == lot)
+        rows = np.flatnonzero(code == i)
         traces.append(dot_trace(number[rows], values[rows], f"lot {lot}", CYCLE[i % len(CYCLE)], size=6))
     labels = [
         {"x": float(number[row]), "y": float(values[row]), "text": serials[row], "ay": -22, "ax": 0} for row in odd[:20]

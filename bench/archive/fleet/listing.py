@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any, Literal, get_args
 
+import numpy as np
 from sqlalchemy import func, select
 
 from bench.analysis import Verdict
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.writing import TABLES
+from bench.base import IntArray
 
 Standing = Literal["pass", "fail", "unjudged", "uncalibrated"]
+_STANDINGS: tuple[Standing, ...] = get_args(Standing)
 Order = Literal["newest", "oldest", "serial"]
 
 Found = dict[str, Any]
 
 
-def listing(registry: Registry) -> list[Found]:
-    """All units by serial number; `standing` comes from the newest calibration."""
+def listing(registry: Registry) -> Listing:
+    """All units."""
     unit, run, calibration, certificate = (
         TABLES[name] for name in ("units", "runs", "calibrations", "certificates")
     )  # fmt: skip
@@ -42,9 +45,49 @@ def listing(registry: Registry) -> list[Found]:
                 one["calibrations"] += 1
                 one |= {"calibrated": row.created, "model": row.model, "judged": row.judged}
                 one["certificate"] = row.number
-    for one in units.values():
-        one["standing"] = _standing(one)
-    return sorted(units.values(), key=lambda one: str(one["serial"]))
+    return Listing([units[serial] for serial in sorted(units)])
+
+
+class Listing:
+    """All units by serial number, made for looking: numbers of units (n,) are their places."""
+
+    def __init__(self, units: Sequence[Found]) -> None:
+        """Texts that are looked through, how each unit stands, and their order in time."""
+        self._units = [tuple(one[key] for key in _KEYS) for one in units]
+        self._texts = [f"{one['serial']} {one['lot'] or ''}".casefold() for one in units]
+        self._standing = np.array([_STANDINGS.index(_standing(one)) for one in units], dtype=np.int8)
+        last = sorted(range(len(units)), key=lambda number: str(units[number]["last"] or ""))
+        self._rank = np.empty(len(units), dtype=np.int64)
+        self._rank[last] = np.arange(len(units))
+
+    def __len__(self) -> int:
+        """Number of units."""
+        return len(self._units)
+
+    def holding(self, text: str) -> IntArray:
+        """Numbers of the units whose serial number or lot holds every word of `text`."""
+        words = text.casefold().split()
+        if not words:
+            return np.arange(len(self))
+        return np.array([n for n, own in enumerate(self._texts) if all(word in own for word in words)], dtype=np.int64)
+
+    def chosen(self, numbers: IntArray, standing: Standing | None, order: Order) -> IntArray:
+        """Those with this standing, in this order."""
+        if standing is not None:
+            numbers = numbers[self._standing[numbers] == _STANDINGS.index(standing)]
+        if order == "serial":
+            return numbers
+        ordered: IntArray = numbers[np.argsort(self._rank[numbers], kind="stable")]
+        return ordered[::-1] if order == "newest" else ordered
+
+    def standings(self, numbers: IntArray) -> dict[str, int]:
+        """How many of these stand how, without those that are none."""
+        counts = np.bincount(self._standing[numbers], minlength=len(_STANDINGS))
+        return {name: int(count) for name, count in zip(_STANDINGS, counts, strict=True) if count}
+
+    def line(self, number: int) -> Found:
+        """One unit, by key; `standing` comes from the newest calibration."""
+        return {**dict(zip(_KEYS, self._units[number], strict=True)), "standing": _STANDINGS[self._standing[number]]}
 
 
 def _empty(serial: str, lot: str | None) -> Found:
@@ -54,23 +97,12 @@ def _empty(serial: str, lot: str | None) -> Found:
     }  # fmt: skip
 
 
+_KEYS = tuple(_empty("", None))
+
+
 def _standing(one: Found) -> Standing:
     if one["model"] is None:
         return "uncalibrated"
     if one["judged"] not in set(Verdict) or not Verdict(one["judged"]).judged:
         return "unjudged"
     return "pass" if Verdict(one["judged"]).within else "fail"
-
-
-def chosen(units: Iterable[Found], text: str, standing: Standing | None, order: Order) -> Sequence[Found]:
-    """Units whose serial number or lot holds every word of `text`, with this standing, in this order."""
-    words = text.casefold().split()
-    found = [
-        one
-        for one in units
-        if (standing is None or one["standing"] == standing)
-        and all(word in f"{one['serial']} {one['lot'] or ''}".casefold() for word in words)
-    ]
-    if order == "serial":
-        return found
-    return sorted(found, key=lambda one: str(one["last"] or ""), reverse=order == "newest")

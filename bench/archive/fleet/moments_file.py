@@ -49,6 +49,14 @@ class Group:
     runs: tuple[str, ...]
     values: FloatArray
 
+    def __len__(self) -> int:
+        """Number of units."""
+        return len(self.units)
+
+    def __getitem__(self, part: slice, /) -> Group:
+        """The units of a part."""
+        return Group(self.units[part], self.runs[part], self.values[part])
+
 
 def write(path: Path, rows: Iterable[Stored]) -> int:
     """Write a file, replacing an older one in one move at the end; returns the number of rows."""

@@ -184,12 +184,14 @@ def _unlike(found: Statistics) -> Section:
     ]  # fmt: skip
     head = ("unit", "lot", "distance", "p", "leading quantity", "from the lot's median")
     html = table("Units unlike their lot", head, rows, (2, 3, 5)) if rows else lead("Every unit is like its lot.")
-    drawn = figures.distances(
-        found.distances, [one.lot for one in fleet.newest], [one.row for one in found.odd],
-        [one.unit for one in fleet.newest],
-    )  # fmt: skip
-    caption = "Robust distance over all quantities at once, each against the median of its lot."
-    return Section("unlike", "Units unlike their lot", html + figure("distances", drawn, caption, caption))
+    caption = f"Robust distance over all quantities at once, each against the median of its lot.{_newest(found)}"
+    drawn = figure("distances", figures.of_lots(found), caption, caption)
+    return Section("unlike", "Units unlike their lot", html + drawn)
+
+
+def _newest(found: Statistics) -> str:
+    many = len(found.fleet.newest)
+    return f" The newest {figures.MOST} of {many} units." if many > figures.MOST else ""
 
 
 def _charts(found: Statistics) -> Iterable[Section]:
@@ -199,7 +201,7 @@ def _charts(found: Statistics) -> Iterable[Section]:
             continue
         said = [f"{found.fleet.newest[one.rows[s.index]].unit}: {s.text} (rule {s.rule})" for s in one.chart.signals]
         caption = "; ".join(said[:12]) + (f"; and {len(said) - 12} more" if len(said) > 12 else "")
-        drawn = figures.control(one.chart, one.name, one.unit, (one.lower, one.upper))
+        drawn = figures.control(one.chart.newest(figures.MOST), one.name, one.unit, (one.lower, one.upper))
         alt = f"Control chart of {one.name} over {one.values.size} units, {len(said)} signals"
         html += heading(one.name) + figure(f"chart-{one.name}", drawn, caption or "No rule is broken.", alt)
     if html:

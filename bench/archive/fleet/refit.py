@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.analysis import Model, Moments, one_blas_thread, solve_moments
+from bench.archive.fleet.engines import Work
 from bench.archive.fleet.moments_file import Group
 from bench.base import BenchError, FloatArray, InputError
 
@@ -66,6 +68,15 @@ def refit_group(model: Model, group: Group) -> list[Record]:
     """Records of a group, in its order; BLAS uses one thread, so that the load cannot change the digits."""
     with one_blas_thread():
         return [refit_unit(model, *each) for each in zip(group.units, group.runs, group.values, strict=True)]
+
+
+def refits(model: Model) -> Work[Group, Record]:
+    """The work of an engine: each unit of a group refitted."""
+    return Work(partial(refit_group, model), _lost)
+
+
+def _lost(group: Group, why: str) -> list[Record]:
+    return [Record(unit, run, f"not refitted: {why}") for unit, run in zip(group.units, group.runs, strict=True)]
 
 
 def write_records(path: Path, model: Model, records: Iterable[list[Record]]) -> tuple[int, int]:

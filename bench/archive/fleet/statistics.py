@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Limits
+from bench.analysis import Limits, one_blas_thread
 from bench.archive.fleet.capability import Capability, capability, proportion
 from bench.archive.fleet.charts import Chart, chart
 from bench.archive.fleet.drift import SIGNIFICANT, Drift, Levelled, corrected, drifts
@@ -108,6 +108,11 @@ class Statistics:
 
 def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
     """Yield, capability, charts, drifts and distances of a fleet."""
+    with one_blas_thread():  # the matrices are small: threads of BLAS would wait for each other
+        return _statistics(fleet, limits)
+
+
+def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
     verdicts = tuple(words(fleet.newest, limits))
     bounds: dict[str, tuple[float | None, float | None]] = {}
     bounds |= {limit.subject: (limit.lower, limit.upper) for limit in limits.limits} if limits else {}

@@ -6,10 +6,11 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from sys import intern
 from typing import Any
 
 import numpy as np
-from sqlalchemy import func, select
+from sqlalchemy import case, func, select
 
 from bench.analysis import Limits, Quantity, Verdict, judge_limits
 from bench.archive.fleet.selection import Selection, profile_of
@@ -22,11 +23,15 @@ NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
 """The lot of a unit without a recorded lot is its serial without the number at the end."""
 
 
+_AT_ONCE = 10_000
+"""Runs whose quantities are read together."""
+
+
 class NoUnitError(InputError):
     """No unit has a calibration, or none of those whose serial matches."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Calibrated:
     """A run with a calibration: unit, lot, station, time, verdict, and its quantities by name."""
 
@@ -44,6 +49,31 @@ class Calibrated:
     values: Mapping[str, float] = field(default_factory=dict)
 
 
+class Values(Mapping[str, float]):
+    """Quantities of one run by name: a row of a table of all runs."""
+
+    __slots__ = ("_names", "_row")
+
+    def __init__(self, names: Mapping[str, int], row: FloatArray) -> None:
+        """`names` say which place of `row` (names,) holds what; NaN is nothing."""
+        self._names, self._row = names, row
+
+    def __getitem__(self, name: str) -> float:
+        """The value; KeyError where there is none."""
+        value = float(self._row[self._names[name]])
+        if np.isnan(value):
+            raise KeyError(name)
+        return value
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of the quantities that there are, sorted."""
+        return (name for name, place in self._names.items() if not np.isnan(self._row[place]))
+
+    def __len__(self) -> int:
+        """Number of quantities."""
+        return int((~np.isnan(self._row)).sum())
+
+
 @dataclass(frozen=True)
 class Fleet:
     """Newest run of every unit in order of time, and the first; `units` of the quantities."""
@@ -56,7 +86,7 @@ class Fleet:
 
     def column(self, quantity: str) -> FloatArray:
         """Values (n,) of the newest runs, NaN for a missing one."""
-        return np.array([one.values.get(quantity, np.nan) for one in self.newest])
+        return np.fromiter((one.values.get(quantity, np.nan) for one in self.newest), np.float64, len(self.newest))
 
     @property
     def time_s(self) -> FloatArray:
@@ -82,7 +112,7 @@ def selected(
         raise NoUnitError(
             f"no calibrated unit{f' matches {pattern}' if pattern else ''}{why}; `bench registry list`", registry.url
         )
-    return [_calibrated(row, values.get(row["id"], {})) for row in found], units, left_out
+    return [_calibrated(row, values(row["id"])) for row in found], units, left_out
 
 
 def fleet_of(registry: Registry, pattern: str | None = None, selection: Selection | None = None) -> Fleet:
@@ -97,7 +127,8 @@ def fleet_of(registry: Registry, pattern: str | None = None, selection: Selectio
     return Fleet(tuple(ordered), tuple(first[one.unit] for one in ordered), units, left_out)
 
 
-def _rows(registry: Registry) -> tuple[list[dict[str, Any]], dict[str, dict[str, float]], dict[str, str]]:
+def _rows(registry: Registry) -> tuple[list[dict[str, Any]], Callable[[str], Mapping[str, float]], dict[str, str]]:
+    """Every run with a calibration, in order, the quantities by the id of a run, and their units."""
     run, calibration, unit, quantity = (TABLES[name] for name in ("runs", "calibrations", "units", "quantities"))
     certificate = TABLES["certificates"]
     judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
@@ -111,32 +142,50 @@ def _rows(registry: Registry) -> tuple[list[dict[str, Any]], dict[str, dict[str,
         .where(run.c.created.is_not(None), once())
         .order_by(run.c.seen.asc().nulls_first(), run.c.created, run.c.id)
     )
-    values: dict[str, dict[str, float]] = {}
-    units: dict[str, str] = {}
     with registry.reading() as connection:
         runs = [_placed(row) for row in connection.execute(chosen).mappings()]
-        for row in connection.execute(select(quantity).order_by(quantity.c.run, quantity.c.name)):
-            values.setdefault(row.run, {})[row.name] = row.value
-            units[row.name] = row.unit or ""
-    return runs, values, units
+        named = connection.execute(select(quantity.c.name, func.max(quantity.c.unit)).group_by(quantity.c.name))
+        units = {name: word or "" for name, word in sorted(tuple(row) for row in named)}
+        places = {name: place for place, name in enumerate(units)}
+        rows = {one["id"]: row for row, one in enumerate(runs)}
+        table = np.full((len(runs) + 1, len(places)), np.nan)  # the last row takes the quantities of all other runs
+        wide = (func.max(case((quantity.c.name == name, quantity.c.value))) for name in units)
+        of_runs = select(quantity.c.run, *wide).group_by(quantity.c.run)
+        for some in connection.execute(of_runs).partitions(_AT_ONCE):
+            where = [rows.get(one[0], -1) for one in some]
+            table[where] = np.array([one[1:] for one in some], dtype=np.float64)
+    return runs, lambda one: Values(places, table[rows[one]]), units
 
 
 def _placed(row: Mapping[Any, Any]) -> dict[str, Any]:
     """A run of the registry with its lot and its station."""
-    match = NO_LOT.match(row["unit"])
-    lot = row["lot"] or (match[1] if match else "") or "one"
-    return {**row, "lot": lot, "station": row["station"] or "unknown"}
+    few = {name: intern(row[name]) for name in ("profile", "state", "cause") if row[name]}
+    lot, station = lot_of(row["unit"], row["lot"]), row["station"] or "unknown"
+    return {**row, **few, "lot": intern(lot), "station": intern(station)}
+
+
+def lot_of(unit: str, recorded: str | None) -> str:
+    """The lot of a unit: the recorded one, else its serial number without the digits at the end."""
+    match = NO_LOT.match(unit)
+    return recorded or (match[1] if match else "") or "one"
 
 
 def choices(registry: Registry) -> dict[str, list[str]]:
     """Stations, lots and plans of all calibrated runs, by which a fleet can be chosen."""
-    runs = _rows(registry)[0]
-    of: dict[str, Callable[[dict[str, Any]], str]] = {
-        "stations": lambda run: str(run["station"]),
-        "lots": lambda run: str(run["lot"]),
-        "plans": lambda run: str(profile_of(run)),
+    run, calibration, unit = (TABLES[name] for name in ("runs", "calibrations", "units"))
+    of_station = select(run.c.station, run.c.profile, run.c.cause).join_from(run, calibration).distinct()
+    own = select(calibration.c.run).join_from(calibration, run).where(run.c.unit == unit.c.serial).exists()
+    with registry.reading() as connection:
+        found = [dict(row) for row in connection.execute(of_station).mappings()]
+        lots = set(connection.execute(select(unit.c.lot).where(unit.c.lot.is_not(None), own).distinct()).scalars())
+        nameless = connection.execute(select(unit.c.serial).where(unit.c.lot.is_(None), own)).scalars()
+        lots |= {lot_of(serial, None) for serial in nameless}
+    stations = {str(one["station"] or "unknown") for one in found}
+    return {
+        "stations": sorted(stations),
+        "lots": sorted(lots),
+        "plans": sorted({str(profile_of(one)) for one in found}),
     }
-    return {name: sorted({value(run) for run in runs}) for name, value in of.items()}
 
 
 def _calibrated(row: Mapping[str, Any], values: Mapping[str, float]) -> Calibrated:

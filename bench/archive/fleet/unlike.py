@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from bench.archive.fleet.groups import coded, medians
 from bench.base import FloatArray
 
 UNLIKELY = 0.01
@@ -37,8 +38,8 @@ def unlike(table: FloatArray, names: Sequence[str], lots: Sequence[str]) -> tupl
     if whole.size < LEAST:
         return distances, []
     straight = np.column_stack([_straightened(column) for column in table[whole].T])
-    lot = np.unique(np.asarray(lots, dtype=str)[whole], return_inverse=True)[1]
-    centre = np.array([np.median(straight[lot == i], axis=0) for i in range(lot.max() + 1)])[lot]
+    lot = coded([lots[i] for i in whole.tolist()])[1]
+    centre = np.column_stack([medians(column, lot) for column in straight.T])[lot]
     spread = 1.4826 * np.median(np.abs(straight - centre), axis=0)
     used = np.flatnonzero(spread > 0)
     if used.size == 0:

@@ -17,14 +17,20 @@ Found = list[dict[str, Any]]
 
 
 def runs(registry: Registry, unit: str | None = None, most: int | None = None, archive: str | None = None) -> Found:
-    """Runs with the verdicts of their calibrations, the one that was seen last first; each once.
+    """Runs with their lots, the verdicts of their calibrations and what a model of them `lacks` (of `diagnosed_model`).
+
+    The one that was seen last comes first, each comes once.
 
     Of one `archive` all that it holds, others may hold them, too.
     """
-    run, calibration = TABLES["runs"], TABLES["calibrations"]
+    run, units, calibration, diagnosis = (TABLES[name] for name in ("runs", "units", "calibrations", "diagnoses"))
+    own = (calibration.c.verdict, calibration.c.model, calibration.c.judged)
+    lacking = (diagnosis.c.model.label("diagnosed_model"), diagnosis.c.verdict.label("diagnosis"), diagnosis.c.lacks)
     chosen = (
-        select(run, calibration.c.verdict, calibration.c.model, calibration.c.judged)
-        .join_from(run, calibration, isouter=True)
+        select(run, units.c.lot, *own, *lacking)
+        .join_from(run, units, units.c.serial == run.c.unit)
+        .join(calibration, calibration.c.run == run.c.id, isouter=True)
+        .join(diagnosis, diagnosis.c.run == run.c.id, isouter=True)
         .where(once() if archive is None else run.c.archive == archive)
         .order_by(run.c.seen.desc().nulls_last(), run.c.created.desc(), run.c.id)
         .limit(most)
@@ -44,6 +50,12 @@ def known_runs(registry: Registry, archive: str) -> tuple[bool, frozenset[str]]:
     here = bool(_found(registry, select(table.c.id).where(table.c.id == archive)))
     paths = _found(registry, select(run.c.path).where(run.c.archive == archive))
     return here, frozenset(row["path"] for row in paths)
+
+
+def knows_unit(registry: Registry, serial: str) -> bool:
+    """Whether the registry has a unit."""
+    unit = TABLES["units"]
+    return bool(_found(registry, select(unit.c.serial).where(unit.c.serial == serial)))
 
 
 def equipment(registry: Registry) -> Found:

@@ -15,7 +15,7 @@ from bench.base import InputError
 FILE = "registry.sqlite"
 """File name of the registry beside the run folders."""
 
-SCHEMA = "0004"
+SCHEMA = "0005"
 """Newest migration in `migrations/versions`."""
 
 WAIT_S = 60.0

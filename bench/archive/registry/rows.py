@@ -13,7 +13,16 @@ from sqlalchemy import inspect
 from bench.archive.registry.ledger import Ledger
 from bench.archive.registry.tables import IN_ORDER, OF_A_RUN
 from bench.base import InputError
-from bench.record import MANIFEST, CalibrationRecord, CertificateRecord, LimitsRecord, RunFolder, StoredResidual, sha256
+from bench.record import (
+    MANIFEST,
+    CalibrationRecord,
+    CertificateRecord,
+    DiagnosisRecord,
+    LimitsRecord,
+    RunFolder,
+    StoredResidual,
+    sha256,
+)
 
 Key = tuple[str, ...]
 Row = dict[str, Any]
@@ -129,6 +138,10 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
     if calibration is not None:
         row = _calibration(run, calibration, sha256(folder.path / CalibrationRecord.FILE))
         put(rows, "calibrations", {**row, "judged": judged.verdict, "limits": judged.name})
+    if (diagnosis := DiagnosisRecord.find(folder.path)) is not None:
+        file_sha256 = sha256(folder.path / DiagnosisRecord.FILE)
+        put(rows, "diagnoses", {"run": run, "model": diagnosis.model, "verdict": diagnosis.verdict,
+                                "lacks": ",".join(diagnosis.lacks), "file_sha256": file_sha256})  # fmt: skip
     if certificate is not None:
         put(rows, "certificates", _certificate(run, certificate, sha256(folder.path / CertificateRecord.FILE)))
     for file in sorted(folder.path.glob("certificate*.json")):

@@ -106,6 +106,18 @@ class Calibration(Table):
     file_sha256: Mapped[str] = mapped_column(String(64))
 
 
+class Diagnosed(Table):
+    """The diagnosis.json of a run: what a model of it lacks."""
+
+    __tablename__ = "diagnoses"
+    run: Mapped[str] = mapped_column(ForeignKey("runs.id"), primary_key=True)
+    model: Mapped[str]
+    verdict: Mapped[str]
+    lacks: Mapped[str]
+    """Effects that are missing and that unseen data prove, by name, with commas between them; else empty."""
+    file_sha256: Mapped[str] = mapped_column(String(64))
+
+
 class Certificate(Table):
     """The certificate.json of a run: number, verdict against limits (PASS, MARGINAL, FAIL, INVALID), file hash."""
 
@@ -152,9 +164,9 @@ class Quantity(Table):
 
 
 IN_ORDER: tuple[type[Table], ...] = (
-    Archive, Unit, Operator, Equipment, Withdrawal, Run, Calibration, Certificate, Issue, Quantity,
+    Archive, Unit, Operator, Equipment, Withdrawal, Run, Calibration, Diagnosed, Certificate, Issue, Quantity,
 )  # fmt: skip
 """All tables, each after the tables to which it refers."""
 
-OF_A_RUN: tuple[type[Table], ...] = (Calibration, Certificate, Issue, Quantity)
+OF_A_RUN: tuple[type[Table], ...] = (Calibration, Diagnosed, Certificate, Issue, Quantity)
 """Tables whose rows belong to one run."""

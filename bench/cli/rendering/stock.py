@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from bench.cli.rendering.printing import content, lines, table
 from bench.commands import (
     CertificatesListed,
     EquipmentListed,
+    FleetDiagnosed,
     FleetJudged,
     GaugeJudged,
     LotAudited,
@@ -204,6 +206,59 @@ def _(result: FleetJudged) -> Iterator[str | Table]:
 def _(result: FleetJudged) -> dict[str, Any]:
     files = {key: None if path is None else str(path) for key, path in (("html", result.html), ("csv", result.csv))}
     return {**result.statistics.to_json(), **files}
+
+
+_MOST_LOTS = 12
+"""Columns of a table in a terminal."""
+_WORDS = {"adequate": "nothing missing", "undecided": "undecided", "unknown_effect": "unknown effect"}
+
+
+@lines.register(FleetDiagnosed)
+def _(result: FleetDiagnosed) -> Iterator[str | Table]:
+    from bench.archive import by_lot, in_common
+
+    found = result.diagnosis
+    lots, total = by_lot(found.told), len(found.told)
+    made = f", {found.made} of them now in {result.seconds:.1f} s ({result.engine})" if found.made else ""
+    yield f"{total} units of {len(lots)} lots diagnosed with {result.model}{made}"
+    yield from _left_out(found.left_out)
+    every = sum((lot.lacks for lot in lots.values()), Counter[str]())
+    shown = sorted(lots, key=lambda name: (-lots[name].lacks.total(), name))[:_MOST_LOTS]
+    rows = [
+        (f"lacks {effect}", count, *(lots[name].lacks[effect] for name in shown))
+        for effect, count in every.most_common()
+    ]
+    for word, text in _WORDS.items():
+        counts = [lots[name].verdicts[word] for name in lots]
+        rows.append((text, sum(counts), *(lots[name].verdicts[word] for name in shown)))
+    yield ""
+    yield table(
+        ("units", ">all", *(f">{name}" for name in shown)), [*rows, ("all", total, *(lots[n].units for n in shown))]
+    )
+    yield from [f"and {len(lots) - len(shown)} further lots, with --json"] if len(lots) > len(shown) else []
+    for one in in_common(found.told):
+        yield (
+            f"lot {one.lot} has {one.effect} in common: {one.lacking} of {one.units} units, "
+            f"elsewhere {one.elsewhere} of {one.of_elsewhere} (p {number(one.p, 2)})"
+        )
+    yield from (f"not diagnosed: {line}" for line in found.failed[:10])
+    yield from [f"and {len(found.failed) - 10} more"] if len(found.failed) > 10 else []
+
+
+@content.register(FleetDiagnosed)
+def _(result: FleetDiagnosed) -> dict[str, Any]:
+    from bench.archive import by_lot, in_common
+
+    found = result.diagnosis
+    return {
+        "model": result.model, "units": len(found.told), "made": found.made, "failed": found.failed,
+        "left_out": list(found.left_out), "engine": result.engine, "seconds": result.seconds,
+        "lots": {
+            name: {"units": lot.units, "verdicts": dict(lot.verdicts), "lacks": dict(lot.lacks)}
+            for name, lot in by_lot(found.told).items()
+        },
+        "in_common": [asdict(one) for one in in_common(found.told)],
+    }  # fmt: skip
 
 
 _GAUGE = ("", ">sigma", ">95 %", ">REML", ">% of all", ">% of tolerance")

@@ -186,6 +186,13 @@ class Diagnosed(Result):
     """Where a model fails and what is missing."""
 
     diagnosis: Diagnosis
+    run: Path | None = None
+    """Folder that keeps the diagnosis."""
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """That folder."""
+        return () if self.run is None else (self.run,)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from datetime import date
 
     from bench.analysis import Likeness
-    from bench.archive import Entry, Gauge, Rebuilt, Statistics
+    from bench.archive import Entry, FleetDiagnosis, Gauge, Rebuilt, Statistics
     from bench.record import LotRecord
 
 
@@ -115,6 +115,21 @@ class FleetJudged(Result):
     def exit_code(self) -> int:
         """1 where a unit is outside its limits, or its runs do not allow to judge it."""
         return int(self.statistics.passes.outside + self.statistics.passes.unjudged > 0)
+
+
+@dataclass(frozen=True)
+class FleetDiagnosed(Result):
+    """What the model of each unit lacks; `seconds` for those that were diagnosed now."""
+
+    model: str
+    diagnosis: FleetDiagnosis
+    engine: str
+    seconds: float
+
+    @property
+    def exit_code(self) -> int:
+        """1 where a unit could not be diagnosed."""
+        return int(bool(self.diagnosis.failed))
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,12 @@ class DiagnosisRecord(Record):
     profile: str | None = None
     """File of the next experiment, in answers of older benches."""
 
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """Effects that are missing and that unseen data prove, by name."""
+        proved = (one.effect for one in self.suspects if one.found and one.proved)
+        return tuple(sorted(proved)) if self.verdict == "missing_effect" else ()
+
     def everything(self) -> set[str]:
         """Names of all runs behind it."""
         return {*self.runs, *self.check, *self.sisters, *filter(None, [self.static])}

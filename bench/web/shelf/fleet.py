@@ -75,6 +75,8 @@ class Fleet(BaseModel):
     unlike: list[dict[str, Any]] = []
     attention: dict[str, Any] = {}
     distances: bool = False
+    current: bool = True
+    """False while newer runs are being counted: the numbers are those before them."""
 
 
 class FleetSignal(BaseModel):
@@ -95,6 +97,8 @@ class FleetFigure(BaseModel):
     units: list[str]
     runs: list[str]
     signals: list[FleetSignal]
+    all: int
+    """Units with the quantity; the figure has the newest of them."""
 
 
 @router.get("/fleet")
@@ -110,6 +114,7 @@ def fleet(stock: Stocked, here: Here, chosen: Choice) -> Fleet:
         content = overview(_statistics(stock, here, chosen))
     except NoUnitError:
         return Fleet(**shared)
+    shared["current"] = not stock.counting
     return Fleet(**{**content, **shared, "first": content["from"], "last": content["to"]})
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Hashable
 from pathlib import Path
@@ -11,10 +12,13 @@ from typing import Any, TypeVar
 from cachetools import LRUCache
 
 from bench.archive import FILE, Archive, Registry, archive, is_archive, open_registry
+from bench.base import InputError
 
 T = TypeVar("T")
 _KEPT = 32
 """Answers that are kept."""
+_PATIENCE_S = 0.3
+"""Longer than this nobody waits for an answer that was given before [s]."""
 _SHARED_S = 5.0
 """How long an answer of a shared registry, whose changes cannot be seen from here, is good for [s]."""
 
@@ -25,8 +29,9 @@ class Stock:
     def __init__(self, root: Path, where: str | None = None) -> None:
         """Nothing is opened yet."""
         self.root, self.where = root, where
-        self._lock = threading.Lock()
-        self._answers: LRUCache[Hashable, tuple[Hashable, Any]] = LRUCache(_KEPT)
+        self._changed = threading.Condition()
+        self._answers: LRUCache[Hashable, tuple[Hashable, Any, float]] = LRUCache(_KEPT)
+        self._asking: set[Hashable] = set()
 
     @property
     def exists(self) -> bool:
@@ -42,18 +47,50 @@ class Stock:
         """The registry; InputError where it cannot be opened."""
         return open_registry(self.where or self.root / FILE)
 
+    @property
+    def counting(self) -> bool:
+        """Whether an answer that was given is being brought up to date."""
+        return bool(self._asking)
+
     def answer(self, key: Hashable, ask: Callable[[Registry], T]) -> T:
-        """What `ask` says of the registry as it is now; one thread asks, the others wait for the same answer."""
-        with self._lock:
-            state = self._state()
-            kept = self._answers.get(key)
-            if kept is not None and kept[0] == state:
-                answer: T = kept[1]
-                return answer
+        """What `ask` says of the registry as it is now; one thread asks, the others wait for the same answer.
+
+        Where the last answer took long, it is given at once, and another thread asks anew.
+        """
+        with self._changed:
+            while True:
+                state, kept = self._state(), self._answers.get(key)
+                if kept is not None and kept[0] == state:
+                    answer: T = kept[1]
+                    return answer
+                if kept is not None and kept[2] > _PATIENCE_S:
+                    if key not in self._asking:
+                        self._asking.add(key)
+                        threading.Thread(target=self._again, args=(key, ask), name="stock", daemon=True).start()
+                    stale: T = kept[1]
+                    return stale
+                if key not in self._asking:
+                    self._asking.add(key)
+                    break
+                self._changed.wait()
+        return self._asked(key, ask)
+
+    def _again(self, key: Hashable, ask: Callable[[Registry], Any]) -> None:
+        with contextlib.suppress(InputError):  # the next one who asks is told
+            self._asked(key, ask)
+
+    def _asked(self, key: Hashable, ask: Callable[[Registry], T]) -> T:
+        begun, state = monotonic(), self._state()
+        try:
             with self.open() as registry:
                 answer = ask(registry)
-            self._answers[key] = (state, answer)
+            with self._changed:
+                self._answers[key] = (state, answer, monotonic() - begun)
             return answer
+        finally:
+            with self._changed:
+                self._asking.discard(key)
+                self._changed.notify_all()
 
     def _state(self) -> Hashable:
         """Changes with every write."""

@@ -9,7 +9,17 @@ from fastapi import APIRouter, Depends, HTTPException, Query, Request
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
-from bench.archive import Order, Standing, chosen, figure, listing, printed_certificate, trends, unit_history
+from bench.archive import (
+    Order,
+    Registry,
+    Standing,
+    figure,
+    knows_unit,
+    listing,
+    printed_certificate,
+    trends,
+    unit_history,
+)
 from bench.archive import runs as runs_of
 from bench.web.people.access import Engineer
 from bench.web.shelf.stock import Stock
@@ -47,6 +57,8 @@ class Units(BaseModel):
     standings: dict[str, int]
     """How many units stand how, of all that match the text."""
     units: list[UnitLine]
+    current: bool = True
+    """False while newer runs are being counted."""
 
 
 class PastRun(BaseModel):
@@ -186,13 +198,13 @@ def units(
     if not stock.exists:
         return Units(registry=False, total=0, matched=0, standings={}, units=[])
     every = stock.answer("units", listing)
-    matching = chosen(every, q, None, sort)
-    standings: dict[str, int] = {}
-    for one in matching:
-        standings[one["standing"]] = standings.get(one["standing"], 0) + 1
-    found = matching if standing is None else [one for one in matching if one["standing"] == standing]
-    lines = [UnitLine(**one) for one in found[offset : offset + limit]]
-    return Units(registry=True, total=len(every), matched=len(found), standings=standings, units=lines)
+    matching = every.holding(q)
+    found = every.chosen(matching, standing, sort)
+    lines = [UnitLine(**every.line(number)) for number in found[offset : offset + limit].tolist()]
+    return Units(
+        registry=True, total=len(every), matched=len(found), standings=every.standings(matching), units=lines,
+        current=not stock.counting,
+    )  # fmt: skip
 
 
 @router.get("/units/{serial}")
@@ -242,10 +254,14 @@ def rebuild(stock: Stocked, who: Engineer) -> Rebuilt:
 
 def _known(stock: Stock, serial: str) -> None:
     """HTTPException 404 for a unit that the registry does not have."""
-    if not stock.exists or all(one["serial"] != serial for one in stock.answer("units", listing)):
-        raise HTTPException(404, f"no unit '{serial}' in the registry; GET /api/v1/units lists them")
+    _opened(stock, serial).close()
 
 
-def _opened(stock: Stock, serial: str) -> Any:
-    _known(stock, serial)
-    return stock.open()
+def _opened(stock: Stock, serial: str) -> Registry:
+    """The registry, which has the unit; HTTPException 404 where it does not."""
+    registry = stock.open() if stock.exists else None
+    if registry is not None and knows_unit(registry, serial):
+        return registry
+    if registry is not None:
+        registry.close()
+    raise HTTPException(404, f"no unit '{serial}' in the registry; GET /api/v1/units lists them")
