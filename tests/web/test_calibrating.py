@@ -250,7 +250,7 @@ def start_of(order):
 
 def test_what_is_planned_for_later_begins_then_and_lets_others_go_before_it(settings, monkeypatch):
     now, begun = [datetime(2026, 11, 23, 20, 0, tzinfo=UTC)], []
-    monkeypatch.setattr(Starts, "_spawn", lambda self, folder, arguments: begun.append(folder.name) or 1)
+    monkeypatch.setattr(Starts, "_spawn", lambda self, folder, *_: begun.append(folder.name) or 1)
     monkeypatch.setattr("bench.web.live.starts.locked", lambda path: False)
     starts = Starts(settings.own, settings.out, settings.project, lambda: now[0])
     order = webstarts.Order(plan="p", station="s", station_file=Path("s.yaml"), equipment=frozenset({"station s"}))

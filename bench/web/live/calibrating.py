@@ -227,7 +227,6 @@ def _order(intended: Intended, here: Settings, who: Who, others: Sequence[str] =
         digests=[order.digest() for order in orders],
         units=units,
         who={"name": who.name, "role": who.role, "address": who.address},
-        operator=str(who),
     )
 
 

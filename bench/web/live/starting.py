@@ -96,7 +96,6 @@ def begin(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
         models=[known.model(model) for model in wanted.models],
         limits=named(known.limits(), wanted.limits, "limits") if wanted.limits else None,
         who={"name": who.name, "role": who.role, "address": who.address},
-        operator=str(who),
         queue=wanted.queue,
         not_before=wanted.not_before,
     )
