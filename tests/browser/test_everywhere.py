@@ -45,6 +45,8 @@ PLACES = [
     Place("workbench-run", "/workbench?run={mystery}", ".wb-verdict"),
     Place("calibrations", "/calibrations", "h1"),
     Place("laboratory", "/laboratory?station=simulated", "#equipment"),
+    Place("run", "/runs/{ended}", "#run-unit"),
+    Place("files", "/files?kind=profiles&id=short", "svg.curve"),
     Place("units", "/units", "table a"),
     Place("unit", "/units/{unit}", ".main-svg"),
     Place("fleet", "/fleet", ".main-svg"),

@@ -15,6 +15,7 @@ const PAGES = [
   ["/units", "nav.units", "viewer"],
   ["/fleet", "nav.fleet", "viewer"],
   ["/import", "nav.import", "engineer"],
+  ["/files", "nav.files", "engineer"],
 ];
 const RANK = { viewer: 1, operator: 2, engineer: 3 };
 
