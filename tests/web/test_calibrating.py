@@ -102,6 +102,12 @@ def test_a_calibration_waits_for_its_station_and_may_be_taken_out_of_the_queue(s
     with served(settings) as client:  # the queue outlives the server
         waiting = [one["start"] for one in client.get("/api/v1/calibrations").json()["waiting"]]
         assert waiting == [first["start"], second["start"]]
+        assert client.post(f"/api/v1/starts/{second['start']}/move", json={"by": -1}).status_code == 204
+        assert client.post(f"/api/v1/starts/{second['start']}/move", json={"by": -1}).status_code == 204  # is first
+        waiting = [one["start"] for one in client.get("/api/v1/calibrations").json()["waiting"]]
+        assert waiting == [second["start"], first["start"]]
+        assert client.post(f"/api/v1/starts/{run}/move", json={"by": 1}).status_code == 409  # runs
+        assert client.post(f"/api/v1/starts/{second['start']}/move", json={"by": 1}).status_code == 204
         assert client.delete(f"/api/v1/starts/{second['start']}").status_code == 204
         assert client.delete(f"/api/v1/starts/{second['start']}").status_code == 404
         until(lambda: client.post(f"/api/v1/live/{running['runs'][0]}/abort?wait_s=30", json={}).json().get("done"))

@@ -151,9 +151,9 @@ class Starts:
         self._write(folder, about.model_copy(update={"pid": pid, "waiting": ()}))
 
     def take_up(self, in_use: Mapping[str, str]) -> None:
-        """Start what waits for equipment that is free now, the oldest first; nothing before its time."""
+        """Start what waits for equipment that is free now, in their turn; nothing before its time."""
         with self._lock:
-            waiting = {name: about for name in sorted(self._waiting) if (about := self._waits(name))}
+            waiting = self._in_turn()
             self._waiting = {*waiting}
             if not waiting:
                 return
@@ -164,6 +164,31 @@ class Starts:
                 if not taken & {*about.equipment}:
                     self._go(self._folder / name, about)
                 taken |= {*about.equipment}  # whoever came first is first
+
+    def _in_turn(self) -> dict[str, StartRecord]:
+        """What waits, first what is next."""
+        waiting = {name: about for name in self._waiting if (about := self._waits(name))}
+        return dict(sorted(waiting.items(), key=lambda item: item[1].turn or item[0]))
+
+    def waiting(self) -> list[dict[str, Any]]:
+        """All that waits, first what is next."""
+        with self._lock:
+            return [self._told(self._folder / name) for name in self._in_turn()]
+
+    def move(self, start: str, by: Literal[-1, 1]) -> bool:
+        """Let a start that waits change places with the one before (-1) or after it; False where it does not wait."""
+        with self._lock:
+            turns = self._in_turn()
+            if start not in turns:
+                return False
+            names = list(turns)
+            at = names.index(start)
+            if 0 <= at + by < len(names):
+                other = names[at + by]
+                for name, place in ((start, other), (other, start)):
+                    changed = turns[name].model_copy(update={"turn": turns[place].turn or place})
+                    self._write(self._folder / name, changed)
+            return True
 
     def _waits(self, name: str) -> StartRecord | None:
         about = _about(self._folder / name)
