@@ -32,6 +32,7 @@ from .errors import RunAborted as RunAborted
 from .ids import is_run_id as is_run_id
 from .language import say as say
 from .language import verdict_word as verdict_word
+from .processes import OPERATOR as OPERATOR
 from .processes import hold as hold
 from .processes import locked as locked
 from .processes import process_alive as process_alive

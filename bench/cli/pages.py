@@ -19,17 +19,21 @@ from bench.cli.options import exits, fetched, path_option, shelf_options
 @shelf_options
 @path_option("--access", help="Access file (YAML): names, roles, hashes of tokens.")
 @click.option("--new-token", metavar="NAME", help="Print a new token for NAME once, store its hash in --access, end.")
-@click.option("--role", type=click.Choice(["viewer", "operator", "engineer"]), help="Role of --new-token.")
+@click.option("--new-pin", metavar="NAME", help="Print a PIN of NAME for a screen that is signed in, and end.")
+@click.option("--badge", metavar="NUMBER", help="With --new-pin: what the reader types for a badge, in place of a PIN.")
+@click.option("--role", type=click.Choice(["viewer", "operator", "engineer"]), help="Role of a new token or PIN.")
 @click.option("--name", "names", multiple=True, help="Further host name that browsers may use; may be repeated.")
 @click.option("--behind", metavar="ADDRESS", help="Reverse proxy whose X-Forwarded-For is believed; it speaks TLS.")
 @path_option("--certificate", help="TLS: certificate chain (PEM).")
 @path_option("--key", help="TLS: key of the certificate (PEM).")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
-def ui(new_token: str | None, role: str | None, **options: Any) -> None:
+def ui(new_token: str | None, new_pin: str | None, badge: str | None, role: str | None, **options: Any) -> None:
     """Serve the bench to a browser: start and watch runs, find missing effects, look up units."""
     with exits():
         if new_token is not None:
             click.echo(_new_token(options["access"], new_token, role))
+        elif new_pin is not None:
+            click.echo(_new_pin(options["access"], new_pin, role, badge))
         else:
             _serve(**fetched(options))
             click.echo("ended; runs that were started continue: `bench status`")
@@ -48,6 +52,14 @@ def _new_token(access: Path | None, name: str, role: str | None) -> str:
     if access is None or role is None:
         raise InputError("--new-token NAME needs --access FILE (may be new) and --role viewer, operator or engineer")
     return add_person(access, name, role)  # type: ignore[arg-type]  # click has checked it
+
+
+def _new_pin(access: Path | None, name: str, role: str | None, badge: str | None) -> str:
+    from bench.web import add_pin
+
+    if access is None or role not in {"viewer", "operator"}:
+        raise InputError("--new-pin NAME needs --access FILE and --role viewer or operator; a PIN gives no more")
+    return add_pin(access, name, role, badge)  # type: ignore[arg-type]  # checked above
 
 
 def _serve(

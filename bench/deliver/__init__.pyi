@@ -27,11 +27,13 @@ from .export.delivering import ExportOptions as ExportOptions
 from .export.delivering import files_of as files_of
 from .export.delivering import prepare as prepare
 from .export.delivering import refuse_format as refuse_format
+from .export.formats import FORMATS as FORMATS
 from .export.image import Image as Image
 from .export.image import read as read
 from .export.imu_delivering import DeliveredImu as DeliveredImu
 from .export.imu_delivering import deliver_imu as deliver_imu
 from .export.imu_delivering import read_either as read_either
+from .export.imu_formats import IMU_FORMATS as IMU_FORMATS
 from .export.imu_image import ImuImage as ImuImage
 from .export.measure import best_form as best_form
 from .export.measured import MEASURED as MEASURED

@@ -7,7 +7,7 @@ import pytest
 
 from tests.browser.test_operator import press_tab_to
 from tests.support import bench_project
-from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
+from tests.support.bench_project import LONG, SLOW_UNIT, bench_over, until
 from tests.support.visiting import PATIENCE_MS, TABLET, picture
 
 
@@ -140,6 +140,19 @@ def test_what_waits_for_a_station_is_listed_and_taken_out(bench, visitors):
     page.get_by_role("button", name="Start when the station is free").click()
     page.wait_for_url("**/calibrations")
     page.get_by_role("heading", name="Waiting for their station").wait_for()
+    second = bench.client.post(
+        "/starts", json={"plan": "short", "station": "unhurried", "units": [SLOW_UNIT], "queue": True}
+    )
+    assert second.json()["state"] == "waiting"
+
+    def waiting():
+        return [start["start"] for start in bench.get("/calibrations")["waiting"]]
+
+    before = waiting()
+    page.get_by_role("button", name=f"Earlier: {SLOW_UNIT}").nth(1).click()
+    until(lambda: waiting() == before[::-1])
     picture(page, "queue")
+    bench.client.delete(f"/starts/{second.json()['start']}").raise_for_status()
+    page.get_by_role("button", name=f"Remove {SLOW_UNIT}").nth(1).wait_for(state="detached")
     page.get_by_role("button", name=f"Remove {SLOW_UNIT}").click()
     page.get_by_role("heading", name="Waiting for their station").wait_for(state="detached")

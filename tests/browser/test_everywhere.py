@@ -45,6 +45,8 @@ PLACES = [
     Place("workbench-run", "/workbench?run={mystery}", ".wb-verdict"),
     Place("calibrations", "/calibrations", "h1"),
     Place("laboratory", "/laboratory?station=simulated", "#equipment"),
+    Place("run", "/runs/{ended}", "#run-unit"),
+    Place("files", "/files?kind=profiles&id=short", "svg.curve"),
     Place("units", "/units", "table a"),
     Place("unit", "/units/{unit}", ".main-svg"),
     Place("fleet", "/fleet", ".main-svg"),
@@ -168,7 +170,8 @@ def test_no_page_shows_a_missing_word(bench, names, visitors, language):
 
 def test_who_must_sign_in_is_asked_for_a_token(tmp_path, visitors):
     access = tmp_path / "access.yaml"
-    token = people.add_person(access, "Olena", "viewer")
+    token = people.add_person(access, "kiosk", "viewer")
+    pin = people.add_pin(access, "Olena", "operator")
     with serving(tmp_path / "out", "--access", str(access)) as address:
         page = visitors.come(address)
         page.goto("/units")
@@ -179,6 +182,19 @@ def test_who_must_sign_in_is_asked_for_a_token(tmp_path, visitors):
         page.keyboard.press("Enter")
         page.get_by_role("heading", name="Units").wait_for()
         assert page.get_by_role("link", name="Start").count() == 0
+        visitors.of(page).forgives = re.compile("status of 401")
+        page.get_by_role("button", name="Operator").click()
+        for typed in ("0000000", pin):
+            page.get_by_label("PIN or badge").fill(typed)
+            page.keyboard.press("Enter")
+            if typed != pin:
+                page.get_by_text("This PIN or badge is not known").wait_for()
+                picture(page, "pin")
+                assert axe(page) == []
+        page.get_by_role("link", name="Start").wait_for()
+        page.get_by_text("Olena").wait_for()
+        page.get_by_role("button", name="Leave the screen").click()
+        page.get_by_role("link", name="Start").wait_for(state="detached")
         page.context.close()
 
 

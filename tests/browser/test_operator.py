@@ -45,8 +45,43 @@ def test_from_serial_number_to_verdict(bench, visitors):
     manifest = json.loads((bench.out / run / "manifest.json").read_text())
     assert (manifest["unit"], manifest["profile"], manifest["state"]) == ("SIM-0001", "short", "done")
     assert page.request.get(page.get_by_role("link", name="Report").get_attribute("href")).ok
+    page.get_by_role("link", name="Deliver and check").click()
+    page.get_by_role("button", name="Make the numbers again").click()
+    page.get_by_text("Identical: every number and every file").wait_for()
+    page.get_by_label("Format").select_option("json")
+    page.get_by_role("button", name="Export", exact=True).click()
+    file = page.locator(".run-files a")
+    file.wait_for()
+    picture(page, "run-delivered")
+    assert page.request.get(file.get_attribute("href")).json()
+    page.goto(f"/verdict/{run}")
     page.get_by_role("link", name="Next unit").click()
     page.get_by_label("Serial number").wait_for()
+
+
+def test_a_profile_is_edited_and_the_equipment_of_its_station_asked(bench, visitors, project):
+    page = visitors.come(bench.site.address)
+    page.goto("/")
+    page.get_by_role("link", name="Files").click()
+    page.get_by_label("File", exact=True).select_option("short")
+    text = page.get_by_label("Text of the file")
+    page.get_by_text("Nothing is wrong").wait_for()
+    page.get_by_role("img", name=re.compile("Temperature curve from 10")).wait_for()
+    before = text.input_value()
+    text.fill(before.replace("to_degc: 10", "to_degc: -90", 1))
+    page.get_by_text("It cannot be used like this").wait_for()
+    page.get_by_role("button", name="Line 10").click()
+    assert text.evaluate("(area) => area.value.slice(area.selectionStart, area.selectionEnd)").endswith("per_min: 2}")
+    picture(page, "files-wrong")
+    text.fill(f"# colder, as the customer wants\n{before.replace('to_degc: 10', 'to_degc: 5')}")
+    page.get_by_label("Save as").fill("short_5")
+    page.get_by_role("button", name="Save as my own").click()
+    page.wait_for_url("**id=short_5")
+    saved = (project / "profiles" / "short_5.yaml").read_text()
+    assert saved.startswith("# colder, as the customer wants\n")
+    page.goto("/laboratory?station=bare")
+    page.get_by_role("button", name="Ask the equipment").click()
+    page.get_by_text("Everything that answered agrees").wait_for()
 
 
 MOST_BYTES = 60_000

@@ -85,6 +85,7 @@ def test_without_a_token_nothing_of_the_api_answers_but_the_question_who_am_i(gu
     client, _ = guarded
     assert client.get(f"{API}/session").json() | {"version": ""} == {
         "name": None, "role": None, "version": "", "languages": ["en", "uk", "zh"], "open": False,
+        "pins": False, "pin_s": None,
     }  # fmt: skip
     found = operations(client)
     assert len(found) > 10
@@ -119,6 +120,36 @@ def test_a_token_is_exchanged_for_a_cookie_that_scripts_and_other_sites_do_not_g
     client.delete(f"{API}/session")
     assert not client.cookies
     assert client.get(f"{API}/session", headers={"Cookie": kept}).json()["name"] is None  # worth nothing any more
+
+
+def test_a_pin_names_the_operator_of_a_screen_for_a_while_and_gives_no_more(tmp_path):
+    path = tmp_path / "access.yaml"
+    kiosk = people.add_person(path, "kiosk", "viewer")
+    pin = people.add_pin(path, "Olena", "operator")
+    people.add_pin(path, "Ivan", "engineer", badge="0004471199")
+    assert pin not in path.read_text()
+    with pytest.raises(InputError, match="that of Ivan"):
+        people.add_pin(path, "Petro", "operator", badge="0004471199")
+    with served(Settings(tmp_path / "out", access=path)) as client:
+        assert client.post(f"{API}/session/pin", json={"pin": pin}).status_code == 401  # nobody has signed in there
+        client.post(f"{API}/session", json={"token": kiosk})
+        assert client.delete(f"{API}/starts/none").status_code == 403
+        assert client.post(f"{API}/session/pin", json={"pin": "000"}).status_code == 401
+        assert client.post(f"{API}/session/pin", json={"pin": pin}).status_code == 204
+        who = client.get(f"{API}/session").json()
+        assert (who["name"], who["role"], who["pins"], 800 < who["pin_s"] <= 900) == ("Olena", "operator", True, True)
+        assert client.delete(f"{API}/starts/none").status_code == 404  # she may
+        moved = next(value for name, value in client.cookies.items() if name.endswith("-pin"))
+        base = next(name for name in client.cookies if not name.endswith("-pin"))
+        alone = httpx.get(f"{client.base_url}{API}/session", headers={"Cookie": f"{base}={moved}"}, trust_env=False)
+        assert alone.json()["name"] is None  # worth nothing as a session of its own
+        assert client.delete(f"{API}/session/pin").status_code == 204
+        assert client.get(f"{API}/session").json()["name"] == "kiosk"
+        assert client.post(f"{API}/session/pin", json={"pin": "0004471199"}).status_code == 204
+        assert client.get(f"{API}/session").json()["role"] == "operator"  # no engineer by a badge
+        for _ in range(TRIES):
+            client.post(f"{API}/session/pin", json={"pin": "1111"})
+        assert client.post(f"{API}/session/pin", json={"pin": pin}).status_code == 429
 
 
 def test_sessions_outlast_the_server_and_end_with_the_shift_or_the_token(tokens, tmp_path):

@@ -102,6 +102,12 @@ def test_a_calibration_waits_for_its_station_and_may_be_taken_out_of_the_queue(s
     with served(settings) as client:  # the queue outlives the server
         waiting = [one["start"] for one in client.get("/api/v1/calibrations").json()["waiting"]]
         assert waiting == [first["start"], second["start"]]
+        assert client.post(f"/api/v1/starts/{second['start']}/move", json={"by": -1}).status_code == 204
+        assert client.post(f"/api/v1/starts/{second['start']}/move", json={"by": -1}).status_code == 204  # is first
+        waiting = [one["start"] for one in client.get("/api/v1/calibrations").json()["waiting"]]
+        assert waiting == [second["start"], first["start"]]
+        assert client.post(f"/api/v1/starts/{run}/move", json={"by": 1}).status_code == 409  # runs
+        assert client.post(f"/api/v1/starts/{second['start']}/move", json={"by": 1}).status_code == 204
         assert client.delete(f"/api/v1/starts/{second['start']}").status_code == 204
         assert client.delete(f"/api/v1/starts/{second['start']}").status_code == 404
         until(lambda: client.post(f"/api/v1/live/{running['runs'][0]}/abort?wait_s=30", json={}).json().get("done"))
@@ -250,7 +256,7 @@ def start_of(order):
 
 def test_what_is_planned_for_later_begins_then_and_lets_others_go_before_it(settings, monkeypatch):
     now, begun = [datetime(2026, 11, 23, 20, 0, tzinfo=UTC)], []
-    monkeypatch.setattr(Starts, "_spawn", lambda self, folder, arguments: begun.append(folder.name) or 1)
+    monkeypatch.setattr(Starts, "_spawn", lambda self, folder, *_: begun.append(folder.name) or 1)
     monkeypatch.setattr("bench.web.live.starts.locked", lambda path: False)
     starts = Starts(settings.own, settings.out, settings.project, lambda: now[0])
     order = webstarts.Order(plan="p", station="s", station_file=Path("s.yaml"), equipment=frozenset({"station s"}))

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from bench.commands import load_station
 from tests.support.page_modules import SOURCE, told
 
 LANGUAGES = ("en", "uk", "zh")
@@ -156,3 +157,9 @@ def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:
     known = catalogue("en")
     wanted = [f"verdict.{word}{part}" for word in words for part in ("", ".sentence", ".next")]
     assert [key for key in wanted if key not in known] == []
+
+
+def test_every_guard_that_all_runs_have_is_named_in_the_readers_language() -> None:
+    names = {standing.guard.name for standing in load_station(None).standing_guards()}
+    assert len(names) > 5
+    assert [name for name in names if f"guard.{name}" not in catalogue("en")] == []

@@ -36,6 +36,8 @@ class StartRecord(Record):
     """Ids of the runs that its process made."""
     waiting: tuple[str, ...] = ()
     """Arguments of `bench`, while it waits for its equipment."""
+    turn: str = ""
+    """Its place among those that wait, by which they sort; empty: by its name, which sorts by time."""
     not_before: str | None = None
     """Time before which it does not begin, ISO 8601; null: as soon as its equipment is free."""
     pid: int | None = None

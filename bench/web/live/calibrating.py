@@ -145,7 +145,7 @@ def calibrations(request: Request, here: Here) -> Calibrations:
     found = {pair: start for start in reversed(listed) for pair in jobs_of(start)}
     jobs = [job for pair in reversed(found) if (job := _newest(*pair, here)) is not None]
     return Calibrations(
-        waiting=[Start(**start) for start in reversed(listed) if start["state"] == "waiting"],
+        waiting=[Start(**start) for start in starts_of(request).waiting()],
         jobs=[_told(folder, request) for folder in jobs if sound(JobRecord, folder) is not None],
     )
 
@@ -227,7 +227,6 @@ def _order(intended: Intended, here: Settings, who: Who, others: Sequence[str] =
         digests=[order.digest() for order in orders],
         units=units,
         who={"name": who.name, "role": who.role, "address": who.address},
-        operator=str(who),
     )
 
 

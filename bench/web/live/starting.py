@@ -96,7 +96,6 @@ def begin(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
         models=[known.model(model) for model in wanted.models],
         limits=named(known.limits(), wanted.limits, "limits") if wanted.limits else None,
         who={"name": who.name, "role": who.role, "address": who.address},
-        operator=str(who),
         queue=wanted.queue,
         not_before=wanted.not_before,
     )
@@ -136,6 +135,21 @@ def start(start: Annotated[str, Part(min_length=1, max_length=100)], request: Re
     if not told:
         raise HTTPException(404, f"no start {start!r}, or not any more; GET /api/v1/starts lists them")
     return Start(**told)
+
+
+class Move(BaseModel):
+    """Where a start goes in the queue: -1 before the one in front of it, 1 behind the one after it."""
+
+    by: Literal[-1, 1]
+
+
+@router.post("/starts/{start}/move", status_code=204)
+def move(
+    start: Annotated[str, Part(min_length=1, max_length=100)], moved: Move, request: Request, who: Operator
+) -> None:
+    """Change the order of what waits; 409 for a start that does not wait."""
+    if not starts_of(request).move(start, moved.by):
+        raise HTTPException(409, f"start {start[:100]!r} does not wait, or not any more; GET /api/v1/starts lists them")
 
 
 @router.delete("/starts/{start}", status_code=204)

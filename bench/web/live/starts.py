@@ -20,7 +20,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from bench.base import EquipmentError, InputError, hold, locked
+from bench.base import OPERATOR, EquipmentError, InputError, hold, locked
 from bench.record import LIVE, StartRecord
 from bench.web.live.outcomes import LOCK, outcome, waits
 
@@ -43,7 +43,7 @@ class InUse(Exception):  # noqa: N818 - a state, not an error
 
 @dataclass(frozen=True)
 class Order:
-    """A run or a calibration to start: files, units, models, limits, user."""
+    """A run, a calibration or a write into a unit to start: files, units, models, limits, user."""
 
     plan: str
     station: str
@@ -52,6 +52,10 @@ class Order:
     """Equipment that no other run may use meanwhile."""
     profile_file: Path | None = None
     """Of a run."""
+    verifies: bool = False
+    """The run is with the unit's own correction on, and judges it (`bench verify`)."""
+    flashes: Path | None = None
+    """Run whose calibration is written into its unit (`bench flash`)."""
     plan_file: Path | None = None
     """Of a calibration, with the digests of its jobs, one for each unit."""
     digests: Sequence[str] = ()
@@ -67,19 +71,26 @@ class Order:
     models: Sequence[str] = ()
     limits: Path | None = None
     who: Mapping[str, str] = field(default_factory=dict)
-    operator: str = ""
-    """The user, for events and manifest."""
+    """The user, for events and manifest: name, role, address."""
 
     def arguments(self, out: Path) -> list[str]:
         """Arguments of `bench`."""
-        more = [("--unit", unit) for unit in self.units] + [("--model", model) for model in self.models]
+        more = [] if self.flashes else [("--unit", unit) for unit in self.units]
+        more += [("--run", str(self.flashes))] if self.flashes else []
+        more += [("--model", model) for model in self.models]
         more += [("--limits", str(self.limits))] if self.limits else []
-        more += [("--station", str(self.station_file)), ("--out", str(out)), ("--operator", self.operator)]
+        more += [("--station", str(self.station_file)), ("--out", str(out))]
         more += [("--plan", str(self.plan_file))] if self.plan_file else []
         more += [("--release", self.release)] if self.release else []
         words = [word for pair in more for word in pair] + ["--new"] * self.anew
-        return ["calibrate" if self.plan_file else "run", "--quiet", "--json", *words,
-                *(["--", str(self.profile_file)] if self.profile_file else [])]  # fmt: skip
+        last = [str(self.profile_file)] if self.profile_file else self.units if self.flashes else []
+        return [self._command, "--quiet", "--json", *words, *(["--", *last] if last else [])]
+
+    @property
+    def _command(self) -> str:
+        if self.flashes:
+            return "flash"
+        return "calibrate" if self.plan_file else "verify" if self.verifies else "run"
 
 
 class Starts:
@@ -100,7 +111,7 @@ class Starts:
     def begin(self, order: Order, in_use: Mapping[str, str]) -> dict[str, Any]:
         """Start a run; InUse where another one uses its equipment. `in_use`: equipment of live runs, with texts."""
         with self._lock:
-            in_use = {**in_use, **self._in_use()}
+            in_use = {**in_use, **self.in_use()}
             taken = sorted(order.equipment & in_use.keys())
             later = order.not_before is not None and order.not_before > self._now()
             if taken and not (order.queue or later):
@@ -136,23 +147,48 @@ class Starts:
             return self._told(folder)
 
     def _go(self, folder: Path, about: StartRecord) -> None:
-        pid = self._spawn(folder, list(about.waiting))
+        pid = self._spawn(folder, list(about.waiting), about.who)
         self._write(folder, about.model_copy(update={"pid": pid, "waiting": ()}))
 
     def take_up(self, in_use: Mapping[str, str]) -> None:
-        """Start what waits for equipment that is free now, the oldest first; nothing before its time."""
+        """Start what waits for equipment that is free now, in their turn; nothing before its time."""
         with self._lock:
-            waiting = {name: about for name in sorted(self._waiting) if (about := self._waits(name))}
+            waiting = self._in_turn()
             self._waiting = {*waiting}
             if not waiting:
                 return
-            taken = {*in_use, *self._in_use()}
+            taken = {*in_use, *self.in_use()}
             for name, about in waiting.items():
                 if about.not_before is not None and datetime.fromisoformat(about.not_before) > self._now():
                     continue
                 if not taken & {*about.equipment}:
                     self._go(self._folder / name, about)
                 taken |= {*about.equipment}  # whoever came first is first
+
+    def _in_turn(self) -> dict[str, StartRecord]:
+        """What waits, first what is next."""
+        waiting = {name: about for name in self._waiting if (about := self._waits(name))}
+        return dict(sorted(waiting.items(), key=lambda item: item[1].turn or item[0]))
+
+    def waiting(self) -> list[dict[str, Any]]:
+        """All that waits, first what is next."""
+        with self._lock:
+            return [self._told(self._folder / name) for name in self._in_turn()]
+
+    def move(self, start: str, by: Literal[-1, 1]) -> bool:
+        """Let a start that waits change places with the one before (-1) or after it; False where it does not wait."""
+        with self._lock:
+            turns = self._in_turn()
+            if start not in turns:
+                return False
+            names = list(turns)
+            at = names.index(start)
+            if 0 <= at + by < len(names):
+                other = names[at + by]
+                for name, place in ((start, other), (other, start)):
+                    changed = turns[name].model_copy(update={"turn": turns[place].turn or place})
+                    self._write(self._folder / name, changed)
+            return True
 
     def _waits(self, name: str) -> StartRecord | None:
         about = _about(self._folder / name)
@@ -177,11 +213,13 @@ class Starts:
         folder.mkdir(parents=True)
         return folder
 
-    def _spawn(self, folder: Path, arguments: list[str]) -> int:
+    def _spawn(self, folder: Path, arguments: list[str], who: Mapping[str, str]) -> int:
         """Start a process in its own session, so that neither the server's end nor its terminal ends it."""
         if os.name == "nt":
             raise OSError("the page starts runs on Linux and macOS; use `bench run`")
         environment = {name: value for name, value in os.environ.items() if name != "BENCH_TOKEN"}
+        if who:
+            environment[OPERATOR] = "{name} ({role}) from {address}".format(**who)
         with (
             (folder / LOCK).open("wb") as lock,
             (folder / "stdout").open("wb") as stdout,
@@ -243,7 +281,7 @@ class Starts:
                 shutil.rmtree(folder, ignore_errors=True)
                 self._ended.pop(folder.name, None)
 
-    def _in_use(self) -> dict[str, str]:
+    def in_use(self) -> dict[str, str]:
         """Equipment of starts whose run has not ended; a run that is only being analysed uses none."""
         found: dict[str, str] = {}
         for told in self.listed():

@@ -13,11 +13,13 @@ export { live, traces } from "./lib/live.js"; // what the page knows, for tests 
 
 const PAGES = {
   calibrations: () => import("./pages/calibrations.js"),
+  files: () => import("./pages/files.js"),
   fleet: () => import("./pages/fleet.js"),
   import: () => import("./pages/import.js"),
   laboratory: () => import("./pages/laboratory.js"),
   live: () => import("./pages/live.js"),
   login: () => import("./pages/login.js"),
+  run: () => import("./pages/run.js"),
   start: () => import("./pages/start.js"),
   unit: () => import("./pages/unit.js"),
   units: () => import("./pages/units.js"),
@@ -34,6 +36,8 @@ const ROUTES = [
   ["/live", "live", "nav.live"],
   ["/live/:unit/:run", "live", "nav.live"],
   ["/verdict/:unit/:run", "verdict", "verdict.title"],
+  ["/runs/:unit/:run", "run", "run.title"],
+  ["/files", "files", "files.title"],
   ["/workbench", "workbench", "nav.workbench"],
   ["/workbench/*", "workbench", "nav.workbench"],
   ["/units", "units", "nav.units"],

@@ -19,6 +19,10 @@ __all__ = ["Access", "Engineer", "Operator", "Role", "Viewer", "Who", "requires"
 
 _LOOKING = ("/figures", "/effects/formula")
 """POST routes that change nothing: their questions are too long for a GET."""
+PIN_LIFE_S = 900
+"""For so long a PIN or badge names the operator on a screen [s]."""
+_BY_PIN = "pin "
+"""Kind of a session that a PIN has begun: it is worth nothing as another one."""
 RANKS: dict[Role, int] = {"viewer": 0, "operator": 1, "engineer": 2}
 
 
@@ -41,7 +45,7 @@ class Access:
     def __init__(self, settings: Settings) -> None:
         self.people = None if settings.access is None else People(settings.access)
         self._sessions = Sessions(settings.own / "sessions.json") if self.people else None
-        self._throttle = Throttle()
+        self._throttle, self._pin_throttle = Throttle(), Throttle()
         self._secure = settings.secure
 
     @property
@@ -64,6 +68,10 @@ class Access:
             person: Person | None = self._by_token(token.strip(), address)
         else:
             person = self._by_cookie(request)
+            if person is not None and (named := self._by_cookie(request, pin=True)) is not None:
+                # Few digits can be seen over a shoulder: they never give what an engineer may do.
+                role: Role = "operator" if named.role == "engineer" else named.role
+                return Who(named.name, role, address)
         if person is None:
             raise HTTPException(401, "no valid token: sign in, or send `Authorization: Bearer <token>`",
                                 {"WWW-Authenticate": "Bearer"})  # fmt: skip
@@ -91,9 +99,33 @@ class Access:
         )  # fmt: skip
         return Who(person.name, person.role, address)
 
-    def sign_out(self, request: Request, response: Response) -> None:
-        """End the session of this request's cookie, if it has one."""
-        name = self._cookie(request)
+    def enter_pin(self, pin: str, request: Request, response: Response) -> None:
+        """Name the operator on a screen that is signed in; HTTPException 401 for a wrong PIN, 429 after too many."""
+        address = request.client.host if request.client else "unknown"
+        if self.people is None or self._sessions is None:
+            raise HTTPException(409, "this server needs no PIN: every user of this computer is an engineer")
+        if wait_s := self._pin_throttle.wait_s(network(address)):
+            raise HTTPException(429, f"too many wrong PINs: wait {wait_s} s", {"Retry-After": str(wait_s)})
+        person = self.people.by_pin(pin)
+        if person is None:
+            self._pin_throttle.wrong(network(address))
+            raise HTTPException(401, "this PIN or badge is not known", {"WWW-Authenticate": "Bearer"})
+        key = self._sessions.begin(person, PIN_LIFE_S, _BY_PIN)
+        response.set_cookie(
+            self._cookie(request, pin=True), key, max_age=PIN_LIFE_S, path="/", secure=self._secure, httponly=True,
+            samesite="strict",
+        )  # fmt: skip
+
+    def pin_left_s(self, request: Request) -> float | None:
+        """For how long a PIN still names the operator of this screen [s]; None where none does."""
+        key = request.cookies.get(self._cookie(request, pin=True))
+        return (self._sessions.left_s(key) or None) if self._sessions and key else None
+
+    def sign_out(self, request: Request, response: Response, *, pin: bool = False) -> None:
+        """End the session of this request's cookie, or only what a PIN has begun, if it has one."""
+        if not pin:
+            self.sign_out(request, response, pin=True)
+        name = self._cookie(request, pin=pin)
         if self._sessions is not None and (key := request.cookies.get(name)):
             self._sessions.end(key)
         response.delete_cookie(name, path="/", secure=self._secure, httponly=True, samesite="strict")
@@ -112,16 +144,17 @@ class Access:
         raise HTTPException(401, "this token is not valid: ask the administrator of this server for one",
                             {"WWW-Authenticate": "Bearer"})  # fmt: skip
 
-    def _by_cookie(self, request: Request) -> Person | None:
+    def _by_cookie(self, request: Request, *, pin: bool = False) -> Person | None:
         assert self.people is not None
         assert self._sessions is not None
-        key = request.cookies.get(self._cookie(request))
+        key = request.cookies.get(self._cookie(request, pin=pin))
         token = self._sessions.token(key) if key else None
-        return self.people.by_hash(token) if token else None
+        mark = _BY_PIN if pin else ""
+        return self.people.by_hash(token.removeprefix(mark)) if token and token.startswith(mark) else None
 
-    def _cookie(self, request: Request) -> str:
+    def _cookie(self, request: Request, *, pin: bool = False) -> str:
         """Name of the cookie; cookies ignore ports, so servers on one computer need different names."""
-        return f"{'__Host-' if self._secure else ''}bench-{request.url.port or 0}"
+        return f"{'__Host-' if self._secure else ''}bench-{request.url.port or 0}{'-pin' if pin else ''}"
 
 
 def permitted(request: Request, role: Role) -> Who:

@@ -32,18 +32,22 @@ class Sessions:
             known = json.loads(path.read_bytes())
             self._known = {key: (str(token), float(until)) for key, (token, until) in known.items()}
 
-    def begin(self, person: Person) -> str:
-        """Begin a session; returns the content of its cookie."""
+    def begin(self, person: Person, life_s: float = LIFE_S, mark: str = "") -> str:
+        """Begin a session of this length [s] and kind; returns the content of its cookie."""
         key = secrets.token_urlsafe(32)
         with self._lock:
-            self._known[_hash(key)] = (person.token_sha256, self._clock() + LIFE_S)
+            self._known[_hash(key)] = (mark + person.token_sha256, self._clock() + life_s)
             self._write()
         return key
 
     def token(self, key: str) -> str | None:
-        """Hash of the token of this session; None where the session is over."""
+        """Kind, and hash of the token, of this session; None where the session is over."""
         token, until_s = self._known.get(_hash(key), ("", 0.0))
         return token if self._clock() < until_s else None
+
+    def left_s(self, key: str) -> float:
+        """What is left of this session [s]; 0 where it is over."""
+        return max(self._known.get(_hash(key), ("", 0.0))[1] - self._clock(), 0.0)
 
     def end(self, key: str) -> None:
         """End a session."""

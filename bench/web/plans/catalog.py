@@ -7,17 +7,19 @@ diagnosis proposed are in the server's own folder. Computing processes use this 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile
+from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile, wire_findings
 from bench.analysis import effect_names, load_limits, model_files
-from bench.base import BenchError, InputError, library, load_config, nearest
+from bench.base import BenchError, Document, InputError, library, load_config, nearest, parse_yaml
 from bench.commands import JobFile, Order, check_on, check_order, load_station, seated, station_file, station_of
 from bench.commands import Plan as CalibrationPlan
 from bench.record import slug
+from drivers.errors import DriverError
 
 MOST_CORNERS = 256
 """Greatest number of corners of a curve; longer ones are thinned."""
@@ -171,8 +173,12 @@ def equipment(settings: StationSettings) -> frozenset[str]:
 
 def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """`bench check` of files `plan` and `station`, in a computing process; `ok` where nothing prevents the run."""
-    place, serials = seated(station_file(Path(wanted["station"])), wanted["units"])
-    profile, settings = load_profile(Path(wanted["plan"])), station_of(place)
+    return _rehearsed(load_profile(Path(wanted["plan"])), station_file(Path(wanted["station"])), wanted["units"])
+
+
+def _rehearsed(profile: Profile, file: Document, taken: Sequence[str]) -> dict[str, Any]:
+    place, serials = seated(file, taken)
+    settings = station_of(place)
     units = settings.chosen(serials)
     drawn = {"profile": profile.name, "station": settings.name, "curve": curve(profile)}
     drawn["units"] = [unit.serial for unit in units]
@@ -202,6 +208,40 @@ def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
         found = [{"level": "error", "text": text, "line": None} for text in str(error).splitlines()]
         return {**told, "ok": False, "findings": found}
     return {**told, "ok": True, "findings": [{"level": "warning", "text": text, "line": None} for text in warnings]}
+
+
+def drafted(wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """The check of a text that is being edited, in a computing process: what is wrong with it, by line.
+
+    A profile is rehearsed on the file `station`, as `bench check` does, and has its curve.
+    """
+    found, errors = loaded(wanted["kind"], wanted["text"], wanted["file"])
+    if errors:
+        return {"ok": False, "curve": [], "findings": errors}
+    if isinstance(found, Profile):
+        return _rehearsed(found, station_file(Path(wanted["station"])), ())
+    findings = tuple(wire_findings(found)) if isinstance(found, StationSettings) else ()
+    return {"ok": all(one.level != "error" for one in findings), "curve": [], "findings": _told(findings)}
+
+
+def loaded(kind: str, text: str, file: str) -> tuple[Any, list[dict[str, Any]]]:
+    """What a text of this kind describes, and what is wrong with it; files that it names are beside `file`."""
+    load: dict[str, Callable[[Document], Any]] = {
+        "profiles": load_profile,
+        "stations": station_of,
+        "limits": load_limits,
+    }
+    try:
+        return load[kind](parse_yaml(text, file)), []
+    except (BenchError, DriverError) as error:
+        return None, _by_line(str(error), file)
+
+
+def _by_line(text: str, file: str) -> list[dict[str, Any]]:
+    """The lines of a message about a file as findings, each with its line of the file where it names one."""
+    found = [re.fullmatch(rf"(?:{re.escape(file)}:(?:(\d+):)? )?(.*)", line) for line in text.splitlines()]
+    told = [(one[1], one[2]) for one in found if one is not None]
+    return [{"level": "error", "text": text, "line": line and int(line)} for line, text in told]
 
 
 def _told(findings: Iterable[Finding]) -> list[dict[str, Any]]:

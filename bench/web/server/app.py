@@ -16,10 +16,10 @@ from bench.web.jobs import jobs
 from bench.web.live import calibrating, live, starting
 from bench.web.people import session
 from bench.web.people.access import Access, at_least
-from bench.web.plans import checking, papers, plans
+from bench.web.plans import checking, editing, papers, plans
 from bench.web.server.gate import API, Gate
 from bench.web.server.pages import add_pages
-from bench.web.shelf import fleet, runs, units
+from bench.web.shelf import actions, fleet, runs, units
 from bench.web.shelf.stock import Stock
 from bench.web.workbench import analyses, diagnoses, figures, models, notebook
 
@@ -29,10 +29,12 @@ GUARDED = (
     plans.router,
     checking.router,
     papers.router,
+    editing.router,
     starting.router,
     calibrating.router,
     live.router,
     runs.router,
+    actions.router,
     jobs.router,
     analyses.router,
     figures.router,

@@ -38,6 +38,8 @@ ADDRESSES = (
     "/import",
     "/calibrations",
     "/laboratory",
+    "/files",
+    "/runs/{unit}/{run}",
     "/login",
 )
 """What the page's own router knows; below some it may go on as it likes."""

@@ -11,14 +11,14 @@ import json
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from fastapi import Request
+from fastapi import HTTPException, Request
 
 from bench.acquisition import live_at
 from bench.base import InputError, process_alive
@@ -212,3 +212,19 @@ def _saved(file: Path) -> dict[str, Entry]:
         return {entry["run"]: Entry(**entry) for entry in content["runs"]} if content["format"] == FORMAT else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
+
+
+def resolved(request: Request, ids: Sequence[str]) -> list[dict[str, str]]:
+    """Id, folder and hash of the data of each run.
+
+    NotFoundError for a run that does not exist, HTTPException 409 for one that has not ended.
+    """
+    index, entries = index_of(request), []
+    for id_ in dict.fromkeys(ids):
+        entry = index.entry(id_)
+        if not entry.content:
+            text = "only an ended run can be analysed; `bench resume` or `bench report` recover an interrupted one"
+            raise HTTPException(409, f"run {id_} is {entry.state}: {text}")
+        unit, _, run = id_.partition("/")
+        entries.append({"run": id_, "path": str(index.folder(unit, run)), "content": entry.content})
+    return entries

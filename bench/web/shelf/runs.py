@@ -156,11 +156,11 @@ def report(request: Request, unit: str, run: str) -> FileResponse:
 
 
 @router.get("/runs/{unit}/{run}/certificate", response_class=Response)
-def certificate(request: Request, unit: str, run: str) -> FileResponse:
-    """The run's calibration certificate, PDF."""
-    folder = index_of(request).folder(unit, run)
-    path = _existing(folder / "certificate.pdf", "certificate: make one with `bench certificate`")
-    return FileResponse(path, media_type="application/pdf", filename=f"{unit}-{run}-certificate.pdf")
+def certificate(request: Request, unit: str, run: str, draft: bool = False) -> FileResponse:
+    """The run's calibration certificate, or its draft, PDF."""
+    folder, name = index_of(request).folder(unit, run), "draft" if draft else "certificate"
+    path = _existing(folder / f"{name}.pdf", f"{name}: make one with `bench certificate`")
+    return FileResponse(path, media_type="application/pdf", filename=f"{unit}-{run}-{name}.pdf")
 
 
 @router.get("/runs/{unit}/{run}/data.csv", response_class=Response)

@@ -32,9 +32,14 @@ def steps_of(folder: Path) -> Steps:
     return Steps(
         calibrated=calibration is not None and calibration.calibration is not None,
         flashed=flash is not None and flash.state == "done",
-        verified=any(_verifies(other, origin) for other in folder.parent.iterdir()),
+        verified=any(verifications_of(origin)),
         certified=certificate is not None and not certificate.draft,
     )
+
+
+def verifications_of(origin: Path) -> list[Path]:
+    """Runs that verify the calibration in this run folder and are within limits, oldest first."""
+    return [folder for folder in sorted(origin.parent.iterdir()) if _verifies(folder, origin)]
 
 
 def _verifies(folder: Path, origin: Path) -> bool:

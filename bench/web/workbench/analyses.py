@@ -7,7 +7,8 @@ from pydantic import BaseModel, Field
 
 from bench.web.jobs.jobs import Asked, key_of, submit
 from bench.web.people.access import Engineer
-from bench.web.workbench.asking import MOST_MODELS, ModelJson, RunChoice, RunId, resolved
+from bench.web.shelf.indexing import resolved
+from bench.web.workbench.asking import MOST_MODELS, ModelJson, RunChoice, RunId
 
 router = APIRouter(tags=["workbench"])
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from typing import Annotated, Any
 
-from fastapi import HTTPException, Request
+from fastapi import Request
 from pydantic import BaseModel, Field
 
 from bench.analysis import Model, model_from, options_of
-from bench.web.shelf.indexing import index_of
+from bench.web.shelf.indexing import resolved
 
 MOST_RUNS = 40
 MOST_MODELS = 12
@@ -64,19 +63,3 @@ class RunChoice(BaseModel):
             "static": resolved(request, [self.static])[0] if self.static else None,
             "sisters": resolved(request, self.sisters),
         }
-
-
-def resolved(request: Request, ids: Sequence[str]) -> list[dict[str, str]]:
-    """Id, folder and hash of the data of each run.
-
-    NotFoundError for a run that does not exist, HTTPException 409 for one that has not ended.
-    """
-    index, entries = index_of(request), []
-    for id_ in dict.fromkeys(ids):
-        entry = index.entry(id_)
-        if not entry.content:
-            text = "only an ended run can be analysed; `bench resume` or `bench report` recover an interrupted one"
-            raise HTTPException(409, f"run {id_} is {entry.state}: {text}")
-        unit, _, run = id_.partition("/")
-        entries.append({"run": id_, "path": str(index.folder(unit, run)), "content": entry.content})
-    return entries

@@ -8,7 +8,8 @@ from fastapi import APIRouter, Request
 from pydantic import Field, FiniteFloat
 
 from bench.web.jobs.jobs import Asked, key_of, submit
-from bench.web.workbench.asking import ModelJson, RunChoice, RunId, resolved
+from bench.web.shelf.indexing import resolved
+from bench.web.workbench.asking import ModelJson, RunChoice, RunId
 
 router = APIRouter(tags=["workbench"])
 

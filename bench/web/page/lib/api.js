@@ -16,7 +16,9 @@ export class ApiError extends Error {
 async function answer(response) {
   const body = await response.json().catch(() => null);
   if (response.ok) return body;
-  if (response.status === 401) session.set((now) => now && { ...now, name: null, role: null });
+  if (response.status === 401 && !response.url.endsWith("/pin")) session.set((now) => now && { ...now, name: null, role: null });
+  // What a PIN allowed may be over: who is it now?
+  if (response.status === 403 && session.get()?.pin_s) get("/session").then(session.set);
   throw new ApiError(response.status, body?.detail ?? t("error.no_reason", { status: String(response.status) }));
 }
 

@@ -1,8 +1,9 @@
 // The bar above every page: navigation, number of live runs, language, light or dark, signed-in user.
-import { html } from "./preact.js";
-import { remove } from "./api.js";
+import { html, useEffect, useRef, useState } from "./preact.js";
+import { get, post, remove } from "./api.js";
 import { call, calling } from "./calls.js";
 import { useLive } from "./live.js";
+import { Dialog, Trouble } from "./parts.js";
 import { navigate } from "./router.js";
 import { session, theme, useStore } from "./store.js";
 import { LANGUAGES, language, speak, t } from "./words.js";
@@ -15,6 +16,7 @@ const PAGES = [
   ["/units", "nav.units", "viewer"],
   ["/fleet", "nav.fleet", "viewer"],
   ["/import", "nav.import", "engineer"],
+  ["/files", "nav.files", "engineer"],
 ];
 const RANK = { viewer: 1, operator: 2, engineer: 3 };
 
@@ -51,6 +53,40 @@ function Language() {
   </select>`;
 }
 
+/** The operator of a screen that is signed in: named by a PIN or a badge, for a while; then the screen is as before. */
+function Operator({ who }) {
+  const [asked, setAsked] = useState(false);
+  const [error, setError] = useState(null);
+  const field = useRef(null);
+  const again = async () => session.set(await get("/session"));
+  useEffect(() => {
+    if (!who.pin_s) return undefined;
+    const timer = setTimeout(again, 1000 * who.pin_s + 500);
+    return () => clearTimeout(timer);
+  }, [who]);
+  const enter = async (event) => {
+    event.preventDefault();
+    try {
+      await post("/session/pin", { pin: field.current.value.trim() });
+      await again();
+      setAsked(false);
+    } catch (problem) {
+      setError(problem.status === 401 ? t("pin.wrong") : problem);
+      field.current.value = "";
+      field.current.focus();
+    }
+  };
+  if (who.pin_s) return html`<button type="button" onClick=${() => remove("/session/pin").then(again)}>${t("pin.leave")}</button>`;
+  return html`<button type="button" onClick=${() => {
+    setError(null);
+    setAsked(true);
+  }}>${t("pin.ask")}</button>
+    ${asked && html`<${Dialog} label=${t("pin.title")} onClose=${() => setAsked(false)}><form class="stack" onSubmit=${enter}><h2>${t("pin.title")}</h2>
+      <label for="pin">${t("pin.field")}</label><input id="pin" ref=${field} type="password" inputmode="numeric" autocomplete="off" maxlength="40" required autofocus />
+      <${Trouble} error=${error} />
+      <div class="dialog-row"><button type="button" onClick=${() => setAsked(false)}>${t("pin.back")}</button><button type="submit" class="primary">${t("login.enter")}</button></div></form><//>`}`;
+}
+
 async function leave() {
   session.set(await remove("/session"));
   navigate("/login");
@@ -67,7 +103,8 @@ export function Bar({ place, who }) {
       </nav>
       <div class="tools">
         ${who?.name && html`<span class="who" title=${t(`role.${who.role}`)}>${who.name}</span>`}
-        ${who?.role && !who.open && html`<button type="button" onClick=${leave}>${t("login.leave")}</button>`}
+        ${who?.role && who.pins && html`<${Operator} who=${who} />`}
+        ${who?.role && !who.open && !who.pin_s && html`<button type="button" onClick=${leave}>${t("login.leave")}</button>`}
         <${Language} />${rank > 0 && html`<${Calls} />`}<${Theme} />
       </div>
     </header>

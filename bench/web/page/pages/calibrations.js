@@ -1,6 +1,6 @@
 // Calibrations that were started from the page: what waits, what goes on, what is done; or one of them in full.
 import { html, useEffect, useState } from "../lib/preact.js";
-import { get, remove, url } from "../lib/api.js";
+import { get, post, remove, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { may } from "../lib/store.js";
 import { serialOf } from "../lib/units.js";
@@ -33,12 +33,16 @@ function List() {
   }, [round]);
   const { listed, error } = seen;
   if (!listed) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
-  const giveUp = (start) => remove(url`/starts/${start}`).catch((problem) => setSeen((now) => ({ ...now, error: problem }))).then(() => setRound(round + 1));
+  const change = (asked) => asked.catch((problem) => setSeen((now) => ({ ...now, error: problem }))).then(() => setRound(round + 1));
+  const units = (start) => start.units.map(serialOf).join(", ") || start.station;
+  const last = listed.waiting.length - 1;
   return html`<div class="page stack"><h1>${t("nav.calibrations")}</h1>
     <${Trouble} error=${error} />
     ${listed.waiting.length > 0 && html`<section aria-labelledby="queue"><h2 id="queue">${t("job.queue")}</h2>
-      <ol>${listed.waiting.map((start) => html`<li key=${start.start} class="row"><b class="mono">${start.units.map(serialOf).join(", ")}</b> ${start.digest ? planOf(start.plan) : planTitle({ id: start.plan, title: start.plan })} <span class="soft">${start.station} · ${start.who.name}${start.not_before && ` · ${t("job.not_before", { time: moment(start.not_before) })}`}</span>
-        ${may("operator") && html`<button type="button" class="narrow" onClick=${() => giveUp(start.start)}>${t("job.give_up")}<span class="unseen"> ${start.units.map(serialOf).join(", ")}</span></button>`}</li>`)}</ol></section>`}
+      <ol class="queue">${listed.waiting.map((start, index) => html`<li key=${start.start} class="row"><b class="mono">${units(start)}</b> ${start.digest ? planOf(start.plan) : planTitle({ id: start.plan, title: start.plan })} <span class="soft">${start.station} · ${start.who.name}${start.not_before && ` · ${t("job.not_before", { time: moment(start.not_before) })}`}</span>
+        ${may("operator") && html`${last > 0 && [["job.earlier", "↑", -1, 0], ["job.later", "↓", 1, last]].map(([key, sign, by, end]) => html`<button type="button" key=${key} class="narrow" disabled=${index === end}
+            title=${t(key)} aria-label=${`${t(key)}: ${units(start)}`} onClick=${() => change(post(url`/starts/${start.start}/move`, { by }))}>${sign}</button>`)}
+          <button type="button" class="narrow" onClick=${() => change(remove(url`/starts/${start.start}`))}>${t("job.give_up")}<span class="unseen"> ${units(start)}</span></button>`}</li>`)}</ol></section>`}
     ${listed.jobs.length > 0 ? html`<div class="scroll" tabindex="0" role="region" aria-label=${t("nav.calibrations")}><table class="job-list">
       <thead><tr>${["unit", "plan", "state", "begun", "certificate"].map((key) => html`<th key=${key} scope="col">${t(`job.head.${key}`)}</th>`)}</tr></thead>
       <tbody>${listed.jobs.map((job) => html`<tr key=${job.job}><th scope="row"><a class="mono" href=${`/calibrations/${job.job}`}>${job.unit}</a></th><td>${planOf(job.plan)}</td>

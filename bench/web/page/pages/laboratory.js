@@ -1,10 +1,11 @@
 // Laboratory and reference equipment of a station, as forms that are filled in once.
 import { html, useEffect, useState } from "../lib/preact.js";
 import { get, put, url } from "../lib/api.js";
-import { Busy, Trouble } from "../lib/parts.js";
+import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { t } from "../lib/words.js";
+import { Going, useAct } from "./run.js";
 
 // Path of each field in the file; `!` must be filled in.
 const LABORATORY = [
@@ -50,10 +51,26 @@ export default function Laboratory({ query }) {
   return html`<div class="page stack papers"><h1>${t("papers.title")}</h1><p class="soft">${t("papers.what")}</p>
     <div class="field"><label for="station">${t("papers.station")}</label>
       <select id="station" value=${chosen} onChange=${(event) => setStation(event.target.value)}>${stations.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === chosen}>${title}</option>`)}</select></div>
+    ${may("operator") && chosen && html`<${Doctor} key=${`doctor ${chosen}`} station=${chosen} />`}
     <${Trouble} error=${seen.error} />
     ${seen.papers && html`<${Form} key=${`laboratory ${chosen}`} kind="laboratory" station=${chosen} paper=${seen.papers.laboratory} empty=${{}} Fields=${LaboratoryFields} />
       <${Form} key=${`equipment ${chosen}`} kind="equipment" station=${chosen} paper=${seen.papers.equipment} empty=${{ equipment: [{}] }} Fields=${Instruments} />`}
   </div>`;
+}
+
+const TONES = { agrees: "good", disagrees: "bad", "no link": "bad", unknown: "idle", told: "idle" };
+
+/** What the equipment says of itself, beside the station file; nothing is written. */
+function Doctor({ station }) {
+  const job = useAct();
+  const { result } = job;
+  return html`<section class="panel stack" aria-labelledby="doctor"><h2 id="doctor">${t("doctor.title")}</h2><p class="small soft">${t("doctor.what")}</p>
+    <p><button type="button" disabled=${job.busy} onClick=${() => job.act(url`/stations/${station}/doctor`, {})}>${t("doctor.ask")}</button></p>
+    <${Going} job=${job} />
+    ${result && html`<p role="status"><${Lamp} tone=${result.agrees ? "good" : "bad"}>${t(result.agrees ? "doctor.all" : "doctor.differs")}<//></p>
+      <div class="scroll" tabindex="0" role="region" aria-label=${t("doctor.title")}><table><tbody>${result.findings.map(({ what, verdict, detail, uncertain }) => html`
+        <tr key=${`${what} ${detail}`}><td><${Lamp} tone=${TONES[verdict]}>${t(`doctor.${verdict.replace(" ", "_")}`)}<//></td><th scope="row" lang="en">${what}</th><td lang="en">${detail}${uncertain && html` <span class="soft">(${t("doctor.weak")})</span>`}</td></tr>`)}</tbody></table></div>`}
+  </section>`;
 }
 
 function Form({ kind, station, paper, empty, Fields }) {

@@ -98,7 +98,7 @@ function Runs({ unit }) {
       <td>${run.profile}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
       <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft">${run.cause}</div>`}</td>
       <td>${duration(run.duration_s)}</td><td class="wide">${run.station ?? "–"}</td><td class="wide">${run.operator ?? "–"}</td>
-      <td><span class="st-links">${run.here ? html`<a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
+      <td><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
         ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
     </tr>`)}</tbody></table></div>`;
 }

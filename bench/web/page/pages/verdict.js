@@ -104,7 +104,8 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
     <${Shape} tone=${toneOf(words[index])} /><div><b class="mono">${unit.unit}</b><strong>${t(`verdict.${words[index]}`)}</strong>
       ${unit.sentence && html`<span class="soft small" lang="en">${unit.sentence}</span>`}
       ${unit.run && unit.analysed && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>
-        <a class="small" href=${workbench(unit)}>${t("verdict.workbench")}</a>`}</div>
+        <a class="small" href=${workbench(unit)}>${t("verdict.workbench")}</a>
+        <a class="small" href=${`/runs/${unit.run}`}>${t("run.open")}</a>`}</div>
   </li>`)}
 </ul>`;
 
@@ -172,6 +173,7 @@ function Ways({ units, run }) {
     <button type="button" onClick=${() => window.print()}>${t("verdict.print")}</button>
     ${written && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
     ${written && units.length === 1 && html`<a class="button" href=${workbench(one)}>${t("verdict.workbench")}</a>`}
+    ${written && units.length === 1 && html`<a class="button" href=${`/runs/${one.run}`}>${t("run.open")}</a>`}
     ${units.length === 1 && html`<a class="button" href=${`/units/${encodeURIComponent(one.unit)}`}>${t("verdict.unit")}</a>`}
   </div>`;
 }

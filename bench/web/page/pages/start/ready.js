@@ -1,9 +1,9 @@
 // Confirmation: findings of the check, what will happen, and START.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
-import { ApiError, get, post, url } from "../../lib/api.js";
 import { Curve, range } from "../../lib/curve.js";
 import { Busy, Lamp, Shape, Trouble } from "../../lib/parts.js";
 import { navigate } from "../../lib/router.js";
+import { startRun } from "../../lib/starts.js";
 import { remembered } from "../../lib/store.js";
 import { serialOf } from "../../lib/units.js";
 import { degrees, duration, language, number, or, t } from "../../lib/words.js";
@@ -13,28 +13,9 @@ import { OperatorField, operatorOf } from "./operator.js";
 import { planTitle } from "./plan.js";
 
 const TONES = { error: "bad", warning: "warn", info: "idle" };
-const LOOK_MS = 300;
-/** After this time without an answer of the bench, the operator is asked to look at the chamber. */
-const PATIENCE_MS = 120000;
 
 /** Limits that were chosen for each plan in this browser. */
 const lastLimits = remembered("limits_of", {});
-const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-
-/** Start the run and wait until it has a folder; its id, null where it waits for the station. Throws the message of the bench when it refuses. */
-async function begin({ plan, station, units }, more) {
-  const { start, state } = await post("/starts", { plan, station, units, ...more });
-  if (state === "waiting") return null;
-  const until = Date.now() + PATIENCE_MS;
-  while (Date.now() < until) {
-    const seen = await get(url`/starts/${start}`);
-    if (seen.state === "refused") throw new ApiError(422, seen.message);
-    if (seen.runs.length) return seen.runs[0];
-    if (seen.state === "ended") throw new ApiError(422, seen.message || seen.sentence);
-    await pause(LOOK_MS);
-  }
-  throw new ApiError(504, t("ready.no_word"));
-}
 
 export function Ready({ order, plan, station, limits, begun }) {
   const { result, error, again } = useCheck(order);
@@ -53,7 +34,7 @@ export function Ready({ order, plan, station, limits, begun }) {
       const more = { ...operatorOf(), queue, ...(later ? { not_before: new Date(later).toISOString() } : {}) };
       if (!calibrating) lastLimits.set((now) => ({ ...now, [plan.id]: within }));
       const way = calibrating ? await beginAll(order, result.begun, more)
-        : await begin(order, { ...more, models: plan.models, ...(within ? { limits: within } : {}) }).then((run) => run && `/live/${run}`);
+        : await startRun("/starts", { plan: order.plan, station: order.station, units: order.units, ...more, models: plan.models, ...(within ? { limits: within } : {}) }).then((run) => run && `/live/${run}`);
       begun();
       navigate(way ?? "/calibrations");
     } catch (problem) {
@@ -129,6 +110,7 @@ function Checked({ result, error, again }) {
   </div>`;
 }
 
-const Findings = ({ findings }) => findings.length > 0 && html`<ul class="findings" lang="en">
-  ${findings.map(({ level, text }) => html`<li key=${text}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${text}</span></li>`)}
+/** Findings of a check, each with its line of the file where it names one. */
+export const Findings = ({ findings }) => findings.length > 0 && html`<ul class="findings" lang="en">
+  ${findings.map(({ level, text, line }) => html`<li key=${`${line} ${text}`}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${text}</span></li>`)}
 </ul>`;

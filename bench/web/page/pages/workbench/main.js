@@ -149,10 +149,10 @@ function useCompanions(run) {
   return offered;
 }
 
-export function Page() {
+export function Page({ query = {} }) {
   const session = useSession();
   const { chosen, act } = session;
-  const [mode, setMode] = useState("bench");
+  const [mode, setMode] = useState("compare" in query ? "compare" : "bench");
   const offered = useCompanions(chosen[0]?.run);
   const begin = (row) => {
     act({ type: "choose", runs: [{ ...row, role: "fit" }] });

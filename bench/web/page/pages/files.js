@@ -1,0 +1,137 @@
+// Profiles, stations and limits as texts: checked while they are typed, errors at their lines, a profile with its picture.
+import { html, useEffect, useRef, useState } from "../lib/preact.js";
+import { compute, get, put, url } from "../lib/api.js";
+import { Curve } from "../lib/curve.js";
+import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { remember } from "../lib/router.js";
+import { may } from "../lib/store.js";
+import { duration, or, t } from "../lib/words.js";
+import { Findings } from "./start/ready.js";
+import { useGet } from "./stock/parts.js";
+
+const KINDS = ["profiles", "stations", "limits"];
+const PAUSE_MS = 600;
+const NAME = /^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$/;
+
+const titleOf = (kind, id) => or(`${{ profiles: "plan", limits: "limits" }[kind]}.${id}`, id);
+
+/** The check of a text, asked for a moment after the last key: {result, error, busy}. */
+function useDraft(kind, id, text, station) {
+  const [seen, setSeen] = useState(/** @type {{key?: string, result?: any, error?: any}} */ ({}));
+  const key = JSON.stringify([kind, id, text, station]);
+  useEffect(() => {
+    if (text === null) return undefined;
+    const leaving = new AbortController();
+    const timer = setTimeout(() => {
+      compute(url`/files/${kind}/${id}/checks`, { text, station }, { signal: leaving.signal }).then(
+        (result) => setSeen({ key, result }),
+        (error) => error.name !== "AbortError" && setSeen({ key, error }),
+      );
+    }, PAUSE_MS);
+    return () => {
+      clearTimeout(timer);
+      leaving.abort();
+    };
+  }, [key]);
+  return { ...seen, busy: text !== null && seen.key !== key };
+}
+
+/** The text with the numbers of its lines; those with an error are marked. */
+function Editor({ text, wrong, change, focus }) {
+  const area = useRef(null);
+  const numbers = useRef(null);
+  const lines = text.split("\n").length;
+  useEffect(() => {
+    if (!focus) return;
+    const from = text.split("\n").slice(0, focus.line - 1).join("\n").length + (focus.line > 1 ? 1 : 0);
+    area.current.focus();
+    area.current.setSelectionRange(from, from + text.slice(from).split("\n")[0].length);
+    area.current.scrollTop = (focus.line - 4) * (area.current.scrollHeight / lines);
+  }, [focus]);
+  return html`<div class="edit"><ol class="edit-numbers" aria-hidden="true" ref=${numbers}>${Array.from({ length: lines }, (_, index) => html`<li key=${index} class=${wrong.has(index + 1) ? "wrong" : undefined}>${index + 1}</li>`)}</ol>
+    <textarea ref=${area} class="mono" aria-label=${t("files.text")} aria-invalid=${wrong.size > 0} spellcheck=${false} autocomplete="off" autocapitalize="off" wrap="off" value=${text}
+      onInput=${(event) => change(event.target.value)} onScroll=${(event) => (numbers.current.scrollTop = event.target.scrollTop)}></textarea></div>`;
+}
+
+function File({ kind, id, stations, saved }) {
+  const [file, setFile] = useState(/** @type {any} */ (null));
+  const [text, setText] = useState(/** @type {string | null} */ (null));
+  const [name, setName] = useState(id);
+  const [station, setStation] = useState("simulated");
+  const [focus, setFocus] = useState(/** @type {{line: number} | null} */ (null));
+  const [state, setState] = useState(/** @type {{saved?: boolean, busy?: boolean, error?: any}} */ ({}));
+  useEffect(() => {
+    get(url`/files/${kind}/${id}`).then((found) => {
+      setFile(found);
+      setText(found.text);
+    }, (error) => setState({ error }));
+  }, []);
+  const check = useDraft(kind, id, text, station);
+  const findings = check.result?.findings ?? [];
+  const changed = file && text !== file.text;
+  const save = async (event) => {
+    event.preventDefault();
+    setState({ busy: true });
+    try {
+      const kept = await put(url`/files/${kind}/${name}`, { text, digest: name === id ? file.digest : "" });
+      setState({ saved: true });
+      if (name === id) setFile(kept);
+      saved(name);
+    } catch (error) {
+      setState({ error });
+    }
+  };
+  if (text === null) return state.error ? html`<${Trouble} error=${state.error} />` : html`<${Busy} />`;
+  const placed = findings.filter(({ line, level }) => line && level !== "info");
+  const tone = check.result?.ok === false ? "bad" : "good";
+  return html`<form class="edit-file stack" onSubmit=${save}>
+    <h2>${titleOf(kind, id)} <span class="small soft mono">${id}.yaml</span></h2>
+    <p class="small soft">${t(file.own ? "files.own" : "files.shipped")}</p>
+    <div class=${kind === "profiles" ? "edit-two" : undefined}>
+      <div class="stack"><${Editor} text=${text} wrong=${new Set(findings.filter(({ level }) => level === "error").map(({ line }) => line))} focus=${focus} change=${(next) => {
+        setText(next);
+        setState({});
+      }} />
+        <${Trouble} error=${state.error} />
+        ${may("engineer") && html`<div class="row"><label for="files-name">${t("files.name")}</label><input id="files-name" class="mono" value=${name} maxlength="60" autocomplete="off" spellcheck=${false} onInput=${(event) => setName(event.target.value.trim())} />
+          <button type="submit" class="primary" disabled=${state.busy || !NAME.test(name) || (!changed && name === id)}>${t(file.own && name === id ? "files.save" : "files.save_own")}</button>
+          <button type="button" disabled=${!changed} onClick=${() => setText(file.text)}>${t("files.back")}</button>
+          <span role="status">${state.saved && html`<${Lamp} tone="good">${t("files.saved")}<//>`}</span></div>`}
+      </div>
+      <div class="stack">
+        ${kind === "profiles" && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station}>${one}</option>`)}</select></div>`}
+        ${check.result?.curve?.length > 0 && html`<${Curve} curve=${check.result.curve} width=${520} height=${260} axes />`}
+        <div role="status">${check.busy ? html`<${Busy}>${t("ready.checking")}<//>` : check.result && html`<p><${Lamp} tone=${tone}>${t(tone === "good" ? "files.good" : "files.bad")}<//>${check.result.duration_s ? html` <span class="soft">${t("ready.takes")} ${duration(check.result.duration_s)}</span>` : ""}</p>`}</div>
+        <${Trouble} error=${check.error} />
+        ${placed.length > 0 && html`<p class="row">${[...new Set(placed.map(({ line }) => line))].slice(0, 12).map((line) => html`<button type="button" key=${line} class="narrow" onClick=${() => setFocus({ line })}>${t("files.line", { line: String(line) })}</button>`)}</p>`}
+        <${Findings} findings=${findings.map((one) => (one.line ? { ...one, text: `${one.line}: ${one.text}` } : one))} />
+      </div>
+    </div>
+    ${kind === "stations" && html`<p><a href=${`/laboratory?station=${encodeURIComponent(id)}`}>${t("papers.title")}, ${t("doctor.title")}</a></p>`}
+  </form>`;
+}
+
+export default function Files({ query }) {
+  const { data, error, again } = useGet("/files");
+  const [kind, setKind] = useState(KINDS.includes(query.kind) ? query.kind : "profiles");
+  const [id, setId] = useState(query.id ?? "");
+  const open = (next) => {
+    setId(next);
+    remember({ kind, id: next });
+  };
+  if (!data) return html`<div class="page">${error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`}</div>`;
+  return html`<div class="page stack"><h1>${t("files.title")}</h1><p class="soft">${t("files.what")}</p>
+    <div class="row"><div class="field"><label for="files-kind">${t("files.kind")}</label>
+        <select id="files-kind" value=${kind} onChange=${(event) => {
+          setKind(event.target.value);
+          setId("");
+        }}>${KINDS.map((one) => html`<option key=${one} value=${one} selected=${one === kind}>${t(`files.${one}`)}</option>`)}</select></div>
+      <div class="field"><label for="files-id">${t("files.file")}</label>
+        <select id="files-id" value=${id} onChange=${(event) => open(event.target.value)}><option value="">${t("files.choose")}</option>
+          ${data[kind].map((one) => html`<option key=${one} value=${one} selected=${one === id}>${titleOf(kind, one)}${data.own[kind].includes(one) ? ` · ${t("files.mine")}` : ""}</option>`)}</select></div></div>
+    ${id && html`<${File} key=${`${kind} ${id}`} kind=${kind} id=${id} stations=${data.stations} saved=${(name) => {
+      again();
+      if (name !== id) open(name);
+    }} />`}
+  </div>`;
+}

@@ -1,0 +1,118 @@
+"""`/files`: profiles, stations and limits as texts that are edited in the page and saved as the user's own copies.
+
+The text is saved as it was typed: comments and order stay. A shipped file is never written; a copy of the same name in
+the project takes its place.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from pathlib import Path
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, HTTPException, Request
+from fastapi import Path as Part
+from pydantic import BaseModel, Field
+
+from bench.base import read_text
+from bench.record import write_atomically
+from bench.web.ground.problems import one_line
+from bench.web.ground.settings import Here, Settings
+from bench.web.jobs.jobs import Asked, submit
+from bench.web.people.access import Engineer
+from bench.web.plans.catalog import Catalog, loaded, named
+from bench.web.plans.checking import Name
+
+router = APIRouter(tags=["plans"])
+Kind = Literal["profiles", "stations", "limits"]
+Id = Annotated[str, Part(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]*$")]
+MOST_SIGNS = 200_000
+
+
+class Listed(BaseModel):
+    """Ids by kind; those of `own` are the user's own files."""
+
+    profiles: list[str]
+    stations: list[str]
+    limits: list[str]
+    own: dict[str, list[str]]
+
+
+class Text(BaseModel):
+    """A file as it stands; `own` where it is the user's own, `digest` names this state of it."""
+
+    text: str
+    own: bool
+    digest: str
+
+
+class Draft(BaseModel):
+    """A text that is being edited; a profile is checked on a station."""
+
+    text: str = Field(max_length=MOST_SIGNS)
+    station: Name = "simulated"
+
+
+class Saved(BaseModel):
+    """A text to keep; `digest` is that of the file that it was made from, empty for a new name."""
+
+    text: str = Field(max_length=MOST_SIGNS)
+    digest: str = Field(max_length=64)
+
+
+@router.get("/files")
+def files(here: Here) -> Listed:
+    """Profiles, stations and limits that can be edited."""
+    found = {kind: _files(kind, here) for kind in ("profiles", "stations", "limits")}
+    own = {kind: [id_ for id_, path in known.items() if _is_own(path, here)] for kind, known in found.items()}
+    return Listed(own=own, **{kind: list(known) for kind, known in found.items()})
+
+
+@router.get("/files/{kind}/{id}")
+def file(kind: Kind, id: Id, here: Here) -> Text:
+    """A file as text; 400 where there is none."""
+    path = named(_files(kind, here), id, kind)
+    text = read_text(path)
+    return Text(text=text, own=_is_own(path, here), digest=_digest(text))
+
+
+@router.post("/files/{kind}/{id}/checks", status_code=202)
+def check(kind: Kind, id: Id, draft: Draft, request: Request, here: Here, who: Engineer) -> Asked:
+    """Request the check of a text, with the findings by line; of a profile also `bench check` on a station."""
+    station = named(Catalog(here.project, here.own).stations(), draft.station, "station")
+    wanted = {"kind": kind, "file": str(_place(kind, here) / f"{id}.yaml"), "text": draft.text, "station": str(station)}
+    return submit(request, "check", "bench.web.plans.catalog:drafted", wanted)
+
+
+@router.put("/files/{kind}/{id}")
+def save(kind: Kind, id: Id, saved: Saved, here: Here, who: Engineer) -> Text:
+    """Keep a text as the user's own file; 400 with what is wrong with it, 409 where the file has changed since."""
+    existing = _files(kind, here).get(id)
+    if saved.digest != ("" if existing is None else _digest(read_text(existing))):
+        raise HTTPException(409, f"{kind}/{id} has changed since it was opened: copy your text, and open it again")
+    path = _place(kind, here) / f"{id}.yaml"
+    _, errors = loaded(kind, saved.text, str(path))
+    if errors:
+        told = (f"line {one['line']}: {one['text']}" if one["line"] else one["text"] for one in errors)
+        raise HTTPException(400, one_line("\n".join(told)))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, saved.text.encode())
+    return Text(text=saved.text, own=True, digest=_digest(saved.text))
+
+
+def _files(kind: str, here: Settings) -> dict[str, Path]:
+    known = Catalog(here.project, here.own)
+    return {"profiles": known.plans, "stations": known.stations, "limits": known.limits}[kind]()
+
+
+def _place(kind: str, here: Settings) -> Path:
+    own = here.project / "profiles"
+    return own.resolve() if kind == "profiles" else (own / kind).resolve()
+
+
+def _is_own(path: Path, here: Settings) -> bool:
+    return path.is_relative_to((here.project / "profiles").resolve())
+
+
+def _digest(text: str) -> str:
+    return sha256(text.encode()).hexdigest()

@@ -1,0 +1,91 @@
+"""What commands do with an ended run and a station, from the page: export, replay, certificate, doctor, flash."""
+
+import json
+import shutil
+
+import pytest
+
+from bench.web.ground.settings import Settings
+from tests.commands.test_live import until
+from tests.support.report_runs import quick
+from tests.support.run_folders import make_run, ramp_run
+from tests.support.web_client import served
+
+
+@pytest.fixture(scope="module")
+def bench(short_run, tmp_path_factory):
+    """A client of a server, the address of a run that was analysed and its folder; beside it one with raw frames."""
+    root = tmp_path_factory.mktemp("actions")
+    folder = make_run(root / "out" / "SIM-0001" / "20261121T060000Z_ramp", **ramp_run())
+    quick(folder, "spline_lag_loop")
+    shutil.copytree(short_run.path, folder.parent / short_run.path.name)
+    with served(Settings(root / "out", project=root)) as client:
+        yield client, f"/api/v1/runs/SIM-0001/{folder.name}", folder
+
+
+def done(client, path, **body):
+    """The result of a job, or the reason why it failed."""
+    answer = client.post(path, json=body)
+    assert answer.status_code == 202, answer.text
+    job = until(lambda: (seen := client.get(f"/api/v1/jobs/{answer.json()['job']}?wait_s=20").json())["state"]
+                in {"done", "failed"} and seen)  # fmt: skip
+    return job["result"] if job["state"] == "done" else job["detail"]
+
+
+def test_a_run_is_exported_and_its_files_are_sent(bench):
+    client, run, folder = bench
+    assert {"json", "hex", "a2l"} <= set(client.get(f"{run}/exports").json()["formats"])
+    (name,) = done(client, f"{run}/exports", format="csv")["files"]
+    sent = client.get(f"{run}/exports/{name}")
+    assert sent.content == (folder / "export" / name).read_bytes()
+    assert client.get(f"{run}/exports").json()["files"] == [name]
+    assert "allowed are json" in done(client, f"{run}/exports", format="pdf")
+    assert client.get(f"{run}/exports/..%2fmanifest.json").status_code == 404
+
+
+def test_a_run_is_replayed_and_what_was_altered_is_named(bench, short_run):
+    client, _, analysed = bench
+    folder = analysed.parent / short_run.path.name
+    run = f"/api/v1/runs/SIM-0001/{folder.name}"
+    same = done(client, f"{run}/replay")
+    assert (same["identical"], same["from_frames"], same["run"]) == (True, True, run.removeprefix("/api/v1/runs/"))
+    with (folder / "events.jsonl").open("ab") as file:
+        file.write(b"\n")
+    altered = done(client, f"{run}/replay")
+    assert not altered["identical"]
+    assert "events.jsonl" in json.dumps(altered["tampered"])
+    assert str(folder) not in json.dumps(altered)
+
+
+def test_a_certificate_is_refused_by_a_sentence_and_a_draft_is_printed(bench):
+    client, run, folder = bench
+    refused = done(client, f"{run}/certificate")
+    assert "laboratory" in refused
+    assert str(folder) not in refused
+    draft = done(client, f"{run}/certificate", draft=True)
+    assert (draft["draft"], draft["file"]) == (True, "draft.pdf")
+    assert client.get(f"{run}/certificate").status_code == 404
+    assert client.get(f"{run}/certificate?draft=true").content.startswith(b"%PDF-")
+
+
+def test_doctor_tells_what_the_station_says(bench):
+    client, _, _ = bench
+    found = done(client, "/api/v1/stations/simulated/doctor")
+    assert (found["station"], found["agrees"]) == ("simulated", True)
+    assert {one["verdict"] for one in found["findings"]} <= {"agrees", "unknown", "told"}
+    assert client.post("/api/v1/stations/nowhere/doctor", json={}).status_code == 400
+
+
+@pytest.mark.slow
+def test_the_calibration_is_written_into_its_unit_by_whoever_asked(bench):
+    client, run, folder = bench
+    unit = folder.parent.name
+    asked = client.post(f"{run}/flash", json={"station": "simulated", "operator": "Olena"})
+    assert asked.status_code == 202, asked.text
+    start = until(lambda: (now := client.get(f"/api/v1/starts/{asked.json()['start']}").json())["state"] in
+                  {"ended", "refused"} and now)  # fmt: skip
+    (record,) = (json.loads(path.read_text()) for path in (folder.parent / "flash").glob("*.json"))
+    assert (start["exit_code"], record["state"], record["unit"]) == (0, "done", unit), start
+    assert record["operator"].startswith("Olena (engineer) from ")
+    elsewhere = client.post(f"{run}/flash", json={"station": "simulated", "slot": f"GX-9@{unit}"})
+    assert (elsewhere.status_code, "slot is" in elsewhere.text) == (400, True), elsewhere.text

@@ -1,0 +1,70 @@
+"""Profiles, stations and limits are edited as text: errors at their lines, comments kept, shipped files untouched."""
+
+import pytest
+
+from bench.base import library
+from bench.web.ground.settings import Settings
+from tests.support import bench_project
+from tests.support.web_client import served
+from tests.web.test_actions import done
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    root = tmp_path_factory.mktemp("editing")
+    project = bench_project.made(root / "project")
+    with served(Settings(root / "out", project=project)) as client:
+        yield client, project
+
+
+def test_the_errors_of_a_text_are_told_by_line(bench):
+    client, _ = bench
+    text = bench_project.SHORT.replace("to_degc: 40, rate", "to_degc: 400, rate").replace("dwell_min", "dwel_min")
+    found = done(client, "/api/v1/files/profiles/short/checks", text=text)
+    (wrong,) = [line for line, words in enumerate(text.splitlines(), 1) if "dwel_min" in words]
+    assert not found["ok"]
+    assert {one["line"] for one in found["findings"]} == {wrong}
+    assert "short.yaml" not in found["findings"][0]["text"]
+    tab = done(client, "/api/v1/files/limits/short/checks", text="name: a\n\tb: 1\n")
+    assert tab["findings"][0]["line"] == 2
+
+
+def test_a_profile_is_rehearsed_on_a_station_and_has_its_picture(bench):
+    client, _ = bench
+    text = bench_project.SHORT
+    good = done(client, "/api/v1/files/profiles/new/checks", text=text)
+    assert (good["ok"], max(degc for _, degc in good["curve"])) == (True, 40.0)
+    assert good["duration_s"] > 3600
+    hot = done(
+        client, "/api/v1/files/profiles/new/checks", text=text.replace("to_degc: 40, rate", "to_degc: 120, rate")
+    )
+    assert not hot["ok"]
+    assert any(one["level"] == "error" and one["line"] for one in hot["findings"])
+
+
+def test_a_text_is_saved_as_it_was_typed_beside_the_shipped_file(bench):
+    client, project = bench
+    shipped = (library() / "limits" / "quick.yaml").read_text()
+    opened = client.get("/api/v1/files/limits/quick").json()
+    assert (opened["text"], opened["own"]) == (shipped, False)
+    mine = f"# what our customer asked for\n{shipped}"
+    saved = client.put("/api/v1/files/limits/quick", json={"text": mine, "digest": opened["digest"]})
+    assert saved.status_code == 200, saved.text
+    assert (project / "profiles" / "limits" / "quick.yaml").read_text() == mine
+    assert (library() / "limits" / "quick.yaml").read_text() == shipped
+    assert "quick" in client.get("/api/v1/files").json()["own"]["limits"]
+    late = client.put("/api/v1/files/limits/quick", json={"text": shipped, "digest": opened["digest"]})
+    assert (late.status_code, "has changed since" in late.text) == (409, True)
+
+
+def test_a_station_that_cannot_be_read_is_not_saved(bench):
+    client, project = bench
+    opened = client.get("/api/v1/files/stations/bare").json()
+    broken = opened["text"].replace("bus: can0", "bus: can9")
+    refused = client.put("/api/v1/files/stations/bare", json={"text": broken, "digest": opened["digest"]})
+    assert (refused.status_code, "line" in refused.json()["detail"]) == (400, True), refused.text
+    assert (project / "profiles" / "stations" / "bare.yaml").read_text() == opened["text"]
+    profile = {"text": bench_project.SHORT.replace("name: short", "nam: short"), "digest": ""}
+    assert client.put("/api/v1/files/profiles/new", json=profile).status_code == 400
+    outside = client.put("/api/v1/files/stations/..%2fx", json={"text": "", "digest": ""})
+    assert outside.status_code in {404, 422}
