@@ -84,8 +84,8 @@ class Grammar:
             for variant in block.variants(self.length_s):
                 blocks = (*formula.blocks[:number], variant, *formula.blocks[number + 1 :])
                 # Its own parameters may have stood for the one that it lacked: they are tried anew, too.
-                tried = dict.fromkeys((*((*values[first:end], one[-1]) for one in variant.grid), *variant.grid))
-                yield replace(formula, blocks=blocks), tuple((*values[:first], *one, *values[end:]) for one in tried)
+                own = dict.fromkeys((*((*values[first:end], one[-1]) for one in variant.grid), *variant.grid))
+                yield replace(formula, blocks=blocks), tuple((*values[:first], *one, *values[end:]) for one in own)
 
     def beside(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
         """What may stand beside a formula: what it would become with a block more, and overtones of a sine."""
