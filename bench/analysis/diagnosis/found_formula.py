@@ -68,7 +68,7 @@ AMPLITUDES = "kmq"
 def together(parts: Sequence[FoundFormula]) -> tuple[str, Expression, Theta]:
     """All terms as one: in words with the numbers that were found, as an effect, and its parameters."""
     texts, formulas = [], []
-    bounds: dict[str, tuple[float, float]] = {}
+    bounds: dict[str, Sequence[float]] = {}
     for part, amplitude in zip(parts, AMPLITUDES, strict=False):
         near = part.formula.near(part.theta, amplitude)
         formula, own = near.formula, dict(near.bounds)
