@@ -74,8 +74,8 @@ class Grammar:
         for modifier in self.modifiers():
             for block in (modifier, modifier.looser):
                 if block and block.text not in have:
-                    tried = tuple((*values, *one) for one in block.grid)
-                    yield replace(formula, blocks=(*formula.blocks, block)), tried
+                    longer = replace(formula, blocks=(*formula.blocks, block))
+                    yield longer, tuple((*values, *one) for one in block.grid)
         for number, block in enumerate(formula.blocks):
             if formula.pair and number == 0:
                 continue
