@@ -8,6 +8,8 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 
+from pymodbus.constants import ExcCodes
+
 from drivers.register import Register, Value
 from drivers.sim.modbus_wire import ModbusWire
 
@@ -35,6 +37,8 @@ class ScpiInstrument:
         """Everything that it was told."""
         self.disobeys = False
         """Whether commands have no effect."""
+        self.silent = False
+        """Whether it answers nothing."""
         self._values, self._settings = dict(values), {command: (query, said) for command, query, said in settings}
         self._identity = identity
         self._state = {query: "0" for query, _ in self._settings.values()} | dict(first or {})
@@ -60,6 +64,8 @@ class ScpiInstrument:
     def take(self, line: str) -> str | None:
         """Obey one command; the answer of a query."""
         self.told.append(line)
+        if self.silent:
+            return None
         if line == "*IDN?":
             return self._identity
         if line in self._settings and not self.disobeys:
@@ -108,6 +114,8 @@ class ModbusInstrument:
 
     def __init__(self, registers: Sequence[Register], *, port: int = 0) -> None:
         """Every register reads 0 at first. Raises LinkError when the port is in use."""
+        self.disobeys = self.silent = False
+        """Whether writes have no effect; whether only its gateway answers, that it does not respond."""
         self._lock = threading.Lock()
         size = 16 + max(register.end for register in registers)
         self._spaces = {code: [0] * size for code in (1, 2, 3, 4)}
@@ -145,11 +153,14 @@ class ModbusInstrument:
         """Close all connections and end the thread; a second call does nothing."""
         self._wire.close()
 
-    def _answer(self, code: int, address: int, count: int, new: Sequence[int] | None) -> list[int]:
+    def _answer(self, code: int, address: int, count: int, new: Sequence[int] | None) -> list[int] | ExcCodes:
+        if self.silent:
+            return ExcCodes.GATEWAY_NO_RESPONSE
         with self._lock:
             if new is None:
                 return self._spaces[_READ_BACK.get(code, code)][address : address + count]
-            self._spaces[_READ_BACK[code]][address : address + len(new)] = new
+            if not self.disobeys:
+                self._spaces[_READ_BACK[code]][address : address + len(new)] = new
             return []
 
 

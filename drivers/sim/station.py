@@ -64,6 +64,9 @@ class Instrument(Protocol):
     def follow(self) -> None:
         """Take in the state of the plant."""
 
+    def fail(self, fault: str, value: float | None, *, on: bool) -> None:
+        """Begin or end a fault."""
+
     def close(self) -> None:
         """Stop its server."""
 

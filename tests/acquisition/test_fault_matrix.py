@@ -440,7 +440,7 @@ def test_fault(lab, case):
         assert "NOT VERIFIED" in outcome.said
     if not outcome.runs:
         return
-    if case.how == "rehearsal" and case.safe is not None:
+    if case.how == "rehearsal" and case.safe is not None and case.group != "Instruments":
         for fault in case.faults:
             assert fault["fault"] in (*PANEL, "other_unit") or outcome.counts[fault["fault"]] > 0, "it never struck"
     manifests = [run.manifest() for run in outcome.runs]

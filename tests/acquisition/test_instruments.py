@@ -151,6 +151,16 @@ def test_another_instrument_at_the_address_is_refused(tmp_path, world):
     )  # fmt: skip
 
 
+def test_one_that_shows_the_same_is_rehearsed(tmp_path):
+    faults = [{"at_s": 20, "on": "thermometer", "fault": "frozen", "for_s": 20}]
+    result = run_job(acquisition.job(tmp_path, settings=station(THERMOMETER, faults=faults)))
+    record = load(result.run.path, 1.0)
+    shown = record.channels["reference_temperature"]
+    frozen = (record.time > 23) & (record.time < 38) & np.isfinite(shown)
+    assert np.ptp(shown[frozen]) == 0
+    assert np.ptp(shown[np.isfinite(shown)]) > 0.1
+
+
 def test_a_guard_watches_what_an_instrument_measures(world, tmp_path):
     def sag(station):
         world[0].instruments["heater"].shown["voltage"] = 3.0

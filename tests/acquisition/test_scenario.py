@@ -19,7 +19,7 @@ from tests.support import acquisition
     ("fault", "said"),
     [
         ({"fault": "nonsense"}, "fault 'nonsense' on chamber: must be one of delay"),
-        ({"fault": "loss", "on": "can9"}, "on is 'can9': must be chamber, a bus or a unit"),
+        ({"fault": "loss", "on": "can9"}, "on is 'can9': must be chamber, a bus, a unit or an instrument"),
         ({"fault": "reset", "on": "can0"}, "fault 'reset' on can0: must be one of loss"),
         ({"fault": "bus_off", "on": "SIM-0001"}, "fault 'bus_off' on SIM-0001"),
         ({"fault": "setpoint"}, "fault 'setpoint' needs a `value`"),

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench.acquisition.station.settings.faults import OF_BUS, OF_CHAMBER, OF_UNIT
+from bench.acquisition.station.settings.faults import OF_BUS, OF_CHAMBER, OF_INSTRUMENT, OF_UNIT
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 UNIT, BUS = "SIM-0001", "can0"
@@ -249,6 +249,52 @@ TABLE = (
          cause="press the emergency stop of the rate table"),
 )  # fmt: skip
 
+SUPPLY = {
+    "name": "supply",
+    "timeout_s": 0.2,
+    "link": {"degraded_after_s": 2, "lost_after_s": 8},
+    "off": {"command": "OUTP OFF", "query": "OUTP?", "value": 0},
+    "on": {"command": "OUTP ON", "query": "OUTP?", "value": 1},
+    "read": [{"channel": "supply_current", "query": "MEAS:CURR?"}],
+}
+HYGROMETER = {
+    "name": "hygrometer",
+    "link": {"degraded_after_s": 2, "lost_after_s": 8},
+    "read": [{"channel": "humidity", "modbus": {"address": 3, "type": "int16", "read": 4, "scale": 0.1}}],
+}
+
+
+def instrument(name: str, ends: tuple[str, int], event: str, data: str, fault: Mapping[str, Any], **more: Any) -> Case:
+    """A fault of one instrument of the station, the supply unless `device` is another."""
+    device, station = more.pop("device", SUPPLY), more.pop("station", NO_RETRY)
+    struck = ({"on": device["name"], **fault},)
+    return Case("Instruments", name, *ends, event, data, struck, station={"instruments": [device], **station}, **more)
+
+
+LOAD_OFF = {"guards": [{"name": "load off", "signal": "supply_current", "below": 0.1, "action": "abort"}]}
+DAMP = {"guards": [{"name": "damp", "signal": "humidity", "above": 60, "release_below": 55, "action": "hold"}]}
+INSTRUMENTS = (
+    instrument("silent for 5 s", ("done", 0), "link: instrument supply.*degraded", "whole; its channel has a gap",
+               {"fault": "silence", "for_s": 5}),
+    instrument("silent for good", ("failed", 4), "link: instrument supply lost: silent for 8",
+               "frames whole to the end of the run", {"fault": "silence"},
+               cause="SAFE STATE NOT VERIFIED.*supply"),
+    instrument("silent behind its Modbus gateway for good", ("failed", 4), "link: instrument hygrometer lost: silent",
+               "frames whole to the end of the run", {"fault": "silence"}, device=HYGROMETER),
+    instrument("an optional one silent for good", ("done", 0), "link: instrument hygrometer lost: silent",
+               "whole; its channel ends", {"fault": "silence"}, device=HYGROMETER | {"optional": True}),
+    instrument("switched off at its panel, and a guard on its current", ("aborted", 3),
+               "guard: load off: supply_current", "whole to the trip of the guard", {"fault": "switched_off"},
+               station=LOAD_OFF),
+    instrument("humidity of 80 % for 20 s, and a guard that holds", ("done", 0), "hold: held at .*damp: humidity = 80",
+               "whole; held, then the ramp continues as a separate segment",
+               {"fault": "value", "value": 80, "for_s": 20}, device=HYGROMETER, station=DAMP),
+    instrument("shows the same for good", ("done", 0), "rehearsal: hygrometer: frozen begins",
+               "whole; its channel is constant", {"fault": "frozen"}, device=HYGROMETER),
+    instrument("ignores commands", ("failed", 4), "end: SAFE STATE NOT VERIFIED.*supply", "whole to the end of the run",
+               {"fault": "ignore"}, cause="SAFE STATE NOT VERIFIED.*supply"),
+)  # fmt: skip
+
 BENCH = (
     Case("Bench", "SIGINT (Ctrl-C)", "aborted", 3, r"end: aborted by operator \(Ctrl-C\)", "whole", how="sigint"),
     Case("Bench", "SIGTERM", "aborted", 3, "end: aborted by SIGTERM", "whole", how="sigterm"),
@@ -273,7 +319,7 @@ BENCH = (
     Case("Bench", "calendar clock jumps by a day", "done", 0, "", "whole: bench time is monotonic", how="clock_jump"),
 )  # fmt: skip
 
-MATRIX = (*CHAMBER, *CAN, *UNITS, *UNIT_DATA, *TABLE, *BENCH)
+MATRIX = (*CHAMBER, *CAN, *UNITS, *UNIT_DATA, *TABLE, *INSTRUMENTS, *BENCH)
 
 INTRODUCTION = """\
 # Faults and their outcomes
@@ -320,6 +366,7 @@ faults:
   - {at_s: 60, fault: silence, for_s: 20}                            # on: chamber by default
   - {at_s: 120, on: can0, fault: loss, share: 0.01, for_s: 30}       # a bus: frames received from it
   - {at_s: 200, on: SIM-0001, fault: reset, seconds: 0.5}            # a unit: frames that it sends
+  - {at_s: 300, on: heater supply, fault: switched_off}              # an instrument
 ```
 
 Every beginning and end is an event of kind `rehearsal`. `share` of the answers or frames, at most `times` of them;
@@ -347,7 +394,8 @@ def _lines() -> Iterator[str]:
         yield ""
     yield MEASURED
     yield REHEARSE
-    for title, known in (("the chamber", OF_CHAMBER), ("a bus", OF_BUS), ("a unit", OF_UNIT)):
+    for title, known in (("the chamber", OF_CHAMBER), ("a bus", OF_BUS), ("a unit", OF_UNIT),
+                         ("an instrument", OF_INSTRUMENT)):  # fmt: skip
         yield f"On {title}:\n"
         yield from (f"- `{name}`: {text}" for name, text in known.items())
         yield ""

@@ -43,9 +43,10 @@ class FaultInjection:
         self._ambient_degc, self._seed = settings.ambient_degc, settings.seed
         self._units: dict[str, SimulatedUnit] = {}
         idle = {unit.serial for unit in settings.units} - {unit.serial for unit in units}
+        idle |= {one.name for one in settings.instruments} - simulation.instruments.keys()
         faults = [fault for fault in settings.faults if fault.on not in idle]
         self.where = frozenset(fault.on for fault in faults)
-        """What fails: `chamber`, names of buses, serial numbers."""
+        """What fails: `chamber`, names of buses and instruments, serial numbers."""
         if any(fault.on == CHAMBER and fault.fault in (*WIRE, "restart") for fault in faults):
             self.proxy = stack.enter_context(
                 closing(ModbusProxy(("127.0.0.1", simulation.modbus_port), seed=self._seed))
@@ -76,7 +77,9 @@ class FaultInjection:
         self._simulation.advance(t0_s, t1_s)
 
     def _struck(self, fault: FaultSettings) -> int:
-        """How many answers or frames this fault has struck at this place so far."""
+        """How many answers or frames this fault has struck at this place so far; nobody counts those of instruments."""
+        if fault.on in self._simulation.instruments:
+            return 0
         if fault.on == CHAMBER:
             return 0 if self.proxy is None else self.proxy.counts[fault.fault]
         return self.wires[fault.on].counts[fault.fault]
@@ -84,6 +87,8 @@ class FaultInjection:
     def _switch(self, fault: FaultSettings, *, on: bool) -> None:
         if fault.on == CHAMBER:
             self._switch_chamber(fault, on=on)
+        elif fault.on in self._simulation.instruments:
+            self._simulation.instruments[fault.on].fail(fault.fault, fault.value, on=on)
         elif fault.fault == REPLACED:
             if on:
                 wire = self._units[fault.on].wire

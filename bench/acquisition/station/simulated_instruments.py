@@ -76,6 +76,26 @@ class SimulatedInstrument:
                 assert reading.modbus is not None  # checked with the file
                 self.server.show(reading.modbus, self._number(reading))
 
+    def fail(self, fault: str, value: float | None, *, on: bool) -> None:
+        """Begin or end a fault of `OF_INSTRUMENT`."""
+        off = self.settings.switch[1]
+        if fault == "silence":
+            self.server.silent = on
+        elif fault == "ignore":
+            self.server.disobeys = on
+        elif fault == "switched_off":
+            if isinstance(self.server, ModbusInstrument) and off.modbus is not None and on:
+                self.server.show(off.modbus, off.value)
+            elif isinstance(self.server, ScpiInstrument) and on:
+                self.server.take(off.command or "")
+        else:
+            for reading in self.settings.read[: 1 if fault == "value" else None]:
+                if not on:
+                    self.shown.pop(reading.channel)
+                    self.shown |= {name: usual for name, usual in SHOWN.items() if name == reading.channel}
+                else:
+                    self.shown[reading.channel] = self._true(reading.channel) if value is None else value
+
     def close(self) -> None:
         """Stop its server."""
         self.server.close()
@@ -85,10 +105,12 @@ class SimulatedInstrument:
 
     def _number(self, reading: ReadingSettings) -> float:
         """What it says, so that the bench makes the true value of it."""
-        channel, convert = reading.channel, reading.conversion()
-        true = self.shown.get(channel, self._plant.state.air)
-        true = true if self.on or channel not in _OF_SUPPLY else 0.0
+        convert, true = reading.conversion(), self._true(reading.channel)
         return ((true - convert.offset) / convert.factor - reading.offset) / reading.scale
+
+    def _true(self, channel: str) -> float:
+        shown = self.shown.get(channel, self._plant.state.air)
+        return shown if self.on or channel not in _OF_SUPPLY else 0.0
 
 
 def _scpi(setting: Setting) -> tuple[str, str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Annotated
 
 from pydantic import BaseModel, Field
@@ -28,7 +29,14 @@ OF_UNIT = {name: text for name, text in ON_BUS.items() if name != "bus_off"} | {
     REPLACED: "another unit answers in its place, with serial number `value`"
 }
 OF_BUS = {name: text for name, text in ON_BUS.items() if name not in ("reset", "silent_reset", "twin")}
-NEED_VALUE = ("setpoint", "limits", REPLACED)
+OF_INSTRUMENT = {
+    "silence": "it answers nothing (on Modbus: its gateway says so)",
+    "ignore": "it ignores commands",
+    "frozen": "it shows the same for ever",
+    "value": "it shows `value` for what is read first, in the unit of that channel",
+    "switched_off": "somebody switches its output off at its panel",
+}
+NEED_VALUE = ("setpoint", "limits", "value", REPLACED)
 
 
 class FaultSettings(BaseModel):
@@ -39,7 +47,7 @@ class FaultSettings(BaseModel):
     at_s: Annotated[float, Field(ge=0)]
     """Bench time at which it begins [s]."""
     on: Annotated[str, Field(min_length=1)] = CHAMBER
-    """`chamber`, the name of a bus (what is received from it), or the serial number of a unit (what it sends)."""
+    """`chamber`, a bus (what is received from it), the serial number of a unit (what it sends), or an instrument."""
     fault: Annotated[str, Field(min_length=1)]
     """Its name; docs/faults.md lists them."""
     for_s: Annotated[float, Field(gt=0)] | None = None
@@ -53,17 +61,19 @@ class FaultSettings(BaseModel):
     code: Annotated[int, Field(ge=1, le=255)] = 6
     """Number of an `exception`; 6: busy."""
     value: float | None = None
-    """What `setpoint`, `limits` and `other_unit` need."""
+    """What `setpoint`, `limits`, `value` and `other_unit` need."""
 
     def __str__(self) -> str:
         value = "" if self.value is None else f" {self.value:g}"
         return f"{self.on}: {self.fault}{value}"
 
-    def wrong(self, buses: set[str], serials: set[str]) -> str:
-        """What is wrong with it in a station with these buses and units; empty: nothing."""
-        if self.on not in {CHAMBER} | buses | serials:
-            return f"on is {self.on!r}: must be chamber, a bus or a unit of this station"
-        known = OF_CHAMBER if self.on == CHAMBER else OF_BUS if self.on in buses else OF_UNIT
+    def wrong(self, buses: Iterable[str], serials: Iterable[str], instruments: Iterable[str]) -> str:
+        """What is wrong with it in a station with these buses, units and instruments; empty: nothing."""
+        places = dict.fromkeys(instruments, OF_INSTRUMENT) | dict.fromkeys(serials, OF_UNIT)
+        places |= dict.fromkeys(buses, OF_BUS) | {CHAMBER: OF_CHAMBER}
+        known = places.get(self.on)
+        if known is None:
+            return f"on is {self.on!r}: must be chamber, a bus, a unit or an instrument of this station"
         if self.fault not in known:
             return f"fault {self.fault!r} on {self.on}: must be one of {', '.join(known)}"
         if self.fault in NEED_VALUE and self.value is None:

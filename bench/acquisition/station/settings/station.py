@@ -131,7 +131,8 @@ class StationSettings(BaseModel):
         if self.faults and not self.simulated:
             raise PlacedError("faults are rehearsed on a simulated station; this one is real", ("faults",))
         for i, fault in enumerate(self.faults):
-            if text := fault.wrong(set(self.buses), {unit.serial for unit in self.units}):
+            serials, instruments = (unit.serial for unit in self.units), (one.name for one in self.instruments)
+            if text := fault.wrong(self.buses, serials, instruments):
                 raise PlacedError(text, ("faults", i))
 
     def _check_instruments(self) -> None:
