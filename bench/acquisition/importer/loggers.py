@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from datetime import datetime, timedelta
 from itertools import zip_longest
 from pathlib import Path
@@ -36,9 +37,10 @@ def _read_xlsx(path: Path, most_bytes: int) -> Table:
     """The first sheet, read as the same table in text would be: merged heads, a row of units, numbers in text."""
     import openpyxl
 
-    sheet = openpyxl.load_workbook(path, read_only=True, data_only=True).worksheets[0]
-    refuse_large(sheet.max_row or 0, sheet.max_column or 0, most_bytes, path)
-    rows = [["" if cell.data_type == "e" else _as_text(cell.value) for cell in row] for row in sheet.iter_rows()]
+    with closing(openpyxl.load_workbook(path, read_only=True, data_only=True)) as book:
+        sheet = book.worksheets[0]
+        refuse_large(sheet.max_row or 0, sheet.max_column or 0, most_bytes, path)
+        rows = [["" if cell.data_type == "e" else _as_text(cell.value) for cell in row] for row in sheet.iter_rows()]
     used = [at for at, column in enumerate(zip_longest(*rows, fillvalue="")) if any(text != "" for text in column)]
     text = io.StringIO()
     writer = csv.writer(text, delimiter="\t", lineterminator="\n")
