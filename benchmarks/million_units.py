@@ -2,10 +2,10 @@
 
     python -m benchmarks.million_units [UNITS] [FOLDER]
 
-The rows are written by SQL into an SQLite file (some 4 GB for a million units): a finished run a unit, ten quantities
-each, lots of 200, fifty stations. `bench fleet` is a process whose time and peak memory are taken; the answers are those
-of the page's HTTP API, each asked once and again; the run that is registered belongs to an archive of its own, whose ledger
-has 20,000 others.
+The rows are written by SQL into an SQLite file (2.3 GB for a million units): a finished run a unit, ten quantities
+each, lots of 200, fifty stations. `bench fleet` is a process whose time and peak memory are taken. The answers are
+those of the page's HTTP API: once, again, and after runs were registered. These belong to an archive of their own,
+whose ledger has 20,000 others.
 """
 
 from __future__ import annotations
@@ -23,10 +23,13 @@ from pathlib import Path
 import numpy as np
 
 from bench.archive.registry.ledger import archive
-from bench.archive.registry.opening import FILE, open_registry
+from bench.archive.registry.opening import open_registry
 from bench.archive.registry.writing import register
 from bench.record import RunFolder
+from bench.web.ground.settings import Settings
+from bench.web.shelf import stock
 from tests.support.run_folders import make_run, ramp_run
+from tests.support.web_client import served
 
 UNITS, LOT, STATIONS, SEEN = 1_000_000, 200, 50, 20_000
 ARCHIVE = "0123456789ab"
@@ -36,8 +39,8 @@ QUANTITIES = (
 )  # fmt: skip
 LIMITS = """name: line
 limits:
-  - {quantity: residual_rms_dph, upper: 2.0}
-  - {quantity: bias_max_dph, upper: 2.2}
+  - {quantity: residual_rms_dph, unit: deg/h, upper: 2.0, reason: budget}
+  - {quantity: bias_max_dph, unit: deg/h, upper: 2.2, reason: budget}
 """
 _BATCH = 20_000
 _FLEET = "import sys; from bench.cli import main; sys.exit(main(sys.argv[1:]))"
@@ -97,44 +100,46 @@ def _values(numbers: range) -> Iterator[tuple[object, ...]]:
             yield run, name, "deg/h", value
 
 
-def timed(work: Callable[[], object]) -> float:
+def fleet(registry: Path, here: Path, *more: str) -> str:
+    """`bench fleet` as a process: seconds, those of a processor, peak memory, and the sentence that it prints."""
+    command = [sys.executable, "-c", _FLEET, "fleet", "--registry", str(registry), "--out", str(here), *more]
     begun = time.perf_counter()
-    work()
-    return time.perf_counter() - begun
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    took, used = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+    said = (done.stdout or done.stderr).splitlines()[0][:80]
+    cpu = used.ru_utime + used.ru_stime
+    return f"{took:.1f} s ({cpu:.1f} s of a processor), {used.ru_maxrss / 1e6:.2f} GB, exit {done.returncode}: {said}"
 
 
-def fleet(root: Path, *more: str) -> str:
-    """`bench fleet` as a process: seconds, peak memory, and the sentence that it prints."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    begun = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, "-c", _FLEET, "fleet", "--out", str(root), *more], capture_output=True, text=True
-    )
-    took = time.perf_counter() - begun
-    peak = max(before, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
-    said = (done.stdout or done.stderr).splitlines()
-    return f"{took:.1f} s, {peak / 1e6:.2f} GB, exit {done.returncode}: {said[0][:100] if said else ''}"
+ROUTES = (
+    "/units", "/units?q=G-0500", "/units?q=L-00007&sort=oldest", "/units?standing=fail", "/units/G-0000042", "/fleet",
+    "/fleet?station=S-07", "/fleet/charts/residual_rms_dph", "/fleet/charts/distances",
+)  # fmt: skip
 
 
-def answers(root: Path) -> None:
-    """The page's answers that speak of all units, each asked once and again."""
-    from fastapi.testclient import TestClient
+def answers(registry: Path, here: Path, meanwhile: Callable[[], object]) -> None:
+    """The page's answers that speak of all units: once, again, and after `meanwhile`, when the last ones are stale."""
+    with served(Settings(out=here, registry=str(registry), project=here)) as client:
+        took: dict[str, list[float]] = {route: [] for route in ROUTES}
+        size: dict[str, int] = {}
 
-    from bench.web import Settings, create_app
-
-    with TestClient(create_app(Settings(out=root, project=root, own=root / "own"))) as client:
-        for route in ("/units", "/units?q=G-0500", "/units?q=L-00007&sort=oldest", "/units/G-0000042", "/fleet",
-                      "/fleet?station=S-07", "/fleet/charts/residual_rms_dph", "/fleet/charts/distances", "/runs"):  # fmt: skip
-            took, size = [], 0
-            for _ in range(2):
+        def ask() -> None:
+            for route in ROUTES:
                 begun = time.perf_counter()
-                answer = client.get(f"/api/v1{route}")
-                took.append(time.perf_counter() - begun)
-                size = len(answer.content)
-            print(
-                f"GET {route}: {took[0]:.2f} s, again {took[1]:.3f} s, {size / 1e3:.0f} kB, {answer.status_code}",
-                flush=True,
-            )
+                answer = client.get(f"/api/v1{route}", timeout=300.0)
+                took[route].append(time.perf_counter() - begun)
+                size[route] = len(answer.content) if answer.is_success else -answer.status_code
+
+        ask()
+        stock._SHARED_S = 1e6  # as the file beside the run folders, which is asked again only after it changed
+        ask()
+        ask()
+        meanwhile()
+        stock._SHARED_S = 1e-3
+        ask()
+        for route, own in took.items():
+            first, _, again, stale = own
+            print(f"GET {route}: {first:.2f} s, again {again:.3f} s, stale {stale:.3f} s, {size[route]} B", flush=True)
 
 
 def registering(registry: Path, folder: Path) -> str:
@@ -144,26 +149,29 @@ def registering(registry: Path, folder: Path) -> str:
     took = []
     with open_registry(registry) as opened:
         for number in range(5):
-            run = f"r{number}"
-            make_run(folder / "NEW" / run, **ramp_run(legs=(("soak", "soak", 25.0, 120.0),)), unit="NEW", run=run)
-            took.append(timed(lambda run=run: register(opened, RunFolder(folder / "NEW" / run), ledger)))  # type: ignore[misc]
+            run = folder / "NEW" / f"r{number}"
+            make_run(run, **ramp_run(legs=(("soak", "soak", 25.0, 120.0),)), unit="NEW", run=run.name)
+            begun = time.perf_counter()
+            register(opened, RunFolder(run), ledger)
+            took.append(time.perf_counter() - begun)
     return f"register a run: {np.median(took):.3f} s (5 runs, slowest {max(took):.3f} s)"
 
 
 def main(units: int = UNITS, where: str | None = None) -> None:
     with contextlib.ExitStack() as stack:
         root = Path(where) if where else Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="million-")))
-        root.mkdir(parents=True, exist_ok=True)
-        if not (root / FILE).exists():
-            print(f"made in {timed(lambda: fill(root / FILE, units)):.0f} s", flush=True)
-        print(f"{units:,} units, {(root / FILE).stat().st_size / 1e9:.1f} GB", flush=True)
+        registry, here = root / "line.sqlite", root / "reports"
+        here.mkdir(parents=True, exist_ok=True)
+        if not registry.exists():
+            begun = time.perf_counter()
+            fill(registry, units)
+            print(f"made in {time.perf_counter() - begun:.0f} s", flush=True)
+        print(f"{units:,} units, {registry.stat().st_size / 1e9:.1f} GB", flush=True)
         limits = root / "line.yaml"
         limits.write_text(LIMITS)
-        print(f"bench fleet: {fleet(root)}", flush=True)
-        print(f"bench fleet --limits: {fleet(root, '--limits', str(limits))}", flush=True)
-        answers(root)
-        print(registering(root / FILE, root.with_name(f"{root.name}-bench")))
+        print(f"bench fleet --limits: {fleet(registry, here, '--limits', str(limits))}", flush=True)
+        answers(registry, here, lambda: print(registering(registry, root / "bench"), flush=True))
 
 
 if __name__ == "__main__":
-    main(*(kind(word) for kind, word in zip((int, str), sys.argv[1:])))
+    main(*(kind(word) for kind, word in zip((int, str), sys.argv[1:], strict=False)))

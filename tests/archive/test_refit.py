@@ -74,7 +74,7 @@ def test_a_cluster_of_others_is_reached_by_its_address(here, moments, tmp_path):
     pytest.importorskip("distributed")
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1") as cluster:
         target = tmp_path / "records.parquet"
         said = CliRunner().invoke(main, [
             "fleet", "refit", "--model", str(_model_file(tmp_path)),
@@ -144,7 +144,7 @@ def test_a_worker_with_other_code_of_the_same_version_is_refused(monkeypatch):
 def test_a_scheduler_that_goes_away_ends_with_a_sentence(moments):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+        n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1"
     ) as cluster:
         answers = engines.dask_engine(1, cluster.scheduler_address)(refits(MODEL), moments_file.stored_groups(moments))
         next(answers)

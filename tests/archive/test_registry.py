@@ -1,11 +1,13 @@
 """The registry on SQLite and PostgreSQL: rows of the run folders, never lost, never more than the folders say."""
 
+import hashlib
 import multiprocessing
 import os
 import shutil
 import uuid
 from datetime import date
 from itertools import count
+from types import SimpleNamespace
 
 import pytest
 import sqlalchemy
@@ -329,3 +331,27 @@ def test_what_the_registry_refuses_is_not_in_the_ledger(root, tmp_path):
         with pytest.raises(InputError, match="readonly"):
             tell(registry, archive(root), THERMOMETER)
     assert "Pt100" not in (root / "ledger.jsonl").read_text()
+
+
+def test_many_runs_that_a_ledger_sees_at_once_are_hashed_once(tmp_path, monkeypatch):
+    hashed = []
+
+    class Counted:
+        def __init__(self, data=b"", own=None):
+            self._own = own or hashlib.sha256()
+            self.update(data)
+
+        def update(self, data):
+            hashed.append(len(data))
+            self._own.update(data)
+
+        def hexdigest(self):
+            return self._own.hexdigest()
+
+    ledger = archive(tmp_path)
+    monkeypatch.setattr(ledger_module, "hashlib", SimpleNamespace(sha256=Counted))
+    ledger.saw_all([(f"U-{number}/r", f"{number:064x}") for number in range(200)])
+    size = ledger.path.stat().st_size
+    assert size <= sum(hashed) < 2 * size
+    monkeypatch.undo()
+    assert list(ledger.broken()) == []

@@ -59,7 +59,7 @@ KEYS = {
     "noise RUN": """runs angle_random_walk bias_instability rate_random_walk quantisation rate_ramp floor_dph
         floor_interval_dph stretches allan""",
     "report RUN --model polynomial": REPORT,
-    "diagnose RUN --model polynomial": DIAGNOSE,
+    "diagnose RUN --model polynomial": f"{DIAGNOSE} registry",
     "add aging --model spline --out OUT/m.yaml": "model effects",
     "effects": "effects",
     "effects show aging": "effect family look_alikes time_s temperature contribution",
@@ -85,6 +85,8 @@ KEYS = {
     "registry equipment add c s --kind chamber --out ROOT": "ledger kind name serial type calibrated_on due_on",
     "registry equipment list --out ROOT": "on equipment",
     "registry recall c --out ROOT": "equipment since runs unknown elsewhere",
+    "fleet diagnose --model polynomial --out ROOT": """model units made failed left_out engine seconds lots
+        in_common""",
     "fleet refit --model polynomial --out ROOT": """model units failed without_moments left_out engine seconds
         units_per_s rms_dph failures weights records""",
 }

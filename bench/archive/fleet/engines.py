@@ -202,7 +202,7 @@ def _client(workers: int, scheduler: str | None) -> Any:
         return distributed.Client(
             n_workers=workers,
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
             host="127.0.0.1",
             silence_logs=logging.ERROR,
         )

@@ -164,10 +164,12 @@ def _whole(data: bytes) -> bytes:
 
 
 def _with(data: bytes, entries: Sequence[Entry]) -> bytes:
+    before, lines = hashlib.sha256(data), [data]
     for entry in entries:
-        chained = {**entry, "previous": hashlib.sha256(data).hexdigest()}
-        data += json.dumps(chained, allow_nan=False).encode() + b"\n"
-    return data
+        line = json.dumps({**entry, "previous": before.hexdigest()}, allow_nan=False).encode() + b"\n"
+        before.update(line)
+        lines.append(line)
+    return b"".join(lines)
 
 
 def _run(path: str, digest: str) -> Entry:
