@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from bench.analysis.diagnosis.compare import compare
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.improve import add_effect
+from bench.analysis.diagnosis.probes import Finding
 from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
 from bench.analysis.diagnosis.suspects import isothermal
@@ -69,6 +71,18 @@ def test_an_effect_that_the_curve_takes_in_has_no_smallest_size_and_the_text_say
     assert seen["temperature_rate"] < 0.2
     said = "\n".join(line for line in lines(Diagnosed(answer)) if isinstance(line, str))
     assert "bias_kink: not to be seen here: the model takes it in" in said
+
+
+def test_the_misfit_that_is_left_has_no_part_that_the_effects_found_take_in(still):
+    run = hidden_run(profile="short", seed=4)
+    case, found = (
+        _Case.of((run,), model, still, FEW, None)
+        for model in (SPLINE, Model("found", (*SPLINE.effects, effects.make("warm_up"))))
+    )
+    shape = 1e3 * found.layout.problem.base[:, -1]
+    explained = SimpleNamespace(layout=found.layout, left=(Finding("time", 1e-6, 30.0, 4, shape),))
+    (place,) = case._unexplained(explained, SimpleNamespace(residuals=found.fit.residuals))
+    assert place.misfit_dph < 1e-6 * np.sqrt(np.mean(shape**2))
 
 
 def test_a_jump_is_not_replayed_in_the_check_run(still):

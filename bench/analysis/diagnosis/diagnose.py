@@ -239,7 +239,8 @@ class _Case:
         return (*found, *steps_places(self.layout, self._stacked(base), self.floor_dph))
 
     def _unexplained(self, explained: Explanation, improved: Unseen) -> tuple[Place, ...]:
-        return places(self.layout, explained.left, self._stacked(improved), self.floor_dph)
+        # Of the shape that is left, the effects found take in a part, too.
+        return places(explained.layout, explained.left, self._stacked(improved), self.floor_dph)
 
     def _stacked(self, scored: Unseen) -> FloatArray:
         return self.layout.stacked(scored.residuals or self.fit.residuals)
