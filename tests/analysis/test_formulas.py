@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.describing import Describer
+from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.grammar import Grammar
+from bench.analysis.effects import registry as effects
 from bench.analysis.effects.expression import Expression
 from bench.analysis.effects.model import Model, effect_from, entry_text, load_model
 from bench.base import InputError
@@ -64,6 +66,18 @@ def test_what_follows_a_channel_of_an_instrument_is_found(quiet):
     assert answer.verdict == "unknown_effect"
     assert "a misfit over humidity" in answer.sentence
     assert "k * (humidity - 29.5" in answer.to_json()["formulas"][0]["expression"]
+
+
+@pytest.mark.slow
+def test_a_formula_that_writes_an_effect_found_in_a_shorter_way_does_not_take_its_place(quiet):
+    run, still = quiet
+    led = {**run.channels, "rate": run.channels["rate"] + 0.3 * run.dT_dt}
+    case = _Case.of((replace(run, channels=led),), MODEL, still, [effects.make("temperature_rate")], None)
+    describer = Describer(case.lattice, (), case.floor_dph)
+    named, other = (case.layout.adding(effects.make(name), ()) for name in ("temperature_rate", "supply_voltage"))
+    found = describer._search(case.layout, (0, 0))
+    slope = next(one for one in found if one.text == "k * dT_dt")
+    assert (describer._says_more(slope, named), describer._says_more(slope, other)) == (False, True)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.analysis.diagnosis.borne import Borne
+from bench.analysis.diagnosis.candidates import orthonormal, outside
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.formulas import FormulaSearch
 from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, together
@@ -77,11 +78,6 @@ class _Ranked:
         """Evidence of the fitted runs and of the check runs."""
         return self.one.evidence + self.borne
 
-    @property
-    def raw(self) -> float:
-        """Gain in 2 ln L of both, nothing paid."""
-        return self.one.gain + self.borne
-
 
 @dataclass(frozen=True, eq=False)
 class Describer:
@@ -100,8 +96,8 @@ class Describer:
         plain = self._ranked(layout, found, borne)
         if not explained.steps:
             return Description(self._answer(layout, plain, borne))
-        named, raw = self._named(layout, explained, borne)
-        if plain and plain[0].total > named + TIE and plain[0].raw > raw + TIE:  # and is not only written shorter
+        named = self._named(layout, explained, borne)
+        if plain and plain[0].total > named + TIE and self._says_more(plain[0].one, explained.layout):
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, self._search(explained.layout, explained.last.point), borne)
         if not beside and plain and plain[0].total > named - TIE and explained.word == "unknown_effect":
@@ -157,12 +153,23 @@ class Describer:
             return point, True
         return point, bool(examine(problem, layout.probes(), self.lattice, point).alarms)
 
-    def _named(self, layout: Layout, explained: Explanation, borne: Borne) -> tuple[float, float]:
-        """Evidence of all effects found together, beside the model alone, and their gain with nothing paid."""
+    def _says_more(self, one: FoundFormula, named: Layout) -> bool:
+        """Whether a formula gains beside the effects found, too; else it only writes them in a shorter way."""
+        way = self.lattice.at([one.point])[0][0]
+        basis = orthonormal(way.apply(named.problem.base))
+        further, left = outside(basis, one.white), outside(basis, way.apply(named.problem.y))
+        size = float(further @ further)
+        if size < 1e-9 * float(one.white @ one.white):
+            return False
+        sigma2 = float(left @ left) / (len(left) - basis.shape[1])
+        return bool(float(further @ left) ** 2 > TIE * size * sigma2)
+
+    def _named(self, layout: Layout, explained: Explanation, borne: Borne) -> float:
+        """Evidence of all effects found together, beside the model alone."""
         more = explained.layout.problem.base.shape[1] - layout.problem.base.shape[1]
         before, after = (unseen(each.rows, each.theta, self.check).left for each in (layout, explained.layout))
-        raw = explained.first.minus2logl - explained.last.minus2logl + borne.gain(before, after)
-        return float(raw - more * np.log(len(layout.problem.y))), float(raw)
+        gain = explained.first.minus2logl - explained.last.minus2logl + borne.gain(before, after)
+        return float(gain - more * np.log(len(layout.problem.y)))
 
     def _listed(
         self, layout: Layout, ranked: Sequence[_Ranked], beside: tuple[str, ...] = ()

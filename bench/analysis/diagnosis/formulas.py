@@ -186,7 +186,7 @@ class FormulaSearch:
         deviations = self._refiner.deviations(candidate, theta, fit.beta, point)[base.shape[1] :][: columns.shape[1]]
         before = gls(base, self._layout.problem.y, way, sigma2)
         gains = np.cumsum(before.residual**2 - fit.residual**2) / sigma2
-        return FoundFormula(formula, theta, evidence, gain, point, sigma2, own, deviations, contribution, white, gains)
+        return FoundFormula(formula, theta, evidence, point, sigma2, own, deviations, contribution, white, gains)
 
     def _grown(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
         """The formula with a block or a parameter more, and again, while that pays."""

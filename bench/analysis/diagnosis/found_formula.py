@@ -25,8 +25,6 @@ class FoundFormula:
     formula: Formula
     theta: Theta
     evidence: float
-    gain: float
-    """In 2 ln L, nothing paid for it."""
     point: Point
     sigma2: float
     amplitudes: FloatArray
