@@ -33,6 +33,8 @@ _START_S, _EACH_MB_S = 8, 20
 """Processor time for any file and for each megabyte of it; a table of text takes about 0.1 s a megabyte."""
 _UNKNOWN = 4 * GIB
 _LAST_WORDS = 300
+_LACKS = ("bad_alloc", "Memory", "malloc", "allocate", "failed to map segment")
+"""Words of errors for want of memory; the last are the loader's, of a library that is imported then."""
 _DIE_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of prctl(2)."""
 _LONGEST = 600
@@ -113,7 +115,7 @@ def answering(do: Callable[[Mapping[str, Any]], dict[str, Any]], request: Path, 
     except MemoryError:
         content = {"refused": "memory"}
     except Exception as error:  # a parser failed at an unforeseen file: its message without a traceback
-        lack = any(word in f"{type(error).__name__} {error}" for word in ("bad_alloc", "Memory", "malloc", "allocate"))
+        lack = any(word in f"{type(error).__name__} {error}" for word in _LACKS)
         content = {"refused": "memory" if lack else shortened(f"cannot be read ({type(error).__name__}: {error})")}
     answer.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
 

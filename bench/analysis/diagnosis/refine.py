@@ -185,7 +185,7 @@ class Refiner:
     def _search(self, candidate: Candidate, start: Start, goal: Goal | None = None) -> Start:
         """Parameters improved at fixed noise, within one grid step of the start (one parameter) or by simplex."""
         function = self._of_unit(candidate, start.point, goal or self.height)
-        at = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, start.theta, strict=True)])
+        at = _unit(candidate, start.theta)
         if len(at) == 1:
             step = 1.0 / max(1, len(candidate.grid()) - 1)
             bounds = (max(0.0, at[0] - step), min(1.0, at[0] + step))
@@ -199,7 +199,7 @@ class Refiner:
         else:
             simplex = scipy.optimize.minimize(
                 function,
-                at.clip(0.0, 1.0),  # a value at its bound lies beyond it by a rounding
+                at,
                 method="Nelder-Mead",
                 bounds=[(0.0, 1.0)] * len(at),
                 options={"maxfev": 60 * len(at), "xatol": 1e-4, "fatol": 1e-3},
@@ -216,7 +216,7 @@ class Refiner:
     def intervals(self, candidate: Candidate, theta: Theta, point: Point) -> dict[str, Interval]:
         """95 % intervals of the parameters at this noise; of several parameters, each with the others held."""
         by_name = {}
-        best = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, theta, strict=True)])
+        best = _unit(candidate, theta)
         function = self._of_unit(candidate, point, self.height)
         lowest = function(best)
         for number, parameter in enumerate(candidate.parameters):
@@ -230,7 +230,7 @@ class Refiner:
         """Standard deviations of the linear coefficients, the parameters being fitted too (linearised)."""
         columns = joint(self.problem, candidate, theta)
         slopes = []
-        best = np.array([to_unit(p, v) for p, v in zip(candidate.parameters, theta, strict=True)])
+        best = _unit(candidate, theta)
         for index in range(0 if candidate.change_point else len(best)):
             ends = np.clip(best[index] + np.array([-_DIFFERENCE, _DIFFERENCE]), 0.0, 1.0)
             low, high = (joint(self.problem, candidate, _theta(candidate, _moved(best, index, e))) @ beta for e in ends)
@@ -238,6 +238,11 @@ class Refiner:
         way = self.lattice.at([point])[0][0]
         fit = gls(np.column_stack([columns, *slopes]), self.problem.y, way, self.sigma2(candidate, theta, point))
         return np.sqrt(np.diag(fit.covariance))
+
+
+def _unit(candidate: Candidate, theta: Theta) -> FloatArray:
+    """Positions 0..1 between the bounds; a value at its bound lies beyond it by a rounding, one of another formula by more."""
+    return np.array([to_unit(p, v) for p, v in zip(candidate.parameters, theta, strict=True)]).clip(0.0, 1.0)
 
 
 def _theta(candidate: Candidate, unit: FloatArray) -> Theta:
