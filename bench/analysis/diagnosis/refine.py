@@ -241,7 +241,7 @@ class Refiner:
 
 
 def _unit(candidate: Candidate, theta: Theta) -> FloatArray:
-    """Positions 0..1 between the bounds; a value at its bound lies beyond it by a rounding, one of another formula by more."""
+    """Positions 0..1 between the bounds; a value at its bound lies beyond it by a rounding."""
     return np.array([to_unit(p, v) for p, v in zip(candidate.parameters, theta, strict=True)]).clip(0.0, 1.0)
 
 
