@@ -175,8 +175,7 @@ class FormulaSearch:
         columns, base = self.columns(formula, theta), self._layout.problem.base
         paid = candidate.paid(base.shape[1], columns.shape[1])
         log_n = float(np.log(len(self._layout.problem.y)))
-        gain = self._surface.height(self._best) - reached
-        evidence = gain - paid * log_n - price
+        evidence = self._surface.height(self._best) - reached - paid * log_n - price
         way = self._lattice.at([point])[0][0]
         sigma2 = self._refiner.sigma2(candidate, theta, point)
         fit = gls(np.column_stack([base, columns]), self._layout.problem.y, way, sigma2)
