@@ -288,6 +288,28 @@ def test_two_browsers_see_the_same(bench, visitors):
     other.wait_for_url(f"**/verdict/{run}")
 
 
+def test_a_scan_right_after_the_click_loses_no_character(bench, visitors):
+    page = visitors.come(bench.site.address)
+    page.goto("/")
+    fill = page.get_by_role("region", name="four-units").get_by_role("button", name="Fill 4 slots")
+    focused = fill.evaluate(
+        """async (button) => {
+             const shown = new Promise((done) => {
+               const watch = new MutationObserver(() => {
+                 if (document.querySelector("form.slots")) done(document.activeElement.tagName);
+               });
+               watch.observe(document.body, { childList: true, subtree: true });
+             });
+             button.click();
+             return shown;
+           }"""
+    )
+    assert focused == "INPUT"
+    page.get_by_role("heading", level=2).first.click()
+    page.keyboard.type("GX-1\n")
+    assert page.locator("form.slots input").first.input_value() == "GX-1"
+
+
 def test_four_units_stand_side_by_side(bench, visitors):
     page = visitors.come(bench.site.address, scheme="dark")
     page.goto("/")

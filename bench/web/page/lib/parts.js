@@ -1,5 +1,5 @@
 // Small components that several pages use.
-import { html, useEffect, useRef } from "./preact.js";
+import { html, useEffect, useLayoutEffect, useRef } from "./preact.js";
 import { t } from "./words.js";
 
 /* Shapes that show a state without colour: circle, triangle, octagon, square, ring. */
@@ -38,4 +38,17 @@ export function Dialog({ onClose, label, children }) {
     element.current.showModal();
   }, []);
   return html`<dialog ref=${element} aria-label=${label} onClose=${onClose}>${children}</dialog>`;
+}
+
+/** The field that `choose()` returns has the focus as soon as it is shown, and takes it again when typing (or a scan) starts elsewhere. */
+export function useTyping(choose) {
+  useLayoutEffect(() => {
+    choose().focus();
+    const typed = (event) => {
+      const elsewhere = !event.target.closest("input, select, textarea, button, a, dialog");
+      if (elsewhere && event.key.length === 1 && !event.ctrlKey && !event.metaKey && !event.altKey) choose()?.focus();
+    };
+    document.addEventListener("keydown", typed);
+    return () => document.removeEventListener("keydown", typed);
+  }, []);
 }

@@ -1,5 +1,6 @@
 // One serial number for each slot of a station: scanned or typed, Enter goes to the next slot.
-import { html, useEffect, useRef, useState } from "../../lib/preact.js";
+import { useTyping } from "../../lib/parts.js";
+import { html, useRef, useState } from "../../lib/preact.js";
 import { inSlot } from "../../lib/units.js";
 import { t } from "../../lib/words.js";
 
@@ -23,7 +24,7 @@ export function SlotsForm({ station, answer, back }) {
   const [serials, setSerials] = useState({});
   const [wrong, setWrong] = useState("");
   const form = useRef(null);
-  useEffect(() => form.current.querySelector("input").focus(), []);
+  useTyping(() => [...form.current.querySelectorAll("input")].find((field) => !field.value) ?? form.current.querySelector("input"));
   const submit = (event) => {
     event.preventDefault();
     const fields = [...form.current.querySelectorAll("input")];

@@ -1,6 +1,6 @@
 // Choice of the unit: typed, scanned (a scanner types and sends Enter) or chosen from those of the stations.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
-import { Trouble } from "../../lib/parts.js";
+import { Trouble, useTyping } from "../../lib/parts.js";
 import { inSlot } from "../../lib/units.js";
 import { t } from "../../lib/words.js";
 import { SlotsForm } from "./slots.js";
@@ -57,15 +57,7 @@ function Slots({ stations, last, serial, answer }) {
 /** A big field that has the focus, and takes it again when typing (or a scan) starts elsewhere. */
 function SerialField({ take }) {
   const field = useRef(null);
-  useEffect(() => {
-    field.current.focus();
-    const typed = (event) => {
-      const elsewhere = !event.target.closest("input, select, textarea, button, a, dialog");
-      if (elsewhere && event.key.length === 1 && !event.ctrlKey && !event.metaKey && !event.altKey) field.current?.focus();
-    };
-    document.addEventListener("keydown", typed);
-    return () => document.removeEventListener("keydown", typed);
-  }, []);
+  useTyping(() => field.current);
   const submit = (event) => {
     event.preventDefault();
     if (field.current.value.trim()) take(field.current.value);
