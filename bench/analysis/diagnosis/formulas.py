@@ -78,7 +78,6 @@ class FormulaSearch:
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still(), self._workers)
         paid = library.paid(candidates) + price[scan.which]
         rough = scan.base[0] - scan.values[:, 0] - paid
-        threshold = self._chance(library, points, paid)
         found = [
             self._refined(formulas[index], candidates[index], scan.starts(index, points), float(price[index]))
             for index in self._leaders(rough, scan)
@@ -86,8 +85,11 @@ class FormulaSearch:
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_GROWN]:
             found += self._grown(one, len(pairs))
-        found.sort(key=lambda one: -one.evidence)
-        return tuple(one for one in found if one.evidence > max(threshold, FORMULA_EVIDENCE))
+        found = [one for one in found if one.evidence > FORMULA_EVIDENCE]
+        if not found:
+            return ()
+        threshold = self._chance(library, points, paid)
+        return tuple(sorted((one for one in found if one.evidence > threshold), key=lambda one: -one.evidence))
 
     def _price(self, count: int) -> float:
         return 2.0 * float(np.log(max(count, 1)))

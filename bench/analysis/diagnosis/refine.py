@@ -27,7 +27,6 @@ from bench.base import BoolArray, FloatArray
 _STARTS = 4
 _DIFFERENCE = 2e-3  # of a parameter's range, for slopes
 _WITHIN = float(chi2_quantile(0.95, 1))
-Goal = Callable[[Candidate, Theta, Point], float]
 
 
 @dataclass(frozen=True)
@@ -89,10 +88,6 @@ class Refiner:
         own = candidate.columns(theta)
         fixed = replace(candidate, columns=lambda _: own)
         return Surface(self.lattice, lambda point: self._measured(fixed, theta, point))
-
-    def rss(self, candidate: Candidate, theta: Theta, point: Point) -> float:
-        """Whitened residual square sum of the run under base and candidate."""
-        return self._left(candidate, candidate.columns(theta), point)[0]
 
     def _measured(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[float, float]:
         """`height` and `sigma2`."""
@@ -168,13 +163,6 @@ class Refiner:
                 best = self._search(candidate, best)
         return best.theta, best.point, best.height
 
-    def lowest_rss(self, candidate: Candidate, grid: Sequence[Start]) -> float:
-        """Least whitened square sum over the parameters at the starts' noise; their heights are square sums."""
-        starts = _minima(grid)[:_STARTS]
-        if candidate.parameters:
-            starts = [self._search(candidate, start, self.rss) for start in starts]
-        return min(start.height for start in starts)
-
     def _denoise(self, candidate: Candidate, start: Start, base: Point, steps: Sequence[int]) -> Start:
         """The noise profiled at fixed parameters, from the better of the start's and the base's."""
         surface = self.surface(candidate, start.theta)
@@ -182,9 +170,9 @@ class Refiner:
         point = surface.descend(min((start.point, base), key=surface.height), steps=steps)
         return Start(start.theta, point, surface.height(point))
 
-    def _search(self, candidate: Candidate, start: Start, goal: Goal | None = None) -> Start:
+    def _search(self, candidate: Candidate, start: Start) -> Start:
         """Parameters improved at fixed noise, within one grid step of the start (one parameter) or by simplex."""
-        function = self._of_unit(candidate, start.point, goal or self.height)
+        function = self._of_unit(candidate, start.point)
         at = _unit(candidate, start.theta)
         if len(at) == 1:
             step = 1.0 / max(1, len(candidate.grid()) - 1)
@@ -209,15 +197,14 @@ class Refiner:
             return start
         return Start(_theta(candidate, unit), start.point, height)
 
-    @staticmethod
-    def _of_unit(candidate: Candidate, point: Point, goal: Goal) -> Callable[[FloatArray], float]:
-        return lambda unit: goal(candidate, _theta(candidate, unit), point)
+    def _of_unit(self, candidate: Candidate, point: Point) -> Callable[[FloatArray], float]:
+        return lambda unit: self.height(candidate, _theta(candidate, unit), point)
 
     def intervals(self, candidate: Candidate, theta: Theta, point: Point) -> dict[str, Interval]:
         """95 % intervals of the parameters at this noise; of several parameters, each with the others held."""
         by_name = {}
         best = _unit(candidate, theta)
-        function = self._of_unit(candidate, point, self.height)
+        function = self._of_unit(candidate, point)
         lowest = function(best)
         for number, parameter in enumerate(candidate.parameters):
             rise = partial(_rise, function, best, number, lowest)
