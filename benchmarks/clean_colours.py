@@ -2,12 +2,12 @@
 
     python -m benchmarks.clean_colours --seeds 40 --out clean_colours.jsonl
 
-A clean run is a unit with a smooth curve, and noise of one of seven colours that the analysis does not assume; with and
-without an isothermal run of the same noise. Counted are names (a headline, an effect that is suspected, or a formula)
-and any alarm (a verdict that is not "adequate"). An unrecorded cause is an effect of strength 2 or more whose channel
-is taken out of the run; counted is how often the bench then says "adequate" without the words that a slow cause cannot
-be told. Results are appended to the file as they come; what stands there already is not run again. Prints one JSON
-object with n and seed.
+A clean run is a unit with a smooth curve, and noise of one of seven colours that the analysis does not assume; with
+and without an isothermal run, and a check run, of the same noise. Counted are names (a headline, an effect that is
+suspected, or a formula) and any alarm (a verdict that is not "adequate"). An unrecorded cause is an effect of
+strength 2 or more whose channel is taken out of the run; counted is how often the bench then says "adequate" without
+the words that a slow cause cannot be told. Results are appended to the file as they come; what stands there already
+is not run again. Prints one JSON object with n and seed.
 """
 
 from __future__ import annotations
@@ -59,13 +59,16 @@ class Case:
     hidden: str = ""
     strength: float = 0.0
     static: bool = True
+    checked: bool = False
 
 
 def todo(seeds: int) -> Iterator[Case]:
     """Seed by seed, so that a campaign cut short is a smaller campaign."""
     for number in range(1, seeds + 1):
         for profile in PROFILES:
-            yield from (Case(profile, number, colour, static=number % 4 != 0) for colour in COLOURS)
+            yield from (
+                Case(profile, number, colour, static=number % 4 != 0, checked=number % 2 == 1) for colour in COLOURS
+            )
             for name in list(CHANNEL)[number % 2 :: 2]:
                 yield Case(profile, number, hidden=name, strength=STRENGTHS[number % 2], static=number % 3 != 0)
 
@@ -114,21 +117,22 @@ def noisy(profile: str, number: int, colour: str, seed: int) -> Dataset:
     return replace(run, channels={**run.channels, "rate": run.channels["rate"] + added})
 
 
-def runs_of(case: Case, seed: int) -> tuple[Dataset, Dataset | None]:
-    """The run, and the isothermal run where the case has one."""
+def runs_of(case: Case, seed: int) -> tuple[Dataset, Dataset | None, list[Dataset]]:
+    """The run, and the isothermal run and the check run where the case has one."""
     if case.colour:
-        run, still = (noisy(p, case.number, case.colour, seed) for p in (case.profile, cases.STATIC))
-        return run, still if case.static else None
+        made = (noisy(p, case.number, case.colour, seed) for p in (case.profile, cases.STATIC, cases.LOOPS))
+        run, still, check = made
+        return run, still if case.static else None, [check] if case.checked else []
     unit = cases.case((case.hidden,), case.strength, case.number, case.profile, MODEL)
     run = unit.run(case.profile)
     kept = {name: values for name, values in run.channels.items() if name != CHANNEL[case.hidden]}
-    return replace(run, channels=kept), unit.quiet(cases.STATIC, 4) if case.static else None
+    return replace(run, channels=kept), unit.quiet(cases.STATIC, 4) if case.static else None, []
 
 
 def run_case(case: Case, seed: int) -> dict[str, Any]:
     """What the bench says to it."""
-    run, still = runs_of(case, seed)
-    return content(diagnose([run], MODEL, static=still, seed=seed))
+    run, still, check = runs_of(case, seed)
+    return content(diagnose([run], MODEL, check=check, static=still, seed=seed))
 
 
 def content(found: Diagnosis) -> dict[str, Any]:
@@ -160,6 +164,7 @@ def counts(results: Sequence[tuple[Case, dict[str, Any]]]) -> list[dict[str, Any
         _clean(f"clean, {word} isothermal run", [f for case, f in clean if case.static is has])
         for word, has in (("with", True), ("without", False))
     ]
+    listed.append(_clean("clean, with check run", [f for case, f in clean if case.checked]))
     for word, has in (("with", True), ("without", False)):
         hidden = [f for case, f in results if case.hidden and case.static is has]
         listed.append(

@@ -13,6 +13,7 @@ from bench.analysis.diagnosis.grammar import Grammar
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.expression import Expression
 from bench.analysis.effects.model import Model, effect_from, entry_text, load_model
+from bench.analysis.thresholds import FORMULA_EVIDENCE
 from bench.base import InputError
 from bench.cli import main
 from benchmarks import cases, outside
@@ -27,12 +28,24 @@ def quiet():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("truth", ["beat", "radiation", "stress_that_relaxes"])
+@pytest.mark.parametrize("truth", ["beat", "radiation", "buckling"])
 def test_a_formula_predicts_an_unseen_run_of_a_unit_that_no_effect_of_the_catalogue_describes(truth):
     found = outside.run_trial(outside.Trial(truth, 3.0, 1))
     assert found["formula"]
     assert found["share"] > outside.LEAST_SHARE, found
     assert found["ratio"] < outside.MOST_RATIO, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", ["stress_that_relaxes", "drying"])
+def test_what_the_run_alone_cannot_tell_from_its_noise_is_found_where_the_check_run_bears_it(truth):
+    (run, check, _, still), _ = outside._unit(outside.Trial(truth, 1.0, 1))
+    assert diagnose([run], MODEL, static=still).formulas == ()
+    answer = diagnose([run], MODEL, check=[check], static=still)
+    best = answer.formulas[0]
+    assert answer.verdict == "unknown_effect"
+    assert best.evidence < FORMULA_EVIDENCE < best.evidence + best.borne
+    assert best.proof.proved
 
 
 @pytest.mark.slow

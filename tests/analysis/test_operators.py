@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
-from bench.analysis.effects.operators import integral, play, ramp_invariant_lag
+from bench.analysis.effects.operators import integral, latch, play, ramp_invariant_lag
 
 
 def triangle(time_s):
@@ -72,3 +72,17 @@ def test_play_lags_by_its_half_width_whatever_the_rate():
 def test_play_stands_still_inside_its_width_and_forgets_the_route():
     assert_allclose(play(np.array([0.0, 1.0, -1.0, 0.5]), 2.0), 0.0)
     assert_allclose(play(np.array([0.0, 5.0, 3.0, 7.0]), 2.0), play(np.array([0.0, 5.0, 5.0, 7.0]), 2.0))
+
+
+@pytest.mark.parametrize(("high", "low"), [(60.0, -10.0), (-10.0, 60.0), (20.0, 20.0)])
+def test_a_latch_is_set_above_one_value_and_let_go_below_another(high, low):
+    value = np.cumsum(np.random.default_rng(2).normal(scale=8.0, size=400)) + 25.0
+    value[77] = np.nan
+    found = latch(value, high, low)
+    state = 1.0 if value[0] > 0.5 * (high + low) else 0.0
+    for row, each in enumerate(value.tolist()):
+        if row == 77:
+            assert np.isnan(found[row])
+            continue
+        state = 1.0 if each > max(high, low) else 0.0 if each < min(high, low) else state
+        assert found[row] == state

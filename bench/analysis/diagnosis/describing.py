@@ -19,7 +19,7 @@ from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
-from bench.analysis.thresholds import EXPLAINED_RATIO, FURTHER_EVIDENCE, TIE
+from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, TIE
 from bench.base import FloatArray
 from bench.record import Dataset
 
@@ -34,6 +34,7 @@ _LIKE = (
     ("sin(2*pi*lag(temperature", "like an etalon whose path follows a part inside the unit"),
     ("sin(2*pi*temperature", "like an etalon: interference, optical or electrical, over temperature"),
     ("sin(2*pi*time", "like a disturbance with a period of its own: a beat, a control loop, a neighbour"),
+    ("latch(", "like a part that snaps over: a buckled membrane, a contact, a change of phase"),
     ("lowest(total(", "like a film that grows and dries: condensation, frost, outgassing"),
     ("highest(", "like stress that is lost whenever the unit is warmer than ever before"),
     ("lowest(", "like stress that is lost whenever the unit is colder than ever before"),
@@ -109,13 +110,17 @@ class Describer:
         return FormulaSearch(layout, self.lattice, self.seed, best, self.workers, first).search()
 
     def _ranked(self, layout: Layout, found: Sequence[FoundFormula], borne: Borne) -> list[_Ranked]:
-        """What a search found by all evidence, best first, without what these data cannot tell from a better one."""
+        """What a search found that all evidence bears, best first, without what cannot be told from a better one."""
         before = unseen(layout.rows, layout.theta, self.check)
         ranked = []
         for one in found:
+            if not self.check and one.evidence <= FORMULA_EVIDENCE:
+                continue
             after = layout.adding(one.effect, one.theta)
             scored = unseen(after.rows, after.theta, self.check, len(one.amplitudes))
-            ranked.append(_Ranked(one, after, scored, borne.gain(before.left, scored.left)))
+            gained = borne.gain(before.left, scored.left)
+            if one.evidence + gained > FORMULA_EVIDENCE:
+                ranked.append(_Ranked(one, after, scored, gained))
         ranked.sort(key=lambda each: -each.total)
         leaders: list[_Ranked] = []
         for each in ranked:
@@ -136,7 +141,7 @@ class Describer:
         while len(terms) < _MOST_TERMS:
             point, open_ = self._left(layout, last)
             further = self._ranked(last.after, self._search(last.after, point, terms[0].one), borne) if open_ else []
-            if not further or further[0].total <= FURTHER_EVIDENCE:
+            if not further:
                 break
             last = further[0]
             terms.append(last)

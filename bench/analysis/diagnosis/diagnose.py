@@ -39,7 +39,7 @@ from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
-from bench.analysis.thresholds import EXPLAINED_RATIO
+from bench.analysis.thresholds import EXPLAINED_RATIO, TIE
 from bench.base import FloatArray, InputError
 from bench.record import Dataset, refuse_mixed
 
@@ -222,14 +222,14 @@ class _Case:
     ) -> tuple[tuple[DescribedFormula, ...], bool]:
         """What the catalogue does not hold, searched where its effects do not bring the error down to the noise.
 
-        Only what unseen data do not contradict; and whether the best explains more than the effects found.
+        Only what unseen data bear, or do not judge; and whether the best explains more than the effects found.
         """
         if explained.word == "missing_effect" and proved and improved.shape_dph <= EXPLAINED_RATIO * self.floor_dph:
             return (), False
         if not explained.steps and self.layout.resolution.words():  # steps look like many things
             return (), False
         found = describer.describe(self.layout, explained)
-        kept = tuple(formula for formula in found.formulas if formula.proof.proved is not False)
+        kept = tuple(formula for formula in found.formulas if formula.proof.proved is not False or formula.borne > TIE)
         return kept, bool(kept) and found.replaces and kept[0] is found.formulas[0]
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:

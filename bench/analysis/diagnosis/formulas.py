@@ -64,7 +64,7 @@ class FormulaSearch:
         self._refiner = Refiner(layout.problem, lattice)
 
     def search(self) -> tuple[FoundFormula, ...]:
-        """The formulas that beat chance, best first."""
+        """Formulas that pay for what they estimate and for what was tried, best first; see `FORMULA_EVIDENCE`."""
         singles = [*self.grammar.singles(), self.grammar.line(self._periods())]
         pairs = self.grammar.pairs()
         first = self._first
@@ -85,11 +85,10 @@ class FormulaSearch:
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_GROWN]:
             found += self._grown(one, len(pairs))
-        found = [one for one in found if one.evidence > FORMULA_EVIDENCE]
-        if not found:
-            return ()
-        threshold = self._chance(library, points, paid)
-        return tuple(sorted((one for one in found if one.evidence > threshold), key=lambda one: -one.evidence))
+        # What chance reaches beyond the usual threshold is paid for, too.
+        found.sort(key=lambda one: -one.evidence)
+        chance = self._chance(library, points, paid) if found and found[0].evidence > 0.0 else 0.0
+        return tuple(replace(one, evidence=one.evidence - max(0.0, chance - FORMULA_EVIDENCE)) for one in found)
 
     def _price(self, count: int) -> float:
         return 2.0 * float(np.log(max(count, 1)))

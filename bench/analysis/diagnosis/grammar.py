@@ -126,6 +126,7 @@ class Grammar:
             Block(f"total((temperature - {0.5 * (low + high):.4g}))", "time spent warm", "degC h"),
             Block("total((temperature - {centre}) + abs(temperature - {centre}))", "time spent above a temperature",
                   "degC h", (("centre", (low, high)),), _inner(low, high, 9), places=1),
+            self._latch(),
             Block("highest(temperature)", "the highest temperature so far", "degC"),
             Block("lowest(temperature)", "the lowest temperature so far", "degC"),
             Block("total(abs(dT_dt))", "all change of temperature so far", "degC/min h"),
@@ -152,6 +153,23 @@ class Grammar:
                       drives=True),
             ]  # fmt: skip
         return blocks
+
+    def _latch(self) -> Block:
+        """What snaps over above one temperature, and back below a lower one."""
+        low, high = self.temperature
+        span = high - low
+        grid = tuple(
+            (*one, share * span) for one in _inner(low, high, 15) for share in (0.03, 0.09, 0.15, 0.21, 0.27, 0.36)
+        )
+        ends = (("centre", (low, high)), ("width", (0.005 * span, 0.5 * span)))
+        return Block(
+            "latch(temperature, {centre} + {width}, {centre} - {width})",
+            "a state that changes above one temperature, and back below another",
+            "",
+            ends,
+            grid,
+            places=2,
+        )
 
     @staticmethod
     def _film(gap: str, words: str) -> Block:

@@ -19,22 +19,32 @@ from typing import Any, cast
 
 import numpy as np
 
-from bench.analysis.effects.operators import extreme, integral, play, ramp_invariant_lag, shifted, slope
+from bench.analysis.effects.operators import extreme, integral, latch, play, ramp_invariant_lag, shifted, slope
 from bench.base import CHANNELS, RATES, FloatArray, InputError, closest
 from bench.record import STILL_DEGC_PER_MIN, Dataset
 
 FUNCTIONS: dict[str, int] = {
-    "lag": 2, "delay": 2, "play": 2, "total": 1, "highest": 1, "lowest": 1,
+    "lag": 2, "delay": 2, "play": 2, "latch": 3, "total": 1, "highest": 1, "lowest": 1,
     "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1, "sign": 1,
 }  # fmt: skip
-"""Functions and their numbers of arguments: lag(x, tau_s), delay(x, late_s), play(x, width) in the unit of x, total(x),
-the integral over hours since the run began, highest(x) and lowest(x) of the run so far. The time constant of a lag may
-change with a channel."""
+"""Functions and their numbers of arguments: lag(x, tau_s), delay(x, late_s), play(x, width) in the unit of x, latch(x,
+high, low), 1 from where x rises above `high` until it falls below `low` and else 0, total(x), the integral over hours
+since the run began, highest(x) and lowest(x) of the run so far. The time constant of a lag may change with a
+channel."""
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {
     "abs": np.abs, "exp": np.exp, "log": np.log, "sqrt": np.sqrt,
     "sin": np.sin, "cos": np.cos, "tanh": np.tanh, "sign": np.sign,
 }  # fmt: skip
+_MEMORY: dict[str, Callable[..., FloatArray]] = {
+    "lag": ramp_invariant_lag,
+    "delay": lambda time_s, x, late_s: shifted(time_s, x, float(late_s)),
+    "play": lambda _, x, width: play(x, float(width)),
+    "latch": lambda _, x, high, low: latch(x, float(high), float(low)),
+    "total": lambda time_s, x: integral(time_s, x) / 3600.0,
+    "highest": lambda time_s, x: extreme(time_s, x, highest=True),
+    "lowest": lambda time_s, x: extreme(time_s, x, highest=False),
+}
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power,
 }  # fmt: skip
@@ -251,12 +261,4 @@ def _called(name: str, arguments: list[Any], time_s: FloatArray) -> Any:
     if name in _PLAIN:
         return _PLAIN[name](arguments[0])
     record = np.broadcast_to(np.asarray(arguments[0], dtype=np.float64), time_s.shape)
-    if name == "total":
-        return integral(time_s, record) / 3600.0
-    if name in {"highest", "lowest"}:
-        return extreme(time_s, record, highest=name == "highest")
-    if name == "play":
-        return play(record, float(arguments[1]))
-    if name == "delay":
-        return shifted(time_s, record, float(arguments[1]))
-    return ramp_invariant_lag(time_s, record, arguments[1])
+    return _MEMORY[name](time_s, record, *arguments[1:])

@@ -35,6 +35,23 @@ def play(value: FloatArray, half_width: float) -> FloatArray:
     return _bridged(lambda _, u: _play(u, half_width), value, value)
 
 
+def latch(value: FloatArray, high: float, low: float) -> FloatArray:
+    """Relay with hysteresis of a record (n,): 1 from where it rises above `high` until it falls below `low`, else 0.
+
+    Between the two it keeps its state; a record that starts there starts on the side that is nearer. `low` above `high`
+    is taken as the other way round. I. D. Mayergoyz, Mathematical Models of Hysteresis (1991).
+    """
+    high, low = max(high, low), min(high, low)
+
+    def relay(_: FloatArray, u: FloatArray) -> FloatArray:
+        settled = (u > high) | (u < low)
+        settled[:1] = True
+        last = np.maximum.accumulate(np.where(settled, np.arange(len(u)), 0))
+        return np.asarray(u[last] > 0.5 * (high + low), dtype=np.float64)
+
+    return _bridged(relay, value, value)
+
+
 def bouc_wen(value: FloatArray, length: float) -> FloatArray:
     """Smooth loop z (n,) within [-1, 1] of a record: L dz/du = 1 - |z| while |z| grows, 1 while it falls; starts at 0.
 
