@@ -30,7 +30,7 @@ from bench.base import FloatArray
 from bench.record.dataset import Dataset
 from benchmarks import campaigns, cases
 from benchmarks.bars import table
-from benchmarks.outside_truths import FOURTH, FROZEN, SECOND, THIRD, TRUTHS, World
+from benchmarks.outside_truths import GROUPS, TRUTHS, World
 from benchmarks.trials import MODEL
 
 RUN, CHECK, JUDGE = cases.TWO_RATES, cases.LOOPS, "steps_-40_85"
@@ -171,12 +171,7 @@ def section(path: Path) -> str:
         return ""
     rows = []
     for strength in sorted({trial.strength for trial, _ in results}):
-        first = set(TRUTHS).difference(SECOND, THIRD, FOURTH, FROZEN)
-        groups = {"before the search was frozen": first, "after it was frozen, before it grew": set(SECOND),
-                  "after it was frozen again, before it grew again": set(THIRD),
-                  "after the third time, before a check run had a say": set(FOURTH),
-                  "after it was frozen for the last time": set(FROZEN)}  # fmt: skip
-        for words, names in groups.items():
+        for words, names in GROUPS.items():
             own = [found for trial, found in results if trial.strength == strength and trial.truth in names]
             if own:
                 shares = _share(own, "share"), _share(own, "ratio")
