@@ -46,6 +46,8 @@ from .effects.registry import doc as doc
 from .effects.registry import effect_names as effect_names
 from .effects.registry import load_effect as load_effect
 from .effects.registry import make as make
+from .effects.registry import own_effects as own_effects
+from .effects.registry import register as register
 from .effects.signature import Signature as Signature
 from .effects.signature import signature as signature
 from .fit.every_sample import SampledRun as SampledRun

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
+from bench.analysis.effects import registry
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.spline import Spline
 from bench.analysis.fit.fitting import fit_model
@@ -136,7 +138,7 @@ def test_a_cluster_whose_workers_are_all_gone_ends_with_a_sentence():
 
 def test_a_worker_with_other_code_of_the_same_version_is_refused(monkeypatch):
     theirs = {**engines.fingerprint(), "code": "000000000000"}
-    workers = SimpleNamespace(run=lambda function: {"tcp://a": function(), "tcp://b": theirs})
+    workers = SimpleNamespace(run=lambda function, _: {"tcp://a": function(), "tcp://b": theirs})
     with pytest.raises(InputError, match=r"worker tcp://b has code 000000000000, this computer [0-9a-f]{12}"):
         engines._require_same_code(workers)
 
@@ -296,3 +298,51 @@ def test_a_stored_row_keeps_every_bit(tmp_path):
     (back,) = moments_file.read(tmp_path / "m.parquet")
     assert isinstance(back, Stored)
     assert np.array_equal(back.values, row.values)
+
+
+OWN = """
+from dataclasses import dataclass
+import numpy as np
+from bench import Effect
+
+@dataclass(frozen=True)
+class Wave(Effect):
+    \"""Equation: B = a sin(T / 3).\"""
+    name = "wave"
+    needs = ("temperature",)
+    amplitudes = (("a", "deg/h"),)
+
+    def columns(self, record, theta):
+        return np.sin(record.channel("temperature") / 3.0)[:, None]
+"""
+
+
+@pytest.fixture
+def wave(tmp_path, monkeypatch):
+    """A model with an effect of the user's own file."""
+    monkeypatch.setattr(registry, "_REGISTRY", dict(registry._REGISTRY))
+    (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
+    registry.load_effect(f"{tmp_path / 'mine.py'}:Wave")
+    return Model("waved", (registry.make("wave"), Spline(12)))
+
+
+def offered(model, group):
+    return [(model.effects[0] == registry.make("wave"), unit in registry.effect_names()) for unit in group]
+
+
+@pytest.mark.slow
+def test_other_processes_know_the_effects_of_the_user_too(wave):
+    work = engines.Work(partial(offered, wave), _lost)
+    (there,) = engines.local_engine(2)(work, [("wave", "another")])
+    assert there == [(True, True), (True, False)]
+
+
+def test_a_worker_with_another_version_of_an_effect_is_refused(wave, tmp_path):
+    class Client:
+        def run(self, function, effects):
+            theirs = function(effects)
+            (tmp_path / "mine.py").write_text(OWN.replace("3.0", "4.0"), encoding="utf-8")
+            return {"tcp://there": theirs}
+
+    with pytest.raises(InputError, match=r"worker tcp://there has effects .* install the same"):
+        engines._require_same_code(Client(), registry.own_effects())

@@ -8,8 +8,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
+from importlib.machinery import ModuleSpec, SourceFileLoader
+from importlib.util import spec_from_file_location
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any, cast
 
 import numpy as np
@@ -17,6 +19,9 @@ import numpy as np
 from bench.analysis.effects.base import Effect, Parameter, Physical
 from bench.analysis.effects.example import example
 from bench.base import CHANNELS, InputError
+
+_PREFIX = "bench_effect_"
+_SOURCE = "__source__"
 
 
 def load_class(spec: str) -> object:
@@ -39,14 +44,35 @@ def _module(place: str) -> ModuleType:
             return importlib.import_module(place)
         if not path.is_file():
             raise InputError("no such file with an effect", path)
-        key = f"bench_effect_{path.resolve().as_posix().encode().hex()}"
+        key = f"{_PREFIX}{path.resolve().as_posix().encode().hex()}"
+        known = sys.modules.get(key)
+        if known is not None and vars(known)[_SOURCE] == path.read_bytes():
+            return known
+        sys.modules.pop(key, None)
+        return importlib.import_module(key)
+
+
+class _UserFile(SourceFileLoader):
+    """Loads a file with effects; its module's name is its path, so that another process finds it, too."""
+
+    def get_code(self, fullname: str) -> CodeType:
         # Compiled each time: kept bytecode is taken for that of a file of the same size, saved in the same second.
-        code = compile(path.read_bytes(), str(path), "exec", dont_inherit=True)
-        module = ModuleType(key)
-        module.__file__ = str(path)
-        sys.modules[key] = module  # dataclasses look their module up there
-        exec(code, vars(module))
-    return module
+        return self.source_to_code(self.get_data(self.path), self.path)
+
+    def exec_module(self, module: ModuleType) -> None:
+        vars(module)[_SOURCE] = self.get_data(self.path)
+        super().exec_module(module)
+
+    @classmethod
+    def find_spec(cls, name: str, _path: object = None, _target: object = None) -> ModuleSpec | None:
+        """Where the module of such a name comes from."""
+        if not name.startswith(_PREFIX):
+            return None
+        path = bytes.fromhex(name.removeprefix(_PREFIX)).decode()
+        return spec_from_file_location(name, path, loader=cls(name, path))
+
+
+sys.meta_path.append(_UserFile)
 
 
 @contextmanager

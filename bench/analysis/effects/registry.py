@@ -124,6 +124,11 @@ def load_effect(spec: str) -> str:
     return register(load_class(spec), spec)
 
 
+def own_effects() -> tuple[type[Effect], ...]:
+    """The effects beside the built-in ones, for another process to `register`."""
+    return tuple(kind for kind in _REGISTRY.values() if kind not in _BUILT_IN)
+
+
 @lru_cache(maxsize=1)
 def _discover() -> None:
     """Register what installed packages offer in the entry-point group `bench.effects`; a broken one breaks itself."""

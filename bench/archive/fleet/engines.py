@@ -10,11 +10,13 @@ import hashlib
 import logging
 import multiprocessing
 import os
+import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
@@ -23,6 +25,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 import scipy
 
+from bench.analysis import Effect, own_effects, register
 from bench.base import InputError, __version__
 
 WINDOW = 3
@@ -66,6 +69,19 @@ class Engine(Protocol):
         """Answers, group by group."""
 
 
+def _portable(work: Work[G, R]) -> Work[G, R]:
+    """The same work, for processes that do not have the user's effects yet."""
+    own = own_effects()
+    return replace(work, do=partial(_with_effects, own, work.do)) if own else work
+
+
+def _with_effects(own: Sequence[type[Effect]], do: Callable[[G], list[R]], group: G) -> list[R]:
+    for kind in own:
+        if kind not in own_effects():
+            register(kind, kind.__name__)
+    return do(group)
+
+
 def local_engine(workers: int) -> Engine:
     """On this computer: in this process for one worker, else in `workers` processes.
 
@@ -76,6 +92,7 @@ def local_engine(workers: int) -> Engine:
         if workers == 1:
             yield from map(work.do, groups)
             return
+        work = _portable(work)
         executor = _executor(workers)
 
         def submit(group: G) -> Future[list[R]]:
@@ -115,7 +132,8 @@ def dask_engine(workers: int, scheduler: str | None) -> Engine:
 
     def run(work: Work[G, R], groups: Iterable[G], /) -> Iterator[list[R]]:
         with _client(workers, scheduler) as client:
-            _require_same_code(client)
+            _require_same_code(client, own_effects())
+            work = _portable(work)
             if work.root is not None:
                 _require_folder(client, work.root)
             threads = max(1, sum(client.nthreads().values()))
@@ -212,11 +230,14 @@ def _client(workers: int, scheduler: str | None) -> Any:
         raise InputError(f"no Dask scheduler: {error}; start one with `dask scheduler`", scheduler) from None
 
 
-def _require_same_code(client: Any) -> None:
-    found = client.run(fingerprint)
+def _require_same_code(client: Any, effects: Sequence[type[Effect]] = ()) -> None:
+    try:
+        found = client.run(fingerprint, effects)
+    except (ImportError, OSError) as error:
+        raise InputError(f"a Dask worker cannot load an effect: {error}; mount its file there") from None
     if not found:
         raise InputError("the Dask scheduler has no workers; start some with `dask worker`")
-    own = fingerprint()
+    own = fingerprint(effects)
     for worker, theirs in sorted(found.items()):
         if theirs != own:
             what = next(name for name in own if theirs.get(name) != own[name])
@@ -230,8 +251,11 @@ def _require_folder(client: Any, root: Path) -> None:
             raise InputError(f"worker {worker} does not see this folder; mount it there under the same path", root)
 
 
-def fingerprint() -> dict[str, str]:
-    """What the numbers depend on: versions, and the hash of the bench's own code."""
+def fingerprint(effects: Sequence[type[Effect]] = ()) -> dict[str, str]:
+    """What the numbers depend on: versions, and the hashes of the bench's own code and of the user's effects."""
+    theirs = hashlib.sha256()
+    for kind in effects:
+        theirs.update(Path(str(sys.modules[kind.__module__].__file__)).read_bytes())
     digest = hashlib.sha256()
     top = Path(str(files("bench")))
     for path in sorted(top.rglob("*.py")):
@@ -241,4 +265,5 @@ def fingerprint() -> dict[str, str]:
         "numpy": np.__version__,
         "scipy": scipy.__version__,
         "code": digest.hexdigest()[:12],
+        "effects": theirs.hexdigest()[:12],
     }
