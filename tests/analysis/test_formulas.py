@@ -37,15 +37,23 @@ def test_a_formula_predicts_an_unseen_run_of_a_unit_that_no_effect_of_the_catalo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("truth", ["stress_that_relaxes", "drying"])
-def test_what_the_run_alone_cannot_tell_from_its_noise_is_found_where_the_check_run_bears_it(truth):
-    (run, check, _, still), _ = outside._unit(outside.Trial(truth, 1.0, 1))
+def test_what_the_run_alone_cannot_tell_from_its_noise_is_found_where_the_check_run_bears_it():
+    (run, check, _, still), _ = outside._unit(outside.Trial("stress_that_relaxes", 1.0, 1))
     assert diagnose([run], MODEL, static=still).formulas == ()
     answer = diagnose([run], MODEL, check=[check], static=still)
     best = answer.formulas[0]
     assert answer.verdict == "unknown_effect"
     assert best.evidence < FORMULA_EVIDENCE < best.evidence + best.borne
     assert best.proof.proved
+
+
+@pytest.mark.slow
+def test_a_slow_effect_that_the_run_alone_cannot_tell_is_named_where_the_check_run_bears_it():
+    unit = cases.case(("aging",), 1.0, 8, outside.RUN, MODEL)
+    run, check, still = unit.run(outside.RUN), unit.run(outside.CHECK), unit.quiet(cases.STATIC, 4)
+    assert diagnose([run], MODEL, static=still).found == ()
+    answer = diagnose([run], MODEL, check=[check], static=still)
+    assert (answer.verdict, [suspect.effect for suspect in answer.found]) == ("missing_effect", ["aging"])
 
 
 @pytest.mark.slow

@@ -145,7 +145,7 @@ class _Case:
 
     def diagnosis(self, check: tuple[Dataset, ...], seed: int, workers: int = 1) -> Diagnosis:
         """The answer."""
-        explained = Search(self.offer, self.lattice, seed, workers).explain(self.layout)
+        explained = Search(self.offer, self.lattice, check, seed, workers).explain(self.layout)
         runs = self.layout.rows.records
         base = unseen(self.layout.rows, self.layout.theta, check)
         ranking = Ranking(explained, self.offer, check, self.floor_dph)

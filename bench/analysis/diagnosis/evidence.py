@@ -136,6 +136,14 @@ class Evidence:
     """What candidates paid beside their parameters, by name: chance favours slow effects among slow noise, and without
     this all others would have to beat what ageing reaches by chance."""
 
+    def each_once(self) -> list[Suspect]:
+        """The best shape of each effect that the run excites, best first."""
+        first: dict[str, Suspect] = {}
+        for suspect in self.suspects:
+            if suspect.excited:
+                first.setdefault(suspect.effect, suspect)
+        return list(first.values())
+
     def chance(self, evidence: float) -> float:
         """Share of simulated nulls whose best candidate reaches this evidence."""
         return float(np.mean(self.nulls >= evidence)) if len(self.nulls) else float("nan")

@@ -37,15 +37,17 @@ class Ranking:
         """What was found, strongest first, then what comes next in evidence."""
         steps = self.explained.steps
         named = {step.name for step in steps}
-        listed = [self._scored(step.layout, step.evidence, step.suspect, True) for step in steps]
+        listed = [self._scored(step.layout, step.evidence, step.suspect, True, step.alike) for step in steps]
         layout, evidence = (
             (steps[0].layout, steps[0].evidence) if steps else (self.explained.layout, self.explained.first)
         )
-        rivals = [s for s in _each_once(evidence) if s.effect not in named]
+        rivals = [s for s in evidence.each_once() if s.effect not in named]
         listed += [self._scored(layout, evidence, s, False) for s in rivals[:_RIVALS]]
         return tuple(listed)
 
-    def _scored(self, layout: Layout, evidence: Evidence, suspect: Suspect, found: bool) -> SuspectedEffect:
+    def _scored(
+        self, layout: Layout, evidence: Evidence, suspect: Suspect, found: bool, alike: tuple[str, ...] = ()
+    ) -> SuspectedEffect:
         effect = self.offer.effects[suspect.name]
         after = layout.adding(effect, suspect.theta)
         own = 0 if effect.moves_abscissa else len(suspect.amplitudes)
@@ -62,7 +64,7 @@ class Ranking:
             held_out_rms_dph=scored.rms_dph,
             removes=removed(proof.before_dph, proof.after_dph, self.floor_dph),
             parameters=_values(layout, effect, suspect),
-            look_alikes=self._look_alikes(evidence, suspect),
+            look_alikes=alike or self._look_alikes(evidence, suspect),
             legs=tuple(_legs(layout, suspect.cumulative)),
             model=after.rows.model,
             theta=suspect.theta,
@@ -73,21 +75,12 @@ class Ranking:
 
     def _look_alikes(self, evidence: Evidence, suspect: Suspect) -> tuple[str, ...]:
         """Names within the tie of the best, if the suspect is within it, too, and the best beats chance."""
-        ranked = _each_once(evidence)
+        ranked = evidence.each_once()
         if not ranked or ranked[0].evidence <= self.explained.threshold:
             return ()
         tied = [s.effect for s in ranked if s.evidence + s.charged >= ranked[0].evidence - TIE]
         own = suspect.effect
         return tuple(name for name in tied if name != own) if own in tied else ()
-
-
-def _each_once(evidence: Evidence) -> list[Suspect]:
-    """The best shape of each effect that the run excites, best first."""
-    first: dict[str, Suspect] = {}
-    for suspect in evidence.suspects:
-        if suspect.excited:
-            first.setdefault(suspect.effect, suspect)
-    return list(first.values())
 
 
 def _values(layout: Layout, effect: Effect, suspect: Suspect) -> dict[str, Value]:

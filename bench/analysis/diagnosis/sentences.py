@@ -30,7 +30,10 @@ def _verdict(answer: Diagnosis, drifts: bool, why: str) -> str:
 
 
 def ranking_reason(answer: Diagnosis) -> str:
-    """Why a suspect with more evidence stands below one with less; empty where none does."""
+    """Why a suspect with more evidence stands below one with less, or one with little was found; else empty."""
+    weak = [suspect.effect for suspect in answer.found if suspect.evidence <= answer.threshold]
+    if weak and answer.check:
+        return f"the evidence of {listed(weak)} is that of the fitted run; with the check run's it is enough"
     least = min((suspect.evidence for suspect in answer.found), default=np.inf)
     others = [s.effect for s in answer.suspects if not s.found and s.evidence > least]
     if not others:

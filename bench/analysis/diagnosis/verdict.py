@@ -10,15 +10,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from bench.analysis.diagnosis.answer import VerdictWord
+from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.evidence import Evidence, Suspect, weigh
+from bench.analysis.diagnosis.held_out import unseen
 from bench.analysis.diagnosis.probes import Examination, Finding, examine
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.effects.base import Effect
-from bench.analysis.noise.likelihood import NoiseLattice, Surface
-from bench.analysis.thresholds import FURTHER_EVIDENCE
+from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
+from bench.analysis.thresholds import FORMULA_EVIDENCE, FURTHER_EVIDENCE, TIE
+from bench.record import Dataset
 
 MOST_EFFECTS = 3
 _NULLS = 300
+_LEADERS = 5
+"""Effects that the check runs are asked about."""
 _MINOR = 0.15
 """What remains may be this share of the evidence explained: real effects follow textbook equations about so well."""
 _NOISE = "noise"
@@ -32,6 +37,8 @@ class FoundEffect:
     evidence: Evidence
     suspect: Suspect
     effect: Effect
+    alike: tuple[str, ...] = ()
+    """Effects that the check runs, to which it owes its place, bear as well."""
 
     @property
     def name(self) -> str:
@@ -79,6 +86,7 @@ class Search:
 
     offer: Offer
     lattice: NoiseLattice
+    check: Sequence[Dataset] = ()
     seed: int = 0
     workers: int = 1
     threshold: float = 0.0
@@ -121,17 +129,38 @@ class Search:
         """The best effect, the best beside it, and so on while it beats chance."""
         steps: list[FoundEffect] = []
         while len(steps) < MOST_EFFECTS:
-            best = _best(evidence)
-            if best is None or best.evidence <= self._bar(len(steps)) or _rounded(layout, best):
+            best = self._next(layout, evidence, len(steps))
+            if best is None:
                 break
-            steps.append(FoundEffect(layout, evidence, best, self.offer.effects[best.name]))
+            steps.append(best)
             layout = _with(layout, steps[-1:])
             evidence = self.weigh(layout)
         return tuple(steps)
 
-    def _bar(self, others: int) -> float:
-        """Evidence that an effect needs when `others` were found before it."""
-        return max(self.threshold, FURTHER_EVIDENCE) if others else self.threshold
+    def _next(self, layout: Layout, evidence: Evidence, others: int) -> FoundEffect | None:
+        """The effect that beats chance beside `others`, by the run or by the run and the check runs together."""
+        bar = max(self.threshold, FURTHER_EVIDENCE) if others else self.threshold
+        near = evidence.each_once()[:_LEADERS]
+        alike: tuple[str, ...] = ()
+        if near and near[0].evidence <= bar:
+            near = self._borne(layout, evidence.point, near)
+            alike = tuple(one.effect for one in near[1:])
+        if not near or _rounded(layout, near[0]):
+            return None
+        return FoundEffect(layout, evidence, near[0], self.offer.effects[near[0].name], alike)
+
+    def _borne(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[Suspect]:
+        """The leaders of which the run and the check runs together tell enough, and no other one more."""
+        if not self.check:
+            return []
+        borne = Borne(self.check, layout.problem.statics, point)
+        before = unseen(layout.rows, layout.theta, self.check).left
+        total = []
+        for leader in leaders:
+            after = layout.adding(self.offer.effects[leader.name], leader.theta)
+            total.append(leader.evidence + borne.gain(before, unseen(after.rows, after.theta, self.check).left))
+        least = max(*total, TIE + max(self.threshold, FORMULA_EVIDENCE)) - TIE
+        return [leader for leader, own in zip(leaders, total, strict=True) if own > least]
 
     def again(self, layout: Layout, steps: tuple[FoundEffect, ...]) -> tuple[FoundEffect, ...]:
         """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice."""
@@ -140,10 +169,8 @@ class Search:
             others = [s for s in current if s is not step]
             without = _with(layout, others)
             evidence = self.weigh(without)
-            best = _best(evidence)
-            current = others
-            if best is not None and best.evidence > self._bar(len(others)) and not _rounded(without, best):
-                current.append(FoundEffect(without, evidence, best, self.offer.effects[best.name]))
+            best = self._next(without, evidence, len(others))
+            current = others if best is None else [*others, best]
         return tuple(sorted(current, key=lambda s: -s.suspect.evidence))
 
 
@@ -156,7 +183,3 @@ def _with(layout: Layout, steps: Sequence[FoundEffect]) -> Layout:
 def _rounded(layout: Layout, suspect: Suspect) -> bool:
     """Whether the steps of thermometer or output may cause what the suspect explains."""
     return layout.resolution.hides(layout.beyond(suspect.contribution))
-
-
-def _best(evidence: Evidence) -> Suspect | None:
-    return next((s for s in evidence.suspects if s.excited), None)
