@@ -14,16 +14,17 @@ const VERDICTS = () => ({
 });
 
 /** Evidence as a bar with a mark at the threshold. */
-function Evidence({ value, threshold, most }) {
+function Evidence({ value, threshold, most, found }) {
   const share = (x) => `${Math.max(0, Math.min(100, (100 * x) / most))}%`;
   const beyond = value > threshold;
+  const word = beyond ? "workbench.suspect.beyond" : found ? "workbench.suspect.borne" : "workbench.suspect.chance";
   return html`<div class="wb-evidence">
     <div class="wb-bar" aria-hidden="true">
       <span class=${beyond ? "wb-fill" : "wb-fill wb-faint"} style=${{ width: share(value) }}></span>
       <span class="wb-threshold" style=${{ left: share(threshold) }}></span>
     </div>
     <span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(value) })},${" "}
-      ${beyond ? t("workbench.suspect.beyond", { threshold: number(threshold, 2) }) : t("workbench.suspect.chance", { threshold: number(threshold, 2) })}</span>
+      ${t(word, { threshold: number(threshold, 2) })}</span>
   </div>`;
 }
 
@@ -57,7 +58,7 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
       <button type="button" class=${first ? "primary narrow" : "narrow"} disabled=${busy} onClick=${() => onAdd(suspect)}
         aria-label=${t("workbench.suspect.add_named", { effect: name })}>${t("workbench.suspect.add")}</button>
     </div>
-    <${Evidence} value=${suspect.evidence} threshold=${found.threshold} most=${most} />
+    <${Evidence} value=${suspect.evidence} threshold=${found.threshold} most=${most} found=${suspect.found} />
     ${whole && html`<${Gain} suspect=${suspect} />
       <${Parameters} parameters=${suspect.parameters} />
       ${suspect.summary && html`<p class="wb-soft" lang="en">${suspect.summary}</p>`}`}
