@@ -40,6 +40,11 @@ class DescribedFormula:
     """What is left of each run (n,) with it in the model [deg/h]."""
 
     @property
+    def weighed(self) -> str:
+        """Its evidence in words: that of the fitted runs, and that of the check runs."""
+        return f"evidence {self.evidence:.0f}" + (f" and {self.borne:.0f} from the check run" if self.borne else "")
+
+    @property
     def added(self) -> str:
         """What `bench add` takes: the effects that it stands beside, then the formula."""
         return " ".join([*self.beside, f"'{self.expression}'"])
@@ -75,8 +80,7 @@ def sentence(best: DescribedFormula) -> str:
     )
     like = f", {best.like}" if best.like else ""
     beside = f" beside {', '.join(best.beside)}" if best.beside else ""
-    evidence = f"evidence {best.evidence:.0f}" + (f" and {best.borne:.0f} from the check run" if best.borne else "")
-    text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; {evidence})."
+    text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; {best.weighed})."
     text += f" With it {best.proof.words}; add it with bench add {best.added}."
     if best.equivalent:
         text += f" This data cannot tell it from {' or '.join(best.equivalent[:2])}."

@@ -149,7 +149,7 @@ def _with_formula(answer: Diagnosis, formula: DescribedFormula) -> Decision:
     before, after = formula.held_out_before_dph, formula.held_out_rms_dph
     pays = after < before * (1.0 - PAYS)
     beside = f" beside {', '.join(formula.beside)}" if formula.beside else ""
-    text = f"formula {formula.formula}{beside} {'added' if pays else 'refused'}: evidence {formula.evidence:.0f}, "
+    text = f"formula {formula.formula}{beside} {'added' if pays else 'refused'}: {formula.weighed}, "
     text += _fall(answer, before, after)
     model = formula.model if pays else answer.model
     return Decision("added" if pays else "refused", "expression", model, before, after, text, answer, formula.formula)

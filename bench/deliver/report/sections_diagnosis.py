@@ -121,13 +121,16 @@ def _formulas(data: Dataset, answer: Diagnosis) -> Markup:
     best = answer.formulas[0]
     head = ("formula", "what it is", "evidence", "held-out before → after [deg/h]", "acts [°C]", "as good")
     rows = [
-        Row((wide(one.formula), wide("; ".join(filter(None, (one.words, one.like, one.caution)))), number(one.evidence),
+        Row((wide(one.formula), wide("; ".join(filter(None, (one.words, one.like, one.caution)))),
+             number(one.evidence) + (f" + {number(one.borne)}" if one.borne else ""),
              f"{number(one.held_out_before_dph)} → {number(one.held_out_rms_dph)}",
              f"{number(one.acts[0])} to {number(one.acts[1])}", wide("; ".join(one.equivalent) or "–")),
             "best" if one is best else "")
         for one in answer.formulas
     ]  # fmt: skip
     caption = "Formulas of measured channels, best first; the evidence also pays for the number of formulas tried."
+    if best.borne:
+        caption += " After the +: what the check run adds to it."
     parts = heading("A formula for what the catalogue does not hold") + table(caption, head, rows, (2, 3))
     if best.residuals and best.contribution:
         x = figures_diagnosis.coordinate(data, best.model.effects[-1])

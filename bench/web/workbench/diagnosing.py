@@ -115,6 +115,8 @@ def why(found: Diagnosis, suspect: SuspectedEffect) -> str:
     """The evidence for a suspect as text."""
     threshold = number(found.threshold, 2)
     beyond = "significant" if suspect.evidence > found.threshold else "not significant"
+    if suspect.found and suspect.evidence <= found.threshold:
+        beyond = "significant with the check run"
     parts = [f"Evidence {number(suspect.evidence)}, {beyond} (threshold {threshold})"]
     if suspect.scored:
         before, after = number(suspect.held_out_before_dph), number(suspect.held_out_rms_dph)
