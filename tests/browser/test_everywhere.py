@@ -198,6 +198,17 @@ def test_who_must_sign_in_is_asked_for_a_token(tmp_path, visitors):
         page.context.close()
 
 
+@pytest.mark.parametrize("address", ["/nowhere/at/all", "/units/%zz"])
+def test_an_address_that_does_not_exist_is_said_with_a_way_on(bench, visitors, address):
+    page = visitors.come(bench.site.address)
+    visitors.of(page).forgives = re.compile("status of 404")
+    page.goto(address)
+    page.get_by_role("heading", name="Page not found").wait_for()
+    assert axe(page) == []
+    page.get_by_role("main").get_by_role("link", name="Start").click()
+    page.locator("#serial").wait_for()
+
+
 def test_a_request_to_another_machine_would_be_noticed(bench, visitors):
     page = visitors.come(bench.site.address)
     page.goto("/")

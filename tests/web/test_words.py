@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from bench.acquisition import IMPORTED
 from bench.commands import load_station
 from tests.support.page_modules import SOURCE, told
 
@@ -157,6 +158,17 @@ def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:
     known = catalogue("en")
     wanted = [f"verdict.{word}{part}" for word in words for part in ("", ".sentence", ".next")]
     assert [key for key in wanted if key not in known] == []
+
+
+def test_every_channel_that_a_table_may_have_is_named_in_the_readers_language() -> None:
+    script = """
+    globalThis.document = { documentElement: {} };
+    await page.speak("zh");
+    console.log(JSON.stringify(given.map(page.channelWord)));
+    """
+    names = told("lib/words.js", script, list(IMPORTED))
+    assert [name for name in names if not re.search("[\u4e00-\u9fff]", name)] == []
+    assert len(set(names)) == len(IMPORTED)
 
 
 def test_every_guard_that_all_runs_have_is_named_in_the_readers_language() -> None:

@@ -210,7 +210,12 @@ def test_runs_of_two_units_are_compared_but_not_fitted_together(client: httpx.Cl
     both = ended(client, "/analyses", {"runs": [RUN, OTHER], "models": [SPLINE]})
     assert "different units" in both["detail"]
     drawn = done(client, "/figures", {"kind": "temperature", "runs": [RUN, OTHER]})
-    assert {RUN, OTHER} <= {trace["name"] for trace in drawn["figure"]["data"]}
+    means = {
+        trace["name"]: np.nanmean(np.array(trace["y"], dtype=float))
+        for trace in drawn["figure"]["data"]
+        if trace["name"] in {RUN, OTHER}
+    }
+    assert means == {RUN: pytest.approx(0.0, abs=0.1), OTHER: pytest.approx(0.0, abs=0.1)}  # on one zero
     found = done(client, "/differences", {"a": RUN, "b": OTHER})
     assert (found["a"]["run"], found["b"]["run"]) == (RUN, OTHER)
 
@@ -375,6 +380,13 @@ def test_a_model_in_the_address_that_cannot_be_read_is_said_and_not_used(model: 
     console.log(JSON.stringify([wrong, steps[0].model.name]));
     """
     assert told("pages/workbench/state.js", script, model) == [True, "spline"]
+
+
+def test_a_decimal_comma_is_understood_and_what_is_no_number_stays_what_it_is() -> None:
+    given = ["2,5", "-0.5", "−1,5e2", "auto", "[1, 2]", "1,2,3", "true"]
+    script = "console.log(JSON.stringify(given.map(page.typed)))"
+    wanted = [2.5, -0.5, -150, "auto", [1, 2], "1,2,3", True]
+    assert told("pages/workbench/typed.js", script, given) == wanted
 
 
 def test_the_residual_before_is_drawn_pale_behind_the_new_one() -> None:

@@ -1,5 +1,5 @@
 // What a diagnosis says, in the reader's language, made of its numbers.
-import { or, t } from "../../lib/words.js";
+import { channelWord, or, t } from "../../lib/words.js";
 import { effectWord } from "./effects.js";
 import { measured, number } from "./parts.js";
 import { labelled, symbols } from "./spoken.js";
@@ -8,7 +8,7 @@ import { labelled, symbols } from "./spoken.js";
 export const parameterWord = (name) => or(`workbench.parameter.${name}`, name.replaceAll("_", " "));
 
 /** Name of a quantity that something is drawn or fails over. */
-export const quantity = (name) => (name === "dT_dt" ? "dT/dt" : or(`import.channel.${name}`, labelled(name.replaceAll("_", " "))));
+export const quantity = (name) => (name === "dT_dt" ? "dT/dt" : labelled(channelWord(name)));
 
 const named = ({ effect, parameters }) => {
   const values = Object.entries(parameters ?? {}).map(([name, value]) => `${parameterWord(name)} ${measured(value)}`);
