@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ import pytest
 from bench.analysis import load_model
 from bench.analysis.diagnosis.experiment import Proposal
 from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
-from bench.base import number
+from bench.base import number, user_name
+from bench.record import NotesRecord, prove
 from bench.record.dataset import load
 from bench.web.ground.settings import Settings
 from bench.web.people.access import Access
@@ -137,7 +139,7 @@ def test_a_residual_over_what_the_run_does_not_have_is_refused_with_what_there_i
 
 
 @pytest.mark.parametrize("kind", ["time", "temperature", "loop", "axes"])
-def test_the_residual_in_a_figure_can_be_told_from_all_else(client: httpx.Client, kind: str) -> None:
+def test_the_residual_in_a_figure_can_be_keptfrom_all_else(client: httpx.Client, kind: str) -> None:
     made = done(client, "/figures", {"kind": kind, "runs": [RUN], "model": SPLINE})["figure"]
     left = [trace for trace in made["data"] if trace.get("meta") == "residual"]
     assert left
@@ -307,8 +309,35 @@ def test_viewers_look_and_engineers_compute(store: Path, monkeypatch: pytest.Mon
             ("/diagnoses", {"runs": [RUN], "model": SPLINE}),
             ("/models", {"name": "x", "model": SPLINE}),
             ("/differences", {"a": RUN, "b": OTHER}),
+            (f"/runs/{RUN}/notes", {"text": "x"}),
         ):
             assert client.post(f"{API}{path}", json=body).status_code == 403
+        saved = f"{API}/runs/{RUN}/views/x"
+        assert client.put(saved, json={"address": "?run=a"}).status_code == client.delete(saved).status_code == 403
+        assert client.get(f"{API}/runs/{RUN}/notes").json()["notes"] == []
+
+
+def test_notes_and_views_stay_with_the_run_whoever_writes_at_the_same_time(client: httpx.Client, store: Path) -> None:
+    place = f"{API}/runs/{OTHER}"
+    texts = [f"note {number}" for number in range(12)]
+    with ThreadPoolExecutor(6) as people:
+        answers = list(people.map(lambda text: client.post(f"{place}/notes", json={"text": text}), texts))
+    assert {answer.status_code for answer in answers} == {201}
+    for address in ("?run=a&figure=map", "?run=a&figure=loop"):
+        client.put(f"{place}/views/до ремонту", json={"address": address}).raise_for_status()
+    client.put(f"{place}/views/second", json={"address": "?run=b"}).raise_for_status()
+    client.delete(f"{place}/views/second").raise_for_status()
+    kept = client.get(f"{place}/notes").json()
+    assert sorted(note["text"] for note in kept["notes"]) == sorted(texts)
+    assert {note["who"] for note in kept["notes"]} == {user_name()}
+    assert [(view["name"], view["address"]) for view in kept["views"]] == [("до ремонту", "?run=a&figure=loop")]
+    prove(store / OTHER)
+    assert NotesRecord.read(store / OTHER).content() == kept
+
+
+@pytest.mark.parametrize("address", ["//evil.example/", "?a b", "javascript:alert(1)", "?" + "a" * 8000])
+def test_a_view_is_a_state_of_the_workbench_and_nothing_else(client: httpx.Client, address: str) -> None:
+    assert client.put(f"{API}/runs/{OTHER}/views/x", json={"address": address}).status_code == 422
 
 
 def test_a_view_keeps_gaps_and_extremes(tmp_path: Path) -> None:
