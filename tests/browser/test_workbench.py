@@ -208,7 +208,8 @@ def test_a_note_and_a_view_are_kept_with_the_run_and_opened_again(page):
     page.get_by_label("Save this view as").fill("the loop")
     page.keyboard.press("Enter")
     page.get_by_role("link", name="the loop").wait_for()
-    picture(page, "workbench-notes", full_page=True)
+    page.locator(".wb-plot .main-svg").first.wait_for()
+    picture(page, "workbench-notes")
     assert Axe().run(page).response["violations"] == []
     page.goto("/workbench")
     choose(page)

@@ -13,9 +13,10 @@ import httpx
 import numpy as np
 import pytest
 
-from bench.analysis import load_model
+from bench.analysis import DescribedFormula, load_model, model_from
 from bench.analysis.diagnosis.experiment import Proposal
 from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
+from bench.analysis.diagnosis.proof import Proof
 from bench.base import number, user_name
 from bench.record import NotesRecord, prove
 from bench.record.dataset import load
@@ -76,7 +77,7 @@ def test_the_hidden_effect_is_found_added_and_taken_back(client: httpx.Client, s
     assert suspect["effect"] in {"hysteresis", "creep"}
     assert suspect["partial"]["figure"]["data"]
     assert suspect["why"].startswith("Evidence")
-    longer = {"name": "better", "effects": [*SPLINE["effects"], suspect["add"]]}
+    longer = {"name": "better", "effects": [*SPLINE["effects"], *suspect["add"]]}
     after = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE, longer]})
     for error in ("rms_dph", "held_out_rms_dph"):
         assert after["rungs"][1][error] < 0.7 * after["rungs"][0][error]
@@ -371,7 +372,7 @@ console.log(JSON.stringify({ texts, state, link }));
 def test_the_address_holds_runs_model_and_what_is_shown() -> None:
     actions = [
         {"type": "choose", "runs": [{"run": RUN, "role": "fit"}, {"run": OTHER, "role": "check"}]},
-        {"type": "add", "effect": {"effect": "expression", "formula": "k * dT_dt + a & b"}},
+        {"type": "add", "effects": [{"effect": "expression", "formula": "k * dT_dt + a & b"}]},
         {"type": "view", "view": {"figure": "axes", "over": "quadrature"}},
         {"type": "zoom", "zoom": "0.01,0.02"},
     ]
@@ -386,7 +387,7 @@ def test_the_address_holds_runs_model_and_what_is_shown() -> None:
 
 
 def test_steps_are_taken_back_and_made_again_until_another_is_made() -> None:
-    added = [{"type": "add", "effect": {"effect": name}} for name in ("aging", "creep")]
+    added = [{"type": "add", "effects": [{"effect": name}]} for name in ("aging", "creep")]
     back, again = {"type": "undo"}, {"type": "redo"}
     script = """
     const names = given.map((actions) => {
@@ -398,6 +399,24 @@ def test_steps_are_taken_back_and_made_again_until_another_is_made() -> None:
     assert told("pages/workbench/state.js", script, [
         [*added, back], [*added, back, back, back], [*added, back, again, again], [*added, back, back, added[1], again],
     ]) == [["spline aging", 3], ["spline", 3], ["spline aging creep", 3], ["spline creep", 2]]  # fmt: skip
+
+
+def test_a_formula_is_added_with_the_effects_that_it_stands_beside_in_one_step(store: Path) -> None:
+    model = model_from({"name": "m", "effects": [{"polynomial": {"order": 2}}]})
+    after = model_from({"name": "m", "effects": [
+        {"polynomial": {"order": 2}}, "aging", {"expression": {"formula": "k * dT_dt"}},
+    ]})  # fmt: skip
+    formula = DescribedFormula("k*dT_dt", "k * dT_dt", "", "", 9.0, 0.0, 2.0, 1.0, Proof(), 1.0, (), (0.0, 1.0), "", (),
+                               ("aging",), after)  # fmt: skip
+    added = diagnosing.drawn(load(store / RUN), model, formula)["add"]
+    assert [effect["effect"] for effect in added] == ["aging", "expression"]
+    script = """
+    const { steps, at } = page.change(page.stateOf(""), { type: "add", effects: given });
+    console.log(JSON.stringify([at, steps[at].model.effects.map(({ effect }) => effect), steps[at].model.name]));
+    """
+    assert told("pages/workbench/state.js", script, added) == [
+        1, ["spline", "aging", "expression"], "spline + aging + expression",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

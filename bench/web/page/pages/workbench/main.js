@@ -102,8 +102,8 @@ function Bench({ session }) {
   const floor = (analysis.result ?? analysis.stale)?.floor_dph ?? null;
   const picked = pictureOf(diagnosis.result, session.picture);
   const [standing, pictures] = [useRef(null), useRef(null)];
-  const add = (suspect) => {
-    act({ type: "add", effect: suspect.add ?? { effect: suspect.effect, ...suspect.options } });
+  const add = (found) => {
+    act({ type: "add", effects: found.add });
     show(standing);
   };
   const pick = (picture) => {

@@ -56,6 +56,27 @@ function unknown(found) {
   ];
 }
 
+/** What is told apart by a proposed run: effects, formulas or kinds of causes. */
+export const rival = (name) => or(`workbench.cause.${name}`, effectWord(name));
+
+const percent = (share) => String(Math.round(100 * share));
+
+/** Why a run is proposed; `next` is the `next_experiment` of a diagnosis. */
+export function reasons(next) {
+  if (next.use === "by_hand") {
+    const what = next.channels.map((name) => or(`workbench.excite.${name}`, t("workbench.why.move", { channel: quantity(name) })));
+    return [t("workbench.why.by_hand", { channels: next.channels.map(quantity).join(", "), what: what.join("; ") })];
+  }
+  if (next.use !== "run") return [t(`workbench.why.${next.use}`)];
+  if (next.predicted_before === null) return [t("workbench.why.thermal")];
+  const after = percent(next.probability_after_repeats);
+  return [
+    ...(next.decides ? [t(`workbench.why.${next.name.match(/loops|steps|cycle|soaks/)[0]}`)] : []),
+    t("workbench.why.gap", { before: number(next.predicted_before, 2), after: number(next.predicted_after, 2) }),
+    ...(next.decides ? (after === percent(next.probability_after) ? [] : [t("workbench.why.again", { percent: after })]) : [t("workbench.why.hopeless", { percent: after })]),
+  ];
+}
+
 /** Sentences about `found`, the content of `bench diagnose`; the first is the one that matters most. */
 export function sentences(found) {
   const sizes = { rms: number(found.rms_dph), floor: number(found.floor_dph) };

@@ -4,7 +4,6 @@ import { effectWord } from "./effects.js";
 import { START_MODEL } from "./first.js";
 
 export const ROLES = ["fit", "check", "static", "sister"];
-const label = (effect) => `+ ${effectWord(effect.effect)}`;
 
 /** The state after an action. */
 export function change(state, action) {
@@ -31,7 +30,8 @@ export function change(state, action) {
       return grown({ ...model, effects: model.effects.map((one, i) => (i === action.index ? { ...one, [action.option]: action.value } : one)) },
         `${effectWord(model.effects[action.index].effect)} ${action.option} ${action.value}`);
     case "add":
-      return grown({ ...model, name: `${model.name} + ${action.effect.effect}`, effects: [...model.effects, action.effect] }, label(action.effect));
+      return grown({ ...model, name: [model.name, ...action.effects.map(({ effect }) => effect)].join(" + "), effects: [...model.effects, ...action.effects] },
+        action.effects.map(({ effect }) => `+ ${effectWord(effect)}`).join(" "));
     case "remove": {
       const left = model.effects.filter((_, i) => i !== action.index);
       const gone = model.effects[action.index];
