@@ -181,9 +181,7 @@ def spoken(module: str, call: str, given: Any, language: str = "zh") -> Any:
 
 
 def test_every_effect_that_may_be_missing_is_explained_in_the_readers_language() -> None:
-    summaries = {
-        f"workbench.summary.{one.name}": one.summary for one in library_of_effects() if one.suspect
-    }
+    summaries = {f"workbench.summary.{one.name}": one.summary for one in library_of_effects() if one.suspect}
     english = catalogue("en")
     assert {key: text for key, text in english.items() if key.startswith("workbench.summary.")} == summaries
 
@@ -225,6 +223,7 @@ def test_what_a_step_of_a_calibration_found_is_said_in_the_readers_language() ->
     steps = [{"name": name, "state": "done", "facts": own, "verdict": "PASS"} for name, own in facts.items()]
     steps += [
         {"name": "fit", "state": "done", "facts": {"findings": []}},
+        {"name": "verify", "state": "done", "facts": {"rms_dph": 0.2, "over_floor": None}, "verdict": "PASS"},
         {"name": "verify", "state": "done", "facts": {"worst": "z", "over_floor": 2.0}, "verdict": "PASS"},
     ]
     for text in spoken("pages/calibrations/words.js", "said", steps):

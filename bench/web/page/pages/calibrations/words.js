@@ -33,8 +33,10 @@ const SAID = {
     : t("step.said.fit", { verdict: t(`units.word.${limits}`), model, rms: dph(held_out_rms_dph) })),
   diagnose: ({ doubts }) => (doubts.length ? t("step.said.doubts", { doubts: doubts.map(({ kind }) => or(`step.doubt.${kind}`, or(`units.word.${kind}`, kind))).join(", ") }) : t("step.said.diagnose")),
   flash: ({ calibration_id }) => t("step.said.flash", { id: calibration_id }),
-  verify: ({ worst, rms_dph, over_floor }, verdict) => (worst ? t("step.said.verify_imu", { verdict, axis: worst, ratio: number(over_floor, 2) })
-    : t("step.said.verify", { verdict, rms: dph(rms_dph), ratio: number(over_floor, 2) })),
+  verify: ({ worst, rms_dph, over_floor }, verdict) => [
+    worst ? t("step.said.verify_imu", { verdict, axis: worst }) : t("step.said.verify", { verdict, rms: dph(rms_dph) }),
+    ...(over_floor === null ? [] : [t("workbench.ladder.times_floor", { ratio: number(over_floor, 2) })]),
+  ].join(", "),
   certificate: ({ number: own }, verdict) => `${own}${verdict && `: ${verdict}`}`,
 };
 
