@@ -156,6 +156,15 @@ def test_a_zoom_by_keyboard_fetches_finer_data(page):
         page.locator(".wb-plot").focus()
         page.keyboard.press("+")
     finer.wait_for()
+    page.get_by_role("tab", name="Loop").click()
+    only = page.locator(".wb-pictures .wb-chip", has_text="Only")
+    only.wait_for()
+    assert "zoom=h" in page.url
+    page.reload()
+    only.wait_for()
+    page.get_by_role("tab", name="Over time").click()
+    finer.wait_for()
+    page.locator(".wb-plot").focus()
     page.keyboard.press("0")
     words.filter(has_text="from 0.00 h").wait_for()
 

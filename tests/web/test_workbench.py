@@ -132,6 +132,17 @@ def test_a_residual_is_drawn_over_whatever_the_run_has(client: httpx.Client, ove
     assert "rate" not in made["axes"]
 
 
+def test_residuals_of_all_runs_lie_over_each_other_and_a_selected_time_holds_for_every_axis(
+    client: httpx.Client,
+) -> None:
+    body = {"kind": "axes", "runs": [RUN], "check": [OTHER], "over": "dT_dt", "every": True}
+    for model in (SPLINE, None):
+        drawn = done(client, "/figures", {**body, "model": model})
+        assert [trace["name"] for trace in drawn["figure"]["data"] if trace["mode"] == "lines+markers"] == [RUN, OTHER]
+    some = done(client, "/figures", {"kind": "axes", "runs": [RUN], "over": "temperature", "from_s": 0, "to_s": 3000})
+    assert max(row[0] for row in some["csv"][1:]) <= 3000
+
+
 def test_a_residual_over_what_the_run_does_not_have_is_refused_with_what_there_is(client: httpx.Client) -> None:
     answer = ended(client, "/figures", {"kind": "axes", "runs": [RUN], "model": SPLINE, "over": "quadratur"})
     assert answer["state"] == "failed"
@@ -374,7 +385,7 @@ def test_the_address_holds_runs_model_and_what_is_shown() -> None:
         {"type": "choose", "runs": [{"run": RUN, "role": "fit"}, {"run": OTHER, "role": "check"}]},
         {"type": "add", "effects": [{"effect": "expression", "formula": "k * dT_dt + a & b"}]},
         {"type": "view", "view": {"figure": "axes", "over": "quadrature"}},
-        {"type": "zoom", "zoom": "0.01,0.02"},
+        {"type": "zoom", "zoom": "h:0.01,0.02"},
     ]
     found = told("pages/workbench/state.js", ADDRESS, {"actions": actions})
     state, link = found["state"], found["link"]
@@ -491,7 +502,7 @@ def test_figures_and_captions_are_in_the_language_of_the_page(client: httpx.Clie
         {"kind": kind, "runs": [RUN], "model": model}
         for kind in ("time", "temperature", "map", "loop", "axes", "allan", "channels") for model in (SPLINE, None)
     ]  # fmt: skip
-    wanted = [*kinds, *({**kinds[8], "over": over} for over in ("time", "dT_dt", "drive"))]
+    wanted = [*kinds, *({**kinds[8], "over": over} for over in ("time", "dT_dt", "drive")), {**kinds[8], "every": True}]
     found = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE})
     pictures = [*found["figures"].values(), *(one["partial"] for one in found["suspects"] if one["partial"])]
     answers = [*(done(client, "/figures", body) for body in wanted), *pictures]

@@ -42,7 +42,7 @@ export function change(state, action) {
     case "redo":
       return { ...state, at: Math.min(steps.length - 1, at + 1), picture: "" };
     case "view":
-      return { ...state, zoom: "", picture: "", ...action.view };
+      return { ...state, picture: "", ...action.view };
     case "zoom":
       return { ...state, zoom: action.zoom };
     default:
@@ -52,7 +52,7 @@ export function change(state, action) {
 
 /** Parameters of the address by role of a run. */
 const PARAMETERS = { fit: "run", check: "check", static: "static", sister: "sister" };
-/** What is shown, by parameter of the address, and its default: figure, its run, its abscissa, residual in the loop, picture of a suspect, range of x. */
+/** What is shown, by parameter of the address, and its default: figure, its run, its abscissa, residual in the loop, picture of a suspect, selected range of time or temperature. */
 const VIEW = { figure: "time", of: "", over: "temperature", left: "", picture: "", zoom: "" };
 /** Whether two models are the same. */
 export const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
