@@ -209,6 +209,19 @@ def test_an_address_that_does_not_exist_is_said_with_a_way_on(bench, visitors, a
     page.locator("#serial").wait_for()
 
 
+def test_a_run_that_was_cut_off_has_no_verdict_but_a_sentence_and_a_way_on(bench, runs, visitors):
+    cut = "CUT-1/20261101T000000Z_ramp"
+    (runs[0] / cut / "journal").mkdir(parents=True)
+    page = visitors.come(bench.site.address)
+    visitors.of(page).forgives = re.compile("status of 409")
+    page.goto(f"/verdict/{cut}")
+    page.get_by_text("was cut off before its end").wait_for()
+    assert str(runs[0]) not in page.content(), "no path of the server"
+    assert axe(page) == []
+    page.get_by_role("link", name="Deliver and check").click()
+    page.get_by_role("heading", name="CUT-1").wait_for()
+
+
 def test_a_request_to_another_machine_would_be_noticed(bench, visitors):
     page = visitors.come(bench.site.address)
     page.goto("/")
