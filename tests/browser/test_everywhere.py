@@ -18,7 +18,7 @@ from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.fleet_runs import line
 from tests.support.servers import serving
 from tests.support.unit_history import UNIT, unit_with_history
-from tests.support.visiting import DESKTOP, TABLET, picture
+from tests.support.visiting import DESKTOP, PHONE, TABLET, picture
 
 WORDS = Path(__file__).parents[2] / "bench" / "web" / "page" / "words"
 SEED = 7  # hides `aging`
@@ -140,7 +140,7 @@ def untranslated(said, language):
 
 
 @pytest.mark.parametrize("place", PLACES, ids=lambda place: place.name)
-def test_everybody_can_use_the_page_by_day_at_night_and_on_a_tablet(bench, names, visitors, place):
+def test_everybody_can_use_the_page_by_day_at_night_on_a_tablet_and_on_a_telephone(bench, names, visitors, place):
     page = visitors.come(bench.site.address)
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
@@ -150,9 +150,10 @@ def test_everybody_can_use_the_page_by_day_at_night_and_on_a_tablet(bench, names
             picture(page, f"{place.name}-{scheme}" if scheme == "dark" else place.name)
         assert axe(page) == []
     assert untranslated(page.evaluate(SAID), "en") == []
-    page.set_viewport_size(TABLET)
-    page.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")  # nothing to scroll sideways
-    picture(page, f"{place.name}-tablet")
+    for size, name in ((TABLET, "tablet"), (PHONE, "phone")):
+        page.set_viewport_size(size)
+        page.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")  # nothing sideways
+        picture(page, f"{place.name}-{name}")
 
 
 @pytest.mark.parametrize("language", ["uk", "zh"])
