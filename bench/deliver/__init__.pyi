@@ -65,6 +65,7 @@ from .report.figures_workbench import difference as difference
 from .report.figures_workbench import measured_figure as measured_figure
 from .report.figures_workbench import over_axis as over_axis
 from .report.figures_workbench import over_temperature as over_temperature
+from .report.figures_workbench import overlaid as overlaid
 from .report.figures_workbench import residuals_figure as residuals_figure
 from .report.figures_workbench import side_by_side as side_by_side
 from .report.figures_workbench import zeros_of as zeros_of

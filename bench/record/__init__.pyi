@@ -105,6 +105,9 @@ from .records.manifest import Orientation as Orientation
 from .records.manifest import RunPart as RunPart
 from .records.manifest import UnitClock as UnitClock
 from .records.manifest import UnitIdentity as UnitIdentity
+from .records.notes import Note as Note
+from .records.notes import NotesRecord as NotesRecord
+from .records.notes import View as View
 from .records.start import StartRecord as StartRecord
 from .records.stored import Record as Record
 from .records.stored import Stored as Stored

@@ -18,7 +18,7 @@ from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.fleet_runs import line
 from tests.support.servers import serving
 from tests.support.unit_history import UNIT, unit_with_history
-from tests.support.visiting import DESKTOP, TABLET, picture
+from tests.support.visiting import DESKTOP, PHONE, TABLET, picture
 
 WORDS = Path(__file__).parents[2] / "bench" / "web" / "page" / "words"
 SEED = 7  # hides `aging`
@@ -140,7 +140,7 @@ def untranslated(said, language):
 
 
 @pytest.mark.parametrize("place", PLACES, ids=lambda place: place.name)
-def test_everybody_can_use_the_page_by_day_at_night_and_on_a_tablet(bench, names, visitors, place):
+def test_everybody_can_use_the_page_by_day_at_night_on_a_tablet_and_on_a_telephone(bench, names, visitors, place):
     page = visitors.come(bench.site.address)
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
@@ -150,9 +150,10 @@ def test_everybody_can_use_the_page_by_day_at_night_and_on_a_tablet(bench, names
             picture(page, f"{place.name}-{scheme}" if scheme == "dark" else place.name)
         assert axe(page) == []
     assert untranslated(page.evaluate(SAID), "en") == []
-    page.set_viewport_size(TABLET)
-    page.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")  # nothing to scroll sideways
-    picture(page, f"{place.name}-tablet")
+    for size, name in ((TABLET, "tablet"), (PHONE, "phone")):
+        page.set_viewport_size(size)
+        page.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")  # nothing sideways
+        picture(page, f"{place.name}-{name}")
 
 
 @pytest.mark.parametrize("language", ["uk", "zh"])
@@ -196,6 +197,30 @@ def test_who_must_sign_in_is_asked_for_a_token(tmp_path, visitors):
         page.get_by_role("button", name="Leave the screen").click()
         page.get_by_role("link", name="Start").wait_for(state="detached")
         page.context.close()
+
+
+@pytest.mark.parametrize("address", ["/nowhere/at/all", "/units/%zz"])
+def test_an_address_that_does_not_exist_is_said_with_a_way_on(bench, visitors, address):
+    page = visitors.come(bench.site.address)
+    visitors.of(page).forgives = re.compile("status of 404")
+    page.goto(address)
+    page.get_by_role("heading", name="Page not found").wait_for()
+    assert axe(page) == []
+    page.get_by_role("main").get_by_role("link", name="Start").click()
+    page.locator("#serial").wait_for()
+
+
+def test_a_run_that_was_cut_off_has_no_verdict_but_a_sentence_and_a_way_on(bench, runs, visitors):
+    cut = "CUT-1/20261101T000000Z_ramp"
+    (runs[0] / cut / "journal").mkdir(parents=True)
+    page = visitors.come(bench.site.address)
+    visitors.of(page).forgives = re.compile("status of 409")
+    page.goto(f"/verdict/{cut}")
+    page.get_by_text("was cut off before its end").wait_for()
+    assert str(runs[0]) not in page.content(), "no path of the server"
+    assert axe(page) == []
+    page.get_by_role("link", name="Deliver and check").click()
+    page.get_by_role("heading", name="CUT-1").wait_for()
 
 
 def test_a_request_to_another_machine_would_be_noticed(bench, visitors):

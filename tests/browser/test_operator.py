@@ -226,6 +226,9 @@ def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors)
     visitors.may_lose_the_server(page)
     bench.site.end()
     page.get_by_text("the data shown is old").wait_for()
+    page.get_by_role("button", name="Abort …").click()
+    page.get_by_role("button", name="Abort the run").click()
+    page.get_by_text("Go to the chamber now").wait_for()
     journal = bench.out / run / "journal" / "bench.gtbj"
     size = journal.stat().st_size
     until(lambda: journal.stat().st_size > size + 20_000)  # the run does not care

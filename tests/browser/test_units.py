@@ -114,8 +114,10 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     page.goto("/import")
     page.locator("input[type=file]").set_input_files(str(table(tmp_path / "лог 7.csv")))
     page.get_by_text("does not say its unit").wait_for()
-    assert page.get_by_label("Column of: Rate").input_value() == "gx", "what is clear is chosen already"
-    unit = page.get_by_label("Unit of: Rate")
+    assert page.get_by_label("Column of: Rate (gyro output)", exact=True).input_value() == "gx", (
+        "what is clear is chosen already"
+    )
+    unit = page.get_by_label("Unit of: Rate (gyro output)", exact=True)
     unit.fill("deg/s")
     unit.press("Tab")
     page.get_by_text("Everything that is needed was recognised").wait_for()

@@ -7,11 +7,13 @@ import json
 import re
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 
 from bench.base import library
 from bench.mystery.mystery import make_mystery
 from tests.support.run_folders import keep
 from tests.support.servers import site_over
+from tests.support.visiting import picture
 
 SEED = 7  # hides `aging`
 MANY = 300
@@ -154,6 +156,15 @@ def test_a_zoom_by_keyboard_fetches_finer_data(page):
         page.locator(".wb-plot").focus()
         page.keyboard.press("+")
     finer.wait_for()
+    page.get_by_role("tab", name="Loop").click()
+    only = page.locator(".wb-pictures .wb-chip", has_text="Only")
+    only.wait_for()
+    assert "zoom=h" in page.url
+    page.reload()
+    only.wait_for()
+    page.get_by_role("tab", name="Over time").click()
+    finer.wait_for()
+    page.locator(".wb-plot").focus()
     page.keyboard.press("0")
     words.filter(has_text="from 0.00 h").wait_for()
 
@@ -195,6 +206,26 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     page.get_by_role("textbox", name=re.compile("formula", re.IGNORECASE)).first.wait_for()
     values = [box.input_value() for box in page.locator(".wb-effects input.wb-code").all()]
     assert any("k * time" in value for value in values), values
+
+
+def test_a_note_and_a_view_are_kept_with_the_run_and_opened_again(page):
+    choose(page)
+    page.get_by_role("tab", name="Loop").click()
+    page.get_by_label("Note", exact=True).fill("Cable touched at 3 h")
+    page.get_by_role("button", name="Add", exact=True).and_(page.locator(".wb-notes button")).click()
+    page.locator(".wb-notes .wb-note", has_text="Cable touched").wait_for()
+    page.get_by_label("Save this view as").fill("the loop")
+    page.keyboard.press("Enter")
+    page.get_by_role("link", name="the loop").wait_for()
+    page.locator(".wb-plot .main-svg").first.wait_for()
+    picture(page, "workbench-notes")
+    assert Axe().run(page).response["violations"] == []
+    page.goto("/workbench")
+    choose(page)
+    page.get_by_role("link", name="the loop").click()
+    assert page.get_by_role("tab", name="Loop").get_attribute("aria-selected") == "true"
+    page.get_by_role("button", name="Remove the view the loop").click()
+    page.get_by_role("link", name="the loop").wait_for(state="detached")
 
 
 def test_two_runs_are_compared(page):

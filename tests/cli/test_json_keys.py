@@ -41,7 +41,7 @@ segments:
 """
 REPORT = """run verdict sentence complete model rms_dph held_out_rms_dph held_out_by floor_dph bias_span_dph
     uncompensated_rms_dph samples missing_samples losses left_out admissible gaps warnings diagnosis report state
-    registry"""
+    notes views registry"""
 COMPARE = "runs check floor_dph interval_s models refused"
 DIAGNOSE = """verdict proved nearest sentence runs check static sisters model floor_dph rms_dph held_out_rms_dph
     held_out_by where suspects formulas kernel surface next_experiment unexplained threshold not_excited

@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 PATIENCE_MS = 150_000
-DESKTOP, TABLET = {"width": 1440, "height": 900}, {"width": 820, "height": 1180}
+DESKTOP, TABLET, PHONE = ({"width": w, "height": h} for w, h in ((1440, 900), (820, 1180), (390, 844)))
 PICTURES = os.environ.get("BENCH_SCREENS")
 """Folder for pictures of the pages; nothing is written without it."""
 _COLOURS = 128

@@ -358,6 +358,13 @@ def test_every_address_of_the_page_is_the_page(opened, path):
     assert " style=" not in answer.text
 
 
+def test_an_address_that_nothing_has_is_said_by_the_page_to_people_and_in_json_to_programs(opened):
+    lost = opened.get("/nowhere/at/all")
+    assert (lost.status_code, lost.text) == (404, opened.get("/").text)
+    for path in ("/api/v1/nowhere", "/static/nowhere.js"):
+        assert (opened.get(path).status_code, list(opened.get(path).json())) == (404, ["detail"])
+
+
 # The command
 
 

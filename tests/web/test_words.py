@@ -9,7 +9,12 @@ from typing import Any
 
 import pytest
 
+from bench.acquisition import IMPORTED
+from bench.analysis import catalogue as library_of_effects
+from bench.analysis.diagnosis.plan import ChamberLimits, plans
 from bench.commands import load_station
+from bench.commands.calibration.plan import Policy
+from bench.commands.calibration.steps import STEP_NAMES
 from tests.support.page_modules import SOURCE, told
 
 LANGUAGES = ("en", "uk", "zh")
@@ -157,6 +162,74 @@ def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:
     known = catalogue("en")
     wanted = [f"verdict.{word}{part}" for word in words for part in ("", ".sentence", ".next")]
     assert [key for key in wanted if key not in known] == []
+
+
+def test_every_channel_that_a_table_may_have_is_named_in_the_readers_language() -> None:
+    names = spoken("lib/words.js", "channelWord", list(IMPORTED))
+    assert [name for name in names if not re.search("[\u4e00-\u9fff]", name)] == []
+    assert len(set(names)) == len(IMPORTED)
+
+
+def spoken(module: str, call: str, given: Any, language: str = "zh") -> Any:
+    """What a function of a module gives for each of the given values in a language."""
+    script = f"""
+    globalThis.document = {{ documentElement: {{}} }};
+    await (await import(new URL("{SOURCE.as_uri()}/lib/words.js"))).speak("{language}");
+    console.log(JSON.stringify(given.map(page.{call})));
+    """
+    return told(module, script, given)
+
+
+def test_every_effect_that_may_be_missing_is_explained_in_the_readers_language() -> None:
+    summaries = {f"workbench.summary.{one.name}": one.summary for one in library_of_effects() if one.suspect}
+    english = catalogue("en")
+    assert {key: text for key, text in english.items() if key.startswith("workbench.summary.")} == summaries
+
+
+def test_why_a_run_is_proposed_is_said_in_the_readers_language() -> None:
+    known = {"channels": [], "predicted_before": None, "use": "run", "decides": True, "name": "minor_loops"}
+    designed = {**known, "predicted_before": 2.0, "predicted_after": 60.0, "probability_after": 0.9}
+    names = [plan.name for plan in plans(ChamberLimits(-40.0, 85.0, 3.0, 2.0))]
+    cases = [
+        *({**known, "use": use} for use in ("run", "check", "static")),
+        {**known, "use": "by_hand", "channels": ["supply", "chamber_setpoint"]},
+        *({**designed, "name": name, "probability_after_repeats": 0.99} for name in names),
+        {**designed, "decides": False, "probability_after_repeats": 0.3},
+    ]
+    for sentences in spoken("pages/workbench/sentence.js", "reasons", cases):
+        text = " ".join(sentences).replace("dT/dt", "")
+        assert re.search("[\u4e00-\u9fff]", text)
+        assert not re.search(r"[A-Za-z]{2,}|[{}]", text), text
+    english = spoken("pages/workbench/sentence.js", "reasons", cases[-2:], "en")
+    assert english[0][1:] == [
+        "The expected gap of the two that are hardest to tell apart goes from 2 to 60.",
+        "Diagnose all runs together after it, and again if it does not decide: 99 % after three such runs.",
+    ]
+    assert "No profile within the limits of the chamber can tell them apart" in english[1][1]
+
+
+def test_what_a_step_of_a_calibration_found_is_said_in_the_readers_language() -> None:
+    facts: dict[str, dict[str, Any]] = {
+        "check": {"warnings": ["x"]},
+        "static": {"duration_s": 7200.0},
+        "run": {"rows": 900, "duration_s": 30000.0, "lost": 2},
+        "fit": {"limits": "PASS", "model": "M1", "held_out_rms_dph": 0.123},
+        "diagnose": {"doubts": [{"kind": kind} for kind in Policy.model_fields if kind != "marginal"]},
+        "flash": {"calibration_id": "42"},
+        "verify": {"rms_dph": 0.2, "over_floor": 1.5},
+        "certificate": {"number": "7"},
+    }
+    assert list(facts) == list(STEP_NAMES)
+    steps = [{"name": name, "state": "done", "facts": own, "verdict": "PASS"} for name, own in facts.items()]
+    steps += [
+        {"name": "fit", "state": "done", "facts": {"findings": []}},
+        {"name": "verify", "state": "done", "facts": {"rms_dph": 0.2, "over_floor": None}, "verdict": "PASS"},
+        {"name": "verify", "state": "done", "facts": {"worst": "z", "over_floor": 2.0}, "verdict": "PASS"},
+    ]
+    for text in spoken("pages/calibrations/words.js", "said", steps):
+        assert not re.search(r"[A-Za-z]{2,}|[{}]", text.replace("RMS", "")), text
+    older = [{"name": "run", "state": "done", "facts": {"run": "x"}}, {"name": "run", "state": "failed", "facts": {}}]
+    assert spoken("pages/calibrations/words.js", "said", older) == ["", ""]
 
 
 def test_every_guard_that_all_runs_have_is_named_in_the_readers_language() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ import httpx
 import numpy as np
 import pytest
 
-from bench.analysis import load_model
+from bench.analysis import DescribedFormula, load_model, model_from
 from bench.analysis.diagnosis.experiment import Proposal
 from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
-from bench.base import number
+from bench.analysis.diagnosis.proof import Proof
+from bench.base import number, user_name
+from bench.record import NotesRecord, prove
 from bench.record.dataset import load
 from bench.web.ground.settings import Settings
 from bench.web.people.access import Access
@@ -74,7 +77,7 @@ def test_the_hidden_effect_is_found_added_and_taken_back(client: httpx.Client, s
     assert suspect["effect"] in {"hysteresis", "creep"}
     assert suspect["partial"]["figure"]["data"]
     assert suspect["why"].startswith("Evidence")
-    longer = {"name": "better", "effects": [*SPLINE["effects"], suspect["add"]]}
+    longer = {"name": "better", "effects": [*SPLINE["effects"], *suspect["add"]]}
     after = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE, longer]})
     for error in ("rms_dph", "held_out_rms_dph"):
         assert after["rungs"][1][error] < 0.7 * after["rungs"][0][error]
@@ -129,6 +132,17 @@ def test_a_residual_is_drawn_over_whatever_the_run_has(client: httpx.Client, ove
     assert "rate" not in made["axes"]
 
 
+def test_residuals_of_all_runs_lie_over_each_other_and_a_selected_time_holds_for_every_axis(
+    client: httpx.Client,
+) -> None:
+    body = {"kind": "axes", "runs": [RUN], "check": [OTHER], "over": "dT_dt", "every": True}
+    for model in (SPLINE, None):
+        drawn = done(client, "/figures", {**body, "model": model})
+        assert [trace["name"] for trace in drawn["figure"]["data"] if trace["mode"] == "lines+markers"] == [RUN, OTHER]
+    some = done(client, "/figures", {"kind": "axes", "runs": [RUN], "over": "temperature", "from_s": 0, "to_s": 3000})
+    assert max(row[0] for row in some["csv"][1:]) <= 3000
+
+
 def test_a_residual_over_what_the_run_does_not_have_is_refused_with_what_there_is(client: httpx.Client) -> None:
     answer = ended(client, "/figures", {"kind": "axes", "runs": [RUN], "model": SPLINE, "over": "quadratur"})
     assert answer["state"] == "failed"
@@ -137,7 +151,7 @@ def test_a_residual_over_what_the_run_does_not_have_is_refused_with_what_there_i
 
 
 @pytest.mark.parametrize("kind", ["time", "temperature", "loop", "axes"])
-def test_the_residual_in_a_figure_can_be_told_from_all_else(client: httpx.Client, kind: str) -> None:
+def test_the_residual_in_a_figure_can_be_keptfrom_all_else(client: httpx.Client, kind: str) -> None:
     made = done(client, "/figures", {"kind": kind, "runs": [RUN], "model": SPLINE})["figure"]
     left = [trace for trace in made["data"] if trace.get("meta") == "residual"]
     assert left
@@ -210,7 +224,12 @@ def test_runs_of_two_units_are_compared_but_not_fitted_together(client: httpx.Cl
     both = ended(client, "/analyses", {"runs": [RUN, OTHER], "models": [SPLINE]})
     assert "different units" in both["detail"]
     drawn = done(client, "/figures", {"kind": "temperature", "runs": [RUN, OTHER]})
-    assert {RUN, OTHER} <= {trace["name"] for trace in drawn["figure"]["data"]}
+    means = {
+        trace["name"]: np.nanmean(np.array(trace["y"], dtype=float))
+        for trace in drawn["figure"]["data"]
+        if trace["name"] in {RUN, OTHER}
+    }
+    assert means == {RUN: pytest.approx(0.0, abs=0.1), OTHER: pytest.approx(0.0, abs=0.1)}  # on one zero
     found = done(client, "/differences", {"a": RUN, "b": OTHER})
     assert (found["a"]["run"], found["b"]["run"]) == (RUN, OTHER)
 
@@ -302,8 +321,35 @@ def test_viewers_look_and_engineers_compute(store: Path, monkeypatch: pytest.Mon
             ("/diagnoses", {"runs": [RUN], "model": SPLINE}),
             ("/models", {"name": "x", "model": SPLINE}),
             ("/differences", {"a": RUN, "b": OTHER}),
+            (f"/runs/{RUN}/notes", {"text": "x"}),
         ):
             assert client.post(f"{API}{path}", json=body).status_code == 403
+        saved = f"{API}/runs/{RUN}/views/x"
+        assert client.put(saved, json={"address": "?run=a"}).status_code == client.delete(saved).status_code == 403
+        assert client.get(f"{API}/runs/{RUN}/notes").json()["notes"] == []
+
+
+def test_notes_and_views_stay_with_the_run_whoever_writes_at_the_same_time(client: httpx.Client, store: Path) -> None:
+    place = f"{API}/runs/{OTHER}"
+    texts = [f"note {number}" for number in range(12)]
+    with ThreadPoolExecutor(6) as people:
+        answers = list(people.map(lambda text: client.post(f"{place}/notes", json={"text": text}), texts))
+    assert {answer.status_code for answer in answers} == {201}
+    for address in ("?run=a&figure=map", "?run=a&figure=loop"):
+        client.put(f"{place}/views/до ремонту", json={"address": address}).raise_for_status()
+    client.put(f"{place}/views/second", json={"address": "?run=b"}).raise_for_status()
+    client.delete(f"{place}/views/second").raise_for_status()
+    kept = client.get(f"{place}/notes").json()
+    assert sorted(note["text"] for note in kept["notes"]) == sorted(texts)
+    assert {note["who"] for note in kept["notes"]} == {user_name()}
+    assert [(view["name"], view["address"]) for view in kept["views"]] == [("до ремонту", "?run=a&figure=loop")]
+    prove(store / OTHER)
+    assert NotesRecord.read(store / OTHER).content() == kept
+
+
+@pytest.mark.parametrize("address", ["//evil.example/", "?a b", "javascript:alert(1)", "?" + "a" * 8000])
+def test_a_view_is_a_state_of_the_workbench_and_nothing_else(client: httpx.Client, address: str) -> None:
+    assert client.put(f"{API}/runs/{OTHER}/views/x", json={"address": address}).status_code == 422
 
 
 def test_a_view_keeps_gaps_and_extremes(tmp_path: Path) -> None:
@@ -337,9 +383,9 @@ console.log(JSON.stringify({ texts, state, link }));
 def test_the_address_holds_runs_model_and_what_is_shown() -> None:
     actions = [
         {"type": "choose", "runs": [{"run": RUN, "role": "fit"}, {"run": OTHER, "role": "check"}]},
-        {"type": "add", "effect": {"effect": "expression", "formula": "k * dT_dt + a & b"}},
+        {"type": "add", "effects": [{"effect": "expression", "formula": "k * dT_dt + a & b"}]},
         {"type": "view", "view": {"figure": "axes", "over": "quadrature"}},
-        {"type": "zoom", "zoom": "0.01,0.02"},
+        {"type": "zoom", "zoom": "h:0.01,0.02"},
     ]
     found = told("pages/workbench/state.js", ADDRESS, {"actions": actions})
     state, link = found["state"], found["link"]
@@ -352,7 +398,7 @@ def test_the_address_holds_runs_model_and_what_is_shown() -> None:
 
 
 def test_steps_are_taken_back_and_made_again_until_another_is_made() -> None:
-    added = [{"type": "add", "effect": {"effect": name}} for name in ("aging", "creep")]
+    added = [{"type": "add", "effects": [{"effect": name}]} for name in ("aging", "creep")]
     back, again = {"type": "undo"}, {"type": "redo"}
     script = """
     const names = given.map((actions) => {
@@ -366,6 +412,24 @@ def test_steps_are_taken_back_and_made_again_until_another_is_made() -> None:
     ]) == [["spline aging", 3], ["spline", 3], ["spline aging creep", 3], ["spline creep", 2]]  # fmt: skip
 
 
+def test_a_formula_is_added_with_the_effects_that_it_stands_beside_in_one_step(store: Path) -> None:
+    model = model_from({"name": "m", "effects": [{"polynomial": {"order": 2}}]})
+    after = model_from({"name": "m", "effects": [
+        {"polynomial": {"order": 2}}, "aging", {"expression": {"formula": "k * dT_dt"}},
+    ]})  # fmt: skip
+    formula = DescribedFormula("k*dT_dt", "k * dT_dt", "", "", 9.0, 0.0, 2.0, 1.0, Proof(), 1.0, (), (0.0, 1.0), "", (),
+                               ("aging",), after)  # fmt: skip
+    added = diagnosing.drawn(load(store / RUN), model, formula)["add"]
+    assert [effect["effect"] for effect in added] == ["aging", "expression"]
+    script = """
+    const { steps, at } = page.change(page.stateOf(""), { type: "add", effects: given });
+    console.log(JSON.stringify([at, steps[at].model.effects.map(({ effect }) => effect), steps[at].model.name]));
+    """
+    assert told("pages/workbench/state.js", script, added) == [
+        1, ["spline", "aging", "expression"], "spline + aging + expression",
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     "model", ["nonsense", "[]", '{"name":"a"}', '{"name":"a","effects":[]}', '{"name":1,"effects":[{}]}']
 )
@@ -375,6 +439,13 @@ def test_a_model_in_the_address_that_cannot_be_read_is_said_and_not_used(model: 
     console.log(JSON.stringify([wrong, steps[0].model.name]));
     """
     assert told("pages/workbench/state.js", script, model) == [True, "spline"]
+
+
+def test_a_decimal_comma_is_understood_and_what_is_no_number_stays_what_it_is() -> None:
+    given = ["2,5", "-0.5", "−1,5e2", "auto", "[1, 2]", "1,2,3", "true"]
+    script = "console.log(JSON.stringify(given.map(page.typed)))"
+    wanted = [2.5, -0.5, -150, "auto", [1, 2], "1,2,3", True]
+    assert told("pages/workbench/typed.js", script, given) == wanted
 
 
 def test_the_residual_before_is_drawn_pale_behind_the_new_one() -> None:
@@ -431,7 +502,7 @@ def test_figures_and_captions_are_in_the_language_of_the_page(client: httpx.Clie
         {"kind": kind, "runs": [RUN], "model": model}
         for kind in ("time", "temperature", "map", "loop", "axes", "allan", "channels") for model in (SPLINE, None)
     ]  # fmt: skip
-    wanted = [*kinds, *({**kinds[8], "over": over} for over in ("time", "dT_dt", "drive"))]
+    wanted = [*kinds, *({**kinds[8], "over": over} for over in ("time", "dT_dt", "drive")), {**kinds[8], "every": True}]
     found = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE})
     pictures = [*found["figures"].values(), *(one["partial"] for one in found["suspects"] if one["partial"])]
     answers = [*(done(client, "/figures", body) for body in wanted), *pictures]

@@ -72,6 +72,8 @@ class Proposal:
     decides: bool = True
     """False where no profile within the limits can tell."""
     use: Use = "run"
+    channels: tuple[str, ...] = ()
+    """What somebody has to move."""
 
     @property
     def probability_before(self) -> float:
@@ -94,7 +96,8 @@ class Proposal:
         }
         known = {key: finite(value) for key, value in numbers.items()}
         return {"profile": profile, "separates": list(self.separates), "why": self.why,
-                "duration_min": self.duration_min, "decides": self.decides, "use": self.use, **known}  # fmt: skip
+                "duration_min": self.duration_min, "decides": self.decides, "use": self.use,
+                "channels": list(self.channels), **known}  # fmt: skip
 
 
 def next_experiment(
@@ -181,7 +184,7 @@ def propose(
     channels = sorted({c for rival in rivals for c in rival.effect.needs if c not in _PREDICTABLE})
     if channels:
         plan, why = exciting(limits, channels, names)
-        return _proposal(plan, limits, names, why, use="by_hand")
+        return replace(_proposal(plan, limits, names, why, use="by_hand"), channels=tuple(channels))
     return _designed(layout, rivals, noise, limits)
 
 

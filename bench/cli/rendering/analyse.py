@@ -32,6 +32,7 @@ from bench.commands import (
     Revealed,
     UnitsReported,
 )
+from bench.record import NotesRecord
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -114,7 +115,9 @@ def _(result: Reported) -> Iterator[str | Table]:
 def _(result: Reported) -> dict[str, Any]:
     analysis = result.analysis
     error = {} if result.error is None else {"error": str(result.error)}
-    return {**analysis.to_json(), "report": str(analysis.run.report), "state": analysis.manifest.state, **error}
+    written = (NotesRecord.find(analysis.run.path) or NotesRecord()).model_dump(mode="json", include={"notes", "views"})
+    made = {"report": str(analysis.run.report), "state": analysis.manifest.state, **written}
+    return {**analysis.to_json(), **made, **error}
 
 
 @lines.register(FiguresDrawn)

@@ -127,7 +127,8 @@ class Static:
         if order.plan.static is None:
             return Done("not in the plan", {"run": None}, [Case("static", skipped=True, text="not in the plan")])
         run, _ = recorded(order, job, self.name, order.plan.static, "off", texts(order))
-        return Done(f"{run.manifest().duration_s / 3600:.2f} h at one temperature", {"run": run.path.name})
+        took_s = run.manifest().duration_s
+        return Done(f"{took_s / 3600:.2f} h at one temperature", {"run": run.path.name, "duration_s": took_s})
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,8 @@ class Run:
         manifest = run.manifest()
         lost = manifest.losses.get("lost", 0)
         sentence = f"{manifest.rows} rows in {manifest.duration_s / 3600:.2f} h, {lost} samples lost"
-        return Done(sentence + ("; went on after an interruption" if pieced else ""), {"run": run.path.name})
+        facts = {"run": run.path.name, "rows": manifest.rows, "duration_s": manifest.duration_s, "lost": lost}
+        return Done(sentence + ("; went on after an interruption" if pieced else ""), facts)
 
 
 def texts(order: Order) -> dict[str, str]:

@@ -86,20 +86,24 @@ def curve(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def side_by_side(runs: Sequence[tuple[str, Dataset]]) -> Plot:
     """Bias of several runs over temperature, all on one zero: each minus its mean over what all of them cover."""
-    traces: list[go.Scatter] = []
     zeros = zeros_of([data for _, data in runs])
-    for i, (name, data) in enumerate(runs):
+    values = [
+        (name, data.channel("temperature"), data.bias - zero) for (name, data), zero in zip(runs, zeros, strict=True)
+    ]
+    return overlaid(values, TEMPERATURE, f"{BIAS}, minus its mean over the common range")
+
+
+def overlaid(runs: Sequence[tuple[str, FloatArray, FloatArray]], x_title: str, y_title: str) -> Plot:
+    """Values (n,) of several runs over a quantity (n,), each run with its name: rows and means, a colour for each."""
+    traces: list[go.Scatter] = []
+    for i, (name, x, y) in enumerate(runs):
         colour, symbol = CYCLE[i % len(CYCLE)], ("circle", "diamond", "square", "cross", "x", "star")[i % 6]
-        bias = data.bias - zeros[i]
-        temperature = data.channel("temperature")
-        traces.append(plotting.dot_trace(temperature, bias, f"{name}, rows", colour, opacity=0.2, showlegend=False))
-        x, y = curve(temperature, bias)
+        traces.append(plotting.dot_trace(x, y, f"{name}, rows", colour, opacity=0.2, showlegend=False))
+        x_mean, y_mean = curve(x, y)
         marker = {"symbol": symbol, "size": 8, "color": colour}
-        x_shown, y_shown = plotting.plain(x), plotting.plain(y)
+        x_shown, y_shown = plotting.plain(x_mean), plotting.plain(y_mean)
         traces.append(go.Scatter(x=x_shown, y=y_shown, name=name, mode="lines+markers", marker=marker))
-    return plotting.plot(
-        traces, {"xaxis": axis(TEMPERATURE), "yaxis": axis(f"{BIAS}, minus its mean over the common range")}, 520
-    )
+    return plotting.plot(traces, {"xaxis": axis(x_title), "yaxis": axis(y_title)}, 520)
 
 
 def zeros_of(runs: Sequence[Dataset]) -> list[float]:

@@ -14,6 +14,7 @@ from bench.record.records.job import JobRecord
 from bench.record.records.judged import LimitsRecord, VerificationRecord
 from bench.record.records.lot import LotRecord
 from bench.record.records.manifest import Manifest
+from bench.record.records.notes import NotesRecord
 from bench.record.records.start import StartRecord
 from bench.record.records.stored import Record
 from bench.record.records.until import UntilRecord
@@ -32,6 +33,7 @@ RECORDS: tuple[type[Record], ...] = (
     LotRecord,
     ImuRecord,
     ImuVerificationRecord,
+    NotesRecord,
     StartRecord,
     UntilRecord,
     EntryRecord,

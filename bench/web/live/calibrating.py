@@ -75,6 +75,8 @@ class StepNow(BaseModel):
     sentence: str = ""
     verdict: str | None = None
     cases: list[StoredCase] = []
+    facts: dict[str, Any] = {}
+    """What it found, in numbers."""
     run: str | None = None
     """Id of the run that it made."""
 
@@ -328,5 +330,6 @@ def _step(name: str, record: JobRecord, folder: Path) -> StepNow:
         sentence=known.sentence,
         verdict=known.verdict,
         cases=list(known.cases),
+        facts=known.facts,
         run=f"{folder.parent.name}/{run}" if run else None,
     )

@@ -19,7 +19,7 @@ from bench.web.people.access import Access, at_least
 from bench.web.plans import checking, editing, papers, plans
 from bench.web.server.gate import API, Gate
 from bench.web.server.pages import add_pages
-from bench.web.shelf import actions, fleet, runs, units
+from bench.web.shelf import actions, fleet, notes, runs, units
 from bench.web.shelf.stock import Stock
 from bench.web.workbench import analyses, diagnoses, figures, models, notebook
 
@@ -34,6 +34,7 @@ GUARDED = (
     calibrating.router,
     live.router,
     runs.router,
+    notes.router,
     actions.router,
     jobs.router,
     analyses.router,

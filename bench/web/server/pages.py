@@ -6,7 +6,7 @@ import re
 from mimetypes import guess_type
 from pathlib import Path
 
-from fastapi import FastAPI
+from fastapi import FastAPI, HTTPException, Request
 from fastapi.responses import FileResponse
 from starlette.datastructures import Headers
 from starlette.responses import Response
@@ -14,6 +14,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from bench.base import InputError
+from bench.web.ground.problems import problem
 
 STATIC = Path(__file__).parents[1] / "static"
 
@@ -61,6 +62,13 @@ def add_pages(app: FastAPI) -> None:
     for address in ADDRESSES + further:
         app.add_api_route(address, index, include_in_schema=False)
     app.mount("/static", _Files(directory=STATIC, check_dir=False))
+
+    @app.exception_handler(404)
+    async def nowhere(request: Request, error: HTTPException) -> Response:
+        """An address that nothing has: the page says so to people."""
+        if request.method == "GET" and not request.url.path.startswith(("/api/", "/static/")):
+            return FileResponse(STATIC / "index.html", 404)
+        return problem(404, str(error.detail))
 
 
 class _Files(StaticFiles):

@@ -11,6 +11,7 @@ import numpy as np
 from bench.analysis import (
     DescribedFormula,
     Diagnosis,
+    Model,
     Proposal,
     SuspectedEffect,
     diagnose,
@@ -57,7 +58,7 @@ def diagnosis(inputs: dict[str, Any]) -> dict[str, Any]:
     suspects = zip(content["suspects"], found.suspects, strict=True)
     content["suspects"] = [{**entry, **_pictured(data, found, suspect)} for entry, suspect in suspects]
     formulas = zip(content["formulas"], found.formulas, strict=True)
-    content["formulas"] = [{**entry, **_drawn(data[0], formula)} for entry, formula in formulas]
+    content["formulas"] = [{**entry, **drawn(data[0], found.model, formula)} for entry, formula in formulas]
     content["figures"] = _figures(data, found)
     content["model_json"], content["improved"] = model_json(found.model), model_json(found.improved)
     proposal = next_experiment(found, data, static=still)
@@ -72,16 +73,16 @@ def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffec
         "why": why(found, suspect),
         "summary": summary_of(suspect.effect),
         "model": model_json(suspect.model),
-        "add": model_json(suspect.model)["effects"][-1],
+        "add": model_json(suspect.model)["effects"][-1:],
         "partial": _partial(data[0], found, suspect) if suspect.shape else None,
         "family": added.family,
     }
 
 
-def _drawn(data: Dataset, formula: DescribedFormula) -> dict[str, Any]:
-    """Content of a page about a formula: the effect that adds it, and its picture."""
+def drawn(data: Dataset, model: Model, formula: DescribedFormula) -> dict[str, Any]:
+    """Content of a page about a formula for `model`: what adds it, with the effects beside it, and its picture."""
     added = formula.model.effects[-1]
-    answer: dict[str, Any] = {"add": model_json(formula.model)["effects"][-1], "partial": None}
+    answer: dict[str, Any] = {"add": model_json(formula.model)["effects"][len(model.effects) :], "partial": None}
     if formula.residuals and formula.contribution:
         x, shape = coordinate(data, added), formula.contribution[0]
         caption = said("formula", formula=formula.formula, over={"label": x.title})

@@ -25,6 +25,7 @@ from bench.deliver import (
     measured_figure,
     over_axis,
     over_temperature,
+    overlaid,
     residual_map,
     residuals_figure,
     side_by_side,
@@ -59,6 +60,8 @@ class Drawing:
     width: int
     over: str
     """Abscissa of `axes`."""
+    every: bool
+    """`axes` of all runs and check runs."""
 
     @classmethod
     def read(cls, inputs: Mapping[str, Any]) -> Drawing:
@@ -75,6 +78,7 @@ class Drawing:
             span_degc=(inputs.get("from_degc"), inputs.get("to_degc")),
             width=int(inputs.get("width") or WIDTH),
             over=inputs["over"],
+            every=inputs["every"],
         )
 
     def data(self, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
@@ -256,8 +260,13 @@ def axes(drawing: Drawing) -> Figure:
     known = sorted(drawable_coordinates(data) - {"rate"})
     if drawing.over not in known:
         raise InputError(f"{drawing.of.id} has no channel '{drawing.over}': choose one of {', '.join(known)}")
-    x, fitted = coordinate_over(data, drawing.over), drawing.model is not None
-    y = data.bias - drawing.fitted() if fitted else data.bias
+    if drawing.every:
+        return {**_axes_of_all(drawing), "axes": known}
+    x, fitted, shown = coordinate_over(data, drawing.over), drawing.model is not None, _inside(data, drawing)
+    if not shown.any():
+        raise InputError(f"{drawing.of.id}: nothing was captured in this range of temperature and time")
+    data, x = data.select(shown), replace(x, values=x.values[shown])
+    y = data.bias - drawing.fitted()[shown] if fitted else data.bias
     floor_dph = drawing.floor_dph()
     what = "residual" if fitted else "bias"
     caption = said(
@@ -267,6 +276,27 @@ def axes(drawing: Drawing) -> Figure:
     plot = over_axis(data, x, y, finite(floor_dph), fitted)
     table = columns({"time [s]": data.time, x.title: x.values, f"{what} [deg/h]": y})
     return {**captioned(plot, [caption, floor_said(floor_dph)], table), "axes": known}
+
+
+def _axes_of_all(drawing: Drawing) -> Figure:
+    """Residuals, or without a model biases on one zero, of all runs that have the quantity, in one figure."""
+    each = [replace(drawing, of=run) for run in dict.fromkeys((*drawing.runs, *drawing.check))]
+    own = [one for one in each if drawing.over in drawable_coordinates(one.data())]
+    zeros = [0.0] * len(own) if drawing.model else zeros_of([one.data() for one in own])
+    values, spans = [], []
+    for one, zero in zip(own, zeros, strict=True):
+        data = one.data()
+        shown = _inside(data, one)
+        x, y = coordinate_over(data, drawing.over), data.bias - (one.fitted() if drawing.model else zero)
+        if shown.any():
+            values.append((one.of.id, x.values[shown], y[shown]))
+            spans.append(said("of", name=one.of.id, span=span(y[shown])))
+    if not values:
+        raise InputError("nothing was captured in this range of temperature and time")
+    what = said("residual", model=drawing.name) if drawing.model else said("bias")
+    caption = said("axes_all", what=what, over={"label": x.title}, spans=spans)
+    title = "residual [deg/h]" if drawing.model else "bias [deg/h], minus its mean over the common range"
+    return captioned(overlaid(values, x.title, title), [caption, floor_said(drawing.floor_dph())])
 
 
 def allan(drawing: Drawing) -> Figure:

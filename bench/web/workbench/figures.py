@@ -20,13 +20,14 @@ class FigureRequest(RunChoice):
     """A figure. The model is fitted to all `runs`; the figure shows the run `of`, by default the first of them.
 
     `from_s` … `to_degc` are the shown range: the narrower, the finer the data. `width` [pixels] limits the points of a
-    curve. `over` is the abscissa of `axes`: time, dT_dt or a channel.
+    curve. `over` is the abscissa of `axes`: time, dT_dt or a channel; with `every`, all runs are drawn in it.
     """
 
     kind: Kind
     model: ModelJson | None = None
     of: RunId | None = None
     over: str = Field("temperature", max_length=100)
+    every: bool = False
     from_s: FiniteFloat | None = None
     to_s: FiniteFloat | None = None
     from_degc: FiniteFloat | None = None
@@ -43,7 +44,7 @@ def figures(request: Request, body: FigureRequest) -> Asked:
         **body.resolved(request),
         "of": resolved(request, [body.of])[0] if body.of else None,
         "model": body.model.content() if body.model else None,
-        **body.model_dump(include={"kind", "over", "from_s", "to_s", "from_degc", "to_degc", "width"}),
+        **body.model_dump(include={"kind", "over", "every", "from_s", "to_s", "from_degc", "to_degc", "width"}),
     }
     target = "bench.web.workbench.drawing:draw"
     return submit(request, "figure", target, inputs, key=key_of(target, inputs))

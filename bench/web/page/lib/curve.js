@@ -22,7 +22,7 @@ const multiples = (low, high, size) => {
 export function Curve({ curve, width = 320, height = 130, axes = false, label }) {
   if (!curve?.length) return null;
   const [low, high] = range(curve);
-  const edge = axes ? { left: 56, right: 16, top: 16, bottom: 34 } : EDGE;
+  const edge = axes ? { left: 56, right: 28, top: 16, bottom: 34 } : EDGE;
   const end = curve.at(-1)[0] || 1;
   const [bottom, top] = low === high ? [low - 5, high + 5] : axes ? [low - (high - low) * 0.06, high + (high - low) * 0.06] : [low, high];
   const x = (t_s) => edge.left + (t_s / end) * (width - edge.left - edge.right);
@@ -47,7 +47,7 @@ function Grid({ x, y, end, low, high, width, height, edge }) {
       <text class="curve-text" x=${edge.left - 8} y=${y(degc) + 5} text-anchor="end">${number(degc, 0)}</text>`)}
     ${multiples(0, end, size_s).map((t_s) => html`
       <path class="curve-grid" d=${`M${x(t_s)} ${edge.top}V${height - edge.bottom}`} />
-      <text class="curve-text" x=${x(t_s)} y=${height - edge.bottom + 20} text-anchor=${x(t_s) > width - 40 ? "end" : "middle"}>
+      <text class="curve-text" x=${x(t_s)} y=${height - edge.bottom + 20} text-anchor="middle">
         ${hours ? t("unit.h", { value: number(t_s / 3600, 0) }) : t("unit.min", { value: number(t_s / 60, 0) })}
       </text>`)}
     <text class="curve-text" x=${edge.left - 8} y=${edge.top - 3} text-anchor="end">°C</text>`;

@@ -20,6 +20,15 @@ export function remember(query) {
   history.replaceState(null, "", location.pathname + (entries.length ? `?${new URLSearchParams(entries)}` : ""));
 }
 
+/** A part of a path; undefined where it is not encoded as one. */
+function decoded(part) {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return undefined;
+  }
+}
+
 /** The route of a path: {page, title, params}; null without one. `:name` is one part, `*` the rest. */
 export function match(routes, path) {
   for (const [pattern, page, title] of routes) {
@@ -33,9 +42,10 @@ function fits(pattern, parts) {
   const params = {};
   for (const [index, segment] of pattern.entries()) {
     if (segment === "*") return { ...params, rest: parts.slice(index).join("/") };
-    if (parts[index] === undefined) return null;
-    if (segment.startsWith(":")) params[segment.slice(1)] = decodeURIComponent(parts[index]);
-    else if (segment !== parts[index]) return null;
+    const part = index < parts.length ? decoded(parts[index]) : undefined;
+    if (part === undefined) return null;
+    if (segment.startsWith(":")) params[segment.slice(1)] = part;
+    else if (segment !== part) return null;
   }
   return parts.length === pattern.length ? params : null;
 }

@@ -49,6 +49,12 @@ export const known = (key) => key in words;
 /** The words of a key, or a default. */
 export const or = (key, otherwise) => (known(key) ? t(key) : otherwise);
 
+/** Name of a channel; an axis or a further one has its letter or number behind it. Without words its own name. */
+export function channelWord(name) {
+  const [, family, end] = name.match(/^(.+)_([xyz\d])$/) ?? [];
+  return or(`import.channel.${name}`, family ? `${channelWord(family)} ${end}` : name.replaceAll("_", " "));
+}
+
 const formatters = new Map();
 
 /** A number format of the language in use, made once: a live page writes hundreds of numbers per second. */

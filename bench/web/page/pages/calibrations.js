@@ -39,10 +39,10 @@ function List() {
   return html`<div class="page stack"><h1>${t("nav.calibrations")}</h1>
     <${Trouble} error=${error} />
     ${listed.waiting.length > 0 && html`<section aria-labelledby="queue"><h2 id="queue">${t("job.queue")}</h2>
-      <ol class="queue">${listed.waiting.map((start, index) => html`<li key=${start.start} class="row"><b class="mono">${units(start)}</b> ${start.digest ? planOf(start.plan) : planTitle({ id: start.plan, title: start.plan })} <span class="soft">${start.station} · ${start.who.name}${start.not_before && ` · ${t("job.not_before", { time: moment(start.not_before) })}`}</span>
-        ${may("operator") && html`${last > 0 && [["job.earlier", "↑", -1, 0], ["job.later", "↓", 1, last]].map(([key, sign, by, end]) => html`<button type="button" key=${key} class="narrow" disabled=${index === end}
+      <ol class="queue">${listed.waiting.map((start, index) => html`<li key=${start.start} class="row spread"><span><b class="mono">${units(start)}</b> ${start.digest ? planOf(start.plan) : planTitle({ id: start.plan, title: start.plan })} <span class="soft">${start.station} · ${start.who.name}${start.not_before && ` · ${t("job.not_before", { time: moment(start.not_before) })}`}</span></span>
+        ${may("operator") && html`<span class="row">${last > 0 && [["job.earlier", "↑", -1, 0], ["job.later", "↓", 1, last]].map(([key, sign, by, end]) => html`<button type="button" key=${key} class="narrow" disabled=${index === end}
             title=${t(key)} aria-label=${`${t(key)}: ${units(start)}`} onClick=${() => change(post(url`/starts/${start.start}/move`, { by }))}>${sign}</button>`)}
-          <button type="button" class="narrow" onClick=${() => change(remove(url`/starts/${start.start}`))}>${t("job.give_up")}<span class="unseen"> ${units(start)}</span></button>`}</li>`)}</ol></section>`}
+          <button type="button" class="narrow" onClick=${() => change(remove(url`/starts/${start.start}`))}>${t("job.give_up")}<span class="unseen"> ${units(start)}</span></button></span>`}</li>`)}</ol></section>`}
     ${listed.jobs.length > 0 ? html`<div class="scroll" tabindex="0" role="region" aria-label=${t("nav.calibrations")}><table class="job-list">
       <thead><tr>${["unit", "plan", "state", "begun", "certificate"].map((key) => html`<th key=${key} scope="col">${t(`job.head.${key}`)}</th>`)}</tr></thead>
       <tbody>${listed.jobs.map((job) => html`<tr key=${job.job}><th scope="row"><a class="mono" href=${`/calibrations/${job.job}`}>${job.unit}</a></th><td>${planOf(job.plan)}</td>

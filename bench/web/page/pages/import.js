@@ -3,7 +3,7 @@ import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { finished, post, remove, upload, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { may } from "../lib/store.js";
-import { duration, number, t } from "../lib/words.js";
+import { channelWord, duration, number, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { sig, unitText, useGet } from "./stock/parts.js";
 
@@ -71,12 +71,13 @@ function guessOf({ guess, columns }) {
 function Channel({ kind, seen, columns, choice, change }) {
   const known = columns.find((one) => one.name === (choice.column || seen?.column));
   const id = `unit-${kind.name}`;
+  const word = channelWord(kind.name);
   return html`<tr class=${choice.column ? "" : "unused"}>
-    <th scope="row">${t(`import.channel.${kind.name}`)}${kind.required && html`<span class="soft small"> · ${t("import.required")}</span>`}</th>
-    <td><select aria-label=${t("import.column_of", { channel: t(`import.channel.${kind.name}`) })} value=${choice.column} onChange=${(event) => change({ column: event.target.value, unit: columns.find((one) => one.name === event.target.value)?.unit ?? "" })}>
+    <th scope="row">${word}${kind.required && html`<span class="soft small"> · ${t("import.required")}</span>`}</th>
+    <td><select aria-label=${t("import.column_of", { channel: word })} value=${choice.column} onChange=${(event) => change({ column: event.target.value, unit: columns.find((one) => one.name === event.target.value)?.unit ?? "" })}>
       <option value="" selected=${!choice.column}>–</option>
       ${columns.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === choice.column}>${one.name}</option>`)}</select></td>
-    <td><input list=${id} size="8" aria-label=${t("import.unit_of", { channel: t(`import.channel.${kind.name}`) })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column} onChange=${(event) => change({ ...choice, unit: event.target.value.trim() })} />
+    <td><input list=${id} size="8" aria-label=${t("import.unit_of", { channel: word })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column} onChange=${(event) => change({ ...choice, unit: event.target.value.trim() })} />
       <datalist id=${id}>${kind.examples.map((one) => html`<option key=${one} value=${one}></option>`)}</datalist></td>
     <td class="n">${seen ? html`${sig(seen.low, 4)} … ${sig(seen.high, 4)} <span class="soft">${unitText(seen.to)}</span>` : html`<span class="soft">–</span>`}</td>
     <td class="small soft mono wide">${known ? known.first.slice(0, 4).map((value) => sig(value, 4)).join(", ") : ""}</td></tr>`;
@@ -86,13 +87,16 @@ function Understood({ shown, kinds, choice, change, busy }) {
   const { understood, columns } = shown;
   const seen = (name) => understood?.channels.find((one) => one.channel === name);
   const used = new Set([understood?.time.column, ...(understood?.channels ?? []).map((one) => one.column)]);
+  const there = ({ name, required }) => required || Boolean(choice[name]?.column);
+  const table = (channels) => html`<div class="scroll"><table class="st-map"><thead><tr><th scope="col">${t("import.channel")}</th><th scope="col">${t("import.column")}</th><th scope="col">${t("import.unit")}</th><th scope="col" class="n">${t("import.range")}</th><th scope="col" class="wide">${t("import.first")}</th></tr></thead>
+    <tbody>${channels.map((kind) => html`<${Channel} key=${kind.name} kind=${kind} columns=${columns} seen=${seen(kind.name)} choice=${choice[kind.name] ?? { column: "", unit: "" }} change=${(next) => change(kind.name, next)} />`)}</tbody></table></div>`;
   const rest = understood ? columns.filter((one) => !used.has(one.name)) : [];
   return html`<section class="stack" aria-labelledby="understood" aria-busy=${busy ? "true" : "false"}><div class="row spread"><h2 id="understood">${t("import.understood")}</h2>
       ${busy ? html`<${Busy}>${t("import.reading")}<//>` : understood ? html`<${Lamp} tone="good">${t("import.clear")}<//>` : html`<${Lamp} tone="warn">${t("import.unclear")}<//>`}</div>
     ${shown.problem && html`<div class="notice warn" role="alert"><p>${shown.problem}</p></div>`}
     ${understood?.warnings.map((text) => html`<div class="notice warn" key=${text}><p>${text}</p></div>`)}
-    <div class="scroll"><table class="st-map"><thead><tr><th scope="col">${t("import.channel")}</th><th scope="col">${t("import.column")}</th><th scope="col">${t("import.unit")}</th><th scope="col" class="n">${t("import.range")}</th><th scope="col" class="wide">${t("import.first")}</th></tr></thead>
-      <tbody>${kinds.channels.map((kind) => html`<${Channel} key=${kind.name} kind=${kind} columns=${columns} seen=${seen(kind.name)} choice=${choice[kind.name] ?? { column: "", unit: "" }} change=${(next) => change(kind.name, next)} />`)}</tbody></table></div>
+    ${table(kinds.channels.filter(there))}
+    <details class="st-further"><summary>${t("import.further")}</summary>${table(kinds.channels.filter((kind) => !there(kind)))}</details>
     ${rest.length > 0 && html`<p class="soft">${t("import.rest")} ${rest.map((one) => one.name).join(", ")}</p>`}
     ${understood && html`<p>${t("import.summary", { n: understood.rows, took: duration(understood.duration_s), every: `${sig(understood.interval_s)} s` })}</p>
       <details><summary>${t("import.segments", { n: understood.segments.length })}</summary><ol>${understood.segments.map((one) => html`<li key=${one.index}>${t(`import.direction.${one.direction}`)}, ${number(one.target_degc, 1)} °C, ${duration(one.to_s - one.from_s)}</li>`)}</ol></details>

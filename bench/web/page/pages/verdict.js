@@ -51,6 +51,7 @@ export default function Verdict({ params }) {
   const word = worst(words);
   const answer = useJudged(units[words.indexOf(word)]);
   if (!end && error?.status === 404) return html`<div class="page"><${Unknown} what=${t("live.unknown", { run: `${params.unit}/${params.run}` })} way="/units" words=${t("units.all")} /></div>`;
+  if (!end && error?.status === 409) return html`<div class="page"><${Unknown} what=${t("verdict.no_end", { run: `${params.unit}/${params.run}` })} way=${`/runs/${params.unit}/${params.run}`} words=${t("run.open")} /></div>`;
   if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
   const fault = end.state !== "done";
   return html`<article class=${`verdict tone-${toneOf(word)}`}>

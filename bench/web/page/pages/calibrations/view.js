@@ -10,7 +10,7 @@ import { Actions } from "../live/actions.js";
 import { Temperatures } from "../live/charts.js";
 import { Headline, Segments, Troubles } from "../live/run.js";
 import { operatorOf, OperatorField } from "../start/operator.js";
-import { passedOver, planOf, stateWord, stepTone, stepWord, toneOf } from "./words.js";
+import { passedOver, planOf, said, stateWord, stepTone, stepWord, toneOf } from "./words.js";
 
 const LOOK_MS = 1000;
 const EMPTY = new Trace();
@@ -91,7 +91,7 @@ function Step({ step, index, job }) {
   return html`<li class=${step.state === "begun" ? "now" : ""} aria-current=${step.state === "begun" ? "step" : undefined}>
     <span class=${`tone-${tone}`}>${step.state === "open" ? html`<span class="mark">${index + 1}</span>` : step.state === "begun" && job.state === "running" ? html`<span class="spinner"></span>` : html`<${Shape} tone=${tone} />`}</span>
     <div><h2>${t(`step.name.${step.name}`)} <small class="soft">${stepWord(step, job)}${took(step) && !passedOver(step) && ` · ${took(step)}`}</small></h2>
-      ${step.sentence && !passedOver(step) && html`<p class="small" lang="en">${step.sentence}</p>`}
+      ${step.sentence && !passedOver(step) && html`<p class="small" lang=${said(step) ? undefined : "en"}>${said(step) || step.sentence}</p>`}
       ${ready && html`<p class="small"><a href=${`/workbench?run=${encodeURIComponent(step.run)}`}>${t("verdict.workbench")}</a></p>`}
     </div></li>`;
 }

@@ -1,5 +1,5 @@
 // State of a calibration and of its steps in words and tones.
-import { or, t } from "../../lib/words.js";
+import { duration, number, or, t } from "../../lib/words.js";
 
 const TONES = { waiting: "idle", running: "link", interrupted: "bad", held: "warn", failed: "bad" };
 const VERDICTS = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "warn" };
@@ -22,4 +22,26 @@ export function stepTone(step, job) {
 export function stepWord(step, job) {
   if (step.state === "done" && passedOver(step)) return t("step.skipped");
   return t(step.state === "begun" && job.state !== "running" ? "job.state.interrupted" : `step.${step.state}`);
+}
+
+const dph = (value) => `${number(value, 4)} ${t("unit.dph")}`;
+const SAID = {
+  check: ({ warnings }) => t("step.said.check", { n: warnings.length }),
+  static: ({ duration_s }) => t("step.said.static", { time: duration(duration_s) }),
+  run: ({ rows, duration_s, lost }) => t("step.said.run", { rows, time: duration(duration_s), lost }),
+  fit: ({ findings, limits, model, held_out_rms_dph }) => (findings ? t("step.said.fit_imu", { findings: findings.length })
+    : t("step.said.fit", { verdict: t(`units.word.${limits}`), model, rms: dph(held_out_rms_dph) })),
+  diagnose: ({ doubts }) => (doubts.length ? t("step.said.doubts", { doubts: doubts.map(({ kind }) => or(`step.doubt.${kind}`, or(`units.word.${kind}`, kind))).join(", ") }) : t("step.said.diagnose")),
+  flash: ({ calibration_id }) => t("step.said.flash", { id: calibration_id }),
+  verify: ({ worst, rms_dph, over_floor }, verdict) => [
+    worst ? t("step.said.verify_imu", { verdict, axis: worst }) : t("step.said.verify", { verdict, rms: dph(rms_dph) }),
+    ...(over_floor === null ? [] : [t("workbench.ladder.times_floor", { ratio: number(over_floor, 2) })]),
+  ].join(", "),
+  certificate: ({ number: own }, verdict) => `${own}${verdict && `: ${verdict}`}`,
+};
+
+/** What a step found, made of its facts; empty where it is not done, or an older bench did it and kept fewer of them. */
+export function said({ name, state, facts, verdict }) {
+  if (state !== "done" || (["static", "run"].includes(name) && facts.duration_s === undefined)) return "";
+  return SAID[name](facts, verdict ? t(`units.word.${verdict}`) : "");
 }

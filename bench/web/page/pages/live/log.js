@@ -21,8 +21,8 @@ function useEvents(run) {
 }
 
 /** An event as text: a segment in the reader's language, all else as the bench writes it. */
-const What = ({ event: { kind, phase, segment, text } }) => (kind === "segment" && phase === "start" && segment
-  ? html`▶ ${segmentText(segment)}` : html`<span lang="en">${text}</span>`);
+const What = ({ event: { kind, phase, segment, text } }) => (kind === "segment" && segment && (phase === "start" || segment.outcome === "done")
+  ? html`${phase === "start" ? "▶" : "✓"} ${segmentText(segment)}` : html`<span lang="en">${text}</span>`);
 
 /** What a decision about the end of the run rests on: the error to be expected of each unit, beside the limit. */
 const Figures = ({ event: { units, limit_dph: limit } }) => html`<ul class="figures soft">${Object.entries(units).map(

@@ -1,6 +1,6 @@
 // The next experiment: why the runs so far cannot decide, the proposed temperature curve, and a link to start it.
 import { html, t, api, duration, useEffect, useState } from "./parts.js";
-import { effectWord } from "./effects.js";
+import { reasons, rival } from "./sentence.js";
 import { palette, onTheme } from "../../lib/figure.js";
 
 const WIDTH = 420;
@@ -34,11 +34,11 @@ export function Curve({ curve, label }) {
 /** `next`: `next_experiment` of a diagnosis. */
 export function NextExperiment({ next, unit }) {
   if (!next) return null;
-  const rivals = next.separates.map(effectWord).join(" ⇄ ");
+  const rivals = next.separates.map(rival).join(" ⇄ ");
   return html`<section class="wb-card wb-next" aria-labelledby="wb-next-title">
     <h2 id="wb-next-title">${t("workbench.next.title")}</h2>
     <p class="wb-lead">⇄ ${t("workbench.next.cannot", { effects: rivals })}</p>
-    <p lang="en">${next.why}</p>
+    <p>${reasons(next).join(" ")}</p>
     <${Curve} curve=${next.curve} label=${t("workbench.next.curve", { duration: duration(60 * next.duration_min) })} />
     ${next.probability_after !== null && next.probability_after !== undefined && html`<p class="wb-soft">
       ${t("workbench.next.chance", { before: Math.round(100 * (next.probability_before ?? 0)), after: Math.round(100 * next.probability_after) })}</p>`}

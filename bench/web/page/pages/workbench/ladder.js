@@ -1,6 +1,6 @@
 // The ladder: error of each model so far, in-sample and held-out, and the noise floor. A new rung is animated.
 import { html, t, useEffect, useRef, useState, number } from "./parts.js";
-import { symbols } from "./spoken.js";
+import { labelled } from "./spoken.js";
 import { number as plain } from "../../lib/words.js";
 import { saveCsv, savePng, saveSvg } from "../../lib/download.js";
 import { palette } from "../../lib/figure.js";
@@ -76,7 +76,7 @@ function Drawing({ rungs, shown, floor, refer }) {
       <line x1=${EDGE.left} x2=${WIDTH - EDGE.right} y1=${y(value)} y2=${y(value)} stroke=${colours.grid} />
       <text ...${label} x=${EDGE.left - 7} y=${y(value) + 4} text-anchor="end" font-size="12">${plain(value)}</text>
     </g>`)}
-    <text ...${label} x=${WIDTH - 4} y="11" text-anchor="end" font-size="11">RMS [${symbols("deg/h")}]</text>
+    <text ...${label} x=${WIDTH - 4} y="11" text-anchor="end" font-size="11">${labelled("RMS [deg/h]")}</text>
     <path d=${path} fill="none" stroke=${colours.heldOut} stroke-width="2" />
     ${shown.map((rung, i) => html`<g key=${i}>
       ${rung.inSample !== null && html`<circle cx=${x(i)} cy=${y(rung.inSample)} r="8" fill="none" stroke=${colours.inSample} stroke-width="2.5" />`}

@@ -7,6 +7,7 @@ import { FOLLOWING_MODEL, START_MODEL, isOpen } from "./first.js";
 import { NextExperiment } from "./experiment.js";
 import { Ladder } from "./ladder.js";
 import { ModelPanel } from "./model.js";
+import { Notes } from "./notes.js";
 import { Pictures } from "./pictures.js";
 import { ask, companions, known, likelyRole, useJob, useSession } from "./session.js";
 import { same } from "./state.js";
@@ -101,8 +102,8 @@ function Bench({ session }) {
   const floor = (analysis.result ?? analysis.stale)?.floor_dph ?? null;
   const picked = pictureOf(diagnosis.result, session.picture);
   const [standing, pictures] = [useRef(null), useRef(null)];
-  const add = (suspect) => {
-    act({ type: "add", effect: suspect.add ?? { effect: suspect.effect, ...suspect.options } });
+  const add = (found) => {
+    act({ type: "add", effects: found.add });
     show(standing);
   };
   const pick = (picture) => {
@@ -117,6 +118,7 @@ function Bench({ session }) {
       </section>
       <${NextExperiment} next=${diagnosis.result?.next_experiment} unit=${unitOf(runs.runs[0])} />
       <${ModelPanel} model=${model} fitted=${analysis.result?.models[0]} steps=${steps} busy=${analysis.running} act=${act} runs=${runs} />
+      <${Notes} key=${runs.runs[0]} run=${runs.runs[0]} address=${session.address} />
     </div>
     <div class="wb-main" ref=${pictures}><${Pictures} session=${session} picked=${picked} /></div>
   </div>`;

@@ -1,9 +1,9 @@
 // The figures of the chosen runs: one at a time, under tabs. Zooming in time or temperature fetches finer data.
-import { html, runName, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
+import { html, number, runName, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
 import { haunted } from "./ghost.js";
 import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
-import { caption, spoken } from "./spoken.js";
+import { caption, spoken, symbols } from "./spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 
 const KINDS = ["time", "temperature", "map", "loop", "axes", "allan", "channels"];
@@ -18,6 +18,8 @@ const TABS = () => ({
 });
 /** Figures with a residual. */
 const RESIDUALS = ["time", "temperature", "loop", "axes"];
+/** In the place of a run: all of them in one figure. */
+const EVERY = "all";
 const HOUR_S = 3600;
 const ZOOM_PAUSE_MS = 250;
 const WIDTHS = [400, 800, 1200, 1600, 2000];
@@ -78,11 +80,30 @@ function Tabs({ kinds, words, kind, onKind }) {
   </div>`;
 }
 
-/** Range of x in the form of the API; figures over other quantities are always complete. */
-function spanOf(kind, range) {
-  if (!range) return {};
-  if (kind === "time") return { from_s: Math.max(0, range[0] * HOUR_S), to_s: range[1] * HOUR_S };
-  return kind === "temperature" || kind === "loop" ? { from_degc: range[0], to_degc: range[1] } : {};
+/** What the abscissa of a figure is, where its range is a selection that holds in the other figures, too. */
+const AXES = { time: "h", temperature: "degC", loop: "degC" };
+const BOTH = ["h", "degC"];
+/** Selections that a figure heeds. */
+const HEEDS = { time: ["h"], temperature: BOTH, loop: BOTH, axes: BOTH };
+
+/** The selection of an address, `h:1,2` or `degC:-10,20`; null without one. */
+function selectionOf(zoom) {
+  const [axis, ends = ""] = zoom.split(":");
+  const range = ends.split(",").map(Number);
+  return BOTH.includes(axis) && range.length === 2 && range.every(Number.isFinite) ? { axis, range } : null;
+}
+
+/** A selection in the form of the API. */
+function spanOf(selection) {
+  if (!selection) return {};
+  const [low, high] = selection.range;
+  return selection.axis === "h" ? { from_s: Math.max(0, low * HOUR_S), to_s: high * HOUR_S } : { from_degc: low, to_degc: high };
+}
+
+/** A selection that was made over another quantity than that of this figure. */
+function Selection({ selection, act }) {
+  const range = `${selection.range.map((end) => number(end)).join(" … ")} ${symbols(selection.axis)}`;
+  return html`<span class="wb-chip">${t("workbench.figure.only", { range })} <button type="button" class="wb-x" aria-label=${t("workbench.figure.reset")} onClick=${() => act({ type: "zoom", zoom: "" })}>×</button></span>`;
 }
 
 /** Choice of the drawn run, of bias or residual in the loop, of the abscissa. */
@@ -93,6 +114,7 @@ function Choices({ session, kind, of, axes }) {
   return html`<div class="wb-choices">
     ${all.length > 1 && kind !== "allan" && html`<label class="wb-inline"><span class="unseen">${t("workbench.figure.shown")}</span>
       <select value=${of} onChange=${(event) => view({ of: event.target.value })}>
+        ${kind === "axes" && html`<option value=${EVERY} selected=${of === EVERY}>${t("workbench.figure.all_runs")}</option>`}
         ${all.map((run) => html`<option key=${run} value=${run} selected=${run === of}>${runName(run)}${runs.check.includes(run) ? ` (${t("workbench.role.check")})` : ""}</option>`)}
       </select></label>`}
     ${kind === "loop" && html`<label class="wb-inline"><input type="checkbox" checked=${left !== ""} onChange=${(event) => view({ left: event.target.checked ? "yes" : "" })} />${t("workbench.figure.left")}</label>`}
@@ -111,14 +133,17 @@ export function Pictures({ session, picked }) {
   const timer = useRef(0);
   const told = useRef("");
   const axes = useRef([]);
-  const of = [...runs.runs, ...runs.check].includes(session.of) ? session.of : runs.runs[0];
-  const ends = zoom.split(",").map(Number);
-  const range = ends.length === 2 && ends.every(Number.isFinite) ? ends : null;
+  const all = [...runs.runs, ...runs.check];
+  const every = kind === "axes" && session.of === EVERY && all.length > 1;
+  const of = every || all.includes(session.of) ? session.of : runs.runs[0];
+  const selection = selectionOf(zoom);
+  const heeded = selection && HEEDS[kind]?.includes(selection.axis) ? selection : null;
+  const range = heeded && heeded.axis === AXES[kind] ? heeded.range : null;
   // The same figure keeps its zoom while finer data arrive and while the model changes.
   const what = picked ? `picked ${picked.id}` : JSON.stringify([kind, of, left, over, runs]);
-  const bodyOf = (fitted) => ({ kind, ...runs, of, over, model: fitted, ...spanOf(kind, range), width: pointsFor(frame.current) });
+  const bodyOf = (fitted) => ({ kind, ...runs, of: every ? null : of, every, over, model: fitted, ...spanOf(heeded), width: pointsFor(frame.current) });
   const job = useJob("/figures", picked ? null : bodyOf(kind === "loop" && !left ? null : model));
-  const ghost = useJob("/figures", !picked && before && RESIDUALS.includes(kind) && (left || kind !== "loop") ? bodyOf(before) : null).result;
+  const ghost = useJob("/figures", !picked && before && !every && RESIDUALS.includes(kind) && (left || kind !== "loop") ? bodyOf(before) : null).result;
   const last = useRef({ what: null, zoom: "", answer: null });
   // A range that the figure has not told is one of the address: of a link, back or forward.
   const keep = last.current.what === what && (zoom === last.current.zoom || zoom === told.current);
@@ -131,8 +156,8 @@ export function Pictures({ session, picked }) {
   useEffect(() => () => clearTimeout(timer.current), []);
   const onZoom = (next) => {
     clearTimeout(timer.current);
-    if (picked || (next && !Object.keys(spanOf(kind, next)).length)) return;
-    told.current = next ? next.map((end) => Number(end.toPrecision(8))).join() : "";
+    if (picked || (next && !AXES[kind])) return;
+    told.current = next ? `${AXES[kind]}:${next.map((end) => Number(end.toPrecision(8))).join()}` : "";
     timer.current = setTimeout(() => act({ type: "zoom", zoom: told.current }), ZOOM_PAUSE_MS);
   };
   const words = { ...TABS(), picked: picked?.title };
@@ -144,6 +169,7 @@ export function Pictures({ session, picked }) {
       ${!picked && html`<${Choices} session=${session} kind=${kind} of=${of} axes=${axes.current} />`}</div>
     <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
       ${job.failed && html`<p class="wb-bad" role="alert">${job.failed}</p>`}
+      ${!picked && heeded && !range && html`<p><${Selection} selection=${heeded} act=${act} /></p>`}
       ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <span lang="en">${answer.note}</span></p>`}
       <${Picture} answer=${answer} running=${job.running} waiting=${job.running && !answer} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range}
         name=${`${of} ${model.name} ${shown}`} />

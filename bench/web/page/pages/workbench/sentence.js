@@ -1,5 +1,5 @@
 // What a diagnosis says, in the reader's language, made of its numbers.
-import { or, t } from "../../lib/words.js";
+import { channelWord, or, t } from "../../lib/words.js";
 import { effectWord } from "./effects.js";
 import { measured, number } from "./parts.js";
 import { labelled, symbols } from "./spoken.js";
@@ -8,7 +8,7 @@ import { labelled, symbols } from "./spoken.js";
 export const parameterWord = (name) => or(`workbench.parameter.${name}`, name.replaceAll("_", " "));
 
 /** Name of a quantity that something is drawn or fails over. */
-export const quantity = (name) => (name === "dT_dt" ? "dT/dt" : or(`import.channel.${name}`, labelled(name.replaceAll("_", " "))));
+export const quantity = (name) => (name === "dT_dt" ? "dT/dt" : labelled(channelWord(name)));
 
 const named = ({ effect, parameters }) => {
   const values = Object.entries(parameters ?? {}).map(([name, value]) => `${parameterWord(name)} ${measured(value)}`);
@@ -53,6 +53,27 @@ function unknown(found) {
     ...found.unexplained.slice(0, 1).map((place) => t("workbench.say.unknown_where", { where: where(place) })),
     ...(near.length ? [t("workbench.say.part", { effect: effectWord(near[0].effect) })]
       : found.suspects.length ? [t("workbench.say.chance", { effect: effectWord(found.suspects[0].effect) })] : []),
+  ];
+}
+
+/** What is told apart by a proposed run: effects, formulas or kinds of causes. */
+export const rival = (name) => or(`workbench.cause.${name}`, effectWord(name));
+
+const percent = (share) => String(Math.round(100 * share));
+
+/** Why a run is proposed; `next` is the `next_experiment` of a diagnosis. */
+export function reasons(next) {
+  if (next.use === "by_hand") {
+    const what = next.channels.map((name) => or(`workbench.excite.${name}`, t("workbench.why.move", { channel: quantity(name) })));
+    return [t("workbench.why.by_hand", { channels: next.channels.map(quantity).join(", "), what: what.join("; ") })];
+  }
+  if (next.use !== "run") return [t(`workbench.why.${next.use}`)];
+  if (next.predicted_before === null) return [t("workbench.why.thermal")];
+  const after = percent(next.probability_after_repeats);
+  return [
+    ...(next.decides ? [t(`workbench.why.${next.name.match(/loops|steps|cycle|soaks/)[0]}`)] : []),
+    t("workbench.why.gap", { before: number(next.predicted_before, 2), after: number(next.predicted_after, 2) }),
+    ...(next.decides ? (after === percent(next.probability_after) ? [] : [t("workbench.why.again", { percent: after })]) : [t("workbench.why.hopeless", { percent: after })]),
   ];
 }
 

@@ -46,7 +46,7 @@ export function useSession() {
     const runs = of("fit").length ? { runs: of("fit"), check: of("check"), static: of("static")[0] ?? null, sisters: of("sister") } : null;
     const model = state.steps[state.at].model;
     const before = state.steps[state.at - 1]?.model ?? null;
-    return { ...state, steps: state.steps.slice(0, state.at + 1), undone: state.steps.length - state.at - 1, runs, act, model, before };
+    return { ...state, address: addressOf(state), steps: state.steps.slice(0, state.at + 1), undone: state.steps.length - state.at - 1, runs, act, model, before };
   }, [place]);
 }
 

@@ -4,7 +4,6 @@ import { effectWord } from "./effects.js";
 import { START_MODEL } from "./first.js";
 
 export const ROLES = ["fit", "check", "static", "sister"];
-const label = (effect) => `+ ${effectWord(effect.effect)}`;
 
 /** The state after an action. */
 export function change(state, action) {
@@ -31,7 +30,8 @@ export function change(state, action) {
       return grown({ ...model, effects: model.effects.map((one, i) => (i === action.index ? { ...one, [action.option]: action.value } : one)) },
         `${effectWord(model.effects[action.index].effect)} ${action.option} ${action.value}`);
     case "add":
-      return grown({ ...model, name: `${model.name} + ${action.effect.effect}`, effects: [...model.effects, action.effect] }, label(action.effect));
+      return grown({ ...model, name: [model.name, ...action.effects.map(({ effect }) => effect)].join(" + "), effects: [...model.effects, ...action.effects] },
+        action.effects.map(({ effect }) => `+ ${effectWord(effect)}`).join(" "));
     case "remove": {
       const left = model.effects.filter((_, i) => i !== action.index);
       const gone = model.effects[action.index];
@@ -42,7 +42,7 @@ export function change(state, action) {
     case "redo":
       return { ...state, at: Math.min(steps.length - 1, at + 1), picture: "" };
     case "view":
-      return { ...state, zoom: "", picture: "", ...action.view };
+      return { ...state, picture: "", ...action.view };
     case "zoom":
       return { ...state, zoom: action.zoom };
     default:
@@ -52,7 +52,7 @@ export function change(state, action) {
 
 /** Parameters of the address by role of a run. */
 const PARAMETERS = { fit: "run", check: "check", static: "static", sister: "sister" };
-/** What is shown, by parameter of the address, and its default: figure, its run, its abscissa, residual in the loop, picture of a suspect, range of x. */
+/** What is shown, by parameter of the address, and its default: figure, its run, its abscissa, residual in the loop, picture of a suspect, selected range of time or temperature. */
 const VIEW = { figure: "time", of: "", over: "temperature", left: "", picture: "", zoom: "" };
 /** Whether two models are the same. */
 export const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);

@@ -1,5 +1,5 @@
 // Missing effects: the verdict, the suspects in order of evidence, and their actions.
-import { html, t, useState, measured, number } from "./parts.js";
+import { html, or, t, useState, measured, number } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
 import { symbols } from "./spoken.js";
@@ -61,7 +61,7 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
     <${Evidence} value=${suspect.evidence} threshold=${found.threshold} most=${most} found=${suspect.found} />
     ${whole && html`<${Gain} suspect=${suspect} />
       <${Parameters} parameters=${suspect.parameters} />
-      ${suspect.summary && html`<p class="wb-soft" lang="en">${suspect.summary}</p>`}`}
+      <p class="wb-soft">${or(`workbench.summary.${suspect.effect}`, suspect.summary)}</p>`}
     ${suspect.look_alikes.length > 0 && html`<p class="wb-warn">⇄ ${t("workbench.suspect.look_alikes", { effects: suspect.look_alikes.map(effectWord).join(", ") })}</p>`}
   </li>`;
 }
@@ -75,10 +75,11 @@ function Formulas({ formulas, busy, picked, onAdd, onPicture }) {
         aria-label=${`${picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}: ${one.formula}`}
         onClick=${() => onPicture(picked === one.formula ? "" : one.formula)}>${
           picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
-      <button type="button" class="narrow" disabled=${busy} onClick=${() => onAdd({ effect: "expression", add: one.add })}
+      <button type="button" class="narrow" disabled=${busy} onClick=${() => onAdd(one)}
         aria-label=${t("workbench.suspect.add_named", { effect: one.formula })}>${t("workbench.suspect.add")}</button></div>
     <p><span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(one.evidence) })}</span>,${" "}
       <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${t("workbench.suspect.unseen")}</p>
+    ${one.beside.length > 0 && html`<p>${t("workbench.formula.beside", { effects: one.beside.map(effectWord).join(", ") })}</p>`}
     <p class="wb-soft" lang="en">${[one.words, one.like].filter(Boolean).join("; ")}</p>
     ${one.equivalent.length > 0 && html`<p class="wb-warn">⇄ ${one.equivalent.slice(0, 3).map((text) => html`<code key=${text}>${text}</code> `)}</p>`}
     ${one.caution && html`<p class="wb-warn" lang="en">${one.caution}</p>`}
@@ -122,7 +123,7 @@ function Where({ places }) {
     ${places.slice(0, 5).map((place, i) => html`<li key=${i}>
       <b>${quantity(place.channel)}</b> ${span(place)}:${" "}
       ${place.floor_ratio === null ? `${number(place.rms_dph)} ${symbols("deg/h")}` : t("workbench.where.ratio", { ratio: number(place.floor_ratio, 2) })}
-      ${place.note ? html` <span class="wb-soft">${place.note}</span>` : null}</li>`)}
+      ${place.note ? html` <span class="wb-soft" lang="en">${place.note}</span>` : null}</li>`)}
   </ul></details>`;
 }
 
